@@ -1,0 +1,52 @@
+"""desim-uav: exact discrete-event simulation of UAV-enabled wireless networks."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from desim_uav.engine.base import RunSettings
+    from desim_uav.engine.des import Simulation
+    from desim_uav.policies import Policy, load_policy
+    from desim_uav.registry import register
+    from desim_uav.sample_path import draw
+    from desim_uav.scenario.load import load
+    from desim_uav.scenario.schema import Scenario
+    from desim_uav.world import World, build_world
+
+_PUBLIC = {
+    "Policy": "desim_uav.policies",
+    "RunSettings": "desim_uav.engine.base",
+    "Scenario": "desim_uav.scenario.schema",
+    "Simulation": "desim_uav.engine.des",
+    "World": "desim_uav.world",
+    "build_world": "desim_uav.world",
+    "draw": "desim_uav.sample_path",
+    "load": "desim_uav.scenario.load",
+    "load_policy": "desim_uav.policies",
+    "register": "desim_uav.registry",
+}
+
+__all__ = [
+    "Policy",
+    "RunSettings",
+    "Scenario",
+    "Simulation",
+    "World",
+    "__version__",
+    "build_world",
+    "draw",
+    "load",
+    "load_policy",
+    "register",
+]
+
+
+def __getattr__(name: str) -> Any:
+    """Import a public name when it is first asked for: ``--help`` stays fast."""
+    if name in _PUBLIC:
+        return getattr(importlib.import_module(_PUBLIC[name]), name)
+    raise AttributeError(f"module 'desim_uav' has no attribute {name!r}")

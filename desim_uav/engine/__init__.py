@@ -1,0 +1,1 @@
+"""Engines: deterministic functions of (world, sample path, run settings, commands)."""

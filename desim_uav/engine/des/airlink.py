@@ -1,0 +1,305 @@
+"""The air link: who is covered, who is attached to whom, and who is served.
+
+Coverage changes at crossings; attachment and admission follow, once in an instant, when all its
+crossings, arrivals and requests are known (``settle``).
+"""
+
+from __future__ import annotations
+
+from bisect import insort
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from desim_uav.engine.des.request import Request
+from desim_uav.errors import SimulationError
+from desim_uav.model.coverage import crossings
+from desim_uav.model.rules import Phase
+
+if TYPE_CHECKING:
+    from desim_uav.engine.base import EpisodeLog
+    from desim_uav.engine.des.agenda import Agenda, Due
+    from desim_uav.engine.des.drone import Drone
+    from desim_uav.model.motion import Transit
+    from desim_uav.sample_path import SamplePath
+    from desim_uav.world import World
+
+Emit = Callable[[tuple[int, int, str, int, int, int, int]], None]
+
+
+def _in_order(request: Request) -> tuple[int, int]:
+    return request.t_request_us, request.user
+
+
+class AirLink:
+    """Coverage, attachment, admission and service of all users in one episode.
+
+    By user: ``covering`` maps each drone whose footprint holds it to its time of entry,
+    ``attached`` is the drone that holds it since ``since_us``, ``open`` its open request.
+    """
+
+    def __init__(self, world: World, agenda: Agenda, drones: list[Drone]) -> None:
+        self.world = world
+        self.agenda = agenda
+        self.drones = drones
+        self.admission = world.scenario.drones.admission
+        self.radius_m = world.scenario.drones.footprint_radius_m
+        self._found = np.empty((256, 3), np.int64)
+
+    def begin(self, path: SamplePath, log: EpisodeLog, origin_us: int, emit: Emit) -> None:
+        """Start an episode at ``origin_us`` of the agenda: nobody covered, nothing asked."""
+        users = len(self.world.homes)
+        self.log = log
+        self.emit = emit
+        self.origin_us = origin_us
+        self.end_us = self.world.horizon_us
+        self.walks = path.walks
+        self.covering: list[dict[int, int]] = [{} for _ in range(users)]
+        self.attached: list[Drone | None] = [None] * users
+        self.since_us = [0] * users
+        self.open: list[Request | None] = [None] * users
+        self.opened = 0
+        self._loose: list[int] = []
+        self._affected: set[int] = set()
+        self._settling = False
+
+    # ---- coverage
+
+    def track(self, drone: Drone, flight: Transit, span_us: int, phase: Phase) -> None:
+        """Foresee all crossings of a serving drone's leg of ``span_us``, from now on.
+
+        Those of this very instant happen at once, in ``phase``.
+        """
+        now_us = self.agenda._now - self.origin_us
+        span = np.array((now_us, now_us + span_us))
+        route = np.array((*drone.from_m, *drone.to_m))
+        fresh = not drone.tracked
+        drone.tracked = True
+        for t_us, user, enters in self._crossings(flight, route, span, fresh):
+            if t_us > now_us:
+                self.agenda.call(
+                    self._on_crossing,
+                    (drone, drone.flight_number, user, enters),
+                    t_us + self.origin_us,
+                    Phase.ENTRY if enters else Phase.EXIT,
+                    drone.index,
+                    user,
+                )
+            elif enters:
+                self._enter(drone, user, phase)
+            else:
+                self._leave(drone, user, phase)
+
+    def _crossings(
+        self, flight: Transit, route: np.ndarray, span: np.ndarray, fresh: bool
+    ) -> list[list[int]]:
+        while True:
+            count = crossings(
+                flight.profile, route, span, self.radius_m, *self.walks, fresh, self._found
+            )
+            if count <= len(self._found):
+                found: list[list[int]] = self._found[:count].tolist()
+                return found
+            self._found = np.empty((2 * count, 3), np.int64)
+
+    def _on_crossing(self, due: Due) -> None:
+        drone, flight_number, user, enters = due.args
+        if drone.flight_number == flight_number:
+            if enters:
+                self._enter(drone, user, Phase.ENTRY)
+            else:
+                self._leave(drone, user, Phase.EXIT)
+
+    def _enter(self, drone: Drone, user: int, phase: Phase) -> None:
+        now_us = self.agenda._now - self.origin_us
+        self.covering[user][drone.index] = now_us
+        self.emit((now_us, phase, "enter", drone.index, user, -1, -1))
+        if self.attached[user] is None:
+            self._loose.append(user)
+            self._settle_after(phase)
+
+    def _leave(self, drone: Drone, user: int, phase: Phase) -> None:
+        now_us = self.agenda._now - self.origin_us
+        del self.covering[user][drone.index]
+        self.emit((now_us, phase, "exit", drone.index, user, -1, -1))
+        if self.attached[user] is drone:
+            self._detach(drone, user, phase)
+
+    def silence(self, drone: Drone, phase: Phase) -> None:
+        """The drone stops serving: its footprint is gone."""
+        if not drone.tracked:
+            return
+        drone.tracked = False
+        for user, covering in enumerate(self.covering):
+            if drone.index in covering:
+                del covering[drone.index]
+                if self.attached[user] is drone:
+                    self._detach(drone, user, phase)
+
+    # ---- attachment and admission
+
+    def _detach(self, drone: Drone, user: int, phase: Phase) -> None:
+        now_us = self.agenda._now - self.origin_us
+        request = self.open[user]
+        if request is not None:
+            self._count_attached(request, now_us)
+            if request.serving is None:
+                drone.waiting.remove(request)
+            else:
+                self._stop(request, now_us, phase)
+                self._rescan(drone, phase)
+        self.log.attached_us += now_us - self.since_us[user]
+        self.attached[user] = None
+        drone.attached_users -= 1
+        self.emit((now_us, phase, "detach", drone.index, user, -1, -1))
+        if self.covering[user]:
+            self._loose.append(user)
+            self._settle_after(phase)
+
+    def _attach(self, drone: Drone, user: int, now_us: int, phase: Phase) -> None:
+        self.attached[user] = drone
+        self.since_us[user] = now_us
+        drone.attached_users += 1
+        self.emit((now_us, phase, "attach", drone.index, user, -1, -1))
+        request = self.open[user]
+        if request is not None:
+            insort(drone.waiting, request, key=_in_order)
+            self._affected.add(drone.index)
+
+    def _rescan(self, drone: Drone, phase: Phase) -> None:
+        """Bandwidth or a new request came free at a drone: let its queue be scanned."""
+        if drone.waiting:
+            self._affected.add(drone.index)
+            self._settle_after(phase)
+
+    def _settle_after(self, phase: Phase) -> None:
+        if not self._settling:
+            self._settling = True
+            late = phase > Phase.ATTACHMENT
+            settle_phase = Phase.COVERAGE if late else Phase.ATTACHMENT
+            self.agenda.call(self._settle, late, self.agenda._now, settle_phase)
+
+    def _settle(self, due: Due) -> None:
+        """Attach whoever is loose, to the drone entered first; then scan the affected queues."""
+        self._settling = False
+        now_us = self.agenda._now - self.origin_us
+        attach_phase, admit_phase = (
+            (Phase.COVERAGE, Phase.ADMISSION) if due.args else (Phase.ATTACHMENT, Phase.ATTACHMENT)
+        )
+        for user in self._loose:
+            covering = self.covering[user]
+            if covering and self.attached[user] is None:
+                index = min(covering, key=lambda i: (covering[i], i))
+                self._attach(self.drones[index], user, now_us, attach_phase)
+        self._loose.clear()
+        for index in sorted(self._affected):
+            self._scan(self.drones[index], now_us, admit_phase)
+        self._affected.clear()
+
+    def _scan(self, drone: Drone, now_us: int, phase: Phase) -> None:
+        """One admission scan of a drone's queue."""
+        served, refused = self.admission.scan(drone.waiting, drone.free_bps)
+        for request in served:
+            drone.waiting.remove(request)
+            self._serve(drone, request, now_us, phase)
+        for request in refused:
+            drone.waiting.remove(request)
+            self.emit((now_us, phase, "refuse", drone.index, request.user, request.request_id, -1))
+            self._close(request, now_us, phase)
+
+    def _serve(self, drone: Drone, request: Request, now_us: int, phase: Phase) -> None:
+        if request.bandwidth_bps > drone.free_bps:
+            raise SimulationError(
+                f"admission {self.admission.kind!r} served more than a drone's bandwidth"
+            )
+        drone.free_bps -= request.bandwidth_bps
+        drone.served_requests += 1
+        drone.used_bps += request.bandwidth_bps
+        request.start(drone, now_us)
+        self.emit((now_us, phase, "serve", drone.index, request.user, request.request_id, -1))
+        done_us = now_us + request.required_us - request.served_us
+        if done_us <= self.end_us:
+            self.agenda.call(
+                self._on_completion,
+                (request, request.stamp),
+                done_us + self.origin_us,
+                Phase.COMPLETION,
+                drone.index,
+                request.user,
+            )
+
+    def _stop(self, request: Request, now_us: int, phase: Phase) -> None:
+        drone = request.serving
+        assert drone is not None
+        elapsed_us = request.stop(now_us)
+        self.log.bandwidth_us_bps += elapsed_us * request.bandwidth_bps
+        drone.free_bps += request.bandwidth_bps
+        drone.used_bps -= request.bandwidth_bps
+        drone.served_requests -= 1
+        self.emit((now_us, phase, "stop", drone.index, request.user, request.request_id, -1))
+
+    # ---- requests
+
+    def ask(
+        self, user: int, service: int, required_us: int, bandwidth_bps: int, think: bool
+    ) -> Request:
+        """A user's request opens now. ``think``: somebody waits for its end."""
+        now_us = self.agenda._now - self.origin_us
+        closed = self.agenda.event() if think else None
+        request = Request(
+            self.opened, user, service, now_us, required_us, bandwidth_bps, closed
+        )
+        self.opened += 1
+        self.open[user] = request
+        self.emit((now_us, Phase.REQUEST, "request", -1, user, request.request_id, -1))
+        drone = self.attached[user]
+        if drone is not None:
+            insort(drone.waiting, request, key=_in_order)
+            self._rescan(drone, Phase.REQUEST)
+        return request
+
+    def _on_completion(self, due: Due) -> None:
+        request, stamp = due.args
+        if request.stamp == stamp:
+            now_us = self.agenda._now - self.origin_us
+            drone = request.serving
+            self._stop(request, now_us, Phase.COMPLETION)
+            self._close(request, now_us, Phase.COMPLETION)
+            self._rescan(drone, Phase.COMPLETION)
+
+    def _close(self, request: Request, now_us: int, phase: Phase) -> None:
+        drone = self.attached[request.user]
+        if drone is not None:
+            self._count_attached(request, now_us)
+        request.close(now_us)
+        self.open[request.user] = None
+        self.log.requests.append(request)
+        if phase == Phase.COMPLETION:
+            assert drone is not None
+            self.emit(
+                (now_us, phase, "complete", drone.index, request.user, request.request_id, -1)
+            )
+        if request.closed is not None and phase != Phase.RECORD:
+            request.closed.succeed()
+
+    def _count_attached(self, request: Request, now_us: int) -> None:
+        since_us = max(self.since_us[request.user], request.t_request_us)
+        request.attached_us += now_us - since_us
+
+    def end(self) -> None:
+        """The episode ends: every open request closes, attachments clear."""
+        now_us = self.agenda._now - self.origin_us
+        for request in self.open:
+            if request is not None:
+                if request.serving is not None:
+                    self._stop(request, now_us, Phase.RECORD)
+                self._close(request, now_us, Phase.RECORD)
+        for user, drone in enumerate(self.attached):
+            if drone is not None:
+                self.log.attached_us += now_us - self.since_us[user]
+        for drone in self.drones:
+            drone.attached_users = 0
+            drone.waiting.clear()
+            drone.tracked = False
+        self.log.requests.sort(key=lambda request: request.request_id)

@@ -1,0 +1,107 @@
+"""One request of a user, from asking to its end. Times in microseconds of the episode."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from desim_uav.model.rules import Outcome
+
+if TYPE_CHECKING:
+    import simpy
+
+    from desim_uav.engine.des.drone import Drone
+
+
+class Request:
+    """What a user asked for and what it got so far.
+
+    ``serving`` is the drone that serves it now, since ``started_us``; ``stopped_us`` the end of the
+    last service of more than 0 µs. ``stamp`` changes with every start and stop, so that a
+    completion foreseen before then is known to be stale.
+    """
+
+    __slots__ = (
+        "attached_us",
+        "bandwidth_bps",
+        "closed",
+        "drones",
+        "interruptions",
+        "outcome",
+        "request_id",
+        "required_us",
+        "served_us",
+        "service",
+        "serving",
+        "stamp",
+        "started_us",
+        "stopped_us",
+        "t_end_us",
+        "t_first_us",
+        "t_request_us",
+        "user",
+    )
+
+    def __init__(
+        self,
+        request_id: int,
+        user: int,
+        service: int,
+        t_request_us: int,
+        required_us: int,
+        bandwidth_bps: int,
+        closed: simpy.Event | None,
+    ) -> None:
+        self.request_id = request_id
+        self.user = user
+        self.service = service
+        self.t_request_us = t_request_us
+        self.required_us = required_us
+        self.bandwidth_bps = bandwidth_bps
+        self.closed = closed
+        self.served_us = 0
+        self.attached_us = 0
+        self.interruptions = 0
+        self.drones: list[int] = []
+        self.t_first_us: int | None = None
+        self.t_end_us = -1
+        self.stopped_us = -1
+        self.started_us = -1
+        self.serving: Drone | None = None
+        self.stamp = 0
+        self.outcome = Outcome.NEVER_SERVED
+
+    def start(self, drone: Drone, t_us: int) -> None:
+        """Service begins."""
+        self.serving = drone
+        self.started_us = t_us
+        self.stamp += 1
+
+    def stop(self, t_us: int) -> int:
+        """Service stops; the time served now. A service of 0 µs leaves no trace."""
+        drone, self.serving = self.serving, None
+        assert drone is not None
+        self.stamp += 1
+        elapsed_us = t_us - self.started_us
+        if elapsed_us > 0:
+            self.served_us += elapsed_us
+            if self.t_first_us is None:
+                self.t_first_us = self.started_us
+            else:
+                self._count_interruption(self.started_us)
+            if not self.drones or self.drones[-1] != drone.index:
+                self.drones.append(drone.index)
+            self.stopped_us = t_us
+        return elapsed_us
+
+    def close(self, t_us: int) -> None:
+        """The request ends, served or not."""
+        self.t_end_us = t_us
+        if self.served_us == self.required_us:
+            self.outcome = Outcome.COMPLETED
+        elif self.served_us > 0:
+            self.outcome = Outcome.UNFINISHED
+            self._count_interruption(t_us)
+
+    def _count_interruption(self, resumed_us: int) -> None:
+        """An interruption is a stop after which the request goes unserved for more than 0 µs."""
+        self.interruptions += resumed_us > self.stopped_us

@@ -1,0 +1,20 @@
+"""A charging station: pads behind one first-come first-served queue."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import simpy
+
+if TYPE_CHECKING:
+    from desim_uav.engine.des.agenda import Agenda
+    from desim_uav.model.grid import Cell
+
+
+class Station:
+    """A station on ``cell`` with ``pads`` places to charge, one drone each."""
+
+    def __init__(self, agenda: Agenda, index: int, cell: Cell, pads: int) -> None:
+        self.index = index
+        self.cell = cell
+        self.pads = simpy.Resource(agenda, capacity=pads)

@@ -1,0 +1,41 @@
+"""The errors a user can meet, each with the exit code the command line ends with."""
+
+
+class DesimError(Exception):
+    """Something the user can mend; the command line prints it without a traceback."""
+
+    exit_code = 1
+
+
+class SimulationError(DesimError):
+    """The simulation itself failed."""
+
+    exit_code = 1
+
+
+class UsageError(DesimError):
+    """The command line asks for something that cannot be done."""
+
+    exit_code = 2
+
+
+class ScenarioError(DesimError):
+    """A scenario is invalid. Holds every problem found, one line each."""
+
+    exit_code = 3
+
+    def __init__(self, *problems: str) -> None:
+        super().__init__("\n".join(problems))
+        self.problems = problems
+
+
+class PolicyError(DesimError):
+    """A policy or a log file is unreadable, or does not fit the scenario."""
+
+    exit_code = 4
+
+
+class MissingExtraError(DesimError):
+    """An optional dependency is not installed; the message names the pip command."""
+
+    exit_code = 5

@@ -1,0 +1,1 @@
+"""What is done with a scenario: runs, and what stands on runs."""

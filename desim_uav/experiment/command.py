@@ -1,0 +1,138 @@
+"""What ``desim-uav run`` does around a run: the folder, the progress, the summary."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+
+from desim_uav import __version__, qoe
+from desim_uav.errors import PolicyError
+from desim_uav.experiment.run import Results, headline, run, run_settings
+from desim_uav.model.coverage import crossings
+from desim_uav.policies import load_policy
+from desim_uav.records import EPISODES, REQUESTS
+from desim_uav.run_folder import Place, read_table, world_content
+from desim_uav.scenario.load import dump, scenario_hash
+from desim_uav.scenario.schema import Scenario
+from desim_uav.world import World, build_world
+
+PACKAGES = ("numba", "numpy", "pandas", "pyarrow", "pydantic", "simpy")
+
+
+@dataclass
+class Done:
+    """A finished run: where it stands and what it says of itself."""
+
+    summary: dict[str, Any]
+    by_service: pd.DataFrame
+    interrupted: bool
+
+
+def run_to_folder(
+    scenario: Scenario,
+    policy_name: str,
+    *,
+    episodes: int,
+    warmup: int,
+    keep_events: bool,
+    out: Path | None,
+    command: list[str],
+    show_progress: bool,
+) -> Done:
+    """Run and write the run folder. Raises the errors of its parts before anything is written."""
+    seed = scenario.seed
+    policy = load_policy(policy_name)
+    label = Path(policy_name).name if policy_name.startswith("script:") else policy_name
+    place = Place(out, f"{scenario.name}-{label}-s{seed}")
+    world = build_world(scenario, scenario.effective_world_seed)
+    started = datetime.now(UTC)
+    with place.draft() as draft:
+        with _progress(show_progress, warmup + episodes) as advance:
+            results, interrupted = run(
+                world, policy, policy_name, seed, episodes, warmup, keep_events, advance
+            )
+        settings = run_settings(world, policy, keep_events)
+        draft.write_text("scenario.yaml", dump(scenario))
+        draft.write_json("world.json", world_content(world))
+        for name, frame in vars(results).items():
+            if frame is not None:
+                draft.write_table(name, frame)
+        draft.write_json(
+            "manifest.json",
+            {
+                "scenario": scenario.name,
+                "scenario_hash": scenario_hash(scenario),
+                "policy": policy_name,
+                "seed": seed,
+                "world_seed": scenario.effective_world_seed,
+                "engine": "des",
+                "ceilings": ["tallest" if c else "none" for c in settings.ceilings],
+                "carry_over": settings.carry_over,
+                "warmup": warmup,
+                "episodes": int((results.episodes["episode"] >= 0).sum()),
+                "episodes_asked": episodes,
+                "interrupted": interrupted,
+                "command": command,
+                "started": started.isoformat(),
+                "finished": datetime.now(UTC).isoformat(),
+                "versions": _versions(),
+            },
+        )
+        run_dir = place.publish(draft)
+    return Done(
+        _summary(scenario.name, policy_name, seed, results) | {"run_dir": str(run_dir)},
+        qoe.grouped(_counted(results.requests), "service"),
+        interrupted,
+    )
+
+
+def read_counted(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
+    """The summary and the counted requests of a finished run. Raises PolicyError."""
+    requests = read_table(folder, "requests", REQUESTS)
+    episodes = read_table(folder, "episodes", EPISODES)
+    try:
+        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
+        names = manifest["scenario"], manifest["policy"], manifest["seed"]
+    except (OSError, ValueError, KeyError, TypeError) as error:
+        raise PolicyError(f"{folder / 'manifest.json'}: not a run's manifest: {error}") from error
+    results = Results(requests, pd.DataFrame(), episodes, pd.DataFrame(), None)
+    return _summary(*names, results) | {"run_dir": str(folder)}, _counted(requests)
+
+
+def _summary(scenario: str, policy: str, seed: int, results: Results) -> dict[str, Any]:
+    return {"scenario": scenario, "policy": policy, "seed": seed} | headline(results)
+
+
+def _counted(requests: pd.DataFrame) -> pd.DataFrame:
+    return requests[requests["episode"] >= 0]
+
+
+def _versions() -> dict[str, str]:
+    found = {"desim-uav": __version__, "python": platform.python_version()}
+    return found | {name: version(name) for name in PACKAGES} | {"platform": platform.platform()}
+
+
+@contextmanager
+def _progress(show: bool, episodes: int) -> Iterator[Any]:
+    """A bar on stderr; silent where that is no terminal."""
+    console = Console(stderr=True)
+    if not show or not console.is_terminal:
+        yield lambda: None
+        return
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
+    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
+        first = not any(Path(crossings.stats.cache_path).glob("coverage.crossings-*.nbi"))
+        about = "compiling the kernels (the first time only)" if first else "episodes"
+        task = progress.add_task(about, total=episodes)
+        yield lambda: progress.update(task, advance=1, description="episodes")

@@ -1,0 +1,151 @@
+"""A run: one policy through a number of episodes of one scenario, on one seed."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from typing import Any
+
+import pandas as pd
+
+from desim_uav import qoe
+from desim_uav.engine.base import EpisodeLog, RunSettings
+from desim_uav.engine.des import Simulation
+from desim_uav.errors import DesimError, PolicyError, SimulationError
+from desim_uav.experiment import tables
+from desim_uav.model.state import Snapshot
+from desim_uav.model.streams import Purpose, Streams
+from desim_uav.policies.base import Policy
+from desim_uav.records import EPISODES, EVENTS, REQUESTS, STEPS, USERS, to_frame
+from desim_uav.sample_path import SamplePath, draw
+from desim_uav.world import World
+
+
+@dataclass
+class Results:
+    """The tables of a run (see ``records``); ``events`` is None where they were not kept."""
+
+    requests: pd.DataFrame
+    steps: pd.DataFrame
+    episodes: pd.DataFrame
+    users: pd.DataFrame
+    events: pd.DataFrame | None
+
+
+def run_settings(world: World, policy: Policy, keep_events: bool) -> RunSettings:
+    """What a policy and its scenario ask of the engine."""
+    ceilings = (policy.ceiling,) * world.scenario.drones.count
+    return RunSettings(ceilings, world.scenario.episode.carry_over, keep_events)
+
+
+def run(
+    world: World,
+    policy: Policy,
+    policy_name: str,
+    seed: int,
+    episodes: int = 1,
+    warmup: int = 0,
+    keep_events: bool = False,
+    on_episode: Callable[[], None] = lambda: None,
+) -> tuple[Results, bool]:
+    """Run ``warmup`` + ``episodes`` episodes; (tables, was it interrupted?).
+
+    Warm-up episodes have negative numbers. Ctrl-C keeps what was finished.
+    """
+    parts: list[Results] = []
+    interrupted = False
+    try:
+        for log, path in play(world, policy, policy_name, seed, episodes, warmup, keep_events):
+            parts.append(_tables(world, log, path))
+            on_episode()
+    except KeyboardInterrupt:
+        interrupted = True
+    return _joined(parts, keep_events), interrupted
+
+
+def play(
+    world: World,
+    policy: Policy,
+    policy_name: str,
+    seed: int,
+    episodes: int = 1,
+    warmup: int = 0,
+    keep_events: bool = False,
+) -> Iterator[tuple[EpisodeLog, SamplePath]]:
+    """The logs of a run's episodes, as they end."""
+    engine = Simulation(world, run_settings(world, policy, keep_events))
+    for episode in range(-warmup, episodes):
+        path = draw(world, seed, episode)
+        with _blame(policy_name, episode):
+            policy.begin(world, Streams(seed, Purpose.LEARNER, episode))
+        shown = engine.reset(path)
+        while not (shown.terminated or shown.truncated):
+            with _blame(policy_name, episode, shown.step):
+                commands = decide(policy, shown)
+            shown = engine.step(commands)
+        yield engine.log, path
+
+
+def decide(policy: Policy, shown: Snapshot) -> list[int]:
+    """The policy's commands, drones in order."""
+    commands = [
+        policy.act(observation, mask)
+        for observation, mask in zip(shown.observations, shown.masks, strict=True)
+    ]
+    return [int(command) for command in commands]
+
+
+def headline(results: Results) -> dict[str, Any]:
+    """What a run says of itself: the measures over its counted episodes."""
+    requests = results.requests[results.requests["episode"] >= 0]
+    episodes = results.episodes[results.episodes["episode"] >= 0]
+    rewards = episodes["reward"].dropna()
+    return qoe.summary(requests) | {
+        "episodes": len(episodes),
+        "suppressed": int(episodes["suppressed"].sum()),
+        "qoe3_percent": float(episodes["qoe3_percent"].mean()) if len(episodes) else None,
+        "crashes": int(episodes["crashes"].sum()),
+        "reward_mean": float(rewards.mean()) if len(rewards) else None,
+    }
+
+
+class _blame:  # noqa: N801  (used as a statement)
+    """Turn whatever a policy raises into one clear error."""
+
+    def __init__(self, policy_name: str, episode: int, step: int | None = None) -> None:
+        self.where = f"episode {episode}" + ("" if step is None else f", step {step}")
+        self.policy_name = policy_name
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
+        if isinstance(error, Exception) and not isinstance(error, DesimError):
+            raise SimulationError(
+                f"policy {self.policy_name!r} failed in {self.where}: "
+                f"{type(error).__name__}: {error}"
+            ) from error
+
+
+def _tables(world: World, log: EpisodeLog, path: SamplePath) -> Results:
+    requests = tables.requests_table(log, world)
+    return Results(
+        requests,
+        tables.steps_table(log, world),
+        tables.episodes_table(log, world, requests),
+        tables.users_table(path, world),
+        None if log.events is None else tables.events_table(log),
+    )
+
+
+def _joined(parts: list[Results], keep_events: bool) -> Results:
+    def joined(columns: dict[str, str], frames: list[pd.DataFrame]) -> pd.DataFrame:
+        return pd.concat(frames, ignore_index=True) if frames else to_frame(columns, [])
+
+    return Results(
+        joined(REQUESTS, [part.requests for part in parts]),
+        joined(STEPS, [part.steps for part in parts]),
+        joined(EPISODES, [part.episodes for part in parts]),
+        joined(USERS, [part.users for part in parts]),
+        joined(EVENTS, [p.events for p in parts if p.events is not None]) if keep_events else None,
+    )

@@ -1,0 +1,64 @@
+"""What flying costs: energy models. A battery is measured in microseconds of autonomy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, Literal, Protocol
+
+from annotated_types import Ge, Gt, Le
+
+from desim_uav.model.motion import Transit
+from desim_uav.registry import register
+
+
+class Energy(Protocol):
+    """How the battery of an airborne drone drains, and what happens when it is empty."""
+
+    autonomy_min: float
+    return_below: float
+    on_crash: Literal["respawn", "remove", "end_episode"]
+    respawn_after_min: float
+
+    def drained_us(self, flight: Transit, elapsed_us: int) -> int:
+        """The autonomy used ``elapsed_us`` after the start of a flight (``REST``: a hover).
+
+        A whole number of microseconds, not decreasing in ``elapsed_us``.
+        """
+
+    def lasts_us(self, flight: Transit, battery_us: int) -> int:
+        """The least ``elapsed_us`` at which ``drained_us`` reaches ``battery_us``."""
+
+
+@register("battery", "endurance")
+@dataclass(frozen=True)
+class Endurance:
+    """Airborne time drains one second a second, whatever the drone does (the paper).
+
+    ``return_below``: goto_charging_station is allowed at or below this fraction of capacity.
+    ``respawn_after_min``: how long after a crash, at the next decision epoch, a drone is replaced.
+    """
+
+    autonomy_min: Annotated[float, Gt(0)] = 30.0
+    return_below: Annotated[float, Gt(0), Le(1)] = 0.2
+    on_crash: Literal["respawn", "remove", "end_episode"] = "respawn"
+    respawn_after_min: Annotated[float, Ge(0)] = 10.0
+
+    def drained_us(self, flight: Transit, elapsed_us: int) -> int:
+        """The time in the air."""
+        return elapsed_us
+
+    def lasts_us(self, flight: Transit, battery_us: int) -> int:
+        """The time left in the air."""
+        return battery_us
+
+
+def charged_us(
+    battery_us: int, elapsed_us: int, capacity_us: int, full_charge_us: int
+) -> int:
+    """The battery after ``elapsed_us`` of charging at capacity / full charge, rounded down."""
+    return min(capacity_us, battery_us + elapsed_us * capacity_us // full_charge_us)
+
+
+def time_to_full_us(battery_us: int, capacity_us: int, full_charge_us: int) -> int:
+    """How long charging takes, rounded up to a microsecond."""
+    return -((battery_us - capacity_us) * full_charge_us // capacity_us)

@@ -1,0 +1,356 @@
+"""When users enter and leave a footprint: the roots of |drone(t) - user(t)| = R, never sampled.
+
+Two passes for each leg of a drone: a cheap classifier discards the users who cannot cross, then
+the rest get safeguarded roots, piece by piece. A piece is a stretch of time in which drone and user
+both keep their acceleration: the squared distance is quadratic there while the drone coasts and
+quartic while it accelerates. The sign of (distance - R) is carried from piece to piece, so entries
+and exits alternate whatever the rounding, and a tangent is never an entry without an exit.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.kernels import kernel
+from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
+
+T0_US, X0, Y0, VX, VY = range(5)
+"""Columns of a table of user legs: a straight walk from (X0, Y0) that begins at T0_US."""
+
+TIME_US, USER, ENTERS = range(3)
+"""Columns of a table of crossings."""
+
+
+@kernel
+def leg_at(legs: NDArray[np.float64], first: int, last: int, t_us: float) -> int:
+    """The row of the last leg in ``first`` … ``last``-1 that has begun at ``t_us``."""
+    low, high = first, last - 1
+    while low < high:
+        middle = (low + high + 1) // 2
+        if legs[middle, T0_US] <= t_us:
+            low = middle
+        else:
+            high = middle - 1
+    return low
+
+
+@kernel
+def walked(legs: NDArray[np.float64], leg: int, t_us: float) -> tuple[float, float]:
+    """Where the walk of row ``leg`` stands at ``t_us``, in metres."""
+    t = (t_us - legs[leg, T0_US]) * 1e-6
+    return legs[leg, X0] + legs[leg, VX] * t, legs[leg, Y0] + legs[leg, VY] * t
+
+
+@kernel
+def crossings(
+    profile: NDArray[np.float64],
+    route: NDArray[np.float64],
+    span_us: NDArray[np.int64],
+    radius: float,
+    legs: NDArray[np.float64],
+    offsets: NDArray[np.int64],
+    fresh: bool,
+    out: NDArray[np.int64],
+) -> int:
+    """All entries and exits of one drone's leg, for all users; their number.
+
+    ``profile``: the drone's transit; ``route``: x, y from and x, y to, in metres (along one axis);
+    ``span_us``: start and end of the leg; ``legs`` (rows: T0_US X0 Y0 VX VY) with the rows of user u
+    at ``offsets[u]:offsets[u + 1]``; ``fresh``: the drone begins to serve, so that users inside at
+    the start enter then. Rows (time, user, enters) go into ``out``, user by user in order of time;
+    what does not fit is counted but not written. An entry and an exit in one microsecond cancel.
+    """
+    total = 0
+    for user in range(len(offsets) - 1):
+        stop = offsets[user + 1]
+        first = leg_at(legs, offsets[user], stop, span_us[0])
+        inside = _is_inside(route[0], route[1], radius, legs, first, span_us[0])
+        entered = fresh and inside
+        if entered:
+            total = _write(out, total, span_us[0], user, True)
+        if not _cannot_cross(route, span_us, radius, legs, first, stop, inside):
+            total = _roots(
+                profile, route, span_us, radius, legs, first, stop, user, inside, entered, out, total
+            )
+    return total
+
+
+@kernel
+def _write(out: NDArray[np.int64], total: int, t_us: int, user: int, enters: bool) -> int:
+    if total < len(out):
+        out[total, TIME_US] = t_us
+        out[total, USER] = user
+        out[total, ENTERS] = enters
+    return total + 1
+
+
+@kernel
+def _is_inside(
+    x: float, y: float, radius: float, legs: NDArray[np.float64], leg: int, t_us: float
+) -> bool:
+    """Is the user in the closed disc around (x, y)? The one test at both ends of every leg."""
+    ux, uy = walked(legs, leg, t_us)
+    return (x - ux) ** 2 + (y - uy) ** 2 <= radius * radius
+
+
+@kernel
+def _cannot_cross(
+    route: NDArray[np.float64],
+    span_us: NDArray[np.int64],
+    radius: float,
+    legs: NDArray[np.float64],
+    first: int,
+    stop: int,
+    inside: bool,
+) -> bool:
+    """Pass one: is the drone's segment, widened by the user's walk, all in or all out of reach?"""
+    ux, uy = walked(legs, first, span_us[0])
+    reach = 1e-6
+    leg = first
+    begin = float(span_us[0])
+    while True:
+        end = float(span_us[1])
+        if leg + 1 < stop and legs[leg + 1, T0_US] < end:
+            end = legs[leg + 1, T0_US]
+        speed = np.sqrt(legs[leg, VX] ** 2 + legs[leg, VY] ** 2)
+        reach += speed * (end - begin) * 1e-6 + 1e-5
+        leg += 1
+        begin = end
+        if leg >= stop or legs[leg, T0_US] >= span_us[1]:
+            break
+    if inside:
+        room = radius - reach
+        if room <= 0.0:
+            return False
+        start = (route[0] - ux) ** 2 + (route[1] - uy) ** 2
+        finish = (route[2] - ux) ** 2 + (route[3] - uy) ** 2
+        return start < room * room and finish < room * room
+    dx = ux - min(max(ux, min(route[0], route[2])), max(route[0], route[2]))
+    dy = uy - min(max(uy, min(route[1], route[3])), max(route[1], route[3]))
+    return dx * dx + dy * dy > (radius + reach) ** 2
+
+
+@kernel
+def _roots(
+    profile: NDArray[np.float64],
+    route: NDArray[np.float64],
+    span_us: NDArray[np.int64],
+    radius: float,
+    legs: NDArray[np.float64],
+    first: int,
+    stop: int,
+    user: int,
+    inside: bool,
+    entered: bool,
+    out: NDArray[np.int64],
+    total: int,
+) -> int:
+    """Pass two: write the crossings of one pair in order, from the state ``inside`` at the start.
+
+    ``entered``: an entry at the start is written already. Returns the new total.
+    """
+    ex = np.sign(route[2] - route[0])
+    ey = np.sign(route[3] - route[1])
+    span = (span_us[1] - span_us[0]) * 1e-6
+    points = np.empty(4)
+    latest = span_us[0] if entered else np.int64(-1)
+    phase = 0
+    leg = first
+    at = 0.0
+    while at < span:
+        while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
+            phase += 1
+        while leg + 1 < stop and (legs[leg + 1, T0_US] - span_us[0]) * 1e-6 <= at:
+            leg += 1
+        end = span
+        if phase + 1 < len(profile):
+            end = min(end, profile[phase + 1, START])
+        if leg + 1 < stop:
+            end = min(end, (legs[leg + 1, T0_US] - span_us[0]) * 1e-6)
+
+        # The drone relative to the user at the piece's start: position p, velocity w.
+        since = at - profile[phase, START]
+        acceleration = profile[phase, ACCELERATION]
+        speed = profile[phase, SPEED] + acceleration * since
+        along = profile[phase, DISTANCE] + 0.5 * (profile[phase, SPEED] + speed) * since
+        since_walk = at - (legs[leg, T0_US] - span_us[0]) * 1e-6
+        if phase + 1 == len(profile):
+            px, py = route[2], route[3]
+        else:
+            px, py = route[0] + ex * along, route[1] + ey * along
+        px -= legs[leg, X0] + legs[leg, VX] * since_walk
+        py -= legs[leg, Y0] + legs[leg, VY] * since_walk
+        wx = ex * speed - legs[leg, VX]
+        wy = ey * speed - legs[leg, VY]
+        ax, ay = ex * acceleration, ey * acceleration
+
+        turning = _turning_points(px, py, wx, wy, ax, ay, end - at, points)
+        before = 0.0
+        for k in range(turning + 1):
+            after = end - at
+            if k < turning:
+                after = points[k]
+            if k == turning and end >= span:
+                last = leg_at(legs, first, stop, span_us[1])
+                now_inside = _is_inside(route[2], route[3], radius, legs, last, span_us[1])
+            else:
+                now_inside = _excess(px, py, wx, wy, ax, ay, radius, after) <= 0.0
+            if now_inside != inside:
+                root = _root(px, py, wx, wy, ax, ay, radius, before, after, now_inside)
+                t_us = span_us[0] + np.int64(np.rint((at + root) * 1e6))
+                if t_us == latest:
+                    total -= 1
+                    latest = np.int64(-1)
+                else:
+                    total = _write(out, total, t_us, user, now_inside)
+                    latest = t_us
+                inside = now_inside
+            before = after
+        at = end
+    return total
+
+
+@kernel
+def _excess(
+    px: float, py: float, wx: float, wy: float, ax: float, ay: float, radius: float, t: float
+) -> float:
+    """Squared distance minus squared radius, t seconds into the piece."""
+    x = px + t * (wx + 0.5 * ax * t)
+    y = py + t * (wy + 0.5 * ay * t)
+    return x * x + y * y - radius * radius
+
+
+@kernel
+def _slope(
+    px: float, py: float, wx: float, wy: float, ax: float, ay: float, t: float
+) -> float:
+    """Half the derivative of the squared distance."""
+    x = px + t * (wx + 0.5 * ax * t)
+    y = py + t * (wy + 0.5 * ay * t)
+    return x * (wx + ax * t) + y * (wy + ay * t)
+
+
+@kernel
+def _turning_points(
+    px: float,
+    py: float,
+    wx: float,
+    wy: float,
+    ax: float,
+    ay: float,
+    end: float,
+    points: NDArray[np.float64],
+) -> int:
+    """Where the distance stops growing or shrinking inside (0, end), ascending; their number."""
+    slope = px * wx + py * wy
+    ww = wx * wx + wy * wy
+    if ax == 0.0 and ay == 0.0:
+        if ww > 0.0 and slope < 0.0 and -slope < ww * end:
+            points[0] = -slope / ww
+            return 1
+        return 0
+    # The slope is a cubic; between the roots of its derivative it is monotone.
+    a = 1.5 * (ax * ax + ay * ay)
+    b = 3.0 * (ax * wx + ay * wy)
+    c = ww + ax * px + ay * py
+    splits = (end, end)
+    discriminant = b * b - 4.0 * a * c
+    if discriminant > 0.0:
+        q = -0.5 * (b + np.sqrt(discriminant)) if b >= 0.0 else -0.5 * (b - np.sqrt(discriminant))
+        r1 = q / a
+        r2 = c / q if q != 0.0 else r1
+        splits = (min(r1, r2), max(r1, r2))
+    count = 0
+    low = 0.0
+    low_slope = slope
+    for k in range(3):
+        high = splits[k] if k < 2 else end
+        if high <= low or (k < 2 and high >= end):
+            continue
+        high_slope = _slope(px, py, wx, wy, ax, ay, high)
+        if low_slope * high_slope < 0.0:
+            points[count] = _slope_root(px, py, wx, wy, ax, ay, low, high, low_slope < 0.0)
+            count += 1
+        low, low_slope = high, high_slope
+    return count
+
+
+@kernel
+def _slope_root(
+    px: float,
+    py: float,
+    wx: float,
+    wy: float,
+    ax: float,
+    ay: float,
+    low: float,
+    high: float,
+    rising: bool,
+) -> float:
+    """The zero of the slope in a stretch where it is monotone, by bisection-safeguarded Newton."""
+    t = 0.5 * (low + high)
+    for _ in range(80):
+        value = _slope(px, py, wx, wy, ax, ay, t)
+        if (value < 0.0) == rising:
+            low = t
+        else:
+            high = t
+        vx, vy = wx + ax * t, wy + ay * t
+        x = px + t * (wx + 0.5 * ax * t)
+        y = py + t * (wy + 0.5 * ay * t)
+        derivative = vx * vx + vy * vy + x * ax + y * ay
+        step = t - value / derivative if derivative != 0.0 else low
+        if not low < step < high:
+            step = 0.5 * (low + high)
+        if abs(step - t) <= 1e-13 * max(1.0, t) or step <= low or step >= high:
+            return step
+        t = step
+    return t
+
+
+@kernel
+def _root(
+    px: float,
+    py: float,
+    wx: float,
+    wy: float,
+    ax: float,
+    ay: float,
+    radius: float,
+    low: float,
+    high: float,
+    enters: bool,
+) -> float:
+    """The crossing in [low, high], where the distance is monotone and passes the radius."""
+    if ax == 0.0 and ay == 0.0:
+        # Quadratic: |w|² t² + 2 (p·w) t + |p|² - R² = 0, without cancellation in either term.
+        a = wx * wx + wy * wy
+        b = px * wx + py * wy
+        distance = np.sqrt(px * px + py * py)
+        c = (distance - radius) * (distance + radius)
+        cross = px * wy - py * wx
+        speed = np.sqrt(a)
+        discriminant = (speed * radius - cross) * (speed * radius + cross)
+        if a == 0.0:
+            return low
+        q = -b - np.sqrt(max(discriminant, 0.0)) if b >= 0.0 else -b + np.sqrt(max(discriminant, 0.0))
+        r1 = q / a
+        r2 = c / q if q != 0.0 else r1
+        t = min(r1, r2) if enters else max(r1, r2)
+        return min(max(t, low), high)
+    t = 0.5 * (low + high)
+    for _ in range(80):
+        value = _excess(px, py, wx, wy, ax, ay, radius, t)
+        if (value <= 0.0) != enters:
+            low = t
+        else:
+            high = t
+        derivative = 2.0 * _slope(px, py, wx, wy, ax, ay, t)
+        step = t - value / derivative if derivative != 0.0 else low
+        if not low < step < high:
+            step = 0.5 * (low + high)
+        if abs(step - t) <= 1e-13 * max(1.0, t) or step <= low or step >= high:
+            return step
+        t = step
+    return t

@@ -1,0 +1,246 @@
+"""When users ask, and for what. At most one open request a user."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, NamedTuple, Protocol
+
+import numpy as np
+from annotated_types import Ge, Gt, Le, Lt
+from numpy.typing import NDArray
+
+from desim_uav.model.kernels import kernel
+from desim_uav.model.rules import US
+from desim_uav.model.services import Catalogue
+from desim_uav.model.streams import Streams, next_uniform
+from desim_uav.model.traces import index, quantity, read_table
+from desim_uav.registry import did_you_mean, register
+
+DUE_US, SERVICE, REQUIRED_US, BANDWIDTH_BPS = range(4)
+"""Columns of a table of requests."""
+
+
+class Requests(NamedTuple):
+    """What all users ask for in one episode: rows DUE_US SERVICE REQUIRED_US BANDWIDTH_BPS.
+
+    User u's are ``offsets[u]:offsets[u + 1]``. ``after_previous``: DUE_US counts from the end of
+    the user's previous request (the first: from the episode's start) and a user waits for that
+    end; otherwise it is the time of an arrival, dropped while a request of that user is open.
+    """
+
+    rows: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+    after_previous: bool
+
+
+class Demand(Protocol):
+    """A model of demand."""
+
+    def requests(
+        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
+    ) -> Requests:
+        """The requests of one episode; user u may draw from stream u only."""
+
+
+Weight = Annotated[float, Ge(0)]
+PAPER_MIX = {"throughput": 0.5, "edge_computing": 0.25, "data_gathering": 0.15}
+
+
+@register("demand", "continuous")
+@dataclass(frozen=True)
+class Continuous:
+    """Each user asks once, at the start, to be covered for the whole episode; no bandwidth.
+
+    The request counts as the first service of the scenario (throughput, in the paper).
+    """
+
+    def requests(
+        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
+    ) -> Requests:
+        """One request a user."""
+        rows = np.zeros((users, 4), np.int64)
+        rows[:, REQUIRED_US] = horizon_us
+        return Requests(rows, np.arange(users + 1), after_previous=True)
+
+
+@register("demand", "static")
+@dataclass(frozen=True)
+class Static:
+    """Each user asks once, at the start, for a service drawn from the mix.
+
+    ``none``: the probability that it asks for nothing.
+    """
+
+    none: Annotated[float, Ge(0), Le(1)] = 0.0
+    mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+
+    def requests(
+        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
+    ) -> Requests:
+        """At most one request a user."""
+        return _drawn(users, services, streams, _ONCE, self.none, 0.0, horizon_us)
+
+
+@register("demand", "dynamic")
+@dataclass(frozen=True)
+class Dynamic:
+    """As static at the start; then each user thinks, once its request has ended, and asks again.
+
+    Think times are exponential. A draw of nothing (probability ``none``) is another think time.
+    """
+
+    think_time_s: Annotated[float, Gt(0)] = 300.0
+    none: Annotated[float, Ge(0), Lt(1)] = 0.0
+    mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+
+    def requests(
+        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
+    ) -> Requests:
+        """Requests until their required and think times together pass the horizon."""
+        return _drawn(users, services, streams, _CHAIN, self.none, self.think_time_s, horizon_us)
+
+
+@register("demand", "poisson")
+@dataclass(frozen=True)
+class Poisson:
+    """Each user's requests arrive as a Poisson process; those during an open one are dropped."""
+
+    rate_per_hour: Annotated[float, Gt(0), Le(1e6)]
+    none: Annotated[float, Ge(0), Lt(1)] = 0.0
+    mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+
+    def requests(
+        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
+    ) -> Requests:
+        """Arrivals before the horizon."""
+        gap_s = 3600.0 / self.rate_per_hour
+        return _drawn(users, services, streams, _ARRIVALS, self.none, gap_s, horizon_us)
+
+
+@register("demand", "trace")
+@dataclass(frozen=True)
+class Trace:
+    """Requests from a CSV file: user, t_s, service, required_s, bandwidth_kbps."""
+
+    file: Path
+
+    def __post_init__(self) -> None:
+        """Raises ValueError, naming file and line, where the file is not such a table."""
+        for *_, required_s, _, line in self._table():
+            if round(required_s * US) < 1:
+                raise ValueError(f"{self.file}:{line}: required_s: must be above 0")
+
+    def problems(self, users: int, services: Sequence[str]) -> list[str]:
+        """What does not fit a scenario: users or services it does not have."""
+        found = []
+        for user, _, service, _, _, line in self._table():
+            if user >= users:
+                found.append(f"{self.file}:{line}: user: {user}: there are {users} users")
+            if service not in services:
+                hint = did_you_mean(service, services)
+                found.append(
+                    f"{self.file}:{line}: service: {service!r}: unknown{hint}; "
+                    f"allowed: {', '.join(services)}"
+                )
+        return found
+
+    def requests(
+        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
+    ) -> Requests:
+        """The recorded requests that fall in the episode, the same in every episode."""
+        by_user: list[list[tuple[int, int, int, int]]] = [[] for _ in range(users)]
+        for user, t_s, service, required_s, kbps, _ in self._table():
+            due = round(t_s * US)
+            if due < horizon_us:
+                row = (due, services.names.index(service), round(required_s * US), round(kbps * 1e3))
+                by_user[user].append(row)
+        rows = [row for own in by_user for row in sorted(own)]
+        offsets = np.cumsum([0, *map(len, by_user)])
+        return Requests(np.array(rows, np.int64).reshape(-1, 4), offsets, after_previous=False)
+
+    def _table(self) -> list[tuple[Any, ...]]:
+        columns = {"user": index, "t_s": quantity, "service": str, "required_s": quantity}
+        return read_table(self.file, columns | {"bandwidth_kbps": quantity})
+
+
+_ONCE, _CHAIN, _ARRIVALS = range(3)
+
+
+def _drawn(
+    users: int,
+    services: Catalogue,
+    streams: Streams,
+    process: int,
+    none: float,
+    mean_s: float,
+    horizon_us: int,
+) -> Requests:
+    states = streams.states(users)
+    offsets = np.zeros(users + 1, np.int64)
+    law = (services.share, services.sizes, services.durations_us, services.bandwidths_bps)
+    none_of = np.empty((0, 4), np.int64)
+    count = _draw(*law, states.copy(), process, none, mean_s, horizon_us, offsets, none_of)
+    rows = np.empty((count, 4), np.int64)
+    _draw(*law, states, process, none, mean_s, horizon_us, offsets, rows)
+    return Requests(rows, offsets, after_previous=process != _ARRIVALS)
+
+
+@kernel
+def _draw(
+    share: NDArray[np.float64],
+    sizes: NDArray[np.int64],
+    durations_us: NDArray[np.int64],
+    bandwidths_bps: NDArray[np.int64],
+    states: NDArray[np.uint64],
+    process: int,
+    none: float,
+    mean_s: float,
+    horizon_us: int,
+    offsets: NDArray[np.int64],
+    rows: NDArray[np.int64],
+) -> int:
+    """Write all users' requests (or only count them, where ``rows`` is empty); their number.
+
+    Five uniform numbers a draw, whatever comes of them: nothing or something, service, duration,
+    bandwidth, and the time to the next draw.
+    """
+    count = 0
+    for user in range(len(states)):
+        state = states[user]
+        due = np.int64(0)
+        elapsed = np.int64(0)
+        if process == _ARRIVALS:
+            due = _exponential_us(next_uniform(state), mean_s)
+            elapsed = due
+        while elapsed < horizon_us:
+            asks = next_uniform(state) >= none
+            service = np.searchsorted(share, next_uniform(state), side="right")
+            duration = durations_us[service, int(next_uniform(state) * sizes[service, 0])]
+            bandwidth = bandwidths_bps[service, int(next_uniform(state) * sizes[service, 1])]
+            gap = _exponential_us(next_uniform(state), mean_s)
+            if asks:
+                if len(rows) > 0:
+                    rows[count, DUE_US] = due
+                    rows[count, SERVICE] = service
+                    rows[count, REQUIRED_US] = duration
+                    rows[count, BANDWIDTH_BPS] = bandwidth
+                count += 1
+            if process == _ONCE:
+                break
+            if process == _ARRIVALS:
+                due += gap
+                elapsed = due
+            else:
+                due = gap if asks else due + gap
+                elapsed += gap + (duration if asks else 0)
+        offsets[user + 1] = count
+    return count
+
+
+@kernel
+def _exponential_us(uniform: float, mean_s: float) -> np.int64:
+    """An exponential time; a last-bit difference of log between platforms ends in the rounding."""
+    return np.int64(np.rint(-math.log1p(-uniform) * mean_s * 1e6))

@@ -1,0 +1,208 @@
+"""How users move: straight legs (t0, x0, y0, vx, vy) from home, anew in each episode."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import groupby, pairwise
+from operator import itemgetter
+from pathlib import Path
+from typing import Annotated, NamedTuple, Protocol
+
+import numpy as np
+from annotated_types import Ge, Gt, Le
+from numpy.typing import NDArray
+
+from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
+from desim_uav.model.kernels import kernel
+from desim_uav.model.rules import US
+from desim_uav.model.streams import Streams, next_uniform
+from desim_uav.model.traces import index, quantity, read_table
+from desim_uav.registry import register
+
+
+class Area(NamedTuple):
+    """The map: 0 … width_m by 0 … depth_m."""
+
+    width_m: float
+    depth_m: float
+
+
+class Walks(NamedTuple):
+    """Legs of all users: rows T0_US X0 Y0 VX VY; user u's are ``offsets[u]:offsets[u + 1]``.
+
+    A user's first leg begins at 0, its legs ascend in time and join; the last one goes on.
+    """
+
+    legs: NDArray[np.float64]
+    offsets: NDArray[np.int64]
+
+
+class Mobility(Protocol):
+    """A mobility model."""
+
+    def walks(
+        self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
+    ) -> Walks:
+        """The walks of one episode from ``homes`` (users, 2); user u may draw from stream u only."""
+
+
+@register("mobility", "static")
+@dataclass(frozen=True)
+class Static:
+    """Users stay at home."""
+
+    def walks(
+        self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
+    ) -> Walks:
+        """One leg each, at no speed."""
+        legs = np.zeros((len(homes), 5))
+        legs[:, [X0, Y0]] = homes
+        return Walks(legs, np.arange(len(homes) + 1))
+
+
+@register("mobility", "random_walk")
+@dataclass(frozen=True)
+class RandomWalk:
+    """A new uniform heading every ``leg_s``; mirrored at the edge of the map, the leg split there."""
+
+    speed_mps: Annotated[float, Ge(0), Le(1000)] = 1.4
+    leg_s: Annotated[float, Ge(0.001)] = 60.0
+
+    def walks(
+        self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
+    ) -> Walks:
+        """Legs drawn by a compiled loop, a stream for each user."""
+        leg_us = round(self.leg_s * US)
+        size = np.array(area)
+        offsets = np.zeros(len(homes) + 1, np.int64)
+        states = streams.states(len(homes))
+        counted = _random_walk(
+            homes, states.copy(), size, self.speed_mps, leg_us, horizon_us, offsets, np.empty((0, 5))
+        )
+        legs = np.empty((counted, 5))
+        _random_walk(homes, states, size, self.speed_mps, leg_us, horizon_us, offsets, legs)
+        return Walks(legs, offsets)
+
+
+@register("mobility", "trace")
+@dataclass(frozen=True)
+class Trace:
+    """Way points from a CSV file with the columns user, t_s, x_m, y_m.
+
+    A user stands at its first way point until then, walks straight from each to the next, and
+    stays at the last; a user without way points stays at home.
+    """
+
+    file: Path
+
+    def __post_init__(self) -> None:
+        """Raises ValueError, naming file and line, where the file is not such a table."""
+        for user, points in self._way_points().items():
+            for (t0, *_), (t1, _, _, line) in pairwise(points):
+                if t1 <= t0:
+                    raise ValueError(f"{self.file}:{line}: t_s: user {user}: times must ascend")
+
+    def problems(self, users: int, area: Area) -> list[str]:
+        """What does not fit a scenario: users it does not have, way points off its map."""
+        found = []
+        for user, points in self._way_points().items():
+            for _, x, y, line in points:
+                if user >= users:
+                    found.append(f"{self.file}:{line}: user: {user}: there are {users} users")
+                if x > area.width_m or y > area.depth_m:
+                    found.append(
+                        f"{self.file}:{line}: ({x:g}, {y:g}) m is off the map of "
+                        f"{area.width_m:g} x {area.depth_m:g} m"
+                    )
+        return found
+
+    def walks(
+        self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
+    ) -> Walks:
+        """The recorded walks, the same in every episode."""
+        legs: list[tuple[float, ...]] = []
+        offsets = [0]
+        way_points = self._way_points()
+        for user, (home_x, home_y) in enumerate(homes):
+            points = [p[:3] for p in way_points.get(user, [(0, home_x, home_y, 0)])]
+            if points[0][0] > 0:
+                points.insert(0, (0, *points[0][1:]))
+            for (t0, x0, y0), (t1, x1, y1) in pairwise(points):
+                seconds = (t1 - t0) / US
+                legs.append((t0, x0, y0, (x1 - x0) / seconds, (y1 - y0) / seconds))
+            legs.append((*points[-1], 0.0, 0.0))
+            offsets.append(len(legs))
+        return Walks(np.array(legs, float), np.array(offsets))
+
+    def _way_points(self) -> dict[int, list[tuple[int, float, float, int]]]:
+        """(t_us, x, y, line of the file) for each user, as they stand in the file."""
+        columns = {"user": index, "t_s": quantity, "x_m": quantity, "y_m": quantity}
+        rows = sorted(read_table(self.file, columns), key=itemgetter(0))
+        return {
+            user: [(round(t * US), x, y, line) for _, t, x, y, line in group]
+            for user, group in groupby(rows, key=itemgetter(0))
+        }
+
+
+@kernel
+def _random_walk(
+    homes: NDArray[np.float64],
+    states: NDArray[np.uint64],
+    size: NDArray[np.float64],
+    speed: float,
+    leg_us: int,
+    horizon_us: int,
+    offsets: NDArray[np.int64],
+    legs: NDArray[np.float64],
+) -> int:
+    """Write all users' legs (or only count them, where ``legs`` is empty); their number."""
+    count = 0
+    position = np.empty(2)
+    velocity = np.empty(2)
+    for user in range(len(homes)):
+        position[:] = homes[user]
+        t_us = 0
+        while t_us < horizon_us:
+            _draw_heading(states[user], speed, velocity)
+            end_us = min(t_us + leg_us, horizon_us)
+            while t_us < end_us:
+                stop_us = end_us
+                mirrored = -1
+                for axis in range(2):
+                    wall = size[axis] if velocity[axis] > 0.0 else 0.0
+                    if velocity[axis] != 0.0 and position[axis] == wall:
+                        velocity[axis] = -velocity[axis]
+                        wall = size[axis] - wall
+                    if velocity[axis] != 0.0:
+                        hit = (wall - position[axis]) / velocity[axis] * 1e6
+                        if hit < stop_us - t_us:
+                            stop_us = t_us + max(np.int64(np.rint(hit)), 1)
+                            mirrored = axis
+                if len(legs) > 0:
+                    legs[count, T0_US] = t_us
+                    legs[count, X0], legs[count, Y0] = position
+                    legs[count, VX], legs[count, VY] = velocity
+                count += 1
+                for axis in range(2):
+                    moved = position[axis] + velocity[axis] * (stop_us - t_us) * 1e-6
+                    position[axis] = min(max(moved, 0.0), size[axis])
+                if mirrored >= 0:
+                    position[mirrored] = size[mirrored] if velocity[mirrored] > 0.0 else 0.0
+                t_us = stop_us
+        offsets[user + 1] = count
+    return count
+
+
+@kernel
+def _draw_heading(state: NDArray[np.uint64], speed: float, velocity: NDArray[np.float64]) -> None:
+    """A velocity of uniform heading, by rejection: square roots and quotients are exact anywhere,
+    sines are not."""
+    while True:
+        x = 2.0 * next_uniform(state) - 1.0
+        y = 2.0 * next_uniform(state) - 1.0
+        squared = x * x + y * y
+        if 1e-6 < squared <= 1.0:
+            break
+    length = np.sqrt(squared)
+    velocity[0] = speed * (x / length)
+    velocity[1] = speed * (y / length)

@@ -1,0 +1,128 @@
+"""How a drone gets from one cell to the next: a transit with closed form in time.
+
+A profile is a float64 array, one row for each phase of constant acceleration:
+(start_s, distance_m, speed_mps, acceleration_mps2), each at the phase's start; the last row is the
+rest at the destination. MODEL: bang-coast-bang, rest to rest, one axis at a time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal, NamedTuple, Protocol
+
+import numpy as np
+from annotated_types import Gt
+from numpy.typing import NDArray
+
+from desim_uav.model.kernels import kernel
+from desim_uav.model.rules import US
+from desim_uav.registry import register
+
+START, DISTANCE, SPEED, ACCELERATION = range(4)
+
+
+class Transit(NamedTuple):
+    """A rest-to-rest flight along one axis."""
+
+    profile: NDArray[np.float64]
+    duration_us: int
+    distance_m: float
+
+
+class Motion(Protocol):
+    """How fast drones fly."""
+
+    def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
+        """The transit a moving action commands. Raises ValueError where there is none."""
+
+    def fastest_transit(self, distance_m: float) -> Transit:
+        """The transit in minimum time, as returns to a charging station are flown."""
+
+
+@register("motion", "bang_coast_bang")
+@dataclass(frozen=True)
+class BangCoastBang:
+    """Trapezoidal speed (bang-coast-bang acceleration), as in the paper.
+
+    ``fill_epoch``: the cruise speed that makes the transit last exactly the step, the paper's
+    "240 m in about 60 s". ``minimum_time``: cruise at the highest speed, then hover.
+    """
+
+    max_speed_mps: Annotated[float, Gt(0)] = 8.3
+    max_acceleration_mps2: Annotated[float, Gt(0)] = 4.0
+    timing: Literal["fill_epoch", "minimum_time"] = "fill_epoch"
+
+    def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
+        """The commanded transit of ``distance_m`` within a step. Raises ValueError if none fits."""
+        if self.timing == "minimum_time":
+            transit = self.fastest_transit(distance_m)
+            if transit.duration_us > round(step_s * US):
+                raise ValueError(
+                    f"{distance_m:g} m take {transit.duration_us / US:g} s in minimum time, "
+                    f"longer than the step of {step_s:g} s"
+                )
+            return transit
+        speed = cruise_speed(distance_m, step_s, self.max_acceleration_mps2)
+        if speed > self.max_speed_mps:
+            raise ValueError(
+                f"{distance_m:g} m in {step_s:g} s need a cruise speed of {speed:.6g} m/s, "
+                f"above max_speed_mps = {self.max_speed_mps:g}"
+            )
+        return _trapezoid(distance_m, speed, self.max_acceleration_mps2, step_s)
+
+    def fastest_transit(self, distance_m: float) -> Transit:
+        """T = d/v + v/a where d >= v²/a, else 2 sqrt(d/a) with a triangular profile."""
+        a, v = self.max_acceleration_mps2, self.max_speed_mps
+        if distance_m >= v * v / a:
+            return _trapezoid(distance_m, v, a, distance_m / v + v / a)
+        duration = 2.0 * math.sqrt(distance_m / a)
+        return _trapezoid(distance_m, a * duration / 2.0, a, duration)
+
+
+def cruise_speed(distance_m: float, duration_s: float, acceleration_mps2: float) -> float:
+    """The one cruise speed at which ``distance_m`` take ``duration_s``, accelerating at the limit.
+
+    v = (aT - sqrt((aT)² - 4ad)) / 2, in the form without cancellation. Raises ValueError where
+    the equation has no root: even a triangular profile is too slow.
+    """
+    at = acceleration_mps2 * duration_s
+    discriminant = at * at - 4.0 * acceleration_mps2 * distance_m
+    if discriminant < 0.0:
+        raise ValueError(
+            f"{distance_m:g} m in {duration_s:g} s are out of reach "
+            f"at {acceleration_mps2:g} m/s²"
+        )
+    return 2.0 * acceleration_mps2 * distance_m / (at + math.sqrt(discriminant))
+
+
+def _trapezoid(distance: float, speed: float, acceleration: float, duration: float) -> Transit:
+    ramp = speed / acceleration
+    ramp_distance = speed * ramp / 2.0
+    profile = np.array(
+        [
+            (0.0, 0.0, 0.0, acceleration),
+            (ramp, ramp_distance, speed, 0.0),
+            (duration - ramp, distance - ramp_distance, speed, -acceleration),
+            (duration, distance, 0.0, 0.0),
+        ]
+    )
+    return Transit(profile, round(duration * US), distance)
+
+
+REST = Transit(np.array([(0.0, 0.0, 0.0, 0.0)]), 0, 0.0)
+"""Hovering: the transit of no distance."""
+
+
+@kernel
+def travelled(profile: NDArray[np.float64], elapsed_s: float) -> float:
+    """Metres flown ``elapsed_s`` after the start of a profile."""
+    phase = 0
+    while phase + 1 < len(profile) and profile[phase + 1, START] <= elapsed_s:
+        phase += 1
+    t = elapsed_s - profile[phase, START]
+    half_acceleration = 0.5 * profile[phase, ACCELERATION]
+    speed = profile[phase, SPEED]
+    return float(profile[phase, DISTANCE] + speed * t + half_acceleration * t * t)
+
+

@@ -1,0 +1,170 @@
+"""The way back: A* over (cell, level) with minimum-time hops, to the nearest charging station."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.grid import Cell, Grid
+from desim_uav.model.kernels import kernel
+
+Node = tuple[int, int, int]
+"""(cell x, cell y, level)."""
+
+
+@dataclass(frozen=True)
+class Return:
+    """A flight to a charging station: its index, the time, and the hops as (dx, dy, dlevel)."""
+
+    station: int
+    duration_us: int
+    hops: tuple[Node, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class Planner:
+    """Plans returns; plans are kept, since a world does not change.
+
+    ``hop_us``: the minimum time of a hop along x, y and between levels, in microseconds.
+    """
+
+    grid: Grid
+    stations: Sequence[Cell]
+    hop_us: tuple[int, int, int]
+    _plans: dict[tuple[Node, bool], Return | None] = field(default_factory=dict, repr=False)
+
+    def plan(self, start: Node, ceiling: bool = True) -> Return | None:
+        """The quickest return from ``start``; ties go to the station of the lowest index.
+
+        ``start`` itself may be a building (a drone can believe so). None where there is no way.
+        """
+        key = (start, ceiling)
+        if key not in self._plans:
+            self._plans[key] = self._search(start, ceiling)
+        return self._plans[key]
+
+    def _search(self, start: Node, ceiling: bool) -> Return | None:
+        best: Return | None = None
+        blocked = self.grid.blocked[: self.grid.levels(ceiling)]
+        for station, (ix, iy) in enumerate(self.stations):
+            path = shortest_path(
+                blocked, np.array(self.hop_us), np.array(start), np.array((ix, iy, 0))
+            )
+            if len(path) == 0:
+                continue
+            hops = tuple((int(dx), int(dy), int(dz)) for dx, dy, dz in np.diff(path, axis=0))
+            duration = sum(self.hop_us[_axis(hop)] for hop in hops)
+            if best is None or duration < best.duration_us:
+                best = Return(station, duration, hops)
+        return best
+
+
+def _axis(hop: Node) -> int:
+    return 0 if hop[0] else 1 if hop[1] else 2
+
+
+@kernel
+def shortest_path(
+    blocked: NDArray[np.bool_],
+    hop_us: NDArray[np.int64],
+    start: NDArray[np.int64],
+    goal: NDArray[np.int64],
+) -> NDArray[np.int64]:
+    """A* from ``start`` to ``goal`` (x, y, level), both included: shape (hops + 1, 3).
+
+    ``blocked`` (level, x, y); the start may be blocked. The estimate is the time of the hops an
+    empty map would need, which is consistent, so a node is settled once. Equal estimates are
+    settled in the order of their node number. Shape (0, 3) where there is no way.
+    """
+    levels, nx, ny = blocked.shape
+    nodes = levels * nx * ny
+    far = np.int64(2**62)
+    cost = np.full(nodes, far)
+    came_from = np.full(nodes, -1, np.int64)
+    settled = np.zeros(nodes, np.bool_)
+    heap = [(np.int64(0), np.int64(0))]
+    heap.pop()
+    source = (start[2] * nx + start[0]) * ny + start[1]
+    target = (goal[2] * nx + goal[0]) * ny + goal[1]
+    cost[source] = 0
+    _push(heap, (np.int64(0), np.int64(source)))
+    while len(heap) > 0:
+        node = _pop(heap)[1]
+        if settled[node]:
+            continue
+        settled[node] = True
+        if node == target:
+            break
+        level, ix, iy = node // (nx * ny), node // ny % nx, node % ny
+        for move in range(6):
+            jx, jy, jz = ix, iy, level
+            step = 1 if move % 2 == 0 else -1
+            if move < 2:
+                jx += step
+            elif move < 4:
+                jy += step
+            else:
+                jz += step
+            if not (0 <= jx < nx and 0 <= jy < ny and 0 <= jz < levels):
+                continue
+            if blocked[jz, jx, jy]:
+                continue
+            neighbour = (jz * nx + jx) * ny + jy
+            through = cost[node] + hop_us[move // 2]
+            if through < cost[neighbour]:
+                cost[neighbour] = through
+                came_from[neighbour] = node
+                estimate = through + hop_us[0] * abs(jx - goal[0])
+                estimate += hop_us[1] * abs(jy - goal[1]) + hop_us[2] * abs(jz - goal[2])
+                _push(heap, (np.int64(estimate), np.int64(neighbour)))
+    if not settled[target]:
+        return np.empty((0, 3), np.int64)
+    length = 1
+    node = target
+    while node != source:
+        node = came_from[node]
+        length += 1
+    path = np.empty((length, 3), np.int64)
+    node = target
+    for k in range(length - 1, -1, -1):
+        path[k, 0], path[k, 1], path[k, 2] = node // ny % nx, node % ny, node // (nx * ny)
+        node = came_from[node]
+    return path
+
+
+@kernel
+def _push(heap: list[tuple[np.int64, np.int64]], item: tuple[np.int64, np.int64]) -> None:
+    """Add to a binary heap."""
+    heap.append(item)
+    child = len(heap) - 1
+    while child > 0:
+        parent = (child - 1) // 2
+        if heap[parent] <= heap[child]:
+            break
+        heap[parent], heap[child] = heap[child], heap[parent]
+        child = parent
+
+
+@kernel
+def _pop(heap: list[tuple[np.int64, np.int64]]) -> tuple[np.int64, np.int64]:
+    """Take the least item off a binary heap."""
+    top = heap[0]
+    last = heap.pop()
+    if len(heap) == 0:
+        return top
+    heap[0] = last
+    parent = 0
+    while True:
+        child = 2 * parent + 1
+        if child >= len(heap):
+            break
+        if child + 1 < len(heap) and heap[child + 1] < heap[child]:
+            child += 1
+        if heap[parent] <= heap[child]:
+            break
+        heap[parent], heap[child] = heap[child], heap[parent]
+        parent = child
+    return top

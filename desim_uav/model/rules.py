@@ -1,0 +1,114 @@
+"""The words of the model: actions, modes, the phases of one instant, and what may be commanded."""
+
+from __future__ import annotations
+
+from enum import IntEnum, StrEnum
+from functools import cache
+
+US = 1_000_000
+"""Microseconds in a second: time is an integer number of microseconds inside an engine."""
+
+
+class Action(IntEnum):
+    """What a drone can be told at a decision epoch, in the order of the paper."""
+
+    FORWARD = 0
+    BACKWARD = 1
+    RIGHT = 2
+    LEFT = 3
+    HOVER = 4
+    UP = 5
+    DOWN = 6
+    GOTO_CHARGING_STATION = 7
+    CHARGE = 8
+
+
+MOVES: dict[Action, tuple[int, int, int]] = {
+    Action.FORWARD: (0, 1, 0),
+    Action.BACKWARD: (0, -1, 0),
+    Action.RIGHT: (1, 0, 0),
+    Action.LEFT: (-1, 0, 0),
+    Action.UP: (0, 0, 1),
+    Action.DOWN: (0, 0, -1),
+}
+"""The change of (cell x, cell y, level) each moving action asks for."""
+
+
+class Mode(IntEnum):
+    """What a drone is doing. Only a FLYING drone serves users."""
+
+    FLYING = 0
+    RETURNING = 1
+    QUEUED = 2
+    CHARGING = 3
+    CHARGED = 4
+    CRASHED = 5
+
+
+class Phase(IntEnum):
+    """The order in which things of one instant happen. Within a phase: lowest drone, then user."""
+
+    COMPLETION = 1
+    EXIT = 2
+    ARRIVAL = 3
+    ENTRY = 4
+    REQUEST = 5
+    DEPLETION = 6
+    ATTACHMENT = 7
+    RECORD = 8
+    RESPAWN = 9
+    COMMAND = 10
+    COVERAGE = 11
+    ADMISSION = 12
+
+
+class Outcome(StrEnum):
+    """How a request ended."""
+
+    COMPLETED = "completed"
+    UNFINISHED = "unfinished"
+    NEVER_SERVED = "never_served"
+
+
+AIRBORNE = frozenset({Mode.FLYING, Mode.RETURNING})
+
+
+@cache
+def actions(three_d: bool, limited_battery: bool) -> tuple[Action, ...]:
+    """The actions of a scenario: 5, 7 or 9 of them. A command is an index into this tuple."""
+    chosen = [Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT, Action.HOVER]
+    if three_d:
+        chosen += [Action.UP, Action.DOWN]
+    if limited_battery:
+        chosen += [Action.GOTO_CHARGING_STATION, Action.CHARGE]
+    return tuple(chosen)
+
+
+@cache
+def mask(
+    allowed: tuple[Action, ...], mode: Mode, may_return: bool, may_charge: bool
+) -> tuple[bool, ...]:
+    """Which of ``allowed`` a drone may be told now; never all False.
+
+    A blocked move is not masked: the drone has no map.
+    """
+    if mode is Mode.RETURNING:
+        legal = {Action.GOTO_CHARGING_STATION}
+    elif mode in (Mode.QUEUED, Mode.CHARGING):
+        legal = {Action.CHARGE}
+    elif mode is Mode.CRASHED:
+        legal = {Action.HOVER}
+    else:
+        legal = {*MOVES, Action.HOVER}
+        legal |= {Action.GOTO_CHARGING_STATION} if may_return else set()
+        legal |= {Action.CHARGE} if may_charge else set()
+    return tuple(action in legal for action in allowed)
+
+
+def obeyed(command: int, legal: tuple[bool, ...], allowed: tuple[Action, ...]) -> Action:
+    """The action a command leads to: itself, else the mask's only action, else hover."""
+    if 0 <= command < len(legal) and legal[command]:
+        return allowed[command]
+    if sum(legal) == 1:
+        return allowed[legal.index(True)]
+    return Action.HOVER

@@ -1,0 +1,84 @@
+"""What users ask for: how long a service takes and what bandwidth it occupies."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Protocol
+
+import numpy as np
+from annotated_types import Ge, Gt, MinLen
+from numpy.typing import NDArray
+
+from desim_uav.model.rules import US
+from desim_uav.registry import register
+
+
+class Service(Protocol):
+    """A service: two lists of equally likely values (quantiles, for a continuous law)."""
+
+    def durations_us(self) -> NDArray[np.int64]:
+        """The service times a request can require, in microseconds, each above 0."""
+
+    def bandwidths_bps(self) -> NDArray[np.int64]:
+        """The bandwidths a request can occupy, in bit/s."""
+
+
+@register("service", "uniform_choice")
+@dataclass(frozen=True)
+class UniformChoice:
+    """One of the durations and one of the bandwidths, independently and equally likely."""
+
+    duration_min: Annotated[tuple[Annotated[float, Gt(0)], ...], MinLen(1)]
+    bandwidth_kbps: Annotated[tuple[Annotated[float, Ge(0)], ...], MinLen(1)]
+
+    def durations_us(self) -> NDArray[np.int64]:
+        """The durations."""
+        return np.rint(np.array(self.duration_min) * 60 * US).astype(np.int64)
+
+    def bandwidths_bps(self) -> NDArray[np.int64]:
+        """The bandwidths."""
+        return np.rint(np.array(self.bandwidth_kbps) * 1000).astype(np.int64)
+
+
+PAPER: dict[str, Service] = {
+    "throughput": UniformChoice((1, 2, 3, 4, 5, 6), (96, 160, 200, 320, 750, 1000, 2500)),
+    "edge_computing": UniformChoice((3,), (10, 20, 30, 40, 50)),
+    "data_gathering": UniformChoice((2,), (24, 48, 72, 96, 192)),
+}
+"""The three services of the paper."""
+
+
+@dataclass(frozen=True, eq=False)
+class Catalogue:
+    """The services of a scenario as arrays: the rows are services, in the order of ``names``.
+
+    ``share`` (services): cumulated probabilities of the mix; ``durations_us`` and
+    ``bandwidths_bps`` (services, widest), of which row s uses ``sizes[s]`` = (durations,
+    bandwidths) entries.
+    """
+
+    names: tuple[str, ...]
+    share: NDArray[np.float64]
+    sizes: NDArray[np.int64]
+    durations_us: NDArray[np.int64]
+    bandwidths_bps: NDArray[np.int64]
+
+
+def catalogue(services: Mapping[str, Service], mix: Mapping[str, float]) -> Catalogue:
+    """Tabulate services; ``mix`` maps their names to weights, renormalised."""
+    names = tuple(services)
+    weights = np.array([mix.get(name, 0.0) for name in names])
+    share = np.cumsum(weights / weights.sum())
+    share[np.flatnonzero(weights)[-1] :] = 1.0
+    durations = [service.durations_us() for service in services.values()]
+    bandwidths = [service.bandwidths_bps() for service in services.values()]
+    sizes = np.array([[len(d), len(b)] for d, b in zip(durations, bandwidths, strict=True)])
+    return Catalogue(names, share, sizes, _padded(durations), _padded(bandwidths))
+
+
+def _padded(rows: list[NDArray[np.int64]]) -> NDArray[np.int64]:
+    table = np.zeros((len(rows), max(len(row) for row in rows)), np.int64)
+    for target, row in zip(table, rows, strict=True):
+        target[: len(row)] = row
+    return table

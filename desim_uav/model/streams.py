@@ -1,0 +1,123 @@
+"""Random streams: one for each (seed, purpose, entity, episode), so nobody's draws depend on another.
+
+They are NumPy's own: ``Generator(SFC64(SeedSequence(seed, spawn_key=(purpose, entity, episode))))``.
+The kernels here give the same numbers as that generator's ``random()``, for all entities at once.
+"""
+
+from __future__ import annotations
+
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.kernels import kernel
+
+
+class Purpose(IntEnum):
+    """What a stream is for. The learner's is never the simulator's."""
+
+    WORLD = 0
+    PLACEMENT = 1
+    MOBILITY = 2
+    DEMAND = 3
+    POSITION_NOISE = 4
+    RESPAWN = 5
+    LEARNER = 6
+
+
+class Streams:
+    """The streams of one purpose in one episode, an entity (user, drone, cluster) each."""
+
+    def __init__(self, seed: int, purpose: Purpose, episode: int = 0) -> None:
+        """``episode`` may be negative (warm-up): it is taken modulo 2**32."""
+        self.seed = seed
+        self.purpose = purpose
+        self.episode = episode % 2**32
+
+    def generator(self, entity: int) -> np.random.Generator:
+        """The stream of one entity as a NumPy generator, from its beginning."""
+        key = (int(self.purpose), entity, self.episode)
+        sequence = np.random.SeedSequence(self.seed, spawn_key=key)
+        return np.random.Generator(np.random.SFC64(sequence))
+
+    def states(self, count: int) -> NDArray[np.uint64]:
+        """The SFC64 states of entities 0 … count-1 at their beginning, shape (count, 4)."""
+        return _seeded_states(
+            np.uint64(self.seed), np.uint64(self.purpose), np.uint64(self.episode), count
+        )
+
+
+_LOW = np.uint64(0xFFFFFFFF)
+_SHIFT = np.uint64(16)
+
+
+@kernel
+def _hashmix(
+    value: np.uint64, constant: np.uint64, multiplier: np.uint64
+) -> tuple[np.uint64, np.uint64]:
+    """One step of SeedSequence's hash on 32-bit words: (hashed value, next constant)."""
+    value = (value ^ constant) & _LOW
+    constant = (constant * multiplier) & _LOW
+    value = (value * constant) & _LOW
+    return value ^ (value >> _SHIFT), constant
+
+
+@kernel
+def _mix(x: np.uint64, y: np.uint64) -> np.uint64:
+    left = (np.uint64(0xCA01F9DD) * x) & _LOW
+    right = (np.uint64(0x4973F715) * y) & _LOW
+    mixed = (left - right) & _LOW
+    return mixed ^ (mixed >> _SHIFT)
+
+
+@kernel
+def _seeded_states(
+    seed: np.uint64, purpose: np.uint64, episode: np.uint64, count: int
+) -> NDArray[np.uint64]:
+    """NumPy's SeedSequence (pool of four 32-bit words) and SFC64 seeding, for each entity."""
+    states = np.empty((count, 4), np.uint64)
+    entropy = np.zeros(7, np.uint64)
+    entropy[0] = seed & _LOW
+    entropy[1] = seed >> np.uint64(32)
+    entropy[4] = purpose
+    entropy[6] = episode
+    pool = np.empty(4, np.uint64)
+    words = np.empty(6, np.uint64)
+    for entity in range(count):
+        entropy[5] = np.uint64(entity)
+        constant = np.uint64(0x43B0D7E5)
+        for i in range(4):
+            pool[i], constant = _hashmix(entropy[i], constant, np.uint64(0x931E8875))
+        for source in range(7):
+            for target in range(4):
+                if source != target:
+                    word = pool[source] if source < 4 else entropy[source]
+                    hashed, constant = _hashmix(word, constant, np.uint64(0x931E8875))
+                    pool[target] = _mix(pool[target], hashed)
+        constant = np.uint64(0x8B51F9DD)
+        for i in range(6):
+            words[i], constant = _hashmix(pool[i % 4], constant, np.uint64(0x58F38DED))
+        for i in range(3):
+            states[entity, i] = words[2 * i] | (words[2 * i + 1] << np.uint64(32))
+        states[entity, 3] = np.uint64(1)
+        for _ in range(12):
+            next_word(states[entity])
+    return states
+
+
+@kernel
+def next_word(state: NDArray[np.uint64]) -> np.uint64:
+    """Advance an SFC64 state (4 words) and give its next 64 bits."""
+    word = state[0] + state[1] + state[3]
+    state[3] += np.uint64(1)
+    state[0] = state[1] ^ (state[1] >> np.uint64(11))
+    state[1] = state[2] + (state[2] << np.uint64(3))
+    state[2] = ((state[2] << np.uint64(24)) | (state[2] >> np.uint64(40))) + word
+    return word
+
+
+@kernel
+def next_uniform(state: NDArray[np.uint64]) -> float:
+    """The next uniform number in [0, 1), with 53 bits."""
+    return np.float64(next_word(state) >> np.uint64(11)) * (1.0 / 9007199254740992.0)

@@ -1,0 +1,74 @@
+"""Measured walks and requests from CSV files."""
+
+from __future__ import annotations
+
+import csv
+import math
+from collections.abc import Callable, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+MAX_BYTES = 256 * 2**20
+
+
+def index(text: str) -> int:
+    """A whole number from 0."""
+    number = int(text)
+    if number < 0:
+        raise ValueError("must be at least 0")
+    return number
+
+
+def quantity(text: str) -> float:
+    """A finite number from 0."""
+    number = float(text)
+    if not math.isfinite(number) or number < 0:
+        raise ValueError("must be a finite number, at least 0")
+    return number
+
+
+def read_table(path: Path, columns: Mapping[str, Callable[[str], Any]]) -> list[tuple[Any, ...]]:
+    """The rows of a CSV file with the given columns (in any order), each value parsed.
+
+    The line number of each row is appended to it. Raises ValueError that names file and line.
+    """
+    return _read_table(path, tuple(columns.items()))
+
+
+@cache
+def _read_table(
+    path: Path, columns: tuple[tuple[str, Callable[[str], Any]], ...]
+) -> list[tuple[Any, ...]]:
+    try:
+        if path.stat().st_size > MAX_BYTES:
+            raise ValueError(f"{path}: larger than {MAX_BYTES >> 20} MiB")
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return _rows(path, csv.DictReader(file, strict=True), columns)
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise ValueError(f"{path}: not UTF-8 text") from error
+    except csv.Error as error:
+        raise ValueError(f"{path}: {error}") from error
+
+
+def _rows(
+    path: Path, reader: csv.DictReader[str], columns: tuple[tuple[str, Callable[[str], Any]], ...]
+) -> list[tuple[Any, ...]]:
+    names = ", ".join(name for name, _ in columns)
+    missing = [name for name, _ in columns if name not in (reader.fieldnames or [])]
+    if missing:
+        raise ValueError(f"{path}:1: no column {missing[0]!r}; expected the columns {names}")
+    rows = []
+    for row in reader:
+        values = []
+        for name, parse in columns:
+            try:
+                values.append(parse((row[name] or "").strip()))
+            except ValueError as error:
+                raise ValueError(
+                    f"{path}:{reader.line_num}: {name}: {row[name]!r}: {error}"
+                ) from error
+        rows.append((*values, reader.line_num))
+    return rows

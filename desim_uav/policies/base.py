@@ -1,0 +1,49 @@
+"""What a policy is, and how the command line finds one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+from desim_uav.errors import PolicyError
+from desim_uav.model.state import Observation
+from desim_uav.model.streams import Streams
+from desim_uav.registry import names, resolve
+from desim_uav.world import World
+
+
+class Policy(Protocol):
+    """Decides for each drone from its observation and mask alone; it never sees the engine.
+
+    ``ceiling``: are its drones bound by the tallest building? (The baseline's are not.)
+    """
+
+    ceiling: bool
+
+    def begin(self, world: World, streams: Streams) -> None:
+        """An episode begins. Drone d may draw from stream d only."""
+
+    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+        """The command for ``observation.drone``: an index into ``world.actions``.
+
+        Called for every drone at every decision epoch, drones in order.
+        """
+
+
+def load_policy(name: str) -> Policy:
+    """A built-in name, ``script:FILE.csv``, or ``"package.module:Class"``.
+
+    Raises PolicyError where it cannot be read.
+    """
+    kind, _, argument = name.partition(":")
+    try:
+        if kind in names("policy"):
+            policy: Policy = resolve("policy", kind)(*[argument] if argument else [])
+        else:
+            policy = resolve("policy", name)()
+    except (TypeError, ValueError) as error:
+        raise PolicyError(f"policy {name!r}: {error}") from error
+    for method in ("begin", "act"):
+        if not callable(getattr(policy, method, None)):
+            raise PolicyError(f"policy {name!r}: it has no method {method!r}")
+    return policy

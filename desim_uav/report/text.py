@@ -1,0 +1,59 @@
+"""Small tables for the terminal."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pandas as pd
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+MEASURES = {
+    "requests": ("requests", "d"),
+    "qoe1_percent": ("QoE1 %", ".1f"),
+    "qoe1_feasible_percent": ("feasible %", ".1f"),
+    "qoe2_iterations": ("QoE2 it.", ".2f"),
+    "qoe3_percent": ("QoE3 %", ".1f"),
+    "qoe3_active_percent": ("active %", ".1f"),
+    "completed": ("completed", "d"),
+    "unfinished": ("unfinished", "d"),
+    "never_served": ("never served", "d"),
+}
+
+
+def print_run(summary: dict[str, Any], by_service: pd.DataFrame) -> None:
+    """The table a run ends with: all requests, and by service."""
+    rows = [{"service": "all"} | summary, *by_service.to_dict("records")]
+    title = "{scenario}, {policy}, seed {seed}: {episodes} episode(s), {crashes} crash(es)"
+    _print("service", rows, title.format(**summary))
+    print(f"{summary['run_dir']}")
+
+
+def print_summary(summary: dict[str, Any]) -> None:
+    """Every measure on a line of its own."""
+    for name, value in summary.items():
+        shown = f"{value:.6g}" if isinstance(value, float) else "-" if value is None else value
+        print(f"{name:22s} {shown}")
+
+
+def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
+    """A row for each group of requests."""
+    _print(by, rows, None)
+
+
+def _print(by: str, rows: list[dict[str, Any]], title: str | None) -> None:
+    table = Table(title=title, box=box.SIMPLE, title_justify="left")
+    table.add_column(by)
+    shown = {name: look for name, look in MEASURES.items() if any(name in row for row in rows)}
+    for heading, _ in shown.values():
+        table.add_column(heading, justify="right")
+    for row in rows:
+        table.add_row(str(row[by]), *(_cell(row, name, look[1]) for name, look in shown.items()))
+    console = Console()
+    Console(width=None if console.is_terminal else 120).print(table)
+
+
+def _cell(row: dict[str, Any], name: str, form: str) -> str:
+    value = row.get(name)
+    return "" if value is None or value != value else format(value, form)

@@ -1,0 +1,292 @@
+"""What no single key can tell: checks of a whole scenario, each yielding what it finds."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from itertools import islice
+from typing import Any, NamedTuple
+
+from desim_uav.model.mobility import Area
+from desim_uav.registry import did_you_mean
+from desim_uav.scenario.components import place_of_problem
+from desim_uav.scenario.layout import Cell, start_cells, station_cells
+from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
+from desim_uav.scenario.yaml12 import KeyPath
+
+MAX_SQUARES = 1_000_000
+MAX_LEVELS = 1000
+MAX_TRACE_PROBLEMS = 20
+
+
+class Finding(NamedTuple):
+    """What is wrong, where to report it, and the other keys it depends on."""
+
+    path: KeyPath
+    message: str
+    also: tuple[KeyPath, ...] = ()
+
+
+def findings(scenario: Scenario) -> Iterator[Finding]:
+    """Everything that is wrong with a scenario whose keys are right one by one."""
+    for check in CHECKS:
+        yield from check(scenario)
+
+
+def a_battery_needs_a_station(scenario: Scenario) -> Iterator[Finding]:
+    """A limited battery without a charging station."""
+    if scenario.limited_battery and scenario.stations.count == 0:
+        yield Finding(
+            ("stations", "count"),
+            "a limited battery needs a charging station: at least 1, or drones.battery: null",
+            (("drones", "battery"),),
+        )
+
+
+def stations_have_their_own_cells(scenario: Scenario) -> Iterator[Finding]:
+    """Two stations on one cell."""
+    seen: dict[Cell, int] = {}
+    for station, cell in enumerate(station_cells(scenario)):
+        if cell in seen:
+            yield Finding(
+                ("stations", "radius_m"),
+                f"stations {seen[cell]} and {station} stand on one cell {_shown(cell)}; "
+                f"take fewer stations, a larger circle or smaller cells",
+                (("stations", "count"), *_GRID),
+            )
+            return
+        seen[cell] = station
+
+
+def drones_start_on_the_map(scenario: Scenario) -> Iterator[Finding]:
+    """Start cells: one a drone, each on the map."""
+    given, path = scenario.drones.start_cells, ("drones", "start_cells")
+    if given is None:
+        return
+    if len(given) != scenario.drones.count:
+        yield Finding(
+            path,
+            f"must be one cell a drone: {scenario.drones.count}, not {len(given)}",
+            (("drones", "count"),),
+        )
+    for index, cell in enumerate(given):
+        if not _on_map(scenario, cell):
+            yield Finding((*path, index), _off_map(scenario), (("map", "cells"),))
+
+
+def users_are_on_the_map(scenario: Scenario) -> Iterator[Finding]:
+    """Given positions off the map."""
+    users, path = scenario.users, ("users", "positions_m")
+    if users.positions_m is None:
+        return
+    width, depth = scenario.map.size_m
+    for index, (x, y) in enumerate(users.positions_m):
+        if x > width or y > depth:
+            yield Finding(
+                (*path, index),
+                f"off the map, which is {width:g} x {depth:g} m",
+                (("map", "size_m"),),
+            )
+
+
+def obstacles_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
+    """No obstacles in 2D; drawn ones in reasonable number and height."""
+    obstacles, path = scenario.map.obstacles, ("map", "obstacles")
+    if obstacles is None:
+        return
+    if not scenario.three_d:
+        yield Finding(
+            path,
+            "not in 2D, where drones fly above everything; leave it out, or map.dimensions: 3",
+            (("map", "dimensions"),),
+        )
+    if not isinstance(obstacles, DrawnObstacles):
+        yield from _listed_obstacles(scenario, obstacles)
+        tallest = max((height for *_, height in obstacles.cells), default=0.0)
+    else:
+        tallest = obstacles.height_m[1]
+        if obstacles.square_m is not None:
+            squares = math.prod(math.ceil(side / obstacles.square_m) for side in scenario.map.size_m)
+            if squares > MAX_SQUARES:
+                yield Finding(
+                    (*path, "square_m"),
+                    f"makes {squares} squares of the map; at most {MAX_SQUARES}",
+                    (("map", "size_m"),),
+                )
+    levels = scenario.map.levels
+    if (tallest - levels.min_altitude_m) / levels.step_m > MAX_LEVELS:
+        yield Finding(
+            ("map", "levels", "step_m"),
+            f"makes more than {MAX_LEVELS} levels up to the tallest building of {tallest:g} m",
+            (path, ("map", "levels", "min_altitude_m")),
+        )
+
+
+def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
+    """A moving action that its drone cannot carry out within a step."""
+    dx, dy = scenario.map.cell_m
+    hops = {"along x": dx, "along y": dy}
+    if scenario.three_d:
+        hops["between levels"] = scenario.map.levels.step_m
+    seen = set()
+    for which, distance in hops.items():
+        problem = _transit_problem(scenario, distance)
+        if problem and problem not in seen:
+            seen.add(problem)
+            yield Finding(
+                ("drones", "motion"),
+                f"a hop {which} cannot be flown: {problem}",
+                (*_GRID, ("map", "levels", "step_m"), ("map", "dimensions"), ("episode", "step_s")),
+            )
+
+
+def the_mix_names_services(scenario: Scenario) -> Iterator[Finding]:
+    """Weights of services there are, of which one at least is above 0."""
+    mix = getattr(scenario.demand, "mix", None)
+    if not isinstance(mix, dict):
+        return
+    path, known = ("demand", "mix"), list(scenario.services)
+    for name in mix:
+        if name not in known:
+            yield Finding(
+                (*path, name),
+                f"unknown service {name!r}{did_you_mean(name, known)}; allowed: {', '.join(known)}",
+                (("services",),),
+            )
+    if not sum(mix.values()) > 0:
+        yield Finding(path, "one weight at least must be above 0")
+
+
+def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
+    """Durations that round to nothing: time is a whole number of microseconds."""
+    battery = scenario.drones.battery
+    if battery is not None and round(battery.autonomy_min * 60e6) < 1:
+        yield Finding(("drones", "battery", "autonomy_min"), "is less than a microsecond")
+    for name, service in scenario.services.items():
+        if (service.durations_us() < 1).any():
+            yield Finding(
+                ("services", name, "duration_min"), "a duration is less than a microsecond"
+            )
+
+
+def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
+    """What components say themselves: traces of users, services or places there are not."""
+    walks = getattr(scenario.users.mobility, "problems", None)
+    if walks:
+        area = Area(*scenario.map.size_m)
+        yield from _own_problems(
+            ("users", "mobility"),
+            scenario.users.mobility,
+            walks(scenario.users.count, area),
+            (*_USER_COUNT, ("map", "size_m")),
+        )
+    asked = getattr(scenario.demand, "problems", None)
+    if asked:
+        yield from _own_problems(
+            ("demand",),
+            scenario.demand,
+            asked(scenario.users.count, list(scenario.services)),
+            (*_USER_COUNT, ("services",)),
+        )
+
+
+CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
+    a_battery_needs_a_station,
+    stations_have_their_own_cells,
+    drones_start_on_the_map,
+    users_are_on_the_map,
+    obstacles_fit_the_map,
+    transits_fit_a_step,
+    the_mix_names_services,
+    times_are_whole_microseconds,
+    components_fit_the_scenario,
+)
+
+_GRID: tuple[KeyPath, ...] = (("map", "size_m"), ("map", "cells"))
+_USER_COUNT: tuple[KeyPath, ...] = (("users", "count"), ("users", "positions_m"))
+
+
+def _listed_obstacles(scenario: Scenario, obstacles: ListedObstacles) -> Iterator[Finding]:
+    """Each building once, on the map, on no station or start cell; and none cuts these off."""
+    path = ("map", "obstacles", "cells")
+    layout = (("stations",), ("drones", "count"), ("drones", "start_cells"))
+    kept_free = dict.fromkeys(start_cells(scenario), "a start cell")
+    kept_free |= dict.fromkeys(station_cells(scenario), "a station's cell")
+    seen: dict[Cell, int] = {}
+    sound = True
+    for index, (ix, iy, _) in enumerate(obstacles.cells):
+        cell, problem, also = (ix, iy), "", (*_GRID, *layout)
+        if not _on_map(scenario, cell):
+            problem, also = _off_map(scenario), (("map", "cells"),)
+        elif cell in seen:
+            problem, also = f"cell {_shown(cell)} is given twice, first as {path[-1]}.{seen[cell]}", ()
+        elif cell in kept_free:
+            problem = f"a building on {kept_free[cell]}"
+        if problem:
+            sound = False
+            yield Finding((*path, index), problem, also)
+        seen.setdefault(cell, index)
+    if sound:
+        yield from _cut_off(scenario, obstacles, list(kept_free), (*_GRID, *layout))
+
+
+def _cut_off(
+    scenario: Scenario, obstacles: ListedObstacles, cells: list[Cell], also: tuple[KeyPath, ...]
+) -> Iterator[Finding]:
+    lowest = scenario.map.levels.min_altitude_m
+    blocked = {(ix, iy) for ix, iy, height in obstacles.cells if height >= lowest}
+    reached = _reachable(scenario.map.cells, blocked, cells[0])
+    for cell in cells:
+        if cell not in reached and _on_map(scenario, cell):
+            yield Finding(
+                ("map", "obstacles", "cells"),
+                f"the buildings cut {_shown(cell)} off from {_shown(cells[0])} at the lowest level, "
+                f"{lowest:g} m",
+                (*also, ("map", "levels", "min_altitude_m")),
+            )
+            return
+
+
+def _reachable(size: Cell, blocked: set[Cell], start: Cell) -> set[Cell]:
+    reached, frontier = {start}, [start]
+    while frontier:
+        ix, iy = frontier.pop()
+        for cell in ((ix + 1, iy), (ix - 1, iy), (ix, iy + 1), (ix, iy - 1)):
+            on_map = 0 <= cell[0] < size[0] and 0 <= cell[1] < size[1]
+            if on_map and cell not in blocked and cell not in reached:
+                reached.add(cell)
+                frontier.append(cell)
+    return reached
+
+
+def _transit_problem(scenario: Scenario, distance_m: float) -> str:
+    try:
+        scenario.drones.motion.epoch_transit(distance_m, scenario.episode.step_s)
+    except ValueError as error:
+        return str(error)
+    except ArithmeticError as error:
+        return f"{type(error).__name__}: {error}"
+    return ""
+
+
+def _own_problems(
+    path: KeyPath, component: Any, problems: list[str], also: tuple[KeyPath, ...]
+) -> Iterator[Finding]:
+    where = (*path, *place_of_problem(component))
+    for problem in islice(problems, MAX_TRACE_PROBLEMS):
+        yield Finding(where, problem, also)
+    if len(problems) > MAX_TRACE_PROBLEMS:
+        yield Finding(where, f"and {len(problems) - MAX_TRACE_PROBLEMS} more problems of this kind", also)
+
+
+def _on_map(scenario: Scenario, cell: Cell) -> bool:
+    return cell[0] < scenario.map.cells[0] and cell[1] < scenario.map.cells[1]
+
+
+def _off_map(scenario: Scenario) -> str:
+    nx, ny = scenario.map.cells
+    return f"off the map, which is {nx} x {ny} cells, counted from 0"
+
+
+def _shown(cell: Cell) -> str:
+    return f"[{cell[0]}, {cell[1]}]"

@@ -1,0 +1,230 @@
+"""Components in a scenario: ``{kind: …, parameters}`` becomes an instance, and back."""
+
+from __future__ import annotations
+
+import dataclasses
+import inspect
+import os
+import typing
+from collections.abc import Iterator, Mapping
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from pydantic import ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
+from pydantic import ValidationError as PydanticError
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema, PydanticCustomError, core_schema, to_json
+
+from desim_uav import registry
+from desim_uav.scenario.yaml12 import KeyPath
+
+LARGEST = 1e9
+"""No parameter is larger: times in microseconds then stay whole 64-bit numbers."""
+
+_GIVEN = "_given_parameters"
+
+
+@dataclasses.dataclass(frozen=True)
+class Slot:
+    """Marks a field of the schema that holds a component: its slot, default kind and Protocol."""
+
+    name: str
+    default: str
+    protocol: type
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Validate with ``make``; serialise as ``described``."""
+        return core_schema.with_info_plain_validator_function(
+            self._validate,
+            serialization=core_schema.plain_serializer_function_ser_schema(described),
+        )
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Any of the built-ins, or a plug-in."""
+        forms = [self._built_in_schema(kind) for kind in registry.names(self.name)]
+        return {"anyOf": [*forms, _PLUG_IN_SCHEMA]}
+
+    def component_class(self, kind: str) -> type:
+        """The class of a kind, made ready for validation. Raises ValueError."""
+        found = registry.resolve(self.name, kind)
+        missing = [name for name in _methods(self.protocol) if not hasattr(found, name)]
+        if missing:
+            raise ValueError(f"{kind!r} is no {self.name}: it has no method {missing[0]!r}")
+        return found
+
+    def parameter_names(self, kind: Any) -> list[str]:
+        """The keys a component of a kind may have."""
+        try:
+            return ["kind", *_parameters(self.component_class(kind or self.default))]
+        except (TypeError, ValueError):
+            return ["kind"]
+
+    def _validate(self, value: Any, info: core_schema.ValidationInfo) -> Any:
+        if isinstance(value, Mapping):
+            return self._make(dict(value), info.context or {})
+        if info.mode == "python" and all(hasattr(value, m) for m in _methods(self.protocol)):
+            return value
+        hint = f"; write {{kind: {value}}}" if isinstance(value, str) else ""
+        raise _error(f"must be a mapping with a kind{hint}")
+
+    def _make(self, given: dict[str, Any], context: Mapping[str, Any]) -> Any:
+        kind = given.pop("kind", self.default)
+        if not isinstance(kind, str):
+            raise _error_at("kind", "must be text: " + self._allowed(), kind)
+        try:
+            found = self.component_class(kind)
+        except ValueError as error:
+            raise _error_at("kind", str(error), kind) from error
+        _refuse_huge(given)
+        if not dataclasses.is_dataclass(found):
+            component = _called(found, given)
+        else:
+            component = _validated(found, given, context.get("base"))
+        missing = [name for name in _attributes(self.protocol) if not hasattr(component, name)]
+        if missing:
+            raise _error_at("kind", f"{kind!r} is no {self.name}: no attribute {missing[0]!r}", kind)
+        return component
+
+    def _allowed(self) -> str:
+        return f"{', '.join(registry.names(self.name))}, or \"package.module:Class\""
+
+    def _built_in_schema(self, kind: str) -> JsonSchemaValue:
+        schema = _adapter(registry.resolve(self.name, kind)).json_schema()
+        properties = {"kind": {"const": kind}} | schema.get("properties", {})
+        required = schema.get("required", [])
+        if kind != self.default:
+            required = ["kind", *required]
+        return schema | {
+            "title": kind,
+            "properties": properties,
+            "required": required,
+            "additionalProperties": False,
+        }
+
+
+_PLUG_IN_SCHEMA: JsonSchemaValue = {
+    "title": "plug-in",
+    "description": "A class of your own; importing it runs its code.",
+    "type": "object",
+    "properties": {"kind": {"type": "string", "pattern": r"^[\w.]+:\w+$"}},
+    "required": ["kind"],
+}
+
+
+def described(component: Any) -> dict[str, Any]:
+    """The parameters of a component with its kind first, as plain Python values."""
+    return registry.parameters(component) | getattr(component, _GIVEN, {})
+
+
+def files(component: Any) -> Iterator[tuple[str, Path]]:
+    """The parameters of a component that name files."""
+    for name, value in described(component).items():
+        if isinstance(value, Path):
+            yield name, value
+
+
+def place_of_problem(component: Any) -> KeyPath:
+    """Where to report what is wrong with a component: its file, if it has just one."""
+    names = _file_parameters(type(component))
+    return (names[0],) if len(names) == 1 else ()
+
+
+def strictly(kind: Any, value: Any, context: Mapping[str, Any] | None = None) -> Any:
+    """Validate plain data strictly: lists may be tuples, but text and booleans are no numbers."""
+    return _adapter(kind).validate_json(to_json(value), strict=True, context=context)
+
+
+def errors(problems: list[tuple[KeyPath, str, Any]]) -> PydanticError:
+    """An error to raise in a validator, each problem at its own (path, message, value)."""
+    return PydanticError.from_exception_data(
+        "component",
+        [{"type": _error(message), "loc": path, "input": value} for path, message, value in problems],
+    )
+
+
+def _validated(found: type, given: dict[str, Any], base: Path | None) -> Any:
+    for name in _file_parameters(found):
+        if isinstance(given.get(name), str):
+            given[name] = os.path.abspath((base or Path()) / given[name])  # noqa: PTH100
+    try:
+        return strictly(found, given)
+    except PydanticError as error:
+        names = _file_parameters(found)
+        whole = [e for e in error.errors(include_url=False) if e["loc"] == () and e["type"] == "value_error"]
+        if whole and len(names) == 1 and names[0] in given:
+            message = str(whole[0]["ctx"]["error"])
+            raise _error_at(names[0], message, given[names[0]]) from error
+        raise
+    except Exception as error:  # a user's class may raise anything
+        raise _error(f"cannot be made: {type(error).__name__}: {error}") from error
+
+
+def _called(found: type, given: dict[str, Any]) -> Any:
+    """An instance of a user's class that is no dataclass."""
+    try:
+        component = found(**given)
+    except Exception as error:
+        raise _error(f"cannot be made: {type(error).__name__}: {error}") from error
+    try:
+        object.__setattr__(component, _GIVEN, given)
+    except AttributeError as error:
+        raise _error(f"{found.__name__} must be a dataclass, or have no __slots__") from error
+    return component
+
+
+def _refuse_huge(given: Mapping[str, Any]) -> None:
+    problems = []
+    pending: list[tuple[KeyPath, Any]] = [((), given)]
+    while pending:
+        path, value = pending.pop()
+        if isinstance(value, Mapping):
+            pending += [((*path, key), item) for key, item in value.items()]
+        elif isinstance(value, list):
+            pending += [((*path, index), item) for index, item in enumerate(value)]
+        elif isinstance(value, int | float) and abs(value) > LARGEST:
+            problems.append((path, f"must be at most {LARGEST:g}", value))
+    if problems:
+        raise errors(problems)
+
+
+@cache
+def _adapter(kind: Any) -> TypeAdapter[Any]:
+    if dataclasses.is_dataclass(kind) and "__pydantic_config__" not in vars(kind):
+        setattr(kind, "__pydantic_config__", ConfigDict(extra="forbid"))  # noqa: B010
+    return TypeAdapter(kind)
+
+
+def _parameters(found: type) -> list[str]:
+    if dataclasses.is_dataclass(found):
+        return [f.name for f in dataclasses.fields(found) if f.init]
+    return [name for name in inspect.signature(found).parameters if name not in ("args", "kwargs")]
+
+
+@cache
+def _file_parameters(found: type) -> tuple[str, ...]:
+    if not dataclasses.is_dataclass(found):
+        return ()
+    hints = typing.get_type_hints(found)
+    paths: tuple[Any, ...] = (Path, Path | None)
+    return tuple(f.name for f in dataclasses.fields(found) if f.init and hints[f.name] in paths)
+
+
+def _methods(protocol: type) -> list[str]:
+    return [n for n, m in vars(protocol).items() if not n.startswith("_") and callable(m)]
+
+
+def _attributes(protocol: type) -> list[str]:
+    return list(inspect.get_annotations(protocol))
+
+
+def _error(message: str) -> PydanticCustomError:
+    return PydanticCustomError("component", "{message}", {"message": message})
+
+
+def _error_at(key: str, message: str, value: Any) -> PydanticError:
+    return errors([((key,), message, value)])

@@ -1,0 +1,203 @@
+"""Scenario files: read, overridden, validated, written back, hashed.
+
+Every error of a file is found in one pass: what is wrong with single keys, and then, with defaults
+in their place, what is wrong with the whole.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import yaml
+from pydantic import BaseModel, ValidationError
+
+from desim_uav.errors import ScenarioError
+from desim_uav.scenario import yaml12
+from desim_uav.scenario.checks import findings
+from desim_uav.scenario.components import described, strictly
+from desim_uav.scenario.draft import Draft, override_path
+from desim_uav.scenario.messages import Complaint, complaints
+from desim_uav.scenario.schema import Scenario, paper_preset
+
+MAX_BYTES = 2**20
+
+
+def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """The scenario of a file; ``overrides`` are ``key.path=value``, the value in YAML.
+
+    Raises ScenarioError with every problem found, UsageError for an override of another form.
+    """
+    path = Path(path)
+    return loads(_text(path), source=str(path), base=path.parent, overrides=overrides)
+
+
+def loads(
+    text: str, *, source: str = "<string>", base: Path | None = None, overrides: Sequence[str] = ()
+) -> Scenario:
+    """The scenario a text describes; files it names are relative to ``base``."""
+    for override in overrides:
+        override_path(override)
+    if len(text) > MAX_BYTES:
+        raise ScenarioError(f"{source}: larger than {MAX_BYTES >> 20} MiB")
+    document = yaml12.read(text)
+    draft = Draft(source, document.data, document.keys, document.values)
+    draft.dropped += document.doubtful
+    for mark, message in document.problems:
+        draft.at_mark(mark, message)
+    if document.empty and not document.problems:
+        draft.of_file("empty: a scenario needs at least one key, as in 'name: mine'")
+    elif not isinstance(document.data, dict) and not document.problems:
+        draft.at_mark(document.values[()], "must be a mapping of keys to values")
+    if document.broken or not isinstance(document.data, dict):
+        raise ScenarioError(*draft.problems)
+    return _resolved(draft, base, overrides)
+
+
+def from_mapping(
+    mapping: Mapping[str, Any],
+    *,
+    source: str = "<mapping>",
+    base: Path | None = None,
+    overrides: Sequence[str] = (),
+) -> Scenario:
+    """The scenario a mapping of plain data describes."""
+    for override in overrides:
+        override_path(override)
+    return _resolved(Draft(source, mapping), base, overrides)
+
+
+def dump(scenario: Scenario) -> str:
+    """A scenario as YAML, with every key: reading it gives the same scenario."""
+    return yaml.dump(
+        to_plain(scenario),
+        Dumper=_Dumper,
+        default_flow_style=None,
+        sort_keys=False,
+        allow_unicode=True,
+        width=100,
+    )
+
+
+def to_plain(scenario: Scenario) -> dict[str, Any]:
+    """A scenario as plain data, with every key."""
+    plain: dict[str, Any] = _plain(scenario)
+    if scenario.users.positions_m is not None:
+        del plain["users"]["count"], plain["users"]["clusters"]
+    return plain
+
+
+def scenario_hash(scenario: Scenario) -> str:
+    """SHA-256 of all a scenario says but its name, and of the files it uses but not their paths."""
+    content = _plain(scenario, file_as=_digest)
+    del content["name"]
+    text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def json_schema() -> dict[str, Any]:
+    """The JSON Schema of scenario files, for editors."""
+    schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
+    return schema | Scenario.model_json_schema()
+
+
+def _text(path: Path) -> str:
+    """A file as text. Raises ScenarioError."""
+    try:
+        with path.open("rb") as file:
+            content = file.read(MAX_BYTES + 1)
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ScenarioError(f"{path}: cannot be read: {reason}") from error
+    if len(content) > MAX_BYTES:
+        raise ScenarioError(f"{path}: larger than {MAX_BYTES >> 20} MiB")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise ScenarioError(f"{path}: not UTF-8 text at byte {error.start}") from error
+
+
+def _resolved(draft: Draft, base: Path | None, overrides: Sequence[str]) -> Scenario:
+    """Validate a draft; as long as something is refused, drop it and look at the rest."""
+    draft.clean()
+    if overrides:
+        defaults = to_plain(Scenario())
+        for number, override in enumerate(overrides):
+            draft.override(number, override, defaults)
+        draft.clean()
+    for path in list(draft.dropped):
+        if draft.has(path):
+            draft.drop(path)
+    scenario = _validated(draft, base)
+    while scenario is None:
+        scenario = _validated(draft, base)
+    for finding in findings(scenario):
+        if not draft.depends_on_dropped((finding.path, *finding.also)):
+            draft.at(finding.path, finding.message, finding.also)
+    if draft.problems:
+        raise ScenarioError(*draft.problems)
+    return scenario
+
+
+def _validated(draft: Draft, base: Path | None) -> Scenario | None:
+    """The scenario, or None once what is wrong has been noted and dropped."""
+    data = paper_preset(draft.data) if draft.data.get("preset") == "paper" else draft.data
+    try:
+        return strictly(Scenario, data, {"base": base})
+    except ValidationError as error:
+        found = complaints(error, draft)
+    for complaint in found:
+        if not draft.depends_on_dropped([complaint.path]):
+            _note(draft, complaint)
+    dropped = [draft.drop(complaint.drop) for complaint in found]
+    if not any(dropped):
+        draft.data = {}
+    return None
+
+
+def _note(draft: Draft, complaint: Complaint) -> None:
+    draft.at(complaint.path, complaint.message, key=complaint.at_key)
+    if complaint.mistaken_for:
+        draft.dropped.append(complaint.mistaken_for)
+
+
+def _plain(value: Any, file_as: Any = str) -> Any:
+    if isinstance(value, BaseModel):
+        return {name: _plain(getattr(value, name), file_as) for name in type(value).model_fields}
+    if isinstance(value, Mapping):
+        return {key: _plain(item, file_as) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item, file_as) for item in value]
+    if isinstance(value, Path):
+        return file_as(value)
+    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+        return int(value)
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    return _plain(described(value), file_as)
+
+
+def _digest(path: Path) -> str:
+    try:
+        return hashlib.sha256(path.read_bytes()).hexdigest()
+    except OSError as error:
+        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes what the YAML 1.2 reader reads back: no aliases, and quotes where it needs them."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Never refer back to a value."""
+        return True
+
+
+def _represent_text(dumper: yaml.SafeDumper, text: str) -> yaml.ScalarNode:
+    style = None if isinstance(yaml12.plain_scalar(text), str) else '"'
+    return dumper.represent_scalar("tag:yaml.org,2002:str", text, style=style)
+
+
+_Dumper.add_representer(str, _represent_text)

@@ -1,0 +1,179 @@
+"""Pydantic's errors in the words of this project."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from typing import Any, NamedTuple
+
+from pydantic import ValidationError
+from pydantic_core import ErrorDetails
+
+from desim_uav.registry import did_you_mean
+from desim_uav.scenario.components import Slot
+from desim_uav.scenario.draft import Draft
+from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario, Section
+from desim_uav.scenario.yaml12 import KeyPath
+
+
+class Complaint(NamedTuple):
+    """One error: at the value of ``path`` or its key; ``drop`` goes, for the rest to be checked.
+
+    ``mistaken_for``: the known key an unknown one stands for, perhaps.
+    """
+
+    path: KeyPath
+    message: str
+    drop: KeyPath
+    at_key: bool = False
+    mistaken_for: KeyPath | None = None
+
+
+def complaints(error: ValidationError, draft: Draft) -> list[Complaint]:
+    """The errors of a validation, without those that follow from others."""
+    details = error.errors(include_url=False)
+    found = [_complaint(detail, draft, details) for detail in details]
+    wrong = [c.path for c in found]
+    kept = {}
+    for complaint, detail in zip(found, details, strict=True):
+        size = len(complaint.path)
+        beneath = any(len(p) > size and p[:size] == complaint.path for p in wrong)
+        if not (beneath and detail["type"] in ("too_short", "too_long")):
+            kept.setdefault((complaint.path, complaint.message), complaint)
+    return list(kept.values())
+
+
+def _complaint(detail: ErrorDetails, draft: Draft, details: list[ErrorDetails]) -> Complaint:
+    kind, path = detail["type"], tuple(detail["loc"])
+    if path and path[-1] == "[key]":
+        return Complaint(path[:-1], _NAME, path[:-1], at_key=True)
+    if kind in ("extra_forbidden", "unexpected_keyword_argument"):
+        return _unknown_key(path, draft)
+    if kind in ("missing", "missing_argument", "missing_keyword_only_argument"):
+        return _missing(path, details)
+    known = _known_part(path, draft)
+    return Complaint(known, _message(detail), known)
+
+
+def _unknown_key(path: KeyPath, draft: Draft) -> Complaint:
+    allowed = known_keys(path[:-1], draft)
+    hint = did_you_mean(str(path[-1]), allowed)
+    nearest = (*path[:-1], hint.split("'")[1]) if hint else None
+    message = f"unknown key{hint}; allowed: {', '.join(allowed)}"
+    return Complaint(path, message, path, at_key=True, mistaken_for=nearest)
+
+
+def _missing(path: KeyPath, details: list[ErrorDetails]) -> Complaint:
+    parent = path[:-1]
+    if isinstance(path[-1], int):
+        size = 1 + max(
+            d["loc"][-1]
+            for d in details
+            if d["type"] == "missing" and d["loc"][:-1] == parent and isinstance(d["loc"][-1], int)
+        )
+        return Complaint(parent, f"must be a list of {size}", parent)
+    return Complaint(path, "missing; it has no default", parent)
+
+
+def _known_part(path: KeyPath, draft: Draft) -> KeyPath:
+    """``path`` without what pydantic adds to it (the alternatives of a union)."""
+    while path and not draft.has(path):
+        path = path[:-1]
+    return path
+
+
+def known_keys(path: KeyPath, draft: Draft) -> list[str]:
+    """The keys a mapping may have."""
+    owner: Any = Scenario
+    for depth, part in enumerate(path):
+        if owner is DrawnObstacles or not _is_section(owner) or part not in owner.model_fields:
+            return []
+        owner = _owner(owner.model_fields[str(part)], draft.get(path[: depth + 1]))
+        if isinstance(owner, dict):
+            break
+    if isinstance(owner, dict):
+        owner = owner[""]
+    if isinstance(owner, Slot):
+        given = draft.get(path)
+        return owner.parameter_names(given.get("kind") if isinstance(given, Mapping) else None)
+    return list(owner.model_fields) if _is_section(owner) else []
+
+
+def _owner(field: Any, given: Any) -> Any:
+    """What decides the keys below a field: a section, a slot, or {"": slot} for a mapping of them."""
+    parts = list(_parts(field.annotation)) + list(field.metadata)
+    slots = [part for part in parts if isinstance(part, Slot)]
+    if slots:
+        return {"": slots[0]} if dict in parts else slots[0]
+    sections = [part for part in parts if _is_section(part)]
+    if ListedObstacles in sections:
+        return ListedObstacles if isinstance(given, Mapping) and "cells" in given else DrawnObstacles
+    return sections[0] if sections else None
+
+
+def _parts(annotation: Any) -> Iterator[Any]:
+    yield annotation
+    yield getattr(annotation, "__origin__", None)
+    for part in (*getattr(annotation, "__args__", ()), *getattr(annotation, "__metadata__", ())):
+        yield from _parts(part)
+
+
+def _is_section(owner: Any) -> bool:
+    return isinstance(owner, type) and issubclass(owner, Section)
+
+
+_NAME = (
+    "must be a name: 1 to 64 letters, digits, '_', '-' and '.', beginning with neither '-' nor '.'"
+)
+
+Words = Callable[[Mapping[str, Any], Any], str]
+_WORDS: dict[str, Words] = {
+    "bool_type": lambda ctx, _: "must be true or false",
+    "int_type": lambda ctx, given: _number("a whole number", given),
+    "int_from_float": lambda ctx, _: "must be a whole number",
+    "float_type": lambda ctx, given: _number("a number", given),
+    "string_type": lambda ctx, _: "must be text",
+    "path_type": lambda ctx, _: "must be the name of a file",
+    "string_pattern_mismatch": lambda ctx, _: _NAME,
+    "tuple_type": lambda ctx, _: "must be a list",
+    "list_type": lambda ctx, _: "must be a list",
+    "dict_type": lambda ctx, _: "must be a mapping",
+    "model_type": lambda ctx, _: "must be a mapping; leave the key out for its defaults",
+    "dataclass_type": lambda ctx, _: "must be a mapping",
+    "greater_than": lambda ctx, _: f"must be above {_plain(ctx['gt'])}",
+    "greater_than_equal": lambda ctx, _: f"must be at least {_plain(ctx['ge'])}",
+    "less_than": lambda ctx, _: f"must be below {_plain(ctx['lt'])}",
+    "less_than_equal": lambda ctx, _: f"must be at most {_plain(ctx['le'])}",
+    "too_short": lambda ctx, _: _items("at least", ctx["min_length"]),
+    "too_long": lambda ctx, _: _items("at most", ctx["max_length"]),
+    "value_error": lambda ctx, _: str(ctx["error"]),
+    "literal_error": lambda ctx, given: _literal(ctx["expected"], given),
+}
+
+
+def _message(detail: ErrorDetails) -> str:
+    words = _WORDS.get(detail["type"])
+    return words(detail.get("ctx", {}), detail["input"]) if words else detail["msg"]
+
+
+def _number(what: str, given: Any) -> str:
+    if isinstance(given, int) and not isinstance(given, bool):
+        return "is too large"
+    return f"must be {what}"
+
+
+def _literal(expected: str, given: Any) -> str:
+    options = [option.strip("'") for option in expected.replace(" or ", ", ").split(", ")]
+    hint = did_you_mean(given, options) if isinstance(given, str) else ""
+    return f"must be {_either(options)}{hint}"
+
+
+def _either(options: Iterable[str]) -> str:
+    return " or ".join(options)
+
+
+def _items(bound: str, count: int) -> str:
+    return f"must have {bound} {count} item{'s' if count != 1 else ''}"
+
+
+def _plain(bound: float) -> str:
+    return f"{bound:_}".replace("_", " ") if isinstance(bound, int) else f"{bound:g}"

@@ -1,0 +1,241 @@
+"""What a scenario says: frozen models whose attribute names are the keys of the file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal
+
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    StringConstraints,
+    model_validator,
+)
+
+from desim_uav.model.admission import Admission, FirstCome
+from desim_uav.model.battery import Endurance, Energy
+from desim_uav.model.demand import Demand, Dynamic
+from desim_uav.model.mobility import Mobility, RandomWalk
+from desim_uav.model.motion import BangCoastBang, Motion
+from desim_uav.model.services import PAPER, Service
+from desim_uav.scenario.components import Slot, errors, strictly
+from desim_uav.scenario.yaml12 import KeyPath
+
+MOTION = Slot("motion", "bang_coast_bang", Motion)
+BATTERY = Slot("battery", "endurance", Energy)
+ADMISSION = Slot("admission", "first_come", Admission)
+MOBILITY = Slot("mobility", "random_walk", Mobility)
+DEMAND = Slot("demand", "dynamic", Demand)
+SERVICE = Slot("service", "uniform_choice", Service)
+
+
+def _ascending(values: tuple[float, float]) -> tuple[float, float]:
+    low, high = values
+    if low > high:
+        raise ValueError(f"must be [low, high] with low <= high; {low:g} is above {high:g}")
+    return values
+
+
+Metres = Annotated[float, Field(gt=0, le=1e6)]
+Length = Annotated[float, Field(ge=0, le=1e6)]
+Fraction = Annotated[float, Field(ge=0, le=1)]
+Height = Annotated[float, Field(gt=0, le=1e4)]
+Seed = Annotated[int, Field(ge=0, lt=2**63)]
+Index = Annotated[int, Field(ge=0, lt=1000)]
+CellCount = Annotated[int, Field(ge=1, le=1000)]
+Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$")]
+
+FractionRange = Annotated[tuple[Fraction, Fraction], AfterValidator(_ascending)]
+HeightRange = Annotated[tuple[Height, Height], AfterValidator(_ascending)]
+RadiusRange = Annotated[tuple[Metres, Metres], AfterValidator(_ascending)]
+
+
+class Section(BaseModel):
+    """A mapping of a scenario file: unknown keys are refused, values never change."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    def _settle(self, **values: object) -> None:
+        """Set what follows from other keys; ``model_fields_set`` still says what was given."""
+        self.__dict__.update(values)
+
+
+class Levels(Section):
+    """The altitudes drones fly at: the lowest, and the step between levels (3D)."""
+
+    min_altitude_m: Height = 20.0
+    step_m: Height = 20.0
+
+
+class DrawnObstacles(Section):
+    """Buildings to be drawn: a covered fraction, heights, and the side of a square (null: the cell)."""
+
+    coverage: FractionRange = (0.05, 0.15)
+    height_m: HeightRange = (20.0, 60.0)
+    square_m: Metres | None = None
+
+
+class ListedObstacles(Section):
+    """Buildings one by one: [cell x, cell y, height in metres]."""
+
+    cells: tuple[tuple[Index, Index, Height], ...]
+
+
+def _obstacles(value: Any) -> Any:
+    if isinstance(value, DrawnObstacles | ListedObstacles):
+        return value
+    if not isinstance(value, Mapping):
+        raise ValueError("must be a mapping, or null for none")
+    return strictly(ListedObstacles if "cells" in value else DrawnObstacles, dict(value))
+
+
+Obstacles = Annotated[DrawnObstacles | ListedObstacles, BeforeValidator(_obstacles)]
+
+
+class Map(Section):
+    """The map: its size, its cells, and in 3D its levels and obstacles."""
+
+    size_m: tuple[Metres, Metres] = (2400.0, 2400.0)
+    cells: tuple[CellCount, CellCount] = (10, 10)
+    dimensions: Literal[2, 3] = 3
+    levels: Levels = Levels()
+    obstacles: Obstacles | None = DrawnObstacles()
+
+    @model_validator(mode="after")
+    def _nothing_stands_in_the_way_in_2d(self) -> Map:
+        if self.dimensions == 2 and "obstacles" not in self.model_fields_set:
+            self._settle(obstacles=None)
+        return self
+
+    @property
+    def cell_m(self) -> tuple[float, float]:
+        """The size of a cell along x and y."""
+        return self.size_m[0] / self.cells[0], self.size_m[1] / self.cells[1]
+
+
+class Drones(Section):
+    """The drones: how many, what they cover and carry, how they fly."""
+
+    count: Annotated[int, Field(ge=1, le=10_000)] = 3
+    start_cells: tuple[tuple[Index, Index], ...] | None = None
+    footprint_radius_m: Metres = 600.0
+    bandwidth_kbps: Annotated[float, Field(gt=0, le=1e9)] | None = 5000.0
+    motion: Annotated[Motion, MOTION] = BangCoastBang()
+    battery: Annotated[Energy, BATTERY] | None = Endurance()
+    admission: Annotated[Admission, ADMISSION] = FirstCome()
+
+
+class Stations(Section):
+    """The charging stations, on a circle around the middle of the map; count 0: none."""
+
+    count: Annotated[int, Field(ge=0, le=1000)] = 3
+    radius_m: Length = 960.0
+    pads: Annotated[int, Field(ge=1, le=10_000)] = 1
+    full_charge_min: Annotated[float, Field(ge=1e-6, le=1e6)] = 5.0
+
+
+class Clusters(Section):
+    """Where users live: how many clusters, and the range of their radii."""
+
+    count: Annotated[int, Field(ge=1, le=10_000)] = 4
+    radius_m: RadiusRange = (240.0, 480.0)
+
+
+class Users(Section):
+    """The users: drawn around clusters, or at given positions, and how they move."""
+
+    count: Annotated[int, Field(ge=1, le=1_000_000)] = 48
+    clusters: Clusters | None = Clusters()
+    positions_m: (
+        Annotated[tuple[tuple[Length, Length], ...], Field(min_length=1, max_length=1_000_000)] | None
+    ) = None
+    max_height_m: Annotated[float, Field(ge=0, le=1e4)] = 9.0
+    mobility: Annotated[Mobility, MOBILITY] = RandomWalk()
+
+    @model_validator(mode="after")
+    def _positions_decide(self) -> Users:
+        if self.positions_m is None:
+            if self.clusters is None:
+                raise errors([(("clusters",), "may be null only beside users.positions_m", None)])
+            return self
+        problems: list[tuple[KeyPath, str, object]] = []
+        if "count" in self.model_fields_set:
+            problems.append((("count",), "not beside users.positions_m, which counts", self.count))
+        if "clusters" in self.model_fields_set and self.clusters is not None:
+            problems.append((("clusters",), "not beside users.positions_m", self.clusters))
+        if problems:
+            raise errors(problems)
+        self._settle(count=len(self.positions_m), clusters=None)
+        return self
+
+
+class PositionNoise(Section):
+    """How often a drone is wrong about each coordinate at a decision epoch, and by how much."""
+
+    probability: Fraction = 0.1
+    sigma_cells: Annotated[float, Field(ge=0, le=1000)] = 1.0
+
+
+class Episode(Section):
+    """How long an episode is; ``carry_over``: drones begin it as they ended the one before."""
+
+    steps: Annotated[int, Field(ge=1, le=1_000_000)] = 30
+    step_s: Annotated[float, Field(ge=1, le=86_400)] = 60.0
+    carry_over: bool = False
+
+
+class Scenario(Section):
+    """A scenario, fully resolved: every key has its value (the preset laid beneath, see ``load``)."""
+
+    name: Name = "scenario"
+    seed: Seed = 0
+    world_seed: Seed | None = None
+    preset: Literal["paper"] | None = None
+    map: Map = Map()
+    drones: Drones = Drones()
+    stations: Stations = Stations()
+    users: Users = Users()
+    demand: Annotated[Demand, DEMAND] = Dynamic()
+    services: Annotated[
+        dict[Name, Annotated[Service, SERVICE]], Field(min_length=1, max_length=1000)
+    ] = Field(default_factory=lambda: dict(PAPER))
+    position_noise: PositionNoise | None = None
+    episode: Episode = Episode()
+
+    @property
+    def three_d(self) -> bool:
+        """Do drones change altitude?"""
+        return self.map.dimensions == 3
+
+    @property
+    def limited_battery(self) -> bool:
+        """Do drones have to charge?"""
+        return self.drones.battery is not None
+
+    @property
+    def effective_world_seed(self) -> int:
+        """The seed the world is drawn from."""
+        return self.seed if self.world_seed is None else self.world_seed
+
+
+def paper_preset(given: Mapping[str, Any]) -> dict[str, Any]:
+    """The paper's code as defaults beneath the keys of a file: ``given`` with them filled in."""
+    drones = given.get("drones", {})
+    if isinstance(drones, Mapping):
+        drones = _with_default(drones, "battery", BATTERY, "respawn_after_min", 0.0)
+    return _with_default(given, "demand", DEMAND, "none", 0.1) | {"drones": drones}
+
+
+def _with_default(
+    given: Mapping[str, Any], key: str, slot: Slot, parameter: str, value: float
+) -> dict[str, Any]:
+    """``given`` with a parameter of the component at ``key``, if its kind has it and it is not given."""
+    component = given.get(key, {})
+    if not isinstance(component, Mapping):
+        return dict(given)
+    if parameter not in slot.parameter_names(component.get("kind")):
+        return dict(given)
+    return {**given, key: {parameter: value, **component}}

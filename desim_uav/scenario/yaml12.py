@@ -1,0 +1,250 @@
+"""A YAML 1.2 reader (core schema) over PyYAML's events, which remembers where everything stands.
+
+Plain data only: no anchors, aliases, tags, merge keys or second documents; ``yes``, ``off`` and
+``1:30`` are text, ``010`` is ten and ``1e3`` a number. It does not recurse.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import re
+from dataclasses import dataclass, field
+from typing import Any
+
+import yaml
+
+KeyPath = tuple[str | int, ...]
+"""Where a value stands: keys of mappings and indices of lists."""
+
+Mark = tuple[int, int]
+"""Line and column, from 1."""
+
+MAX_DEPTH = 50
+MAX_DIGITS = 400
+
+
+@dataclass
+class Document:
+    """What a text holds: the data, the mark of each key and value, and what is wrong with it.
+
+    ``broken``: the text could not be read to its end. ``doubtful``: the paths of duplicate keys
+    (of which the first counts) and of values left out.
+    """
+
+    data: Any = None
+    keys: dict[KeyPath, Mark] = field(default_factory=dict)
+    values: dict[KeyPath, Mark] = field(default_factory=dict)
+    problems: list[tuple[Mark, str]] = field(default_factory=list)
+    doubtful: list[KeyPath] = field(default_factory=list)
+    broken: bool = False
+    empty: bool = True
+
+
+def read(text: str) -> Document:
+    """Read one YAML document; never raises for what is in the text."""
+    text = text.removeprefix("\ufeff")
+    reader = _Reader()
+    unprintable = _UNPRINTABLE.search(text)
+    if unprintable:
+        reader.fail(_mark_of(text, unprintable.start()), _control(unprintable.group()))
+        return reader.document
+    try:
+        for event in yaml.parse(text, Loader=yaml.SafeLoader):
+            if not reader.take(event):
+                break
+    except yaml.MarkedYAMLError as error:
+        mark = error.problem_mark or error.context_mark
+        reason = ", ".join(filter(None, (error.problem, error.context)))
+        reader.fail(_mark(mark) if mark else reader.latest, f"not YAML: {reason}")
+    except (yaml.YAMLError, ValueError, OverflowError) as error:
+        reader.fail(reader.latest, f"not YAML: {error}")
+    return reader.document
+
+
+def plain_scalar(text: str) -> None | bool | int | float | str:
+    """What an unquoted scalar means in the core schema."""
+    if text in _CONSTANTS:
+        return _CONSTANTS[text]
+    if _INTEGER.fullmatch(text):
+        return int(text)
+    if text[:2] in _BASES and _BASES[text[:2]][1].fullmatch(text[2:]):
+        return int(text[2:], _BASES[text[:2]][0])
+    if _FLOAT.fullmatch(text):
+        return float(text)
+    if _INFINITY.fullmatch(text):
+        return -math.inf if text[0] == "-" else math.inf
+    return text
+
+
+_UNPRINTABLE = re.compile(
+    "[^\t\n\r\x20-\x7e\x85\xa0-\u2027\u202a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
+)
+_CONSTANTS: dict[str, None | bool | float] = (
+    dict.fromkeys(("", "~", "null", "Null", "NULL"))
+    | dict.fromkeys(("true", "True", "TRUE"), True)
+    | dict.fromkeys(("false", "False", "FALSE"), False)
+    | dict.fromkeys((".nan", ".NaN", ".NAN"), math.nan)
+)
+_INTEGER = re.compile(r"[-+]?[0-9]+")
+_BASES = {"0o": (8, re.compile("[0-7]+")), "0x": (16, re.compile("[0-9a-fA-F]+"))}
+_FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
+_INFINITY = re.compile(r"[-+]?(\.inf|\.Inf|\.INF)")
+
+_ABSENT: Any = object()
+"""A value left out: it had an alias, a tag of its own, or a key that is refused."""
+
+
+@dataclass
+class _Frame:
+    """An open mapping or list; ``key`` is the one whose value comes next."""
+
+    container: dict[str, Any] | list[Any]
+    path: KeyPath
+    refused: bool
+    is_key: bool
+    key: Any = None
+    awaits_value: bool = False
+
+
+class _Reader:
+    """Builds a ``Document`` from events, one at a time."""
+
+    def __init__(self) -> None:
+        self.document = Document()
+        self.latest: Mark = (1, 1)
+        self._frames: list[_Frame] = []
+        self._documents = 0
+
+    def fail(self, mark: Mark, message: str) -> bool:
+        """Note a problem that ends the reading."""
+        self._note(mark, message)
+        self.document.broken = True
+        return False
+
+    def take(self, event: yaml.Event) -> bool:
+        """Take the next event; False ends the reading."""
+        self.latest = _mark(event.start_mark)
+        if isinstance(event, yaml.DocumentStartEvent):
+            self._documents += 1
+            if self._documents > 1:
+                return self.fail(self.latest, "a second document; a scenario file holds one")
+        elif isinstance(event, yaml.AliasEvent):
+            self._note(self.latest, f"alias *{event.anchor}: aliases are not allowed")
+            self._scalar_or_alias(_ABSENT, self.latest)
+        elif isinstance(event, yaml.ScalarEvent):
+            self._check_properties(event)
+            self._scalar_or_alias(self._scalar(event), self.latest)
+        elif isinstance(event, yaml.CollectionStartEvent):
+            self._check_properties(event)
+            return self._open(event)
+        elif isinstance(event, yaml.CollectionEndEvent):
+            self._close()
+        return True
+
+    def _note(self, mark: Mark, message: str) -> None:
+        self.document.problems.append((mark, message))
+
+    def _check_properties(self, event: yaml.NodeEvent) -> None:
+        if event.anchor is not None:
+            self._note(self.latest, f"anchor &{event.anchor}: anchors are not allowed")
+        tag = getattr(event, "tag", None)
+        if tag is not None:
+            self._note(self.latest, f"tag {tag}: tags are not allowed")
+
+    def _scalar(self, event: yaml.ScalarEvent) -> Any:
+        text: str = event.value
+        unprintable = _UNPRINTABLE.search(text)
+        if unprintable:
+            self._note(self.latest, _control(unprintable.group()))
+            return _ABSENT
+        if event.style is not None:
+            return text
+        if len(text) > MAX_DIGITS and text.lstrip("+-0ox")[:MAX_DIGITS].isalnum():
+            digits = text.lstrip("+-")
+            if _INTEGER.fullmatch(digits) or text[:2] in _BASES:
+                self._note(self.latest, f"a number of {len(digits)} digits; at most {MAX_DIGITS}")
+                return _ABSENT
+        return plain_scalar(text)
+
+    def _scalar_or_alias(self, value: Any, mark: Mark) -> None:
+        frame = self._frames[-1] if self._frames else None
+        if frame and isinstance(frame.container, dict) and not frame.awaits_value:
+            self._take_key(frame, value, mark)
+        else:
+            self._place(value, mark)
+
+    def _take_key(self, frame: _Frame, value: Any, mark: Mark) -> None:
+        frame.awaits_value = True
+        frame.key = value
+        if value is _ABSENT or frame.refused:
+            return
+        if not isinstance(value, str):
+            self._note(mark, f"key {json.dumps(value)}: keys must be text; put it in quotes")
+            frame.key = _ABSENT
+        elif value == "<<":
+            self._note(mark, "<<: merge keys are not allowed")
+            frame.key = _ABSENT
+        elif (*frame.path, value) in self.document.keys:
+            path = (*frame.path, value)
+            first = self.document.keys[path]
+            self._note(mark, f"key {value!r} is given twice, first at line {first[0]}")
+            self.document.doubtful.append(path)
+            frame.key = _ABSENT
+        else:
+            self.document.keys[(*frame.path, value)] = mark
+
+    def _place(self, value: Any, mark: Mark) -> tuple[KeyPath, bool]:
+        """Put a value where it belongs: (its path, was it refused?)."""
+        if not self._frames:
+            self.document.data = None if value is _ABSENT else value
+            self.document.values[()] = mark
+            self.document.empty = value is None
+            return (), value is _ABSENT
+        frame = self._frames[-1]
+        container = frame.container
+        key = len(container) if isinstance(container, list) else frame.key
+        frame.awaits_value = False
+        if frame.refused or key is _ABSENT:
+            return (), True
+        path = (*frame.path, key)
+        if value is _ABSENT:
+            self.document.doubtful.append(path)
+        if isinstance(container, list):
+            container.append(None if value is _ABSENT else value)
+        elif value is not _ABSENT:
+            container[key] = value
+        self.document.values[path] = mark
+        return path, False
+
+    def _open(self, event: yaml.CollectionStartEvent) -> bool:
+        if len(self._frames) >= MAX_DEPTH:
+            return self.fail(self.latest, f"nested more than {MAX_DEPTH} deep")
+        new: dict[str, Any] | list[Any] = {} if isinstance(event, yaml.MappingStartEvent) else []
+        frame = self._frames[-1] if self._frames else None
+        if frame and isinstance(frame.container, dict) and not frame.awaits_value:
+            self._note(self.latest, "a mapping or list as a key: keys must be text")
+            self._frames.append(_Frame(new, (), refused=True, is_key=True))
+        else:
+            path, refused = self._place(new, self.latest)
+            self._frames.append(_Frame(new, path, refused, is_key=False))
+        return True
+
+    def _close(self) -> None:
+        if self._frames.pop().is_key:
+            parent = self._frames[-1]
+            parent.key = _ABSENT
+            parent.awaits_value = True
+
+
+def _mark(mark: yaml.Mark) -> Mark:
+    return mark.line + 1, mark.column + 1
+
+
+def _mark_of(text: str, index: int) -> Mark:
+    before = text[:index]
+    return before.count("\n") + 1, index - (before.rfind("\n") + 1) + 1
+
+
+def _control(character: str) -> str:
+    return f"character U+{ord(character):04X} is not allowed"

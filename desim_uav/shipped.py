@@ -1,0 +1,51 @@
+"""Finds the scenarios that come with the package: in the wheel, or beside it in a checkout."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from pathlib import Path
+
+from desim_uav.errors import ScenarioError
+
+_PACKAGE = Path(__file__).resolve().parent
+
+
+def scenario_names() -> list[str]:
+    """The names of the shipped scenarios, case2 before case10."""
+    return sorted((path.stem for path in _folder("scenarios").glob("*.yaml")), key=_natural)
+
+
+def scenario_path(name: str) -> Path:
+    """The file of a shipped scenario. Raises ScenarioError with the nearest name."""
+    known = scenario_names()
+    if name not in known:
+        nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+        hint = f" (did you mean {nearest[0]!r}?)" if nearest else ""
+        raise ScenarioError(
+            f"{name}: neither a file nor a shipped scenario{hint}; shipped: {', '.join(known)}"
+        )
+    return _folder("scenarios") / f"{name}.yaml"
+
+
+def find_scenario(argument: str) -> Path:
+    """The file an argument means: a path to one, or the name of a shipped scenario."""
+    path = Path(argument)
+    try:
+        exists = path.exists() and (path.is_file() or not path.is_dir() or path.suffix != "")
+    except (OSError, ValueError):
+        exists = False
+    if exists:
+        return path
+    if path.name != argument or path.suffix in (".yaml", ".yml"):
+        raise ScenarioError(f"{argument}: no such file")
+    return scenario_path(argument)
+
+
+def _folder(name: str) -> Path:
+    inside = _PACKAGE / name
+    return inside if inside.is_dir() else _PACKAGE.parent / name
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", name)]

@@ -1,0 +1,223 @@
+"""What does not change in a run: map, buildings, stations, clusters, homes, and the drones' physics."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import ScenarioError
+from desim_uav.model.grid import Cell, Grid, altitudes, connected
+from desim_uav.model.mobility import Area
+from desim_uav.model.motion import Transit
+from desim_uav.model.planner import Planner
+from desim_uav.model.rules import MOVES, US, Action, actions
+from desim_uav.model.services import Catalogue, catalogue
+from desim_uav.model.streams import Purpose, Streams
+from desim_uav.scenario.layout import start_cells, station_cells
+from desim_uav.scenario.schema import DrawnObstacles, Scenario
+
+REDRAWS = 100
+
+
+@dataclass(frozen=True, eq=False)
+class World:
+    """A drawn world. Cells are (ix, iy); ``clusters`` rows x, y, radius and ``homes`` rows x, y, z
+    are in metres.
+    """
+
+    scenario: Scenario
+    seed: int
+    grid: Grid
+    stations: tuple[Cell, ...]
+    starts: tuple[Cell, ...]
+    clusters: NDArray[np.float64]
+    homes: NDArray[np.float64]
+
+    @cached_property
+    def area(self) -> Area:
+        """The size of the map."""
+        return Area(self.grid.width_m, self.grid.depth_m)
+
+    @cached_property
+    def actions(self) -> tuple[Action, ...]:
+        """What a drone can be told; a command is an index into it."""
+        return actions(self.scenario.three_d, self.scenario.limited_battery)
+
+    @cached_property
+    def services(self) -> Catalogue:
+        """The services as arrays, with the shares of the demand's mix."""
+        offered = self.scenario.services
+        mix = getattr(self.scenario.demand, "mix", dict.fromkeys(offered, 1.0))
+        return catalogue(offered, mix)
+
+    @property
+    def step_us(self) -> int:
+        """The time between decision epochs."""
+        return round(self.scenario.episode.step_s * US)
+
+    @property
+    def horizon_us(self) -> int:
+        """The length of an episode."""
+        return self.step_us * self.scenario.episode.steps
+
+    @property
+    def bandwidth_bps(self) -> float:
+        """The bandwidth of a drone in bit/s: a whole number, or inf."""
+        kbps = self.scenario.drones.bandwidth_kbps
+        return math.inf if kbps is None else round(kbps * 1000)
+
+    @property
+    def capacity_us(self) -> int:
+        """A full battery, in microseconds of autonomy; 0 where the battery is unlimited."""
+        battery = self.scenario.drones.battery
+        return 0 if battery is None else round(battery.autonomy_min * 60 * US)
+
+    @cached_property
+    def epoch_transits(self) -> dict[Action, Transit]:
+        """The transit each moving action commands."""
+        motion, step_s = self.scenario.drones.motion, self.scenario.episode.step_s
+        return {
+            action: motion.epoch_transit(self._hop_m(move), step_s)
+            for action, move in MOVES.items()
+            if action in self.actions
+        }
+
+    @cached_property
+    def fastest_transits(self) -> dict[Cell | tuple[int, int, int], Transit]:
+        """The minimum-time transit of each hop (dx, dy, dlevel), as returns are flown."""
+        motion = self.scenario.drones.motion
+        return {move: motion.fastest_transit(self._hop_m(move)) for move in MOVES.values()}
+
+    @cached_property
+    def planner(self) -> Planner:
+        """Plans returns to the stations."""
+        x, y, z = (self.fastest_transits[hop].duration_us for hop in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+        return Planner(self.grid, self.stations, (x, y, z))
+
+    def _hop_m(self, move: tuple[int, int, int]) -> float:
+        dx, dy = self.grid.cell_m
+        return dx if move[0] else dy if move[1] else self.grid.level_step_m
+
+
+def build_world(scenario: Scenario, seed: int) -> World:
+    """Draw the world of a scenario; ``seed`` is the world seed.
+
+    Raises ScenarioError where no drawn map leaves the free cells connected.
+    """
+    stations, starts = station_cells(scenario), start_cells(scenario)
+    height_m = _draw_buildings(scenario, seed, {*stations, *starts})
+    levels = scenario.map.levels
+    levels_m, under_ceiling = (levels.min_altitude_m,), 1
+    if scenario.three_d:
+        levels_m, under_ceiling = altitudes(levels.min_altitude_m, levels.step_m, height_m.max())
+    width_m, depth_m = scenario.map.size_m
+    grid = Grid(width_m, depth_m, height_m, levels_m, levels.step_m, under_ceiling)
+    clusters = _draw_clusters(scenario, seed)
+    homes = _draw_homes(scenario, seed, grid, clusters)
+    return World(scenario, seed, grid, tuple(stations), tuple(starts), clusters, homes)
+
+
+def _draw_buildings(scenario: Scenario, seed: int, kept_free: set[Cell]) -> NDArray[np.float64]:
+    """The height of the tallest building in each cell (nx, ny), redrawn until all hangs together."""
+    obstacles = scenario.map.obstacles
+    height_m = np.zeros(scenario.map.cells)
+    if obstacles is None or not scenario.three_d:
+        return height_m
+    if not isinstance(obstacles, DrawnObstacles):
+        for ix, iy, height in obstacles.cells:
+            height_m[ix, iy] = height
+        return height_m
+    rng = Streams(seed, Purpose.WORLD).generator(0)
+    for _ in range(1 + REDRAWS):
+        height_m = _draw_squares(scenario, obstacles, rng)
+        for cell in kept_free:
+            height_m[cell] = 0.0
+        if connected((height_m > 0.0) & (height_m >= scenario.map.levels.min_altitude_m)):
+            return height_m
+    raise ScenarioError(
+        f"map.obstacles: none of {1 + REDRAWS} drawn maps (world seed {seed}) leaves the free cells "
+        f"connected at the lowest level; lower map.obstacles.coverage"
+    )
+
+
+def _draw_squares(
+    scenario: Scenario, obstacles: DrawnObstacles, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Building squares without replacement on their own grid, painted onto the cells."""
+    width_m, depth_m = scenario.map.size_m
+    nx, ny = scenario.map.cells
+    square_x = obstacles.square_m or width_m / nx
+    square_y = obstacles.square_m or depth_m / ny
+    columns, rows = math.ceil(width_m / square_x - 1e-9), math.ceil(depth_m / square_y - 1e-9)
+    fraction = rng.uniform(*obstacles.coverage)
+    count = round(fraction * columns * rows)
+    squares = rng.choice(columns * rows, size=count, replace=False)
+    heights = rng.uniform(*obstacles.height_m, size=count)
+    height_m = np.zeros((nx, ny))
+    for square, height in zip(squares.tolist(), heights.tolist(), strict=True):
+        column, row = divmod(square, rows)
+        xs = _overlapped(column * square_x, (column + 1) * square_x, width_m / nx, nx)
+        ys = _overlapped(row * square_y, (row + 1) * square_y, depth_m / ny, ny)
+        height_m[xs, ys] = np.maximum(height_m[xs, ys], height)
+    return height_m
+
+
+def _overlapped(low_m: float, high_m: float, cell_m: float, cells: int) -> slice:
+    """The cells along one axis that share more than an edge with [low, high]."""
+    first = math.floor(low_m / cell_m + 1e-9)
+    return slice(first, min(math.ceil(high_m / cell_m - 1e-9), cells))
+
+
+def _draw_clusters(scenario: Scenario, seed: int) -> NDArray[np.float64]:
+    """Centroids uniform over the map, one radius off the edge where it fits: rows x, y, radius."""
+    clusters = scenario.users.clusters
+    if clusters is None:
+        return np.empty((0, 3))
+    streams = Streams(seed, Purpose.WORLD)
+    drawn = []
+    for cluster in range(clusters.count):
+        rng = streams.generator(1 + cluster)
+        radius = rng.uniform(*clusters.radius_m)
+        margins = (min(radius, side / 2) for side in scenario.map.size_m)
+        x, y = (
+            rng.uniform(margin, side - margin)
+            for margin, side in zip(margins, scenario.map.size_m, strict=True)
+        )
+        drawn.append((x, y, radius))
+    return np.array(drawn)
+
+
+def _draw_homes(
+    scenario: Scenario, seed: int, grid: Grid, clusters: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Users dealt round robin to clusters: truncated normal positions; a height in a built cell."""
+    users = scenario.users
+    streams = Streams(seed, Purpose.PLACEMENT)
+    homes = np.zeros((users.count, 3))
+    for user in range(users.count):
+        rng = streams.generator(user)
+        if users.positions_m is not None:
+            homes[user, :2] = users.positions_m[user]
+        else:
+            homes[user, :2] = _truncated_normal(rng, clusters[user % len(clusters)], grid)
+        building = grid.height_m[grid.cell_of(*homes[user, :2])]
+        if building > 0.0:
+            homes[user, 2] = rng.uniform(0.0, min(building, users.max_height_m))
+    return homes
+
+
+def _truncated_normal(
+    rng: np.random.Generator, cluster: Sequence[float] | NDArray[np.float64], grid: Grid
+) -> tuple[float, float]:
+    """A normal around the centroid (σ = radius / 2 an axis), truncated to the disc and the map."""
+    x, y, radius = cluster
+    while True:
+        dx, dy = rng.normal(0.0, radius / 2.0, size=2)
+        on_map = 0.0 <= x + dx <= grid.width_m and 0.0 <= y + dy <= grid.depth_m
+        if dx * dx + dy * dy <= radius * radius and on_map:
+            return float(x + dx), float(y + dy)
