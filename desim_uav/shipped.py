@@ -32,13 +32,13 @@ def find_scenario(argument: str) -> Path:
     """The file an argument means: a path to one, or the name of a shipped scenario."""
     path = Path(argument)
     try:
-        exists = path.exists() and (path.is_file() or not path.is_dir() or path.suffix != "")
-    except (OSError, ValueError):
-        exists = False
-    if exists:
-        return path
+        if path.exists() and not path.is_dir():
+            return path
+    except (OSError, ValueError) as error:
+        raise ScenarioError(f"{argument}: cannot be read: {error}") from error
     if path.name != argument or path.suffix in (".yaml", ".yml"):
-        raise ScenarioError(f"{argument}: no such file")
+        reason = "a folder, not a scenario file" if path.is_dir() else "no such file"
+        raise ScenarioError(f"{argument}: {reason}")
     return scenario_path(argument)
 
 

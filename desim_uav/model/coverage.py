@@ -18,6 +18,9 @@ from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
 T0_US, X0, Y0, VX, VY = range(5)
 """Columns of a table of user legs: a straight walk from (X0, Y0) that begins at T0_US."""
 
+Route = tuple[float, float, float, float]
+Span = tuple[int, int]
+
 TIME_US, USER, ENTERS = range(3)
 """Columns of a table of crossings."""
 
@@ -45,8 +48,12 @@ def walked(legs: NDArray[np.float64], leg: int, t_us: float) -> tuple[float, flo
 @kernel
 def crossings(
     profile: NDArray[np.float64],
-    route: NDArray[np.float64],
-    span_us: NDArray[np.int64],
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    start_us: int,
+    end_us: int,
     radius: float,
     legs: NDArray[np.float64],
     offsets: NDArray[np.int64],
@@ -55,12 +62,14 @@ def crossings(
 ) -> int:
     """All entries and exits of one drone's leg, for all users; their number.
 
-    ``profile``: the drone's transit; ``route``: x, y from and x, y to, in metres (along one axis);
-    ``span_us``: start and end of the leg; ``legs`` (rows: T0_US X0 Y0 VX VY) with the rows of user u
+    ``profile``: the drone's transit from (x0, y0) to (x1, y1), in metres and along one axis, then a
+    hover until the leg ends; ``legs`` (rows: T0_US X0 Y0 VX VY) with the rows of user u
     at ``offsets[u]:offsets[u + 1]``; ``fresh``: the drone begins to serve, so that users inside at
     the start enter then. Rows (time, user, enters) go into ``out``, user by user in order of time;
     what does not fit is counted but not written. An entry and an exit in one microsecond cancel.
     """
+    route = (x0, y0, x1, y1)
+    span_us = (start_us, end_us)
     total = 0
     for user in range(len(offsets) - 1):
         stop = offsets[user + 1]
@@ -96,8 +105,8 @@ def _is_inside(
 
 @kernel
 def _cannot_cross(
-    route: NDArray[np.float64],
-    span_us: NDArray[np.int64],
+    route: Route,
+    span_us: Span,
     radius: float,
     legs: NDArray[np.float64],
     first: int,
@@ -134,8 +143,8 @@ def _cannot_cross(
 @kernel
 def _roots(
     profile: NDArray[np.float64],
-    route: NDArray[np.float64],
-    span_us: NDArray[np.int64],
+    route: Route,
+    span_us: Span,
     radius: float,
     legs: NDArray[np.float64],
     first: int,
@@ -154,7 +163,7 @@ def _roots(
     ey = np.sign(route[3] - route[1])
     span = (span_us[1] - span_us[0]) * 1e-6
     points = np.empty(4)
-    latest = span_us[0] if entered else np.int64(-1)
+    latest = span_us[0] if entered else -1
     phase = 0
     leg = first
     at = 0.0
@@ -201,7 +210,7 @@ def _roots(
                 t_us = span_us[0] + np.int64(np.rint((at + root) * 1e6))
                 if t_us == latest:
                     total -= 1
-                    latest = np.int64(-1)
+                    latest = -1
                 else:
                     total = _write(out, total, t_us, user, now_inside)
                     latest = t_us

@@ -84,7 +84,6 @@ def actions(three_d: bool, limited_battery: bool) -> tuple[Action, ...]:
     return tuple(chosen)
 
 
-@cache
 def mask(
     allowed: tuple[Action, ...], mode: Mode, may_return: bool, may_charge: bool
 ) -> tuple[bool, ...]:

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterator
 from itertools import islice
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from desim_uav.model.mobility import Area
 from desim_uav.registry import did_you_mean
 from desim_uav.scenario.components import place_of_problem
@@ -106,7 +108,8 @@ def obstacles_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
     else:
         tallest = obstacles.height_m[1]
         if obstacles.square_m is not None:
-            squares = math.prod(math.ceil(side / obstacles.square_m) for side in scenario.map.size_m)
+            width, depth = scenario.map.size_m
+            squares = math.ceil(width / obstacles.square_m) * math.ceil(depth / obstacles.square_m)
             if squares > MAX_SQUARES:
                 yield Finding(
                     (*path, "square_m"),
@@ -150,7 +153,8 @@ def the_mix_names_services(scenario: Scenario) -> Iterator[Finding]:
         if name not in known:
             yield Finding(
                 (*path, name),
-                f"unknown service {name!r}{did_you_mean(name, known)}; allowed: {', '.join(known)}",
+                f"no such service{did_you_mean(name, known)}; "
+                f"demand.mix can name {', '.join(known)}",
                 (("services",),),
             )
     if not sum(mix.values()) > 0:
@@ -163,7 +167,7 @@ def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
     if battery is not None and round(battery.autonomy_min * 60e6) < 1:
         yield Finding(("drones", "battery", "autonomy_min"), "is less than a microsecond")
     for name, service in scenario.services.items():
-        if (service.durations_us() < 1).any():
+        if np.min(service.durations_us()) < 1:
             yield Finding(
                 ("services", name, "duration_min"), "a duration is less than a microsecond"
             )
@@ -219,7 +223,7 @@ def _listed_obstacles(scenario: Scenario, obstacles: ListedObstacles) -> Iterato
         if not _on_map(scenario, cell):
             problem, also = _off_map(scenario), (("map", "cells"),)
         elif cell in seen:
-            problem, also = f"cell {_shown(cell)} is given twice, first as {path[-1]}.{seen[cell]}", ()
+            problem, also = f"this cell is given twice, first as {path[-1]}.{seen[cell]}", ()
         elif cell in kept_free:
             problem = f"a building on {kept_free[cell]}"
         if problem:
@@ -240,8 +244,8 @@ def _cut_off(
         if cell not in reached and _on_map(scenario, cell):
             yield Finding(
                 ("map", "obstacles", "cells"),
-                f"the buildings cut {_shown(cell)} off from {_shown(cells[0])} at the lowest level, "
-                f"{lowest:g} m",
+                f"the buildings cut {_shown(cell)} off from {_shown(cells[0])} "
+                f"at the lowest level, {lowest:g} m",
                 (*also, ("map", "levels", "min_altitude_m")),
             )
             return
@@ -264,7 +268,7 @@ def _transit_problem(scenario: Scenario, distance_m: float) -> str:
         scenario.drones.motion.epoch_transit(distance_m, scenario.episode.step_s)
     except ValueError as error:
         return str(error)
-    except ArithmeticError as error:
+    except Exception as error:  # a user's class may raise anything
         return f"{type(error).__name__}: {error}"
     return ""
 
@@ -276,7 +280,8 @@ def _own_problems(
     for problem in islice(problems, MAX_TRACE_PROBLEMS):
         yield Finding(where, problem, also)
     if len(problems) > MAX_TRACE_PROBLEMS:
-        yield Finding(where, f"and {len(problems) - MAX_TRACE_PROBLEMS} more problems of this kind", also)
+        more = len(problems) - MAX_TRACE_PROBLEMS
+        yield Finding(where, f"and {more} more problems of this kind", also)
 
 
 def _on_map(scenario: Scenario, cell: Cell) -> bool:

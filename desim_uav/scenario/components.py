@@ -14,7 +14,7 @@ from typing import Any
 from pydantic import ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
 from pydantic import ValidationError as PydanticError
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError, core_schema, to_json
+from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema, to_json
 
 from desim_uav import registry
 from desim_uav.scenario.yaml12 import KeyPath
@@ -87,14 +87,16 @@ class Slot:
             component = _validated(found, given, context.get("base"))
         missing = [name for name in _attributes(self.protocol) if not hasattr(component, name)]
         if missing:
-            raise _error_at("kind", f"{kind!r} is no {self.name}: no attribute {missing[0]!r}", kind)
+            problem = f"{kind!r} is no {self.name}: it has no attribute {missing[0]!r}"
+            raise _error_at("kind", problem, kind)
         return component
 
     def _allowed(self) -> str:
-        return f"{', '.join(registry.names(self.name))}, or \"package.module:Class\""
+        return f'{", ".join(registry.names(self.name))}, or "package.module:Class"'
 
     def _built_in_schema(self, kind: str) -> JsonSchemaValue:
-        schema = _adapter(registry.resolve(self.name, kind)).json_schema()
+        found = registry.resolve(self.name, kind)
+        schema = _adapter(found).json_schema()  # type: ignore[arg-type]
         properties = {"kind": {"const": kind}} | schema.get("properties", {})
         required = schema.get("required", [])
         if kind != self.default:
@@ -134,17 +136,17 @@ def place_of_problem(component: Any) -> KeyPath:
     return (names[0],) if len(names) == 1 else ()
 
 
-def strictly(kind: Any, value: Any, context: Mapping[str, Any] | None = None) -> Any:
+def strictly(kind: type, value: Any, context: Mapping[str, Any] | None = None) -> Any:
     """Validate plain data strictly: lists may be tuples, but text and booleans are no numbers."""
     return _adapter(kind).validate_json(to_json(value), strict=True, context=context)
 
 
 def errors(problems: list[tuple[KeyPath, str, Any]]) -> PydanticError:
     """An error to raise in a validator, each problem at its own (path, message, value)."""
-    return PydanticError.from_exception_data(
-        "component",
-        [{"type": _error(message), "loc": path, "input": value} for path, message, value in problems],
-    )
+    details: list[InitErrorDetails] = [
+        {"type": _error(message), "loc": path, "input": value} for path, message, value in problems
+    ]
+    return PydanticError.from_exception_data("component", details)
 
 
 def _validated(found: type, given: dict[str, Any], base: Path | None) -> Any:
@@ -155,10 +157,9 @@ def _validated(found: type, given: dict[str, Any], base: Path | None) -> Any:
         return strictly(found, given)
     except PydanticError as error:
         names = _file_parameters(found)
-        whole = [e for e in error.errors(include_url=False) if e["loc"] == () and e["type"] == "value_error"]
-        if whole and len(names) == 1 and names[0] in given:
-            message = str(whole[0]["ctx"]["error"])
-            raise _error_at(names[0], message, given[names[0]]) from error
+        causes = [e["ctx"]["error"] for e in error.errors() if not e["loc"] and "ctx" in e]
+        if causes and len(names) == 1:
+            raise _error_at(names[0], str(causes[0]), given.get(names[0])) from error
         raise
     except Exception as error:  # a user's class may raise anything
         raise _error(f"cannot be made: {type(error).__name__}: {error}") from error
@@ -193,7 +194,8 @@ def _refuse_huge(given: Mapping[str, Any]) -> None:
 
 
 @cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
+def _adapter(kind: type) -> TypeAdapter[Any]:
+    """Made once for each class: a dataclass refuses unknown parameters, as models do."""
     if dataclasses.is_dataclass(kind) and "__pydantic_config__" not in vars(kind):
         setattr(kind, "__pydantic_config__", ConfigDict(extra="forbid"))  # noqa: B010
     return TypeAdapter(kind)

@@ -10,11 +10,11 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any, NamedTuple
 
-from desim_uav.errors import UsageError
+from desim_uav.errors import ScenarioError, UsageError
 from desim_uav.scenario import yaml12
-from desim_uav.scenario.yaml12 import KeyPath, Mark
+from desim_uav.scenario.yaml12 import KeyPath, Mark, shortened, unprintable_in
 
-MAX_SHOWN = 60
+MAX_PROBLEMS = 100
 
 
 class Origin(NamedTuple):
@@ -29,7 +29,8 @@ class Origin(NamedTuple):
 class Draft:
     """Plain data under construction, and the problems found in it.
 
-    ``dropped``: the paths whose values were refused, so that defaults stand in for them.
+    ``dropped``: the paths of values taken away, for which defaults stand in; ``doubtful``: others
+    that are perhaps not what the file means, so that nothing follows from them.
     """
 
     source: str
@@ -38,12 +39,20 @@ class Draft:
     values: dict[KeyPath, Mark] = field(default_factory=dict)
     origins: dict[KeyPath, Origin] = field(default_factory=dict)
     dropped: list[KeyPath] = field(default_factory=list)
+    doubtful: list[KeyPath] = field(default_factory=list)
     _problems: dict[str, tuple[int, Mark]] = field(default_factory=dict)
 
     @property
     def problems(self) -> list[str]:
-        """What is wrong, in the order of the file, then of the overrides."""
-        return sorted(self._problems, key=lambda line: self._problems[line])
+        """What is wrong, in the order of the file, then of the overrides; not too many of them."""
+        lines = sorted(self._problems, key=lambda line: self._problems[line])
+        more = len(lines) - MAX_PROBLEMS
+        return lines if more <= 0 else [*lines[:MAX_PROBLEMS], f"{self.source}: and {more} more"]
+
+    @property
+    def hopeless(self) -> bool:
+        """Are there so many problems that it is no use to look for more?"""
+        return len(self._problems) >= MAX_PROBLEMS
 
     def at_mark(self, mark: Mark, message: str) -> None:
         """Note a problem at a place of the file."""
@@ -56,12 +65,13 @@ class Draft:
     def at(
         self, path: KeyPath, message: str, also: Sequence[KeyPath] = (), *, key: bool = False
     ) -> None:
-        """Note a problem of the value at ``path``, or of its key; where neither was given, of the
-        first of ``also`` that was.
+        """Note a problem of the value at ``path``, or of its key.
+
+        Where it was not given, the place is that of the first of ``also`` that was.
         """
         given = [p for p in (path, *also) if self.has(p)]
         where = given[0] if given else path
-        subject = ".".join(map(str, path))
+        subject = ".".join(shortened(str(part)) for part in path)
         if self.has(path) and not key:
             subject += f": {shown(self.get(path))}"
         origin = self._origin(where)
@@ -83,7 +93,9 @@ class Draft:
         return self._find(path)[0]
 
     def drop(self, path: KeyPath) -> bool:
-        """Take the value at ``path`` away, with the list it stands in; False if there is none."""
+        """Take the value at ``path`` away, with the list it stands in; was there anything left?"""
+        if any(path[: len(gone)] == gone for gone in self.dropped):
+            return False
         while path and (isinstance(path[-1], int) or not self.has(path)):
             path = path[:-1]
         if not path:
@@ -92,13 +104,17 @@ class Draft:
         del self.get(path[:-1])[path[-1]]
         return True
 
-    def depends_on_dropped(self, paths: Sequence[KeyPath]) -> bool:
-        """Does one of ``paths`` lie over or under a value that was refused?"""
-        return any(_related(path, gone) for path in paths for gone in self.dropped)
+    def depends_on_refused(self, paths: Sequence[KeyPath]) -> bool:
+        """Does one of ``paths`` lie over or under a value that is gone or doubtful?"""
+        refused = (*self.dropped, *self.doubtful)
+        return any(_related(path, other) for path in paths for other in refused)
 
     def clean(self) -> None:
-        """Refuse what no key takes; whole floats become ints, tuples lists and paths text."""
-        self.data = self._cleaned((), self.data)
+        """Whole floats become ints; what no key takes is refused."""
+        refused: list[KeyPath] = []
+        self.data = self._cleaned((), self.data, refused)
+        for path in refused:
+            self.drop(path)
 
     def override(self, number: int, text: str, defaults: Mapping[str, Any]) -> None:
         """Apply ``key.path=value``; lists not given are first filled in from ``defaults``."""
@@ -107,35 +123,37 @@ class Draft:
         for _, message in document.problems:
             self._note(f"-S {shortened(text)}: {message}", (1, (number, 0)))
         if document.problems:
-            self.dropped.append(path)
+            self.doubtful.append(path)
             return
-        message = self._assign(path, document.data, defaults)
-        if message:
-            self._note(f"-S {shortened(text)}: {message}", (1, (number, 0)))
+        try:
+            container, path = self._reach(path, defaults)
+        except LookupError as error:
+            self._note(f"-S {shortened(text)}: {error.args[0]}", (1, (number, 0)))
             return
-        for known in [p for p in self.origins if p[: len(path)] == path]:
+        container[path[-1]] = document.data
+        beneath = [p for p in self.origins if p[: len(path)] == path]
+        for known in beneath:
             del self.origins[known]
         self.origins[path] = Origin(number, text, path)
+        self.doubtful = [p for p in self.doubtful if not _related(p, path)]
 
-    def _assign(self, path: KeyPath, value: Any, defaults: Mapping[str, Any]) -> str:
-        container, default = self.data, defaults
+    def _reach(self, path: KeyPath, defaults: Mapping[str, Any]) -> tuple[Any, KeyPath]:
+        """What holds the item at ``path``, made where it is missing, and ``path`` with indices."""
+        container: Any = self.data
+        default: Any = defaults
+        reached: KeyPath = ()
         for position, part in enumerate(path):
-            last = position == len(path) - 1
-            key: Any = part
-            if isinstance(container, list):
-                if not (str(part).isdecimal() and int(part) < len(container)):
-                    return f"{part!r} is no item of a list of {len(container)}, counted from 0"
-                key = int(part)
+            key = _index(str(part), container) if isinstance(container, list) else part
+            reached = (*reached, key)
+            if position == len(path) - 1:
+                break
             default = default.get(part) if isinstance(default, Mapping) else None
-            if last:
-                container[key] = value
-                return ""
-            below = container[key] if isinstance(container, list) else container.get(key)
+            below: Any = container[key] if part != key else container.get(key)
             if not isinstance(below, dict | list):
                 below = copy.deepcopy(default) if isinstance(default, list) else {}
                 container[key] = below
             container = below
-        return ""
+        return container, reached
 
     def _note(self, line: str, order: tuple[int, Mark]) -> None:
         self._problems.setdefault(_one_line(line), order)
@@ -143,12 +161,12 @@ class Draft:
     def _find(self, path: KeyPath) -> tuple[Any, bool]:
         value = self.data
         for part in path:
-            if isinstance(value, dict) and part in value:
-                value = value[part]
-            elif isinstance(value, list) and isinstance(part, int) and part < len(value):
-                value = value[part]
-            else:
+            held = part in value if isinstance(value, dict) else False
+            if isinstance(value, list) and isinstance(part, int):
+                held = part < len(value)
+            if not held:
                 return None, False
+            value = value[part]
         return value, True
 
     def _origin(self, path: KeyPath) -> Origin | None:
@@ -159,55 +177,72 @@ class Draft:
             return self.keys[path]
         return next((self.values[p] for p in _upwards(path) if p in self.values), None)
 
-    def _cleaned(self, path: KeyPath, value: Any) -> Any:
-        if len(path) > yaml12.MAX_DEPTH:
-            self.at(path[:4], f"nested more than {yaml12.MAX_DEPTH} deep")
-            return None
-        if isinstance(value, Mapping):
-            return self._cleaned_mapping(path, value)
-        if isinstance(value, list | tuple):
-            return [self._cleaned((*path, index), item) for index, item in enumerate(value)]
-        if isinstance(value, PurePath):
-            return str(value)
-        if isinstance(value, float) and not math.isfinite(value):
-            self.at(path, "must be a finite number")
-            self.dropped.append(path)
-            return value
+    def _cleaned(self, path: KeyPath, value: Any, refused: list[KeyPath]) -> Any:
+        if isinstance(value, dict):
+            return {key: self._cleaned((*path, key), item, refused) for key, item in value.items()}
+        if isinstance(value, list):
+            return [self._cleaned((*path, i), item, refused) for i, item in enumerate(value)]
         if isinstance(value, float) and value.is_integer():
             return int(value)
-        if not isinstance(value, None | bool | int | float | str):
-            self.at(path, f"a {type(value).__name__} is not plain data")
-            self.dropped.append(path)
+        problem = _problem_of(value)
+        if problem:
+            self.at(path, problem)
+            refused.append(path)
         return value
 
-    def _cleaned_mapping(self, path: KeyPath, value: Mapping[Any, Any]) -> dict[str, Any]:
+
+def plain_copy(value: Any, depth: int = 0) -> Any:
+    """Mappings as dicts, lists and tuples as lists, paths as text: what a file could hold.
+
+    Raises ScenarioError for keys that are no text, and where it is nested too deep.
+    """
+    if depth > yaml12.MAX_DEPTH:
+        raise ScenarioError(f"nested more than {yaml12.MAX_DEPTH} deep")
+    if isinstance(value, Mapping):
         for key in value:
-            if not isinstance(key, str):
-                self.at(path, f"key {key!r}: keys must be text")
-        items = value.items()
-        return {k: self._cleaned((*path, k), v) for k, v in items if isinstance(k, str)}
+            problem = "keys must be text" if not isinstance(key, str) else unprintable_in(key)
+            if problem:
+                raise ScenarioError(f"key {key!r}: {problem}")
+        return {key: plain_copy(item, depth + 1) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [plain_copy(item, depth + 1) for item in value]
+    return str(value) if isinstance(value, PurePath) else value
 
 
 def override_path(text: str) -> KeyPath:
     """The key path of ``key.path=value``. Raises UsageError where that is not its form."""
     left, equals, _ = text.partition("=")
     path = tuple(part.strip() for part in left.split("."))
-    if not equals or not all(path):
-        raise UsageError(f"-S {shortened(text)}: must be key.path=value, as in users.count=20")
+    if not equals or not all(path) or unprintable_in(left):
+        override = _one_line(shortened(text))
+        raise UsageError(f"-S {override}: must be key.path=value, as in users.count=20")
     return path
+
+
+def _problem_of(value: Any) -> str:
+    if isinstance(value, str):
+        return unprintable_in(value)
+    if isinstance(value, float) and not math.isfinite(value):
+        return "must be a finite number"
+    if not isinstance(value, None | bool | int | float):
+        return f"a {type(value).__name__} is not plain data"
+    return ""
+
+
+def _index(part: str, items: list[Any]) -> int:
+    if not (part.isdecimal() and part.isascii() and int(part) < len(items)):
+        raise LookupError(f"{part!r} is no item of a list of {len(items)}, counted from 0")
+    return int(part)
 
 
 def shown(value: Any) -> str:
     """A value as YAML would write it on one line, shortened."""
+    if isinstance(value, float) and not math.isfinite(value):
+        return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
     try:
         return shortened(json.dumps(value, ensure_ascii=False))
-    except (TypeError, ValueError, RecursionError):
+    except (TypeError, ValueError):
         return shortened(repr(value))
-
-
-def shortened(text: str) -> str:
-    """At most 60 characters."""
-    return text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 1] + "…"
 
 
 def _upwards(path: KeyPath) -> Iterator[KeyPath]:

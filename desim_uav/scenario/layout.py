@@ -15,7 +15,7 @@ def station_cells(scenario: Scenario) -> list[Cell]:
 
 
 def start_cells(scenario: Scenario) -> list[Cell]:
-    """The cell each drone starts in: as given, else on the stations round robin, else on a circle."""
+    """The cell of each drone: as given, else on the stations round robin, else on the circle."""
     count = scenario.drones.count
     if scenario.drones.start_cells is not None:
         return list(scenario.drones.start_cells)
@@ -26,7 +26,7 @@ def start_cells(scenario: Scenario) -> list[Cell]:
 
 
 def _on_circle(scenario: Scenario, count: int) -> list[Cell]:
-    """The cells at angles 2πk / count; coordinates are rounded to 1e-6 m, then clipped to the map."""
+    """The cells at angles 2πk / count, coordinates rounded to 1e-6 m and clipped to the map."""
     radius = scenario.stations.radius_m
     width, depth = scenario.map.size_m
     angles = [2.0 * math.pi * k / count for k in range(count)]

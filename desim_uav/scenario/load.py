@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,8 @@ from desim_uav.errors import ScenarioError
 from desim_uav.scenario import yaml12
 from desim_uav.scenario.checks import findings
 from desim_uav.scenario.components import described, strictly
-from desim_uav.scenario.draft import Draft, override_path
-from desim_uav.scenario.messages import Complaint, complaints
+from desim_uav.scenario.draft import MAX_PROBLEMS, Draft, override_path, plain_copy
+from desim_uav.scenario.messages import complaints
 from desim_uav.scenario.schema import Scenario, paper_preset
 
 MAX_BYTES = 2**20
@@ -45,14 +46,14 @@ def loads(
         raise ScenarioError(f"{source}: larger than {MAX_BYTES >> 20} MiB")
     document = yaml12.read(text)
     draft = Draft(source, document.data, document.keys, document.values)
-    draft.dropped += document.doubtful
+    draft.doubtful += document.left_out
     for mark, message in document.problems:
         draft.at_mark(mark, message)
     if document.empty and not document.problems:
         draft.of_file("empty: a scenario needs at least one key, as in 'name: mine'")
     elif not isinstance(document.data, dict) and not document.problems:
         draft.at_mark(document.values[()], "must be a mapping of keys to values")
-    if document.broken or not isinstance(document.data, dict):
+    if document.broken or draft.hopeless or not isinstance(document.data, dict):
         raise ScenarioError(*draft.problems)
     return _resolved(draft, base, overrides)
 
@@ -67,7 +68,13 @@ def from_mapping(
     """The scenario a mapping of plain data describes."""
     for override in overrides:
         override_path(override)
-    return _resolved(Draft(source, mapping), base, overrides)
+    try:
+        data = plain_copy(mapping)
+    except ScenarioError as error:
+        raise ScenarioError(f"{source}: {error}") from error
+    if not isinstance(data, dict):
+        raise ScenarioError(f"{source}: must be a mapping of keys to values")
+    return _resolved(Draft(source, data), base, overrides)
 
 
 def dump(scenario: Scenario) -> str:
@@ -122,22 +129,21 @@ def _text(path: Path) -> str:
 
 def _resolved(draft: Draft, base: Path | None, overrides: Sequence[str]) -> Scenario:
     """Validate a draft; as long as something is refused, drop it and look at the rest."""
+    defaults = to_plain(Scenario()) if overrides else {}
+    for number, override in enumerate(overrides):
+        draft.override(number, override, defaults)
     draft.clean()
-    if overrides:
-        defaults = to_plain(Scenario())
-        for number, override in enumerate(overrides):
-            draft.override(number, override, defaults)
-        draft.clean()
-    for path in list(draft.dropped):
+    for path in draft.doubtful:
         if draft.has(path):
             draft.drop(path)
-    scenario = _validated(draft, base)
-    while scenario is None:
+    scenario = None
+    while scenario is None and not draft.hopeless:
         scenario = _validated(draft, base)
-    for finding in findings(scenario):
-        if not draft.depends_on_dropped((finding.path, *finding.also)):
-            draft.at(finding.path, finding.message, finding.also)
-    if draft.problems:
+    if scenario is not None:
+        for finding in islice(findings(scenario), MAX_PROBLEMS):
+            if not draft.depends_on_refused((finding.path, *finding.also)):
+                draft.at(finding.path, finding.message, finding.also)
+    if scenario is None or draft.problems:
         raise ScenarioError(*draft.problems)
     return scenario
 
@@ -146,25 +152,23 @@ def _validated(draft: Draft, base: Path | None) -> Scenario | None:
     """The scenario, or None once what is wrong has been noted and dropped."""
     data = paper_preset(draft.data) if draft.data.get("preset") == "paper" else draft.data
     try:
-        return strictly(Scenario, data, {"base": base})
+        scenario: Scenario = strictly(Scenario, data, {"base": base})
     except ValidationError as error:
         found = complaints(error, draft)
+    else:
+        return scenario
     for complaint in found:
-        if not draft.depends_on_dropped([complaint.path]):
-            _note(draft, complaint)
+        if not draft.depends_on_refused([complaint.path]):
+            draft.at(complaint.path, complaint.message, key=complaint.at_key)
     dropped = [draft.drop(complaint.drop) for complaint in found]
+    draft.doubtful += [c.mistaken_for for c in found if c.mistaken_for]
     if not any(dropped):
         draft.data = {}
     return None
 
 
-def _note(draft: Draft, complaint: Complaint) -> None:
-    draft.at(complaint.path, complaint.message, key=complaint.at_key)
-    if complaint.mistaken_for:
-        draft.dropped.append(complaint.mistaken_for)
-
-
-def _plain(value: Any, file_as: Any = str) -> Any:
+def _plain(value: Any, file_as: Callable[[Path], str] = str) -> Any:
+    """Models, components and their values as plain data, whole floats as ints."""
     if isinstance(value, BaseModel):
         return {name: _plain(getattr(value, name), file_as) for name in type(value).model_fields}
     if isinstance(value, Mapping):
@@ -173,9 +177,9 @@ def _plain(value: Any, file_as: Any = str) -> Any:
         return [_plain(item, file_as) for item in value]
     if isinstance(value, Path):
         return file_as(value)
-    if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
-        return int(value)
     if value is None or isinstance(value, bool | int | float | str):
+        if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
+            value = int(value)
         return value
     return _plain(described(value), file_as)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple
 
 from pydantic import ValidationError
@@ -10,7 +10,7 @@ from pydantic_core import ErrorDetails
 
 from desim_uav.registry import did_you_mean
 from desim_uav.scenario.components import Slot
-from desim_uav.scenario.draft import Draft
+from desim_uav.scenario.draft import MAX_PROBLEMS, Draft
 from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario, Section
 from desim_uav.scenario.yaml12 import KeyPath
 
@@ -30,10 +30,10 @@ class Complaint(NamedTuple):
 
 def complaints(error: ValidationError, draft: Draft) -> list[Complaint]:
     """The errors of a validation, without those that follow from others."""
-    details = error.errors(include_url=False)
+    details = error.errors(include_url=False)[:MAX_PROBLEMS]
     found = [_complaint(detail, draft, details) for detail in details]
     wrong = [c.path for c in found]
-    kept = {}
+    kept: dict[tuple[KeyPath, str], Complaint] = {}
     for complaint, detail in zip(found, details, strict=True):
         size = len(complaint.path)
         beneath = any(len(p) > size and p[:size] == complaint.path for p in wrong)
@@ -99,14 +99,15 @@ def known_keys(path: KeyPath, draft: Draft) -> list[str]:
 
 
 def _owner(field: Any, given: Any) -> Any:
-    """What decides the keys below a field: a section, a slot, or {"": slot} for a mapping of them."""
+    """What decides the keys below a field: a section, a slot, or {"": slot} for many of them."""
     parts = list(_parts(field.annotation)) + list(field.metadata)
     slots = [part for part in parts if isinstance(part, Slot)]
     if slots:
         return {"": slots[0]} if dict in parts else slots[0]
     sections = [part for part in parts if _is_section(part)]
     if ListedObstacles in sections:
-        return ListedObstacles if isinstance(given, Mapping) and "cells" in given else DrawnObstacles
+        listed = isinstance(given, Mapping) and "cells" in given
+        return ListedObstacles if listed else DrawnObstacles
     return sections[0] if sections else None
 
 
@@ -131,7 +132,7 @@ _WORDS: dict[str, Words] = {
     "int_type": lambda ctx, given: _number("a whole number", given),
     "int_from_float": lambda ctx, _: "must be a whole number",
     "float_type": lambda ctx, given: _number("a number", given),
-    "string_type": lambda ctx, _: "must be text",
+    "string_type": lambda ctx, given: _text(given),
     "path_type": lambda ctx, _: "must be the name of a file",
     "string_pattern_mismatch": lambda ctx, _: _NAME,
     "tuple_type": lambda ctx, _: "must be a list",
@@ -161,14 +162,14 @@ def _number(what: str, given: Any) -> str:
     return f"must be {what}"
 
 
+def _text(given: Any) -> str:
+    return "must be text" + ("" if isinstance(given, list | dict) else "; put it in quotes")
+
+
 def _literal(expected: str, given: Any) -> str:
     options = [option.strip("'") for option in expected.replace(" or ", ", ").split(", ")]
     hint = did_you_mean(given, options) if isinstance(given, str) else ""
-    return f"must be {_either(options)}{hint}"
-
-
-def _either(options: Iterable[str]) -> str:
-    return " or ".join(options)
+    return f"must be {' or '.join(options)}{hint}"
 
 
 def _items(bound: str, count: int) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 from pydantic import (
     AfterValidator,
@@ -43,6 +43,7 @@ Metres = Annotated[float, Field(gt=0, le=1e6)]
 Length = Annotated[float, Field(ge=0, le=1e6)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
 Height = Annotated[float, Field(gt=0, le=1e4)]
+Point = tuple[Length, Length]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Index = Annotated[int, Field(ge=0, lt=1000)]
 CellCount = Annotated[int, Field(ge=1, le=1000)]
@@ -71,7 +72,7 @@ class Levels(Section):
 
 
 class DrawnObstacles(Section):
-    """Buildings to be drawn: a covered fraction, heights, and the side of a square (null: the cell)."""
+    """Buildings to be drawn: covered fraction, heights, the side of a square (null: the cell)."""
 
     coverage: FractionRange = (0.05, 0.15)
     height_m: HeightRange = (20.0, 60.0)
@@ -124,7 +125,7 @@ class Drones(Section):
     footprint_radius_m: Metres = 600.0
     bandwidth_kbps: Annotated[float, Field(gt=0, le=1e9)] | None = 5000.0
     motion: Annotated[Motion, MOTION] = BangCoastBang()
-    battery: Annotated[Energy, BATTERY] | None = Endurance()
+    battery: Annotated[Energy, BATTERY] | None = cast(Energy, Endurance())
     admission: Annotated[Admission, ADMISSION] = FirstCome()
 
 
@@ -149,9 +150,7 @@ class Users(Section):
 
     count: Annotated[int, Field(ge=1, le=1_000_000)] = 48
     clusters: Clusters | None = Clusters()
-    positions_m: (
-        Annotated[tuple[tuple[Length, Length], ...], Field(min_length=1, max_length=1_000_000)] | None
-    ) = None
+    positions_m: Annotated[tuple[Point, ...], Field(min_length=1)] | None = None
     max_height_m: Annotated[float, Field(ge=0, le=1e4)] = 9.0
     mobility: Annotated[Mobility, MOBILITY] = RandomWalk()
 
@@ -188,7 +187,7 @@ class Episode(Section):
 
 
 class Scenario(Section):
-    """A scenario, fully resolved: every key has its value (the preset laid beneath, see ``load``)."""
+    """A scenario, fully resolved: every key has its value, the preset's among them."""
 
     name: Name = "scenario"
     seed: Seed = 0
@@ -232,7 +231,7 @@ def paper_preset(given: Mapping[str, Any]) -> dict[str, Any]:
 def _with_default(
     given: Mapping[str, Any], key: str, slot: Slot, parameter: str, value: float
 ) -> dict[str, Any]:
-    """``given`` with a parameter of the component at ``key``, if its kind has it and it is not given."""
+    """``given`` with a parameter of the component at ``key``, where its kind has one to give."""
     component = given.get(key, {})
     if not isinstance(component, Mapping):
         return dict(given)

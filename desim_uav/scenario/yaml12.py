@@ -22,21 +22,22 @@ Mark = tuple[int, int]
 
 MAX_DEPTH = 50
 MAX_DIGITS = 400
+MAX_SHOWN = 60
 
 
 @dataclass
 class Document:
     """What a text holds: the data, the mark of each key and value, and what is wrong with it.
 
-    ``broken``: the text could not be read to its end. ``doubtful``: the paths of duplicate keys
-    (of which the first counts) and of values left out.
+    ``broken``: the text could not be read to its end. ``left_out``: the paths of values that were
+    refused. Of a key given twice the first value counts.
     """
 
     data: Any = None
     keys: dict[KeyPath, Mark] = field(default_factory=dict)
     values: dict[KeyPath, Mark] = field(default_factory=dict)
     problems: list[tuple[Mark, str]] = field(default_factory=list)
-    doubtful: list[KeyPath] = field(default_factory=list)
+    left_out: list[KeyPath] = field(default_factory=list)
     broken: bool = False
     empty: bool = True
 
@@ -47,7 +48,7 @@ def read(text: str) -> Document:
     reader = _Reader()
     unprintable = _UNPRINTABLE.search(text)
     if unprintable:
-        reader.fail(_mark_of(text, unprintable.start()), _control(unprintable.group()))
+        reader.fail(_mark_of(text, unprintable.start()), unprintable_in(text))
         return reader.document
     try:
         for event in yaml.parse(text, Loader=yaml.SafeLoader):
@@ -62,7 +63,7 @@ def read(text: str) -> Document:
     return reader.document
 
 
-def plain_scalar(text: str) -> None | bool | int | float | str:
+def plain_scalar(text: str) -> bool | int | float | str | None:
     """What an unquoted scalar means in the core schema."""
     if text in _CONSTANTS:
         return _CONSTANTS[text]
@@ -77,10 +78,21 @@ def plain_scalar(text: str) -> None | bool | int | float | str:
     return text
 
 
+def shortened(text: str) -> str:
+    """At most 60 characters, as a message shows them."""
+    return text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 1] + "…"
+
+
+def unprintable_in(text: str) -> str:
+    """What is wrong with the characters of a text, or nothing."""
+    found = _UNPRINTABLE.search(text)
+    return f"character U+{ord(found.group()):04X} is not allowed" if found else ""
+
+
 _UNPRINTABLE = re.compile(
     "[^\t\n\r\x20-\x7e\x85\xa0-\u2027\u202a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 )
-_CONSTANTS: dict[str, None | bool | float] = (
+_CONSTANTS: dict[str, bool | float | None] = (
     dict.fromkeys(("", "~", "null", "Null", "NULL"))
     | dict.fromkeys(("true", "True", "TRUE"), True)
     | dict.fromkeys(("false", "False", "FALSE"), False)
@@ -130,7 +142,9 @@ class _Reader:
             if self._documents > 1:
                 return self.fail(self.latest, "a second document; a scenario file holds one")
         elif isinstance(event, yaml.AliasEvent):
-            self._note(self.latest, f"alias *{event.anchor}: aliases are not allowed")
+            self._note(
+                self.latest, f"alias *{shortened(str(event.anchor))}: aliases are not allowed"
+            )
             self._scalar_or_alias(_ABSENT, self.latest)
         elif isinstance(event, yaml.ScalarEvent):
             self._check_properties(event)
@@ -147,16 +161,16 @@ class _Reader:
 
     def _check_properties(self, event: yaml.NodeEvent) -> None:
         if event.anchor is not None:
-            self._note(self.latest, f"anchor &{event.anchor}: anchors are not allowed")
+            self._note(self.latest, f"anchor &{shortened(event.anchor)}: anchors are not allowed")
         tag = getattr(event, "tag", None)
         if tag is not None:
-            self._note(self.latest, f"tag {tag}: tags are not allowed")
+            self._note(self.latest, f"tag {shortened(tag)}: tags are not allowed")
 
     def _scalar(self, event: yaml.ScalarEvent) -> Any:
         text: str = event.value
-        unprintable = _UNPRINTABLE.search(text)
-        if unprintable:
-            self._note(self.latest, _control(unprintable.group()))
+        refused = unprintable_in(text)
+        if refused:
+            self._note(self.latest, refused)
             return _ABSENT
         if event.style is not None:
             return text
@@ -188,8 +202,7 @@ class _Reader:
         elif (*frame.path, value) in self.document.keys:
             path = (*frame.path, value)
             first = self.document.keys[path]
-            self._note(mark, f"key {value!r} is given twice, first at line {first[0]}")
-            self.document.doubtful.append(path)
+            self._note(mark, f"key {shortened(value)!r} is given twice, first at line {first[0]}")
             frame.key = _ABSENT
         else:
             self.document.keys[(*frame.path, value)] = mark
@@ -203,13 +216,13 @@ class _Reader:
             return (), value is _ABSENT
         frame = self._frames[-1]
         container = frame.container
-        key = len(container) if isinstance(container, list) else frame.key
+        key: Any = len(container) if isinstance(container, list) else frame.key
         frame.awaits_value = False
         if frame.refused or key is _ABSENT:
             return (), True
         path = (*frame.path, key)
         if value is _ABSENT:
-            self.document.doubtful.append(path)
+            self.document.left_out.append(path)
         if isinstance(container, list):
             container.append(None if value is _ABSENT else value)
         elif value is not _ABSENT:
@@ -223,7 +236,8 @@ class _Reader:
         new: dict[str, Any] | list[Any] = {} if isinstance(event, yaml.MappingStartEvent) else []
         frame = self._frames[-1] if self._frames else None
         if frame and isinstance(frame.container, dict) and not frame.awaits_value:
-            self._note(self.latest, "a mapping or list as a key: keys must be text")
+            if not frame.refused:
+                self._note(self.latest, "a mapping or list as a key: keys must be text")
             self._frames.append(_Frame(new, (), refused=True, is_key=True))
         else:
             path, refused = self._place(new, self.latest)
@@ -237,14 +251,10 @@ class _Reader:
             parent.awaits_value = True
 
 
-def _mark(mark: yaml.Mark) -> Mark:
+def _mark(mark: Any) -> Mark:
     return mark.line + 1, mark.column + 1
 
 
 def _mark_of(text: str, index: int) -> Mark:
     before = text[:index]
     return before.count("\n") + 1, index - (before.rfind("\n") + 1) + 1
-
-
-def _control(character: str) -> str:
-    return f"character U+{ord(character):04X} is not allowed"

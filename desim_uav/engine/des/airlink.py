@@ -22,14 +22,28 @@ if TYPE_CHECKING:
     from desim_uav.engine.des.agenda import Agenda, Due
     from desim_uav.engine.des.drone import Drone
     from desim_uav.model.motion import Transit
+    from numpy.typing import NDArray
     from desim_uav.sample_path import SamplePath
     from desim_uav.world import World
 
 Emit = Callable[[tuple[int, int, str, int, int, int, int]], None]
 
 
+# An enum member is looked up slowly in Python 3.11; these stand in the busiest lines.
+COMPLETION, EXIT, ENTRY = Phase.COMPLETION, Phase.EXIT, Phase.ENTRY
+REQUEST, ATTACHMENT, RECORD = Phase.REQUEST, Phase.ATTACHMENT, Phase.RECORD
+COVERAGE, ADMISSION = Phase.COVERAGE, Phase.ADMISSION
+
+
 def _in_order(request: Request) -> tuple[int, int]:
     return request.t_request_us, request.user
+
+
+def _entered_first(covering: dict[int, int]) -> int:
+    """The drone whose footprint was entered first; ties: the lowest index."""
+    if len(covering) == 1:
+        return next(iter(covering))
+    return min(covering, key=lambda drone: (covering[drone], drone))
 
 
 class AirLink:
@@ -54,7 +68,7 @@ class AirLink:
         self.emit = emit
         self.origin_us = origin_us
         self.end_us = self.world.horizon_us
-        self.walks = path.walks
+        self.legs, self.offsets = path.walks
         self.covering: list[dict[int, int]] = [{} for _ in range(users)]
         self.attached: list[Drone | None] = [None] * users
         self.since_us = [0] * users
@@ -72,31 +86,41 @@ class AirLink:
         Those of this very instant happen at once, in ``phase``.
         """
         now_us = self.agenda._now - self.origin_us
-        span = np.array((now_us, now_us + span_us))
-        route = np.array((*drone.from_m, *drone.to_m))
-        fresh = not drone.tracked
+        found = self._crossings(drone, flight.profile, now_us, now_us + span_us)
         drone.tracked = True
-        for t_us, user, enters in self._crossings(flight, route, span, fresh):
+        for t_us, user, enters in found:
             if t_us > now_us:
                 self.agenda.call(
                     self._on_crossing,
                     (drone, drone.flight_number, user, enters),
                     t_us + self.origin_us,
-                    Phase.ENTRY if enters else Phase.EXIT,
+                    ENTRY if enters else EXIT,
                     drone.index,
                     user,
                 )
             elif enters:
-                self._enter(drone, user, phase)
+                self._enter(drone, user, now_us, phase)
             else:
-                self._leave(drone, user, phase)
+                self._leave(drone, user, now_us, phase)
+        self._settle_after(phase)
 
     def _crossings(
-        self, flight: Transit, route: np.ndarray, span: np.ndarray, fresh: bool
+        self, drone: Drone, profile: NDArray[np.float64], start_us: int, end_us: int
     ) -> list[list[int]]:
+        """Rows (time, user, enters) of a leg; a drone that begins to serve enters its users."""
+        fresh = not drone.tracked
         while True:
             count = crossings(
-                flight.profile, route, span, self.radius_m, *self.walks, fresh, self._found
+                profile,
+                *drone.from_m,
+                *drone.to_m,
+                start_us,
+                end_us,
+                self.radius_m,
+                self.legs,
+                self.offsets,
+                fresh,
+                self._found,
             )
             if count <= len(self._found):
                 found: list[list[int]] = self._found[:count].tolist()
@@ -106,41 +130,42 @@ class AirLink:
     def _on_crossing(self, due: Due) -> None:
         drone, flight_number, user, enters = due.args
         if drone.flight_number == flight_number:
+            now_us = self.agenda._now - self.origin_us
             if enters:
-                self._enter(drone, user, Phase.ENTRY)
+                self._enter(drone, user, now_us, ENTRY)
             else:
-                self._leave(drone, user, Phase.EXIT)
+                self._leave(drone, user, now_us, EXIT)
+            if self._loose or self._affected:
+                self._settle_after(ENTRY)
 
-    def _enter(self, drone: Drone, user: int, phase: Phase) -> None:
-        now_us = self.agenda._now - self.origin_us
+    def _enter(self, drone: Drone, user: int, now_us: int, phase: Phase) -> None:
         self.covering[user][drone.index] = now_us
         self.emit((now_us, phase, "enter", drone.index, user, -1, -1))
         if self.attached[user] is None:
             self._loose.append(user)
-            self._settle_after(phase)
 
-    def _leave(self, drone: Drone, user: int, phase: Phase) -> None:
-        now_us = self.agenda._now - self.origin_us
+    def _leave(self, drone: Drone, user: int, now_us: int, phase: Phase) -> None:
         del self.covering[user][drone.index]
         self.emit((now_us, phase, "exit", drone.index, user, -1, -1))
         if self.attached[user] is drone:
-            self._detach(drone, user, phase)
+            self._detach(drone, user, now_us, phase)
 
     def silence(self, drone: Drone, phase: Phase) -> None:
         """The drone stops serving: its footprint is gone."""
         if not drone.tracked:
             return
         drone.tracked = False
+        now_us = self.agenda._now - self.origin_us
         for user, covering in enumerate(self.covering):
             if drone.index in covering:
                 del covering[drone.index]
                 if self.attached[user] is drone:
-                    self._detach(drone, user, phase)
+                    self._detach(drone, user, now_us, phase)
+        self._settle_after(phase)
 
     # ---- attachment and admission
 
-    def _detach(self, drone: Drone, user: int, phase: Phase) -> None:
-        now_us = self.agenda._now - self.origin_us
+    def _detach(self, drone: Drone, user: int, now_us: int, phase: Phase) -> None:
         request = self.open[user]
         if request is not None:
             self._count_attached(request, now_us)
@@ -148,14 +173,14 @@ class AirLink:
                 drone.waiting.remove(request)
             else:
                 self._stop(request, now_us, phase)
-                self._rescan(drone, phase)
+                if drone.waiting:
+                    self._affected.add(drone.index)
         self.log.attached_us += now_us - self.since_us[user]
         self.attached[user] = None
         drone.attached_users -= 1
         self.emit((now_us, phase, "detach", drone.index, user, -1, -1))
         if self.covering[user]:
             self._loose.append(user)
-            self._settle_after(phase)
 
     def _attach(self, drone: Drone, user: int, now_us: int, phase: Phase) -> None:
         self.attached[user] = drone
@@ -167,35 +192,41 @@ class AirLink:
             insort(drone.waiting, request, key=_in_order)
             self._affected.add(drone.index)
 
-    def _rescan(self, drone: Drone, phase: Phase) -> None:
-        """Bandwidth or a new request came free at a drone: let its queue be scanned."""
-        if drone.waiting:
-            self._affected.add(drone.index)
-            self._settle_after(phase)
-
     def _settle_after(self, phase: Phase) -> None:
-        if not self._settling:
-            self._settling = True
-            late = phase > Phase.ATTACHMENT
-            settle_phase = Phase.COVERAGE if late else Phase.ATTACHMENT
-            self.agenda.call(self._settle, late, self.agenda._now, settle_phase)
+        """See to it that whoever is loose gets attached, and affected queues get scanned.
 
-    def _settle(self, due: Due) -> None:
-        """Attach whoever is loose, to the drone entered first; then scan the affected queues."""
+        That is the matter of the attachment phase, or, where commands are the cause, of the
+        phases after them; at once, if nothing else of this instant comes before.
+        """
+        if self._settling or not (self._loose or self._affected):
+            return
+        late = phase > ATTACHMENT
+        settle_phase = COVERAGE if late else ATTACHMENT
+        if self.agenda.is_next(settle_phase):
+            self._settle(late)
+        else:
+            self._settling = True
+            self.agenda.call(self._on_settle, late, self.agenda._now, settle_phase)
+
+    def _on_settle(self, due: Due) -> None:
         self._settling = False
+        self._settle(due.args)
+
+    def _settle(self, late: bool) -> None:
+        """Attach whoever is loose, to the drone entered first; then scan the affected queues."""
         now_us = self.agenda._now - self.origin_us
-        attach_phase, admit_phase = (
-            (Phase.COVERAGE, Phase.ADMISSION) if due.args else (Phase.ATTACHMENT, Phase.ATTACHMENT)
-        )
+        attach_phase = COVERAGE if late else ATTACHMENT
+        admit_phase = ADMISSION if late else ATTACHMENT
         for user in self._loose:
             covering = self.covering[user]
             if covering and self.attached[user] is None:
-                index = min(covering, key=lambda i: (covering[i], i))
+                index = _entered_first(covering)
                 self._attach(self.drones[index], user, now_us, attach_phase)
         self._loose.clear()
-        for index in sorted(self._affected):
-            self._scan(self.drones[index], now_us, admit_phase)
-        self._affected.clear()
+        if self._affected:
+            for index in sorted(self._affected):
+                self._scan(self.drones[index], now_us, admit_phase)
+            self._affected.clear()
 
     def _scan(self, drone: Drone, now_us: int, phase: Phase) -> None:
         """One admission scan of a drone's queue."""
@@ -224,7 +255,7 @@ class AirLink:
                 self._on_completion,
                 (request, request.stamp),
                 done_us + self.origin_us,
-                Phase.COMPLETION,
+                COMPLETION,
                 drone.index,
                 request.user,
             )
@@ -252,11 +283,12 @@ class AirLink:
         )
         self.opened += 1
         self.open[user] = request
-        self.emit((now_us, Phase.REQUEST, "request", -1, user, request.request_id, -1))
+        self.emit((now_us, REQUEST, "request", -1, user, request.request_id, -1))
         drone = self.attached[user]
         if drone is not None:
             insort(drone.waiting, request, key=_in_order)
-            self._rescan(drone, Phase.REQUEST)
+            self._affected.add(drone.index)
+            self._settle_after(REQUEST)
         return request
 
     def _on_completion(self, due: Due) -> None:
@@ -264,9 +296,11 @@ class AirLink:
         if request.stamp == stamp:
             now_us = self.agenda._now - self.origin_us
             drone = request.serving
-            self._stop(request, now_us, Phase.COMPLETION)
-            self._close(request, now_us, Phase.COMPLETION)
-            self._rescan(drone, Phase.COMPLETION)
+            self._stop(request, now_us, COMPLETION)
+            self._close(request, now_us, COMPLETION)
+            if drone.waiting:
+                self._affected.add(drone.index)
+                self._settle_after(COMPLETION)
 
     def _close(self, request: Request, now_us: int, phase: Phase) -> None:
         drone = self.attached[request.user]
@@ -275,12 +309,12 @@ class AirLink:
         request.close(now_us)
         self.open[request.user] = None
         self.log.requests.append(request)
-        if phase == Phase.COMPLETION:
+        if phase == COMPLETION:
             assert drone is not None
             self.emit(
                 (now_us, phase, "complete", drone.index, request.user, request.request_id, -1)
             )
-        if request.closed is not None and phase != Phase.RECORD:
+        if request.closed is not None and phase != RECORD:
             request.closed.succeed()
 
     def _count_attached(self, request: Request, now_us: int) -> None:
@@ -293,8 +327,8 @@ class AirLink:
         for request in self.open:
             if request is not None:
                 if request.serving is not None:
-                    self._stop(request, now_us, Phase.RECORD)
-                self._close(request, now_us, Phase.RECORD)
+                    self._stop(request, now_us, RECORD)
+                self._close(request, now_us, RECORD)
         for user, drone in enumerate(self.attached):
             if drone is not None:
                 self.log.attached_us += now_us - self.since_us[user]

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Generator
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import simpy
+from numpy.typing import NDArray
 
 from desim_uav.engine.des.agenda import Signal
 from desim_uav.model.battery import charged_us, time_to_full_us
@@ -19,7 +22,7 @@ if TYPE_CHECKING:
     from desim_uav.engine.des.station import Station
     from desim_uav.model.grid import Cell
     from desim_uav.model.motion import Transit
-    from desim_uav.model.planner import Node
+    from desim_uav.model.planner import Node, Return
 
 Life = Generator[simpy.Event, Any, None]
 
@@ -48,6 +51,7 @@ class Drone:
         self.waiting: list[Request] = []
         self.tracked = False
         self.respawns = 0
+        self.way_back: Return | None = None
         self._appear(cell)
         self.process = self.agenda.process(self._life())
 
@@ -109,7 +113,7 @@ class Drone:
         self.mode = Mode.RETURNING
         self.simulation.airlink.silence(self, Phase.COVERAGE)
         phase = Phase.COMMAND
-        plan = self.world.planner.plan(self.simulation.believed_node(self), self.ceiling)
+        plan = self.way_back
         while self.station_here() is None:
             for hop in plan.hops if plan else ():
                 target = self._neighbour(hop)
@@ -117,6 +121,7 @@ class Drone:
                     self._emit(phase, "blocked")
                     break
                 transit = self.world.fastest_transits[hop]
+                self._settle_battery()
                 self._depart(target, transit, transit.duration_us)
                 self._emit(phase, "depart")
                 yield self.agenda.at(
@@ -161,7 +166,6 @@ class Drone:
 
     def _depart(self, target: Node, transit: Transit, span_us: int) -> None:
         """Begin a leg of ``span_us``: a transit to ``target``, then a hover there."""
-        self._settle_battery()
         self.flight = transit
         self.flight_number += 1
         if transit is not REST:
@@ -201,6 +205,31 @@ class Drone:
     def station_here(self) -> Station | None:
         """The station on whose cell the drone rests, at its landing level."""
         return self.simulation.station_at.get(self.node)
+
+    # ---- what the drone knows
+
+    def orient(self, error_cells: NDArray[np.float64] | None) -> None:
+        """Take bearings at a decision epoch: where it believes it is, and its way back from there.
+
+        ``error_cells``: by how much it mistakes x and y. It knows its altitude.
+        """
+        grid = self.world.grid
+        if error_cells is None and self.from_m is self.to_m and self.from_z_m == self.to_z_m:
+            self.belief = self.node
+        else:
+            x, y, z = self.position_m()
+            if error_cells is not None:
+                x += float(error_cells[0]) * grid.cell_m[0]
+                y += float(error_cells[1]) * grid.cell_m[1]
+            self.belief = (*grid.cell_of(x, y), grid.level_of(z))
+        if self.energy is not None:
+            self.way_back = self.world.planner.plan(self.belief, self.ceiling)
+
+    def return_us(self) -> float | None:
+        """n_B: the time of the quickest return from where the drone believes it is."""
+        if self.energy is None:
+            return None
+        return math.inf if self.way_back is None else self.way_back.duration_us
 
     # ---- battery
 

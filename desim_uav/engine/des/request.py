@@ -20,26 +20,16 @@ class Request:
     completion foreseen before then is known to be stale.
     """
 
-    __slots__ = (
-        "attached_us",
-        "bandwidth_bps",
-        "closed",
-        "drones",
-        "interruptions",
-        "outcome",
-        "request_id",
-        "required_us",
-        "served_us",
-        "service",
-        "serving",
-        "stamp",
-        "started_us",
-        "stopped_us",
-        "t_end_us",
-        "t_first_us",
-        "t_request_us",
-        "user",
-    )
+    served_us = 0
+    attached_us = 0
+    interruptions = 0
+    t_first_us: int | None = None
+    t_end_us = -1
+    started_us = -1
+    stopped_us = -1
+    serving: Drone | None = None
+    stamp = 0
+    outcome = Outcome.NEVER_SERVED
 
     def __init__(
         self,
@@ -58,17 +48,7 @@ class Request:
         self.required_us = required_us
         self.bandwidth_bps = bandwidth_bps
         self.closed = closed
-        self.served_us = 0
-        self.attached_us = 0
-        self.interruptions = 0
         self.drones: list[int] = []
-        self.t_first_us: int | None = None
-        self.t_end_us = -1
-        self.stopped_us = -1
-        self.started_us = -1
-        self.serving: Drone | None = None
-        self.stamp = 0
-        self.outcome = Outcome.NEVER_SERVED
 
     def start(self, drone: Drone, t_us: int) -> None:
         """Service begins."""

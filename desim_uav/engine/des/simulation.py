@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
+from itertools import product
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 from desim_uav.engine.base import EpisodeLog, Event, RunSettings, Step
@@ -45,7 +46,12 @@ class Simulation:
             0 if battery is None else round(battery.respawn_after_min * 60 * US)
         )
         self.full_charge_us = round(world.scenario.stations.full_charge_min * 60 * US)
+        self.steps = world.scenario.episode.steps
+        self._masks = {
+            state: mask(world.actions, *state) for state in product(Mode, (False, True), (False, True))
+        }
         self.drones: list[Drone] = []
+        self.shown: Snapshot | None = None
 
     # ---- episodes
 
@@ -69,6 +75,7 @@ class Simulation:
             drone.respawns = 0
             if drone.mode is Mode.FLYING:
                 self.airlink.track(drone, drone.flight, 0, Phase.ENTRY)
+        self._orient()
         start_asking(self.agenda, self.airlink, path.requests, self.world.horizon_us)
         self.agenda.call(self._respawn, None, self.origin_us, Phase.RESPAWN)
         return self._run()
@@ -76,10 +83,11 @@ class Simulation:
     def step(self, commands: Sequence[int]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
         self.commanded = []
-        for drone, command in zip(self.drones, commands, strict=True):
-            taken = obeyed(command, self._mask(drone), self.world.actions)
-            known = 0 <= command < len(self.world.actions)
-            self.commanded.append((self.world.actions[command] if known else None, taken))
+        actions = self.world.actions
+        for drone, command, legal in zip(self.drones, commands, self.shown.masks, strict=True):
+            taken = obeyed(command, legal, actions)
+            known = 0 <= command < len(actions)
+            self.commanded.append((actions[command] if known else None, taken))
             if drone.command is not None:
                 t_us = self.agenda.now - self.origin_us
                 self.emit((t_us, Phase.COMMAND, "decide", drone.index, -1, -1, -1))
@@ -106,14 +114,12 @@ class Simulation:
 
     def _run(self) -> Snapshot:
         """Let events happen until one of them shows a decision epoch."""
-        self.shown: Snapshot | None = None
-        if self.audit is None:
-            while self.shown is None:
-                self.agenda.step()
-        else:
-            while self.shown is None:
-                self.agenda.step()
-                self.audit(self)
+        self.shown = None
+        next_event, audit = self.agenda.step, self.audit
+        while self.shown is None:
+            next_event()
+            if audit is not None:
+                audit(self)
         return self.shown
 
     # ---- what happens at a decision epoch
@@ -121,6 +127,7 @@ class Simulation:
     def _record(self, due: Due) -> None:
         """Phase 8: the step's record, and the end of the episode."""
         self.epoch += 1
+        self._orient()
         t_us = self.agenda.now - self.origin_us
         for drone, (action, taken) in zip(self.drones, self.commanded, strict=True):
             self.log.steps.append(
@@ -136,14 +143,14 @@ class Simulation:
                     drone.attached_users,
                     drone.served_requests,
                     drone.used_bps,
-                    self._return_us(drone),
+                    drone.return_us(),
                 )
             )
         crashed = any(drone.mode is Mode.CRASHED for drone in self.drones)
         self.terminated = self.on_crash == "end_episode" and crashed
-        self.truncated = self.epoch == self.world.scenario.episode.steps
+        self.truncated = self.epoch == self.steps
         if self.terminated or self.truncated:
-            self.shown = self._snapshot()
+            self._show()
             self._end_episode(t_us)
         else:
             self.agenda.call(self._respawn, None, self.agenda.now, Phase.RESPAWN)
@@ -155,7 +162,7 @@ class Simulation:
                 self.count_queueing(drone)
         self.log.duration_us = t_us
         if self.log.events is not None:
-            self.log.events.sort(key=lambda e: (e[0], e[1], e[3], e[4]))
+            self.log.events.sort(key=itemgetter(0, 1, 3, 4))
 
     def count_queueing(self, drone: Drone) -> None:
         """Count what a drone has waited for a pad in this episode."""
@@ -170,65 +177,52 @@ class Simulation:
                     if down_us >= self.respawn_after_us:
                         drone.respawn(int(self.path.respawn[drone.index, drone.respawns]))
                         drone.respawns += 1
+                        self._orient()
         self.agenda.call(self._show, None, self.agenda.now, Phase.RESPAWN, len(self.drones))
 
-    def _show(self, due: Due) -> None:
-        self.shown = self._snapshot()
+    # ---- what policies are shown
 
-    # ---- what drones and policies are shown
-
-    def believed_node(self, drone: Drone) -> Node:
-        """Where a drone believes it is at this decision epoch; it knows its altitude."""
-        x, y, z = drone.position_m()
-        grid = self.world.grid
+    def _orient(self) -> None:
+        """All drones take their bearings at a decision epoch."""
         error = self.path.position_error
-        if error is not None:
-            dx, dy = grid.cell_m
-            ex, ey = error[drone.index, self.epoch]
-            x, y = x + ex * dx, y + ey * dy
-        return (*grid.cell_of(x, y), grid.level_of(z))
+        for drone in self.drones:
+            drone.orient(None if error is None else error[drone.index, self.epoch])
 
-    def _return_us(self, drone: Drone) -> float | None:
-        """n_B: the flight time of the quickest return from where the drone believes it is."""
-        if not self.capacity_us:
-            return None
-        plan = self.world.planner.plan(self.believed_node(drone), drone.ceiling)
-        return math.inf if plan is None else plan.duration_us
-
-    def _mask(self, drone: Drone) -> tuple[bool, ...]:
-        battery_us = drone.battery_now_us()
-        may_return = battery_us <= self.return_below_us
-        may_charge = battery_us < self.capacity_us and drone.node in self.station_at
-        return mask(self.world.actions, drone.mode, may_return, may_charge)
-
-    def _snapshot(self) -> Snapshot:
-        return Snapshot(
+    def _show(self, due: Due | None = None) -> None:
+        """The state as policies see it; it ends the run to this decision epoch."""
+        shown = [self._view(drone) for drone in self.drones]
+        self.shown = Snapshot(
             self.epoch,
             self.agenda.now - self.origin_us,
             self.terminated,
             self.truncated,
-            tuple(self._observe(drone) for drone in self.drones),
-            tuple(self._mask(drone) for drone in self.drones),
+            tuple(observation for observation, _ in shown),
+            tuple(legal for _, legal in shown),
         )
 
-    def _observe(self, drone: Drone) -> Observation:
-        ix, iy, level = self.believed_node(drone)
+    def _view(self, drone: Drone) -> tuple[Observation, tuple[bool, ...]]:
+        """What a drone knows, and what it may be told."""
+        battery_us = drone.battery_now_us()
         limited = self.capacity_us > 0
-        return_us = self._return_us(drone)
-        return Observation(
+        return_us = drone.return_us()
+        ix, iy, level = drone.belief
+        observation = Observation(
             drone.index,
             self.epoch,
-            self.world.scenario.episode.steps,
+            self.steps,
             (ix, iy),
             level,
             drone.mode,
-            drone.battery_now_us() / US if limited else None,
+            battery_us / US if limited else None,
             self.capacity_us / US if limited else None,
             None if return_us is None else return_us / US,
             drone.attached_users,
             drone.served_requests,
             drone.used_bps / 1000,
         )
+        may_return = battery_us <= self.return_below_us
+        may_charge = battery_us < self.capacity_us and drone.node in self.station_at
+        return observation, self._masks[drone.mode, may_return, may_charge]
 
 
 def _forget(event: Event) -> None:

@@ -1,0 +1,79 @@
+"""Draining and charging, to the microsecond."""
+
+from fractions import Fraction
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from desim_uav.model.battery import Endurance, charged_us, time_to_full_us
+from desim_uav.model.motion import REST, BangCoastBang
+
+CAPACITY_US = 1_800_000_000
+FULL_CHARGE_US = 300_000_000
+
+capacities = st.integers(1, 10**13)
+charge_times = st.integers(1, 10**13)
+
+
+@st.composite
+def batteries(draw):
+    """(charge, capacity, time of a full charge)."""
+    capacity = draw(capacities)
+    return draw(st.integers(0, capacity)), capacity, draw(charge_times)
+
+
+class TestEndurance:
+    FLIGHTS = (REST, BangCoastBang().epoch_transit(240.0, 60.0))
+
+    def test_the_paper(self):
+        battery = Endurance()
+        assert battery.autonomy_min * 60 == 1800
+        assert battery.return_below * 1800 == 360
+        assert (battery.on_crash, battery.respawn_after_min) == ("respawn", 10.0)
+
+    @given(st.integers(0, CAPACITY_US), st.sampled_from(FLIGHTS))
+    def test_a_second_a_second_whatever_it_does(self, elapsed_us, flight):
+        assert Endurance().drained_us(flight, elapsed_us) == elapsed_us
+
+    @given(st.integers(1, CAPACITY_US), st.sampled_from(FLIGHTS))
+    def test_it_lasts_until_just_when_all_is_drained(self, battery_us, flight):
+        lasts_us = Endurance().lasts_us(flight, battery_us)
+        assert Endurance().drained_us(flight, lasts_us) >= battery_us
+        assert Endurance().drained_us(flight, lasts_us - 1) < battery_us
+
+
+class TestCharging:
+    def test_the_paper_charges_six_seconds_a_second(self):
+        assert time_to_full_us(0, CAPACITY_US, FULL_CHARGE_US) == FULL_CHARGE_US
+        assert time_to_full_us(360_000_000, CAPACITY_US, FULL_CHARGE_US) == 240_000_000
+        assert charged_us(360_000_000, 60_000_000, CAPACITY_US, FULL_CHARGE_US) == 720_000_000
+
+    def test_a_full_battery_is_full(self):
+        assert time_to_full_us(CAPACITY_US, CAPACITY_US, FULL_CHARGE_US) == 0
+        assert charged_us(CAPACITY_US, 10**9, CAPACITY_US, FULL_CHARGE_US) == CAPACITY_US
+
+    def test_the_end_of_charging_is_rounded_up_and_the_charge_down(self):
+        # 1 us of battery is a sixth of a microsecond of charging.
+        for missing, takes in [(1, 1), (5, 1), (6, 1), (7, 2), (12, 2), (13, 3)]:
+            battery = CAPACITY_US - missing
+            assert time_to_full_us(battery, CAPACITY_US, FULL_CHARGE_US) == takes
+        assert charged_us(0, 1, 7, 2) == 3
+        assert charged_us(0, 1, 2, 7) == 0
+
+    @given(batteries())
+    def test_the_time_to_full_is_the_least_that_fills(self, battery):
+        charge, capacity, full_charge = battery
+        needed = time_to_full_us(charge, capacity, full_charge)
+        assert 0 <= needed - Fraction((capacity - charge) * full_charge, capacity) < 1
+        assert charged_us(charge, needed, capacity, full_charge) == capacity
+        if needed > 0:
+            assert charged_us(charge, needed - 1, capacity, full_charge) < capacity
+
+    @given(batteries(), st.integers(0, 10**13), st.integers(0, 10**13))
+    def test_the_charge_grows_and_stays_within_the_capacity(self, battery, first, more):
+        charge, capacity, full_charge = battery
+        then = charged_us(charge, first, capacity, full_charge)
+        later = charged_us(charge, first + more, capacity, full_charge)
+        assert charge <= then <= later <= capacity
+        exact = charge + Fraction(first * capacity, full_charge)
+        assert then == capacity or 0 <= exact - then < 1

@@ -1,0 +1,180 @@
+"""Returns to the stations: A* against Dijkstra, hop by hop, and ties."""
+
+import itertools
+from functools import cache
+
+import networkx as nx
+import numpy as np
+import pytest
+
+from desim_uav.model.grid import Grid, altitudes
+from desim_uav.model.planner import Planner, shortest_path
+
+HOPS = [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)]
+MAPS = 1000
+
+
+def flat(nx_, ny, height_m=None):
+    heights = np.zeros((nx_, ny)) if height_m is None else np.array(height_m, float)
+    levels, under = altitudes(20.0, 10.0, heights.max())
+    return Grid(240.0 * nx_, 240.0 * ny, heights, levels, 10.0, under)
+
+
+def random_grid(rng):
+    """Up to 8 x 8 cells of which many are built, up to some five levels."""
+    shape = rng.integers(1, 9, 2)
+    heights = rng.uniform(0.0, rng.choice([15.0, 35.0, 60.0]), shape)
+    heights[rng.random(shape) > rng.uniform(0.0, 0.7)] = 0.0
+    # Some exactly as tall as a level: that level is not free.
+    heights[(rng.random(shape) < 0.2) & (heights > 0.0)] = 30.0
+    levels, under = altitudes(20.0, 10.0, heights.max())
+    return Grid(240.0 * shape[0], 240.0 * shape[1], heights, levels, 10.0, under)
+
+
+def free_graph(grid, hop_us, ceiling):
+    """Every node there is, with an edge into each free neighbour; weights are hop times."""
+    levels = [z for z in grid.levels_m if not ceiling or z <= grid.height_m.max() or z == 20.0]
+    (columns, rows), graph = grid.height_m.shape, nx.DiGraph()
+    free = {
+        (x, y, k)
+        for x, y, (k, z) in itertools.product(range(columns), range(rows), enumerate(levels))
+        if grid.height_m[x, y] == 0.0 or z > grid.height_m[x, y]
+    }
+    every = set(itertools.product(range(columns), range(rows), range(len(levels))))
+    graph.add_nodes_from(every)
+    for node in every:
+        for hop in HOPS:
+            neighbour = tuple(a + b for a, b in zip(node, hop, strict=True))
+            if neighbour in free:
+                axis = next(axis for axis in range(3) if hop[axis])
+                graph.add_edge(node, neighbour, weight=hop_us[axis])
+    return graph
+
+
+def fly(start, hops):
+    """The nodes of a path."""
+    return list(itertools.accumulate(hops, lambda n, h: tuple(map(sum, zip(n, h, strict=True))), initial=start))
+
+
+@cache
+def surveyed():
+    """1,000 random maps: (grid, hop times, ceiling, start, stations, plan, Dijkstra's times)."""
+    rng = np.random.default_rng(1959)
+    found = []
+    for _ in range(MAPS):
+        grid = random_grid(rng)
+        hop_us = tuple(rng.integers(1, 60_000_000, 3).tolist())
+        if rng.random() < 0.3:
+            hop_us = (hop_us[0],) * 3
+        ceiling = bool(rng.random() < 0.7)
+        graph = free_graph(grid, hop_us, ceiling)
+        nodes = sorted(graph)
+        start = nodes[rng.integers(len(nodes))]
+        ground = [(x, y) for x, y, k in nodes if k == 0]
+        chosen = rng.choice(len(ground), size=min(len(ground), rng.integers(1, 4)), replace=False)
+        stations = [ground[k] for k in chosen]
+        plan = Planner(grid, stations, hop_us).plan(start, ceiling)
+        times = nx.single_source_dijkstra_path_length(graph, start)
+        found.append((graph, hop_us, start, stations, plan, [times.get((*s, 0)) for s in stations]))
+    return found
+
+
+def test_the_maps_are_worth_a_look():
+    cases = surveyed()
+    ways = [min((t for t in times if t is not None), default=None) for *_, times in cases]
+    assert sum(way is None for way in ways) >= 30
+    assert sum(way is not None and way > 0 for way in ways) >= 700
+    blocked_starts = [graph.in_degree(start) == 0 for graph, _, start, *_ in cases]
+    assert sum(blocked_starts) >= 50
+    assert len({len({k for *_, k in graph}) for graph, *_ in cases}) >= 4
+
+
+def test_the_time_is_dijkstras_and_no_way_is_no_way():
+    for _, _, _, stations, plan, times in surveyed():
+        reached = [(t, k) for k, t in enumerate(times) if t is not None]
+        if not reached:
+            assert plan is None
+            continue
+        assert (plan.duration_us, plan.station) == min(reached)
+        assert plan.station < len(stations)
+
+
+def test_the_path_can_be_flown_hop_by_hop():
+    for graph, hop_us, start, stations, plan, _ in surveyed():
+        if plan is None:
+            continue
+        assert set(plan.hops) <= set(HOPS)
+        path = fly(start, plan.hops)
+        assert path[-1] == (*stations[plan.station], 0)
+        assert len(set(path)) == len(path)
+        flown = 0
+        for here, there in itertools.pairwise(path):
+            assert graph.has_edge(here, there)
+            flown += graph.edges[here, there]["weight"]
+        assert flown == plan.duration_us
+        assert sum(hop_us[next(a for a in range(3) if hop[a])] for hop in plan.hops) == flown
+
+
+class TestByHand:
+    def test_on_a_station(self):
+        plan = Planner(flat(3, 3), [(2, 2), (1, 1)], (5, 7, 9)).plan((1, 1, 0))
+        assert (plan.station, plan.duration_us, plan.hops) == (1, 0, ())
+
+    def test_around_a_wall_or_over_it(self):
+        # A wall across the middle of 5 x 3 cells with a gap at the far end.
+        heights = np.zeros((5, 3))
+        heights[0:4, 1] = 25.0
+        grid = flat(5, 3, heights)
+        assert grid.levels_m == (20.0, 30.0)
+        assert grid.levels_under_ceiling == 1
+        planner = Planner(grid, [(0, 2)], (10, 10, 3))
+        assert planner.plan((0, 0, 0), ceiling=True).duration_us == 100
+        assert planner.plan((0, 0, 0), ceiling=False).duration_us == 26
+        over = planner.plan((0, 0, 0), ceiling=False).hops
+        assert over[0] == (0, 0, 1)
+        assert over[-1] == (0, 0, -1)
+
+    def test_no_way(self):
+        heights = np.zeros((3, 3))
+        heights[1, :] = 20.0
+        planner = Planner(flat(3, 3, heights), [(2, 2)], (10, 10, 3))
+        assert planner.plan((0, 0, 0)) is None
+        assert planner.plan((0, 0, 0), ceiling=False).duration_us == 46
+
+    def test_out_of_a_building(self):
+        heights = np.zeros((3, 1))
+        heights[1, 0] = 100.0
+        planner = Planner(flat(3, 1, heights), [(0, 0), (2, 0)], (10, 10, 3))
+        assert planner.plan((1, 0, 0)).hops == ((-1, 0, 0),)
+        assert planner.plan((1, 0, 1)).duration_us == 13
+
+    @pytest.mark.parametrize("stations", list(itertools.permutations([(0, 2), (4, 2), (2, 0), (2, 4)])))
+    def test_ties_go_to_the_lowest_index(self, stations):
+        planner = Planner(flat(5, 5), list(stations), (11, 11, 3))
+        plan = planner.plan((2, 2, 0))
+        assert (plan.station, plan.duration_us) == (0, 22)
+        # Nearer by one cell: the index does not matter.
+        assert stations[planner.plan((3, 2, 0)).station] == (4, 2)
+
+    def test_nearest_is_in_time_not_in_hops(self):
+        planner = Planner(flat(5, 5), [(4, 2), (2, 3)], (10, 21, 3))
+        assert planner.plan((2, 2, 0)).station == 0
+
+    def test_a_plan_does_not_depend_on_those_before(self):
+        grid = flat(6, 6)
+        stations = [(0, 0), (5, 5)]
+        asked = list(itertools.product(range(6), range(6), [0], [True, False]))
+        used = Planner(grid, stations, (7, 7, 3))
+        forward = [used.plan((x, y, k), c) for x, y, k, c in asked]
+        backward = [used.plan((x, y, k), c) for x, y, k, c in reversed(asked)][::-1]
+        anew = [Planner(grid, stations, (7, 7, 3)).plan((x, y, k), c) for x, y, k, c in asked]
+        assert forward == backward == anew
+
+
+def test_shortest_path_holds_both_ends():
+    blocked = np.zeros((1, 4, 1), bool)
+    path = shortest_path(blocked, np.array([1, 1, 1]), np.array([0, 0, 0]), np.array([3, 0, 0]))
+    assert path.tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]
+    blocked[0, 2, 0] = True
+    path = shortest_path(blocked, np.array([1, 1, 1]), np.array([0, 0, 0]), np.array([3, 0, 0]))
+    assert path.shape == (0, 3)
