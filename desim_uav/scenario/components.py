@@ -6,7 +6,7 @@ import dataclasses
 import inspect
 import os
 import typing
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -51,7 +51,10 @@ class Slot:
 
     def component_class(self, kind: str) -> type:
         """The class of a kind, made ready for validation. Raises ValueError."""
-        found = registry.resolve(self.name, kind)
+        try:
+            found = registry.resolve(self.name, kind)
+        except TypeError as error:
+            raise ValueError(f"{kind!r} is no {self.name}: {error}") from error
         missing = [name for name in _methods(self.protocol) if not hasattr(found, name)]
         if missing:
             raise ValueError(f"{kind!r} is no {self.name}: it has no method {missing[0]!r}")
@@ -96,7 +99,7 @@ class Slot:
 
     def _built_in_schema(self, kind: str) -> JsonSchemaValue:
         found = registry.resolve(self.name, kind)
-        schema = _adapter(found).json_schema()  # type: ignore[arg-type]
+        schema = _adapter(found).json_schema()
         properties = {"kind": {"const": kind}} | schema.get("properties", {})
         required = schema.get("required", [])
         if kind != self.default:
@@ -120,19 +123,15 @@ _PLUG_IN_SCHEMA: JsonSchemaValue = {
 
 def described(component: Any) -> dict[str, Any]:
     """The parameters of a component with its kind first, as plain Python values."""
-    return registry.parameters(component) | getattr(component, _GIVEN, {})
-
-
-def files(component: Any) -> Iterator[tuple[str, Path]]:
-    """The parameters of a component that name files."""
-    for name, value in described(component).items():
-        if isinstance(value, Path):
-            yield name, value
+    if not dataclasses.is_dataclass(component):
+        return {"kind": component.kind} | getattr(component, _GIVEN, {})
+    names = [f.name for f in dataclasses.fields(component) if f.init]
+    return {"kind": component.kind} | {name: getattr(component, name) for name in names}
 
 
 def place_of_problem(component: Any) -> KeyPath:
     """Where to report what is wrong with a component: its file, if it has just one."""
-    names = _file_parameters(type(component))
+    names = _file_parameters(type(component))  # type: ignore[arg-type]
     return (names[0],) if len(names) == 1 else ()
 
 
@@ -150,16 +149,17 @@ def errors(problems: list[tuple[KeyPath, str, Any]]) -> PydanticError:
 
 
 def _validated(found: type, given: dict[str, Any], base: Path | None) -> Any:
-    for name in _file_parameters(found):
-        if isinstance(given.get(name), str):
-            given[name] = os.path.abspath((base or Path()) / given[name])  # noqa: PTH100
+    """An instance of a dataclass; files are relative to ``base``."""
     try:
+        files = _file_parameters(found)
+        for name in files:
+            if isinstance(given.get(name), str):
+                given[name] = os.path.abspath((base or Path()) / given[name])  # noqa: PTH100
         return strictly(found, given)
     except PydanticError as error:
-        names = _file_parameters(found)
         causes = [e["ctx"]["error"] for e in error.errors() if not e["loc"] and "ctx" in e]
-        if causes and len(names) == 1:
-            raise _error_at(names[0], str(causes[0]), given.get(names[0])) from error
+        if causes and len(files) == 1:
+            raise _error_at(files[0], str(causes[0]), given.get(files[0])) from error
         raise
     except Exception as error:  # a user's class may raise anything
         raise _error(f"cannot be made: {type(error).__name__}: {error}") from error

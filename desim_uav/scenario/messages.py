@@ -132,6 +132,7 @@ _WORDS: dict[str, Words] = {
     "int_type": lambda ctx, given: _number("a whole number", given),
     "int_from_float": lambda ctx, _: "must be a whole number",
     "float_type": lambda ctx, given: _number("a number", given),
+    "finite_number": lambda ctx, given: _number("a finite number", given),
     "string_type": lambda ctx, given: _text(given),
     "path_type": lambda ctx, _: "must be the name of a file",
     "string_pattern_mismatch": lambda ctx, _: _NAME,
@@ -177,4 +178,4 @@ def _items(bound: str, count: int) -> str:
 
 
 def _plain(bound: float) -> str:
-    return f"{bound:_}".replace("_", " ") if isinstance(bound, int) else f"{bound:g}"
+    return str(bound) if isinstance(bound, int) else f"{bound:g}"

@@ -548,8 +548,9 @@ class FixedStep:
                 self._land(drone)
             elif action == "goto_charging_station":
                 drone.mode = "returning"
-                believed = self._believed(drone, epoch)
-                drone.path = list(self.map.way_home(believed, drone.levels))
+                if self._station(drone.node) is None:  # else it lands, whatever it believes
+                    believed = self._believed(drone, epoch)
+                    drone.path = list(self.map.way_home(believed, drone.levels))
                 self._fly_on(drone, t_us)
             elif action in HOPS and self.map.free(moved(drone.node, HOPS[action]), drone.levels):
                 hop = HOPS[action]

@@ -332,6 +332,8 @@ class AirLink:
         for user, drone in enumerate(self.attached):
             if drone is not None:
                 self.log.attached_us += now_us - self.since_us[user]
+        self.covering = [{} for _ in self.covering]
+        self.attached = [None] * len(self.attached)
         for drone in self.drones:
             drone.attached_users = 0
             drone.waiting.clear()

@@ -1,0 +1,245 @@
+"""The streams are NumPy's own, and nobody's draws depend on another."""
+
+import hashlib
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
+
+from desim_uav.model.demand import Dynamic, Poisson, Static
+from desim_uav.model.mobility import Area, RandomWalk
+from desim_uav.model.services import PAPER, catalogue
+from desim_uav.model.streams import Purpose, Streams, next_uniform, next_word
+from desim_uav.sample_path import draw
+from desim_uav.scenario.load import loads
+from desim_uav.world import build_world
+
+SEEDS = [0, 1, 42, 2**31, 2**32 - 1, 2**32, 2**32 + 1, 2**40 + 12345, 2**63 - 1]
+HORIZON_US = 1_800_000_000
+
+
+def numpys(seed, purpose, entity, episode):
+    """What the model says a stream is."""
+    key = (purpose, entity, episode % 2**32)
+    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
+
+
+class TestNumPys:
+    @given(
+        st.integers(0, 2**63 - 1) | st.sampled_from(SEEDS),
+        st.sampled_from(Purpose),
+        st.integers(-(2**31), 2**31 - 1),
+        st.integers(1, 12),
+    )
+    @example(2**32, Purpose.WORLD, 0, 12)
+    @example(2**63 - 1, Purpose.LEARNER, -1, 12)
+    @example(0, Purpose.DEMAND, -(2**31), 12)
+    @settings(max_examples=150, deadline=None)
+    def test_the_kernels_give_the_same_numbers(self, seed, purpose, episode, entities):
+        states = Streams(seed, purpose, episode).states(entities)
+        for entity in range(entities):
+            expected = numpys(seed, int(purpose), entity, episode).random(5)
+            assert [next_uniform(states[entity]) for _ in range(5)] == expected.tolist()
+
+    @pytest.mark.parametrize("seed", SEEDS)
+    @pytest.mark.parametrize("episode", [0, 1, 6999, -1, -2])
+    def test_so_do_the_generators(self, seed, episode):
+        for entity in (0, 1, 999_999):
+            ours = Streams(seed, Purpose.MOBILITY, episode).generator(entity).random(20)
+            theirs = numpys(seed, 2, entity, episode).random(20)
+            assert ours.tolist() == theirs.tolist()
+
+    def test_far_along_and_for_many_entities(self):
+        states = Streams(7, Purpose.DEMAND, 3).states(5000)
+        expected = numpys(7, 3, 4999, 3)
+        assert [next_uniform(states[4999]) for _ in range(2000)] == expected.random(2000).tolist()
+
+    def test_words_are_the_raw_ones(self):
+        states = Streams(3, Purpose.RESPAWN, 1).states(1)
+        raw = numpys(3, 5, 0, 1).bit_generator.random_raw(100)
+        assert [int(next_word(states[0])) for _ in range(100)] == raw.tolist()
+
+    def test_no_two_streams_are_alike(self):
+        first = {
+            Streams(seed, purpose, episode).generator(entity).random()
+            for seed in (0, 1, 2**32)
+            for purpose in Purpose
+            for episode in (-1, 0, 1)
+            for entity in (0, 1, 2)
+        }
+        assert len(first) == 3 * len(Purpose) * 3 * 3
+
+    def test_the_purposes(self):
+        assert {purpose.name: int(purpose) for purpose in Purpose} == {
+            "WORLD": 0,
+            "PLACEMENT": 1,
+            "MOBILITY": 2,
+            "DEMAND": 3,
+            "POSITION_NOISE": 4,
+            "RESPAWN": 5,
+            "LEARNER": 6,
+        }
+
+
+def digest(*arrays):
+    """A hash of the bytes of arrays."""
+    hashed = hashlib.sha256()
+    for array in arrays:
+        hashed.update(np.ascontiguousarray(array).tobytes())
+    return hashed.hexdigest()
+
+
+def each(rows, offsets):
+    """A hash for each entity."""
+    return [digest(rows[a:b]) for a, b in pairwise(offsets)]
+
+
+class TestOneMore:
+    def test_user_walks(self):
+        homes = np.random.default_rng(1).uniform(0.0, 1000.0, (9, 2))
+        streams, area = Streams(5, Purpose.MOBILITY, 2), Area(1000.0, 1000.0)
+        eight, nine = (
+            each(*RandomWalk().walks(homes[:n], streams, area, HORIZON_US)) for n in (8, 9)
+        )
+        assert eight == nine[:8]
+        assert len(set(nine)) == 9
+
+    @pytest.mark.parametrize("demand", [Static(none=0.1), Dynamic(none=0.1), Poisson(60.0)])
+    def test_user_asks(self, demand):
+        services = catalogue(PAPER, demand.mix)
+        streams = Streams(5, Purpose.DEMAND, 2)
+        some, more = (
+            each(*demand.requests(n, services, streams, HORIZON_US)[:2]) for n in (20, 21)
+        )
+        assert some == more[:20]
+
+
+BASE = {
+    "seed": 11,
+    "users.count": 12,
+    "users.clusters.count": 4,
+    "drones.count": 3,
+    "stations.count": 3,
+    "position_noise.probability": 0.5,
+}
+
+
+def drawn(episode=0, seed=None, **changes):
+    """(world, sample path) of a small scenario in 3D with everything random in it."""
+    settings_ = BASE | {key.replace("__", "."): value for key, value in changes.items()}
+    overrides = [f"{key}={value}" for key, value in settings_.items()]
+    scenario = loads("name: streams", overrides=overrides)
+    world = build_world(scenario, scenario.effective_world_seed)
+    return world, draw(world, scenario.seed if seed is None else seed, episode)
+
+
+def hashes(world, path):
+    """The hash of everybody's draws, by purpose."""
+    return {
+        "buildings": [digest(world.grid.height_m)],
+        "clusters": [digest(row) for row in world.clusters],
+        "placement": [digest(row) for row in world.homes],
+        "mobility": each(*path.walks),
+        "demand": each(path.requests.rows, path.requests.offsets),
+        "noise": [digest(row) for row in path.position_error],
+        "respawn": [digest(row) for row in path.respawn],
+    }
+
+
+class TestWholeSamplePaths:
+    def test_everybody_differs_and_the_same_is_the_same(self):
+        one = hashes(*drawn())
+        assert one == hashes(*drawn())
+        for purpose, found in one.items():
+            assert len(set(found)) == len(found), purpose
+
+    def test_one_more_user(self):
+        one, other = hashes(*drawn()), hashes(*drawn(users__count=13))
+        for purpose in one:
+            assert other[purpose][: len(one[purpose])] == one[purpose], purpose
+        assert len(other["placement"]) == len(one["placement"]) + 1
+
+    def test_one_more_drone(self):
+        one, other = hashes(*drawn()), hashes(*drawn(drones__count=4))
+        for purpose in one:
+            assert other[purpose][: len(one[purpose])] == one[purpose], purpose
+        assert len(other["noise"]) == len(other["respawn"]) == 4
+
+    def test_one_more_cluster(self):
+        one, other = hashes(*drawn()), hashes(*drawn(users__clusters__count=5))
+        assert other["clusters"][:4] == one["clusters"]
+        for purpose in ("buildings", "demand", "noise", "respawn"):
+            assert other[purpose] == one[purpose], purpose
+
+    def test_another_demand_or_mobility_or_no_noise(self):
+        one = hashes(*drawn())
+        other = hashes(*drawn(demand="{kind: poisson, rate_per_hour: 6}"))
+        assert [p for p in one if one[p] != other[p]] == ["demand"]
+        other = hashes(*drawn(users__mobility="{kind: static}"))
+        assert [p for p in one if one[p] != other[p]] == ["mobility"]
+
+    def test_a_new_seed_is_another_run_in_the_same_world(self):
+        one, other = hashes(*drawn(seed=1)), hashes(*drawn(seed=2))
+        same = [p for p in one if one[p] == other[p]]
+        assert same == ["buildings", "clusters", "placement"]
+        for purpose in ("mobility", "noise", "respawn"):
+            assert not set(one[purpose]) & set(other[purpose]), purpose
+
+    @pytest.mark.parametrize("episode", [1, -1])
+    def test_a_new_episode_too(self, episode):
+        one, other = hashes(*drawn()), hashes(*drawn(episode=episode))
+        assert [p for p in one if one[p] == other[p]] == ["buildings", "clusters", "placement"]
+
+    def test_a_world_seed_of_its_own(self):
+        one, other = hashes(*drawn()), hashes(*drawn(world_seed=12))
+        for purpose in ("buildings", "clusters", "placement"):
+            assert not set(one[purpose]) & set(other[purpose]), purpose
+        for purpose in ("demand", "noise", "respawn"):
+            assert one[purpose] == other[purpose], purpose
+
+    def test_more_steps_only_go_on(self):
+        # The walks and requests of a longer episode begin with those of the shorter.
+        one, other = drawn()[1], drawn(episode__steps=31)[1]
+        for user in range(12):
+            short = one.walks.legs[one.walks.offsets[user] : one.walks.offsets[user + 1]]
+            start = other.walks.offsets[user]
+            assert (other.walks.legs[start : start + len(short)] == short).all()
+            short = one.requests.rows[one.requests.offsets[user] : one.requests.offsets[user + 1]]
+            start = other.requests.offsets[user]
+            assert (other.requests.rows[start : start + len(short)] == short).all()
+        assert (other.respawn[:, :31] == one.respawn).all()
+
+
+class TestTheNoiseAndTheRespawns:
+    def test_position_errors(self):
+        # Replications are drones: 2,000 of them, 31 epochs, 2 coordinates.
+        _, path = drawn(drones__count=2000, position_noise__sigma_cells=2.0, users__count=1)
+        error = path.position_error
+        assert error.shape == (2000, 31, 2)
+        mistaken = error != 0.0
+        for axis in range(2):
+            share = mistaken[:, :, axis].mean(axis=1)
+            assert abs(share.mean() - 0.5) < 4 * share.std(ddof=1) / np.sqrt(2000)
+            values = error[:, :, axis][mistaken[:, :, axis]]
+            assert abs(values.mean()) < 4 * 2.0 / np.sqrt(len(values))
+            assert abs(values.var() - 4.0) < 4 * 4.0 * np.sqrt(2.0 / len(values))
+        both = mistaken.all(axis=2).mean(axis=1)
+        assert abs(both.mean() - 0.25) < 4 * both.std(ddof=1) / np.sqrt(2000)
+
+    def test_respawn_stations(self):
+        world, path = drawn(drones__count=3000, users__count=1)
+        assert path.respawn.shape == (3000, 31)
+        for station in range(len(world.stations)):
+            share = (path.respawn == station).mean(axis=1)
+            assert abs(share.mean() - 1 / 3) < 4 * share.std(ddof=1) / np.sqrt(3000)
+        assert set(np.unique(path.respawn)) == {0, 1, 2}
+
+    def test_without_noise_and_without_stations(self):
+        scenario = loads(
+            "name: plain", overrides=["drones.battery=null", "stations.count=0", "users.count=2"]
+        )
+        path = draw(build_world(scenario, 0), 0, 0)
+        assert path.position_error is None
+        assert path.respawn.shape == (3, 0)

@@ -1,0 +1,500 @@
+"""What a scenario file means: defaults, overrides, YAML 1.2, components, and the way back."""
+
+import json
+import shutil
+from pathlib import Path
+from types import MappingProxyType
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from desim_uav import shipped
+from desim_uav.errors import ScenarioError, UsageError
+from desim_uav.model.battery import Endurance
+from desim_uav.model.demand import Dynamic, Poisson
+from desim_uav.model.mobility import RandomWalk
+from desim_uav.model.services import PAPER
+from desim_uav.scenario.layout import start_cells, station_cells
+from desim_uav.scenario.load import dump, from_mapping, json_schema, load, loads, scenario_hash
+from desim_uav.scenario.schema import ListedObstacles, Scenario
+from desim_uav.scenario.yaml12 import plain_scalar
+
+HERE = Path(__file__).parent
+PLUG_INS = "plug_ins"
+
+
+@pytest.fixture(autouse=True)
+def plug_ins_importable(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.syspath_prepend(str(HERE))
+
+
+def refusal(text: str, *overrides: str) -> str:
+    with pytest.raises(ScenarioError) as caught:
+        loads(text, overrides=overrides)
+    return str(caught.value)
+
+
+def test_a_name_is_enough() -> None:
+    scenario = loads("name: x")
+    assert scenario == Scenario(name="x")
+    assert scenario.map.size_m == (2400, 2400)
+    assert scenario.drones.battery == Endurance()
+    assert scenario.users.mobility == RandomWalk()
+    assert scenario.demand == Dynamic()
+    assert scenario.services == PAPER
+    assert scenario.position_noise is None
+    assert scenario.three_d
+    assert scenario.limited_battery
+
+
+def test_the_world_seed_is_the_seed_unless_given() -> None:
+    assert loads("seed: 7").effective_world_seed == 7
+    assert loads("{seed: 7, world_seed: 0}").effective_world_seed == 0
+
+
+def test_scenarios_are_frozen() -> None:
+    with pytest.raises(ValueError, match="frozen"):
+        loads("seed: 7").users.count = 3
+
+
+def test_in_2d_there_are_no_obstacles() -> None:
+    assert loads("map: {dimensions: 2}").map.obstacles is None
+    assert loads("map: {dimensions: 2, obstacles: null}").map.obstacles is None
+
+
+def test_listed_obstacles() -> None:
+    obstacles = loads("map: {obstacles: {cells: [[1, 2, 30]]}}").map.obstacles
+    assert obstacles == ListedObstacles(cells=((1, 2, 30.0),))
+
+
+def test_a_low_building_does_not_cut_off() -> None:
+    row = ", ".join(f"[{ix}, 5, 19]" for ix in range(10))
+    loads(f"map: {{obstacles: {{cells: [{row}]}}}}")
+
+
+def test_positions_count_the_users() -> None:
+    users = loads("users: {positions_m: [[0, 0], [2400, 2400]], clusters: null}").users
+    assert users.count == 2
+    assert users.clusters is None
+
+
+def test_null_battery_and_bandwidth_are_unlimited() -> None:
+    scenario = loads("drones: {battery: null, bandwidth_kbps: null}\nstations: {count: 0}")
+    assert not scenario.limited_battery
+    assert scenario.drones.bandwidth_kbps is None
+
+
+# Layout
+
+
+def test_stations_of_case_8() -> None:
+    assert station_cells(load(shipped.find_scenario("case8"))) == [(5, 9), (8, 3), (1, 3)]
+
+
+def test_drones_start_on_stations_round_robin() -> None:
+    scenario = loads("{stations: {count: 2}, drones: {count: 3}}")
+    assert start_cells(scenario) == [(5, 9), (5, 1), (5, 9)]
+
+
+def test_drones_start_on_the_circle_without_stations() -> None:
+    scenario = loads("{stations: {count: 0}, drones: {count: 4, battery: null}}")
+    assert start_cells(scenario) == [(5, 9), (9, 5), (5, 1), (1, 5)]
+
+
+def test_drones_start_where_they_are_told() -> None:
+    scenario = loads("drones: {count: 2, start_cells: [[0, 1], [2, 3]]}")
+    assert start_cells(scenario) == [(0, 1), (2, 3)]
+
+
+def test_a_station_off_the_map_is_clipped() -> None:
+    assert station_cells(loads("stations: {count: 1, radius_m: 5000}")) == [(5, 9)]
+
+
+# Shipped scenarios
+
+
+def test_all_cases_are_shipped() -> None:
+    assert shipped.scenario_names() == [f"case{k}" for k in range(1, 10)] + ["tiny"]
+
+
+@pytest.mark.parametrize("name", shipped.scenario_names())
+def test_shipped_scenarios_round_trip(name: str) -> None:
+    scenario = load(shipped.scenario_path(name))
+    assert scenario.name == name
+    assert loads(dump(scenario)) == scenario
+    assert scenario_hash(loads(dump(scenario))) == scenario_hash(scenario)
+
+
+CASES = {  # dimensions, kbit/s, limited, drones, clusters, users, stations, demand, mobility, noise
+    "case1": (2, None, False, 1, 1, 14, 0, "continuous", "static", False),
+    "case2": (2, None, False, 2, 2, 20, 0, "continuous", "static", False),
+    "case3": (2, None, False, 2, 3, 35, 0, "continuous", "static", False),
+    "case4": (2, None, True, 2, 3, 24, 2, "continuous", "static", False),
+    "case5": (3, None, True, 2, 2, 24, 2, "continuous", "static", False),
+    "case6": (3, 5000, True, 2, 2, 27, 2, "static", "static", False),
+    "case7": (3, 5000, True, 2, 3, 41, 2, "static", "static", False),
+    "case8": (3, 5000, True, 3, 4, 48, 3, "dynamic", "random_walk", False),
+    "case9": (3, 5000, True, 3, 4, 48, 3, "dynamic", "random_walk", True),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_nine_cases_are_the_papers(name: str) -> None:
+    s = load(shipped.scenario_path(name))
+    assert CASES[name] == (
+        s.map.dimensions,
+        s.drones.bandwidth_kbps,
+        s.limited_battery,
+        s.drones.count,
+        s.users.clusters and s.users.clusters.count,
+        s.users.count,
+        s.stations.count,
+        s.demand.kind,
+        s.users.mobility.kind,
+        s.position_noise is not None,
+    )
+    assert s.episode.carry_over
+
+
+def test_finding_scenarios(tmp_path: Path) -> None:
+    file = tmp_path / "case5"
+    file.write_text("name: mine")
+    assert shipped.find_scenario(str(file)) == file
+    assert shipped.find_scenario("case5").name == "case5.yaml"
+    with pytest.raises(ScenarioError, match=r"did you mean 'case5'\?.*case1, case2"):
+        shipped.find_scenario("cas5")
+    with pytest.raises(ScenarioError, match="no such file"):
+        shipped.find_scenario("somewhere/case5.yaml")
+    with pytest.raises(ScenarioError, match="a folder"):
+        shipped.find_scenario(str(tmp_path))
+
+
+# Overrides
+
+
+def test_overrides_change_keys_and_list_items() -> None:
+    scenario = loads(
+        "users: {count: 5}",
+        overrides=[
+            "users.count=6",
+            "map.size_m.0=1200",
+            "map.cells=[5, 10]",
+            "stations.radius_m=500",
+            "drones.battery.autonomy_min=25",
+            "position_noise={probability: 0.2}",
+            "name=yes",
+            "users.count=7",
+        ],
+    )
+    assert scenario.users.count == 7
+    assert scenario.map.size_m == (1200, 2400)
+    assert scenario.map.cells == (5, 10)
+    assert scenario.drones.battery == Endurance(autonomy_min=25)
+    assert scenario.position_noise
+    assert scenario.position_noise.sigma_cells == 1
+    assert scenario.name == "yes"
+
+
+def test_an_empty_override_is_null() -> None:
+    assert loads("name: x", overrides=["map.obstacles="]).map.obstacles is None
+
+
+def test_an_override_replaces_what_was_wrong() -> None:
+    assert loads("users: {count: .nan}", overrides=["users.count=3"]).users.count == 3
+
+
+@pytest.mark.parametrize(
+    ("override", "message"),
+    [
+        ("users.count=-1", "-S users.count=-1: must be at least 1"),
+        ("users.cuont=1", "-S users.cuont=1: unknown key (did you mean 'count'?); allowed: count,"),
+        ("map.size_m.1=0", "-S map.size_m.1=0: must be above 0"),
+        ("map.size_m.2=1", "-S map.size_m.2=1: '2' is no item of a list of 2, counted from 0"),
+        ("map.size_m.x=1", "-S map.size_m.x=1: 'x' is no item of a list of 2, counted from 0"),
+        ("map={cells: [0, 1]}", "-S map={cells: [0, 1]}: map.cells.0: 0: must be at least 1"),
+        ("seed=[1", "-S seed=[1: not YAML: expected ',' or ']'"),
+        ("stations.count=0", "-S stations.count=0: a limited battery needs a charging station"),
+        ("demand={kind: trace}", "-S demand={kind: trace}: demand.file: missing"),
+        ("seed=&a 1", "-S seed=&a 1: anchor &a: anchors are not allowed"),
+    ],
+)
+def test_a_wrong_override_is_located_at_itself(override: str, message: str) -> None:
+    problem = refusal("name: x", override)
+    assert problem.startswith(message)
+    assert "\n" not in problem
+
+
+@pytest.mark.parametrize("override", ["users.count", "=3", ".=3", "users.=3", "users..count=3", ""])
+def test_an_override_of_another_form_is_a_usage_error(override: str) -> None:
+    with pytest.raises(UsageError, match=r"must be key\.path=value"):
+        loads("name: x", overrides=[override])
+
+
+def test_errors_of_file_and_overrides_come_together() -> None:
+    problems = refusal("seed: -1\nusers: {count: 0}", "users.count=-1").splitlines()
+    assert problems[0].startswith("<string>:1:7: seed: -1: ")
+    assert problems[1].startswith("-S users.count=-1: ")
+    assert len(problems) == 2
+
+
+# The paper's preset
+
+
+def test_preset_lies_beneath_the_users_own_keys() -> None:
+    scenario = loads("preset: paper")
+    assert scenario.drones.battery == Endurance(respawn_after_min=0)
+    assert scenario.demand == Dynamic(none=0.1)
+    assert loads(dump(scenario)) == scenario
+    own = loads(
+        "{preset: paper, demand: {kind: poisson, rate_per_hour: 2, none: 0},"
+        " drones: {battery: {respawn_after_min: 3}}}"
+    )
+    assert own.demand == Poisson(2)
+    assert own.drones.battery == Endurance(respawn_after_min=3)
+
+
+def test_preset_leaves_alone_what_has_no_such_parameter() -> None:
+    scenario = loads(
+        "{preset: paper, demand: {kind: continuous}, drones: {battery: null}, stations: {count: 0}}"
+    )
+    assert scenario.demand.kind == "continuous"
+    assert scenario.drones.battery is None
+
+
+def test_preset_hides_no_errors() -> None:
+    problem = refusal("{preset: paper, drones: 3, demand: dynamic}")
+    assert "drones: 3: must be a mapping" in problem
+    assert 'demand: "dynamic": must be a mapping' in problem
+
+
+# YAML 1.2
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("", None),
+        ("~", None),
+        ("null", None),
+        ("Null", None),
+        ("nUll", "nUll"),
+        ("true", True),
+        ("FALSE", False),
+        ("yes", "yes"),
+        ("off", "off"),
+        ("n", "n"),
+        ("0", 0),
+        ("-12", -12),
+        ("+3", 3),
+        ("010", 10),
+        ("0o17", 15),
+        ("0x1F", 31),
+        ("-0x1F", "-0x1F"),
+        ("0b11", "0b11"),
+        ("1_000", "1_000"),
+        ("1:30", "1:30"),
+        ("1e3", 1000.0),
+        ("1E-3", 0.001),
+        (".5", 0.5),
+        ("5.", 5.0),
+        ("-1.5e+3", -1500.0),
+        ("1e", "1e"),
+        (".", "."),
+        ("-", "-"),
+        (".inf", float("inf")),
+        ("-.INF", float("-inf")),
+        ("inf", "inf"),
+        ("nan", "nan"),
+        ("2001-01-01", "2001-01-01"),
+        ("=", "="),
+        ("\u0663", "\u0663"),
+    ],
+)
+def test_plain_scalars(text: str, value: object) -> None:
+    found = plain_scalar(text)
+    assert found == value
+    assert type(found) is type(value)
+
+
+def test_whole_floats_are_whole_numbers() -> None:
+    assert loads("users: {count: 1e3}").users.count == 1000
+    assert loads("seed: 5.0").seed == 5
+
+
+def test_quoted_is_text() -> None:
+    assert loads('name: "010"').name == "010"
+    assert loads("name: 'true'").name == "true"
+
+
+def test_a_byte_order_mark_is_tolerated(tmp_path: Path) -> None:
+    file = tmp_path / "a.yaml"
+    file.write_bytes(b"\xef\xbb\xbfname: x\r\nseed: 3\r\n")
+    assert load(file).seed == 3
+
+
+def test_names_that_look_like_numbers_round_trip() -> None:
+    for name in ("1e3", "0o7", "true", "null", "5", "no", "1_0", "2001-01-01"):
+        scenario = loads(f'name: "{name}"')
+        assert loads(dump(scenario)).name == name
+
+
+# Components
+
+
+def test_a_plug_in_is_validated_like_a_built_in() -> None:
+    kind = f'kind: "{PLUG_INS}:Wind"'
+    scenario = loads(f"users: {{mobility: {{{kind}, speed_mps: 3}}}}")
+    assert scenario.users.mobility.speed_mps == 3
+    assert loads(dump(scenario)) == scenario
+    assert "users.mobility.speed_mps: missing" in refusal(f"users: {{mobility: {{{kind}}}}}")
+    text = f"users: {{mobility: {{{kind}, speed_mps: 0, note: x}}}}"
+    problems = refusal(text).splitlines()
+    assert "users.mobility.speed_mps: 0: must be above 0" in problems[0]
+    assert "users.mobility.note: unknown key; allowed: kind, speed_mps, heading_deg" in problems[1]
+
+
+def test_a_plug_in_can_be_any_class() -> None:
+    kind = f'kind: "{PLUG_INS}:Plain"'
+    scenario = loads(f"users: {{mobility: {{{kind}, speed: 2}}}}")
+    assert scenario.users.mobility.speed == 2
+    again = loads(dump(scenario))
+    assert again.users.mobility.speed == 2
+    assert scenario_hash(again) == scenario_hash(scenario)
+    negative = refusal(f"users: {{mobility: {{{kind}, speed: -2}}}}")
+    assert "users.mobility: " in negative
+    assert "ValueError: speed must not be negative" in negative
+    assert "TypeError" in refusal(f"users: {{mobility: {{{kind}, pace: 2}}}}")
+
+
+@pytest.mark.parametrize("kind", ["trace", f'"{PLUG_INS}:Recorded"'])
+def test_files_are_relative_to_the_scenario(tmp_path: Path, kind: str) -> None:
+    folder = tmp_path / "a"
+    folder.mkdir()
+    (folder / "walks.csv").write_text("user,t_s,x_m,y_m\n0,0,5,5\n")
+    file = folder / "s.yaml"
+    file.write_text(f"users: {{mobility: {{kind: {kind}, file: walks.csv}}}}")
+    scenario = load(file)
+    assert scenario.users.mobility.file == folder / "walks.csv"
+    assert loads(dump(scenario)) == scenario
+    assert str(folder / "walks.csv") in dump(scenario)
+
+
+def test_a_scenario_can_be_built_in_python() -> None:
+    scenario = Scenario(seed=3, demand=Poisson(2.0))
+    assert loads(dump(scenario)) == scenario
+    with pytest.raises(ValueError, match="must be a mapping with a kind"):
+        Scenario(demand=3)
+
+
+def test_from_mapping() -> None:
+    mapping = MappingProxyType({"map": {"size_m": (1200.0, 2400)}, "users": {"count": 3}})
+    scenario = from_mapping(mapping, overrides=["map.size_m.0=2000"])
+    assert scenario.map.size_m == (2000, 2400)
+    assert mapping["map"] == {"size_m": (1200.0, 2400)}
+    with pytest.raises(ScenarioError, match=r"^<mapping>: users\.count: -1: must be at least 1$"):
+        from_mapping({"users": {"count": -1}})
+    with pytest.raises(ScenarioError, match="a set is not plain data"):
+        from_mapping({"users": {"count": {1}}})
+    with pytest.raises(ScenarioError, match="keys must be text"):
+        from_mapping({3: 4})
+    endless: dict[str, object] = {}
+    endless["a"] = endless
+    with pytest.raises(ScenarioError, match="nested more than 50 deep"):
+        from_mapping(endless)
+
+
+# The hash
+
+
+def test_the_hash_is_of_what_a_scenario_says() -> None:
+    plain = scenario_hash(loads("name: x"))
+    assert plain == scenario_hash(loads("{name: y, seed: 0, episode: {step_s: 60.0}}"))
+    assert plain != scenario_hash(loads("seed: 1"))
+    assert plain != scenario_hash(loads("demand: {none: 0.1}"))
+    assert len(plain) == 64
+
+
+def test_the_hash_is_of_the_content_of_files(tmp_path: Path) -> None:
+    walks = tmp_path / "walks.csv"
+    walks.write_text("user,t_s,x_m,y_m\n0,0,5,5\n")
+    (tmp_path / "b").mkdir()
+    shutil.copy(walks, tmp_path / "b" / "same.csv")
+    mobility = "users: {mobility: {kind: trace, file: %s}}"
+    one = loads(mobility % "walks.csv", base=tmp_path)
+    other = loads(mobility % "same.csv", base=tmp_path / "b")
+    assert scenario_hash(one) == scenario_hash(other)
+    walks.write_text("user,t_s,x_m,y_m\n0,0,5,6\n")
+    assert scenario_hash(one) != scenario_hash(other)
+    walks.unlink()
+    with pytest.raises(ScenarioError, match=r"walks\.csv: cannot be read"):
+        scenario_hash(one)
+
+
+# The schema for editors
+
+
+def test_the_json_schema_names_components_and_plug_ins() -> None:
+    schema = json.loads(json.dumps(json_schema()))
+    assert set(schema["properties"]) == set(Scenario.model_fields)
+    forms = schema["properties"]["demand"]["anyOf"]
+    titles = [form["title"] for form in forms]
+    assert titles == ["continuous", "static", "dynamic", "poisson", "trace", "plug-in"]
+    poisson = forms[3]
+    assert poisson["required"] == ["kind", "rate_per_hour"]
+    assert poisson["additionalProperties"] is False
+
+
+# Whatever the text
+
+
+KEYS = st.sampled_from([*Scenario.model_fields, "count", "kind", "clusters", "mix", "file", "x"])
+VALUES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=5) | KEYS,
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(KEYS, inner, max_size=3),
+    max_leaves=8,
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.text() | st.text(alphabet="abc: -[]{}\"'\n#&*!|>%@`?,\\x0~<"))
+def test_any_text_is_a_scenario_or_a_scenario_error(text: str) -> None:
+    for source in (text, f"users: {text}"):
+        try:
+            loads(source)
+        except ScenarioError as error:
+            assert error.problems
+
+
+@settings(max_examples=50, deadline=None)
+@given(content=st.binary())
+def test_any_bytes_are_a_scenario_or_a_scenario_error(
+    tmp_path_factory: pytest.TempPathFactory, content: bytes
+) -> None:
+    file = tmp_path_factory.getbasetemp() / "any.yaml"
+    file.write_bytes(content)
+    try:
+        load(file)
+    except ScenarioError as error:
+        assert error.problems
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.dictionaries(KEYS, VALUES, max_size=4))
+def test_any_mapping_is_a_scenario_or_a_scenario_error(mapping: dict[str, object]) -> None:
+    try:
+        scenario = from_mapping(mapping)
+    except ScenarioError as error:
+        assert error.problems
+    else:
+        assert loads(dump(scenario)) == scenario
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.text(max_size=12), VALUES)
+def test_any_override_is_a_scenario_or_an_error(path: str, value: object) -> None:
+    for override in (f"{path}={value}", f"users.{path}={value!r}", f"map={value}"):
+        try:
+            loads("name: x", overrides=[override])
+        except (ScenarioError, UsageError) as error:
+            assert str(error)
