@@ -36,7 +36,7 @@ class Slot:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        """Validate with ``make``; serialise as ``described``."""
+        """An instance is made while validating, and written as ``described``."""
         return core_schema.with_info_plain_validator_function(
             self._validate,
             serialization=core_schema.plain_serializer_function_ser_schema(described),
@@ -123,10 +123,12 @@ _PLUG_IN_SCHEMA: JsonSchemaValue = {
 
 def described(component: Any) -> dict[str, Any]:
     """The parameters of a component with its kind first, as plain Python values."""
+    found = type(component)
+    kind = vars(found).get("kind", f"{found.__module__}:{found.__qualname__}")
     if not dataclasses.is_dataclass(component):
-        return {"kind": component.kind} | getattr(component, _GIVEN, {})
+        return {"kind": kind} | getattr(component, _GIVEN, {})
     names = [f.name for f in dataclasses.fields(component) if f.init]
-    return {"kind": component.kind} | {name: getattr(component, name) for name in names}
+    return {"kind": kind} | {name: getattr(component, name) for name in names}
 
 
 def place_of_problem(component: Any) -> KeyPath:

@@ -271,7 +271,7 @@ class Drone:
 class FixedStep:
     """One episode, tick by tick."""
 
-    def __init__(self, inputs: Inputs, dt_us: int) -> None:
+    def __init__(self, inputs: Inputs, dt_us: int, before: FixedStep | None = None) -> None:
         assert inputs.step_us % dt_us == 0
         self.inputs, self.dt_us, self.map = inputs, dt_us, Map(inputs)
         self.result = Result()
@@ -281,6 +281,8 @@ class FixedStep:
         ]
         self.waiting: list[list[Drone]] = [[] for _ in inputs.stations]
         self.on_pads: list[list[Drone]] = [[] for _ in inputs.stations]
+        if before is not None:
+            self._carry_over(before)
         names = ["forward", "backward", "right", "left", "hover"]
         names += ["up", "down"] if inputs.three_d else []
         names += ["goto_charging_station", "charge"] if inputs.capacity_us is not None else []
@@ -300,6 +302,15 @@ class FixedStep:
         first = [own[0].due_us if own else NEVER for own in inputs.requests]
         self.due_us = np.array(first, np.int64)
         self.rescan = True
+
+    def _carry_over(self, before: FixedStep) -> None:
+        """Drones and pads as they were at the end of the episode before, their clocks set back."""
+        self.drones, self.waiting, self.on_pads = before.drones, before.waiting, before.on_pads
+        for drone in self.drones:
+            drone.respawns = 0
+            drone.since_us -= before.horizon_us
+            drone.until_us -= before.horizon_us
+            drone.crashed_us -= before.horizon_us
 
     def run(self, commands: Sequence[Sequence[int]]) -> Result:
         ticks = self.inputs.step_us // self.dt_us
@@ -590,3 +601,15 @@ class FixedStep:
 def simulate(inputs: Inputs, commands: Sequence[Sequence[int]], dt_s: float) -> Result:
     """Run one episode in steps of ``dt_s``; ``commands[step][drone]`` index the model's actions."""
     return FixedStep(inputs, round(dt_s * US)).run(commands)
+
+
+def simulate_on(
+    episodes: Sequence[tuple[Inputs, Sequence[Sequence[int]]]], dt_s: float
+) -> list[Result]:
+    """Run episodes one after the other, drones carried over from each to the next."""
+    results: list[Result] = []
+    simulator = None
+    for inputs, commands in episodes:
+        simulator = FixedStep(inputs, round(dt_s * US), simulator)
+        results.append(simulator.run(commands))
+    return results

@@ -24,6 +24,10 @@ HERE = Path(__file__).parent
 PLUG_INS = "plug_ins"
 
 
+class OwnWalk(RandomWalk):
+    """A built-in made one's own, in Python: it inherits a kind, which is not its own."""
+
+
 @pytest.fixture(autouse=True)
 def plug_ins_importable(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.syspath_prepend(str(HERE))
@@ -383,6 +387,8 @@ def test_files_are_relative_to_the_scenario(tmp_path: Path, kind: str) -> None:
 def test_a_scenario_can_be_built_in_python() -> None:
     scenario = Scenario(seed=3, demand=Poisson(2.0))
     assert loads(dump(scenario)) == scenario
+    own = Scenario(users={"mobility": OwnWalk(2.0)})
+    assert loads(dump(own)) == own
     with pytest.raises(ValueError, match="must be a mapping with a kind"):
         Scenario(demand=3)
 

@@ -8,13 +8,14 @@ from __future__ import annotations
 
 from bisect import insort
 from collections.abc import Callable
+from operator import itemgetter
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from desim_uav.engine.des.request import Request
 from desim_uav.errors import SimulationError
-from desim_uav.model.coverage import crossings
+from desim_uav.model.coverage import ENTERS, TIME_US, USER, crossings
 from desim_uav.model.rules import Phase
 
 if TYPE_CHECKING:
@@ -33,6 +34,8 @@ Emit = Callable[[tuple[int, int, str, int, int, int, int]], None]
 COMPLETION, EXIT, ENTRY = Phase.COMPLETION, Phase.EXIT, Phase.ENTRY
 REQUEST, ATTACHMENT, RECORD = Phase.REQUEST, Phase.ATTACHMENT, Phase.RECORD
 COVERAGE, ADMISSION = Phase.COVERAGE, Phase.ADMISSION
+
+_BY_TIME = itemgetter(TIME_US, ENTERS, USER)
 
 
 def _in_order(request: Request) -> tuple[int, int]:
@@ -83,31 +86,40 @@ class AirLink:
     def track(self, drone: Drone, flight: Transit, span_us: int, phase: Phase) -> None:
         """Foresee all crossings of a serving drone's leg of ``span_us``, from now on.
 
-        Those of this very instant happen at once, in ``phase``.
+        Those of this very instant happen at once, in ``phase``; of the others the next one is on
+        the agenda, which holds one crossing a drone however many users there are.
         """
         now_us = self.agenda._now - self.origin_us
         found = self._crossings(drone, flight.profile, now_us, now_us + span_us)
         drone.tracked = True
-        for t_us, user, enters in found:
-            if t_us > now_us:
-                self.agenda.call(
-                    self._on_crossing,
-                    (drone, drone.flight_number, user, enters),
-                    t_us + self.origin_us,
-                    ENTRY if enters else EXIT,
-                    drone.index,
-                    user,
-                )
-            elif enters:
+        while found and found[-1][0] == now_us:
+            _, user, enters = found.pop()
+            if enters:
                 self._enter(drone, user, now_us, phase)
             else:
                 self._leave(drone, user, now_us, phase)
+        if found:
+            self._await_crossing(drone, drone.flight_number, found)
         self._settle_after(phase)
+
+    def _await_crossing(self, drone: Drone, flight_number: int, ahead: list[list[int]]) -> None:
+        t_us, user, enters = ahead.pop()
+        self.agenda.call(
+            self._on_crossing,
+            (drone, flight_number, user, enters, ahead),
+            t_us + self.origin_us,
+            ENTRY if enters else EXIT,
+            drone.index,
+            user,
+        )
 
     def _crossings(
         self, drone: Drone, profile: NDArray[np.float64], start_us: int, end_us: int
     ) -> list[list[int]]:
-        """Rows (time, user, enters) of a leg; a drone that begins to serve enters its users."""
+        """Rows (time, user, enters) of a leg, the last one first: at a time exits, by user.
+
+        A drone that begins to serve enters the users it finds in its footprint.
+        """
         fresh = not drone.tracked
         while True:
             count = crossings(
@@ -124,12 +136,15 @@ class AirLink:
             )
             if count <= len(self._found):
                 found: list[list[int]] = self._found[:count].tolist()
+                found.sort(key=_BY_TIME, reverse=True)
                 return found
             self._found = np.empty((2 * count, 3), np.int64)
 
     def _on_crossing(self, due: Due) -> None:
-        drone, flight_number, user, enters = due.args
+        drone, flight_number, user, enters, ahead = due.args
         if drone.flight_number == flight_number:
+            if ahead:
+                self._await_crossing(drone, flight_number, ahead)
             now_us = self.agenda._now - self.origin_us
             if enters:
                 self._enter(drone, user, now_us, ENTRY)
