@@ -65,7 +65,8 @@ def scenarios(
     if show is not None:
         print(shipped.find_scenario(show).read_text(encoding="utf-8"), end="")
         return
-    found = [(name, _first_comment(shipped.scenario_path(name))) for name in shipped.scenario_names()]
+    names = shipped.scenario_names()
+    found = [(name, _first_comment(shipped.scenario_path(name))) for name in names]
     if as_json:
         print(json.dumps(dict(found), indent=1))
         return
@@ -115,7 +116,7 @@ def run(
         ),
     ] = "baseline",
     seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Instead of the scenario's.")
+        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Not the scenario's.")
     ] = None,
     world_seed: Annotated[
         int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Draws the world alone.")

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 import pandas as pd
 
 GROUPS = ("service", "episode", "user", "outcome")
@@ -27,7 +26,7 @@ def derive(requests: pd.DataFrame, duration_s: float, step_s: float) -> pd.DataF
     derived["completion_s"] = open_s.where(requests["outcome"] == "completed")
     derived["handovers"] = requests["drones"].map(lambda drones: max(len(drones) - 1, 0))
     derived["qoe1"] = requests["served_s"] / requests["requested_s"]
-    feasible_s = np.minimum(requests["requested_s"], left_s)
+    feasible_s = requests["requested_s"].clip(upper=left_s)
     derived["qoe1_feasible"] = requests["served_s"] / feasible_s.where(feasible_s > 0)
     derived["qoe2_iterations"] = _between(requests["served_s"], open_s) / step_s
     return derived

@@ -46,7 +46,7 @@ def resolve(slot: str, name: str) -> type:
         return _import_class(name)
     raise ValueError(
         f"unknown {slot} {name!r}{did_you_mean(name, built_in)}; "
-        f"allowed: {', '.join(built_in)}, or \"package.module:Class\""
+        f'allowed: {", ".join(built_in)}, or "package.module:Class"'
     )
 
 

@@ -49,9 +49,8 @@ def draw(world: World, seed: int, episode: int) -> SamplePath:
         Streams(seed, Purpose.DEMAND, episode),
         world.horizon_us,
     )
-    return SamplePath(
-        episode, walks, requests, _position_error(world, seed, episode), _respawn(world, seed, episode)
-    )
+    error = _position_error(world, seed, episode)
+    return SamplePath(episode, walks, requests, error, _respawn(world, seed, episode))
 
 
 def _position_error(world: World, seed: int, episode: int) -> NDArray[np.float64] | None:

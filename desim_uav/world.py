@@ -1,4 +1,4 @@
-"""What does not change in a run: map, buildings, stations, clusters, homes, and the drones' physics."""
+"""What does not change in a run: map, buildings, stations, clusters, homes, drones' physics."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.grid import Cell, Grid, altitudes, connected
 from desim_uav.model.mobility import Area
 from desim_uav.model.motion import Transit
-from desim_uav.model.planner import Planner
+from desim_uav.model.planner import Node, Planner
 from desim_uav.model.rules import MOVES, US, Action, actions
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.streams import Purpose, Streams
@@ -26,8 +26,9 @@ REDRAWS = 100
 
 @dataclass(frozen=True, eq=False)
 class World:
-    """A drawn world. Cells are (ix, iy); ``clusters`` rows x, y, radius and ``homes`` rows x, y, z
-    are in metres.
+    """A drawn world.
+
+    Cells are (ix, iy); ``clusters`` rows x, y, radius and ``homes`` rows x, y, z are in metres.
     """
 
     scenario: Scenario
@@ -88,7 +89,7 @@ class World:
         }
 
     @cached_property
-    def fastest_transits(self) -> dict[Cell | tuple[int, int, int], Transit]:
+    def fastest_transits(self) -> dict[Node, Transit]:
         """The minimum-time transit of each hop (dx, dy, dlevel), as returns are flown."""
         motion = self.scenario.drones.motion
         return {move: motion.fastest_transit(self._hop_m(move)) for move in MOVES.values()}
@@ -96,8 +97,9 @@ class World:
     @cached_property
     def planner(self) -> Planner:
         """Plans returns to the stations."""
-        x, y, z = (self.fastest_transits[hop].duration_us for hop in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
-        return Planner(self.grid, self.stations, (x, y, z))
+        hops = self.fastest_transits
+        hop_us = tuple(hops[axis].duration_us for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
+        return Planner(self.grid, self.stations, hop_us)
 
     def _hop_m(self, move: tuple[int, int, int]) -> float:
         dx, dy = self.grid.cell_m
@@ -112,7 +114,8 @@ def build_world(scenario: Scenario, seed: int) -> World:
     stations, starts = station_cells(scenario), start_cells(scenario)
     height_m = _draw_buildings(scenario, seed, {*stations, *starts})
     levels = scenario.map.levels
-    levels_m, under_ceiling = (levels.min_altitude_m,), 1
+    levels_m: tuple[float, ...] = (levels.min_altitude_m,)
+    under_ceiling = 1
     if scenario.three_d:
         levels_m, under_ceiling = altitudes(levels.min_altitude_m, levels.step_m, height_m.max())
     width_m, depth_m = scenario.map.size_m
@@ -123,7 +126,7 @@ def build_world(scenario: Scenario, seed: int) -> World:
 
 
 def _draw_buildings(scenario: Scenario, seed: int, kept_free: set[Cell]) -> NDArray[np.float64]:
-    """The height of the tallest building in each cell (nx, ny), redrawn until all hangs together."""
+    """The tallest building of each cell (nx, ny), redrawn until the free cells hang together."""
     obstacles = scenario.map.obstacles
     height_m = np.zeros(scenario.map.cells)
     if obstacles is None or not scenario.three_d:
@@ -140,8 +143,8 @@ def _draw_buildings(scenario: Scenario, seed: int, kept_free: set[Cell]) -> NDAr
         if connected((height_m > 0.0) & (height_m >= scenario.map.levels.min_altitude_m)):
             return height_m
     raise ScenarioError(
-        f"map.obstacles: none of {1 + REDRAWS} drawn maps (world seed {seed}) leaves the free cells "
-        f"connected at the lowest level; lower map.obstacles.coverage"
+        f"map.obstacles: none of {1 + REDRAWS} drawn maps (world seed {seed}) leaves the free "
+        f"cells connected at the lowest level; lower map.obstacles.coverage"
     )
 
 

@@ -76,7 +76,7 @@ class EpisodeLog:
 
 
 class RunSettings(NamedTuple):
-    """What a run adds to its world. ``ceilings``: a drone each, does the tallest building bound it?"""
+    """What a run adds to its world; ``ceilings``: is a drone bound by the tallest building?"""
 
     ceilings: tuple[bool, ...]
     carry_over: bool

@@ -20,12 +20,13 @@ from desim_uav import __version__, qoe
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.run import Results, headline, run, run_settings
 from desim_uav.model.coverage import crossings
+from desim_uav.model.kernels import compiled_before
 from desim_uav.policies import load_policy
 from desim_uav.records import EPISODES, REQUESTS
 from desim_uav.run_folder import Place, read_table, world_content
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
-from desim_uav.world import World, build_world
+from desim_uav.world import build_world
 
 PACKAGES = ("numba", "numpy", "pandas", "pyarrow", "pydantic", "simpy")
 
@@ -132,7 +133,7 @@ def _progress(show: bool, episodes: int) -> Iterator[Any]:
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
-        first = not any(Path(crossings.stats.cache_path).glob("coverage.crossings-*.nbi"))
+        first = not compiled_before(crossings)
         about = "compiling the kernels (the first time only)" if first else "episodes"
         task = progress.add_task(about, total=episodes)
         yield lambda: progress.update(task, advance=1, description="episodes")

@@ -11,7 +11,7 @@ import pandas as pd
 from desim_uav import qoe
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.des import Simulation
-from desim_uav.errors import DesimError, PolicyError, SimulationError
+from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.model.state import Snapshot
 from desim_uav.model.streams import Purpose, Streams

@@ -52,9 +52,7 @@ class Endurance:
         return battery_us
 
 
-def charged_us(
-    battery_us: int, elapsed_us: int, capacity_us: int, full_charge_us: int
-) -> int:
+def charged_us(battery_us: int, elapsed_us: int, capacity_us: int, full_charge_us: int) -> int:
     """The battery after ``elapsed_us`` of charging at capacity / full charge, rounded down."""
     return min(capacity_us, battery_us + elapsed_us * capacity_us // full_charge_us)
 

@@ -69,19 +69,18 @@ def crossings(
     what does not fit is counted but not written. An entry and an exit in one microsecond cancel.
     """
     route = (x0, y0, x1, y1)
-    span_us = (start_us, end_us)
+    span = (start_us, end_us)
     total = 0
     for user in range(len(offsets) - 1):
         stop = offsets[user + 1]
-        first = leg_at(legs, offsets[user], stop, span_us[0])
-        inside = _is_inside(route[0], route[1], radius, legs, first, span_us[0])
+        first = leg_at(legs, offsets[user], stop, span[0])
+        inside = _is_inside(route[0], route[1], radius, legs, first, span[0])
         entered = fresh and inside
         if entered:
-            total = _write(out, total, span_us[0], user, True)
-        if not _cannot_cross(route, span_us, radius, legs, first, stop, inside):
-            total = _roots(
-                profile, route, span_us, radius, legs, first, stop, user, inside, entered, out, total
-            )
+            total = _write(out, total, span[0], user, True)
+        if not _cannot_cross(route, span, radius, legs, first, stop, inside):
+            state = (user, inside, entered)
+            total = _roots(profile, route, span, radius, legs, first, stop, state, out, total)
     return total
 
 
@@ -106,7 +105,7 @@ def _is_inside(
 @kernel
 def _cannot_cross(
     route: Route,
-    span_us: Span,
+    span: Span,
     radius: float,
     legs: NDArray[np.float64],
     first: int,
@@ -114,19 +113,19 @@ def _cannot_cross(
     inside: bool,
 ) -> bool:
     """Pass one: is the drone's segment, widened by the user's walk, all in or all out of reach?"""
-    ux, uy = walked(legs, first, span_us[0])
+    ux, uy = walked(legs, first, span[0])
     reach = 1e-6
     leg = first
-    begin = float(span_us[0])
+    begin = float(span[0])
     while True:
-        end = float(span_us[1])
+        end = float(span[1])
         if leg + 1 < stop and legs[leg + 1, T0_US] < end:
             end = legs[leg + 1, T0_US]
         speed = np.sqrt(legs[leg, VX] ** 2 + legs[leg, VY] ** 2)
         reach += speed * (end - begin) * 1e-6 + 1e-5
         leg += 1
         begin = end
-        if leg >= stop or legs[leg, T0_US] >= span_us[1]:
+        if leg >= stop or legs[leg, T0_US] >= span[1]:
             break
     if inside:
         room = radius - reach
@@ -134,56 +133,55 @@ def _cannot_cross(
             return False
         start = (route[0] - ux) ** 2 + (route[1] - uy) ** 2
         finish = (route[2] - ux) ** 2 + (route[3] - uy) ** 2
-        return start < room * room and finish < room * room
+        return bool(start < room * room and finish < room * room)
     dx = ux - min(max(ux, min(route[0], route[2])), max(route[0], route[2]))
     dy = uy - min(max(uy, min(route[1], route[3])), max(route[1], route[3]))
-    return dx * dx + dy * dy > (radius + reach) ** 2
+    return bool(dx * dx + dy * dy > (radius + reach) ** 2)
 
 
 @kernel
 def _roots(
     profile: NDArray[np.float64],
     route: Route,
-    span_us: Span,
+    span: Span,
     radius: float,
     legs: NDArray[np.float64],
     first: int,
     stop: int,
-    user: int,
-    inside: bool,
-    entered: bool,
+    state: tuple[int, bool, bool],
     out: NDArray[np.int64],
     total: int,
 ) -> int:
-    """Pass two: write the crossings of one pair in order, from the state ``inside`` at the start.
+    """Pass two: write the crossings of one pair in order; the new total.
 
-    ``entered``: an entry at the start is written already. Returns the new total.
+    ``state``: the user, is it inside at the start, and is an entry at the start written already?
     """
+    user, inside, entered = state
     ex = np.sign(route[2] - route[0])
     ey = np.sign(route[3] - route[1])
-    span = (span_us[1] - span_us[0]) * 1e-6
+    duration = (span[1] - span[0]) * 1e-6
     points = np.empty(4)
-    latest = span_us[0] if entered else -1
+    latest = span[0] if entered else -1
     phase = 0
     leg = first
     at = 0.0
-    while at < span:
+    while at < duration:
         while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
             phase += 1
-        while leg + 1 < stop and (legs[leg + 1, T0_US] - span_us[0]) * 1e-6 <= at:
+        while leg + 1 < stop and (legs[leg + 1, T0_US] - span[0]) * 1e-6 <= at:
             leg += 1
-        end = span
+        end = duration
         if phase + 1 < len(profile):
             end = min(end, profile[phase + 1, START])
         if leg + 1 < stop:
-            end = min(end, (legs[leg + 1, T0_US] - span_us[0]) * 1e-6)
+            end = min(end, (legs[leg + 1, T0_US] - span[0]) * 1e-6)
 
         # The drone relative to the user at the piece's start: position p, velocity w.
         since = at - profile[phase, START]
         acceleration = profile[phase, ACCELERATION]
         speed = profile[phase, SPEED] + acceleration * since
         along = profile[phase, DISTANCE] + 0.5 * (profile[phase, SPEED] + speed) * since
-        since_walk = at - (legs[leg, T0_US] - span_us[0]) * 1e-6
+        since_walk = at - (legs[leg, T0_US] - span[0]) * 1e-6
         if phase + 1 == len(profile):
             px, py = route[2], route[3]
         else:
@@ -200,14 +198,14 @@ def _roots(
             after = end - at
             if k < turning:
                 after = points[k]
-            if k == turning and end >= span:
-                last = leg_at(legs, first, stop, span_us[1])
-                now_inside = _is_inside(route[2], route[3], radius, legs, last, span_us[1])
+            if k == turning and end >= duration:
+                last = leg_at(legs, first, stop, span[1])
+                now_inside = _is_inside(route[2], route[3], radius, legs, last, span[1])
             else:
                 now_inside = _excess(px, py, wx, wy, ax, ay, radius, after) <= 0.0
             if now_inside != inside:
                 root = _root(px, py, wx, wy, ax, ay, radius, before, after, now_inside)
-                t_us = span_us[0] + np.int64(np.rint((at + root) * 1e6))
+                t_us = span[0] + int(np.rint((at + root) * 1e6))
                 if t_us == latest:
                     total -= 1
                     latest = -1
@@ -231,9 +229,7 @@ def _excess(
 
 
 @kernel
-def _slope(
-    px: float, py: float, wx: float, wy: float, ax: float, ay: float, t: float
-) -> float:
+def _slope(px: float, py: float, wx: float, wy: float, ax: float, ay: float, t: float) -> float:
     """Half the derivative of the squared distance."""
     x = px + t * (wx + 0.5 * ax * t)
     y = py + t * (wy + 0.5 * ay * t)
@@ -343,11 +339,12 @@ def _root(
         discriminant = (speed * radius - cross) * (speed * radius + cross)
         if a == 0.0:
             return low
-        q = -b - np.sqrt(max(discriminant, 0.0)) if b >= 0.0 else -b + np.sqrt(max(discriminant, 0.0))
+        root = np.sqrt(max(discriminant, 0.0))
+        q = -b - root if b >= 0.0 else -b + root
         r1 = q / a
         r2 = c / q if q != 0.0 else r1
         t = min(r1, r2) if enters else max(r1, r2)
-        return min(max(t, low), high)
+        return float(min(max(t, low), high))
     t = 0.5 * (low + high)
     for _ in range(80):
         value = _excess(px, py, wx, wy, ax, ay, radius, t)

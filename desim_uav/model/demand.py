@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Protocol
@@ -108,7 +108,7 @@ class Dynamic:
 class Poisson:
     """Each user's requests arrive as a Poisson process; those during an open one are dropped."""
 
-    rate_per_hour: Annotated[float, Gt(0), Le(1e6)]
+    rate_per_hour: Annotated[float, Ge(1e-6), Le(1e6)]
     none: Annotated[float, Ge(0), Lt(1)] = 0.0
     mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
 
@@ -155,15 +155,21 @@ class Trace:
         for user, t_s, service, required_s, kbps, _ in self._table():
             due = round(t_s * US)
             if due < horizon_us:
-                row = (due, services.names.index(service), round(required_s * US), round(kbps * 1e3))
-                by_user[user].append(row)
+                required_us, bps = round(required_s * US), round(kbps * 1000)
+                by_user[user].append((due, services.names.index(service), required_us, bps))
         rows = [row for own in by_user for row in sorted(own)]
         offsets = np.cumsum([0, *map(len, by_user)])
         return Requests(np.array(rows, np.int64).reshape(-1, 4), offsets, after_previous=False)
 
     def _table(self) -> list[tuple[Any, ...]]:
-        columns = {"user": index, "t_s": quantity, "service": str, "required_s": quantity}
-        return read_table(self.file, columns | {"bandwidth_kbps": quantity})
+        columns: dict[str, Callable[[str], Any]] = {
+            "user": index,
+            "t_s": quantity,
+            "service": str,
+            "required_s": quantity,
+            "bandwidth_kbps": quantity,
+        }
+        return read_table(self.file, columns)
 
 
 _ONCE, _CHAIN, _ARRIVALS = range(3)

@@ -72,7 +72,8 @@ class Grid:
 
     def level_of(self, z_m: float) -> int:
         """The level nearest to an altitude."""
-        return min(max(round((z_m - self.levels_m[0]) / self.level_step_m), 0), len(self.levels_m) - 1)
+        level = round((z_m - self.levels_m[0]) / self.level_step_m)
+        return min(max(level, 0), len(self.levels_m) - 1)
 
 
 def altitudes(

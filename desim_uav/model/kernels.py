@@ -7,7 +7,8 @@ looks at that file alone when it decides whether the machine code is stale.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any, TypeVar
+from pathlib import Path
+from typing import Any, TypeVar, cast
 
 import numba
 
@@ -15,6 +16,12 @@ F = TypeVar("F", bound=Callable[..., Any])
 
 
 def kernel(function: F) -> F:
-    """Compile with strict IEEE arithmetic (no reassociation, no fused contraction), cached on disk."""
-    compiled: F = numba.njit(cache=True, nogil=True, fastmath=False, error_model="numpy")(function)
-    return compiled
+    """Compile with strict IEEE arithmetic (no reassociation, no contraction), cached on disk."""
+    compiled = numba.njit(cache=True, nogil=True, fastmath=False, error_model="numpy")(function)
+    return cast(F, compiled)
+
+
+def compiled_before(function: Any) -> bool:
+    """Is there machine code of a kernel on disk, so that its first call will not compile it?"""
+    name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.nbi"
+    return any(Path(function.stats.cache_path).glob(name))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Annotated, NamedTuple, Protocol
 
 import numpy as np
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
@@ -43,7 +43,7 @@ class Mobility(Protocol):
     def walks(
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
     ) -> Walks:
-        """The walks of one episode from ``homes`` (users, 2); user u may draw from stream u only."""
+        """The walks of one episode from ``homes`` (users, 2); user u draws from stream u only."""
 
 
 @register("mobility", "static")
@@ -63,7 +63,7 @@ class Static:
 @register("mobility", "random_walk")
 @dataclass(frozen=True)
 class RandomWalk:
-    """A new uniform heading every ``leg_s``; mirrored at the edge of the map, the leg split there."""
+    """A new uniform heading every ``leg_s``; mirrored at the map's edge, the leg split there."""
 
     speed_mps: Annotated[float, Ge(0), Le(1000)] = 1.4
     leg_s: Annotated[float, Ge(0.001)] = 60.0
@@ -76,11 +76,10 @@ class RandomWalk:
         size = np.array(area)
         offsets = np.zeros(len(homes) + 1, np.int64)
         states = streams.states(len(homes))
-        counted = _random_walk(
-            homes, states.copy(), size, self.speed_mps, leg_us, horizon_us, offsets, np.empty((0, 5))
-        )
-        legs = np.empty((counted, 5))
-        _random_walk(homes, states, size, self.speed_mps, leg_us, horizon_us, offsets, legs)
+        law = (size, self.speed_mps, leg_us, horizon_us)
+        count = _random_walk(homes, states.copy(), *law, offsets, np.empty((0, 5)))
+        legs = np.empty((count, 5))
+        _random_walk(homes, states, *law, offsets, legs)
         return Walks(legs, offsets)
 
 
@@ -176,7 +175,7 @@ def _random_walk(
                     if velocity[axis] != 0.0:
                         hit = (wall - position[axis]) / velocity[axis] * 1e6
                         if hit < stop_us - t_us:
-                            stop_us = t_us + max(np.int64(np.rint(hit)), 1)
+                            stop_us = t_us + max(int(np.rint(hit)), 1)
                             mirrored = axis
                 if len(legs) > 0:
                     legs[count, T0_US] = t_us
@@ -195,8 +194,10 @@ def _random_walk(
 
 @kernel
 def _draw_heading(state: NDArray[np.uint64], speed: float, velocity: NDArray[np.float64]) -> None:
-    """A velocity of uniform heading, by rejection: square roots and quotients are exact anywhere,
-    sines are not."""
+    """Draw a velocity of uniform heading, by rejection.
+
+    Square roots and quotients are the same on every platform; sines are not.
+    """
     while True:
         x = 2.0 * next_uniform(state) - 1.0
         y = 2.0 * next_uniform(state) - 1.0

@@ -90,8 +90,7 @@ def cruise_speed(distance_m: float, duration_s: float, acceleration_mps2: float)
     discriminant = at * at - 4.0 * acceleration_mps2 * distance_m
     if discriminant < 0.0:
         raise ValueError(
-            f"{distance_m:g} m in {duration_s:g} s are out of reach "
-            f"at {acceleration_mps2:g} m/s²"
+            f"{distance_m:g} m in {duration_s:g} s are out of reach at {acceleration_mps2:g} m/s²"
         )
     return 2.0 * acceleration_mps2 * distance_m / (at + math.sqrt(discriminant))
 
@@ -124,5 +123,3 @@ def travelled(profile: NDArray[np.float64], elapsed_s: float) -> float:
     half_acceleration = 0.5 * profile[phase, ACCELERATION]
     speed = profile[phase, SPEED]
     return float(profile[phase, DISTANCE] + speed * t + half_acceleration * t * t)
-
-

@@ -33,7 +33,7 @@ class Planner:
 
     grid: Grid
     stations: Sequence[Cell]
-    hop_us: tuple[int, int, int]
+    hop_us: tuple[int, ...]
     _plans: dict[tuple[Node, bool], Return | None] = field(default_factory=dict, repr=False)
 
     def plan(self, start: Node, ceiling: bool = True) -> Return | None:

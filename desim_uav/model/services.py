@@ -34,11 +34,11 @@ class UniformChoice:
 
     def durations_us(self) -> NDArray[np.int64]:
         """The durations."""
-        return np.rint(np.array(self.duration_min) * 60 * US).astype(np.int64)
+        return np.array([round(minutes * 60 * US) for minutes in self.duration_min], np.int64)
 
     def bandwidths_bps(self) -> NDArray[np.int64]:
         """The bandwidths."""
-        return np.rint(np.array(self.bandwidth_kbps) * 1000).astype(np.int64)
+        return np.array([round(kbps * 1000) for kbps in self.bandwidth_kbps], np.int64)
 
 
 PAPER: dict[str, Service] = {

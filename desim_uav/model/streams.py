@@ -1,6 +1,6 @@
-"""Random streams: one for each (seed, purpose, entity, episode), so nobody's draws depend on another.
+"""Random streams: one a (seed, purpose, entity, episode), so nobody's draws depend on another's.
 
-They are NumPy's own: ``Generator(SFC64(SeedSequence(seed, spawn_key=(purpose, entity, episode))))``.
+They are NumPy's: ``Generator(SFC64(SeedSequence(seed, spawn_key=(purpose, entity, episode))))``.
 The kernels here give the same numbers as that generator's ``random()``, for all entities at once.
 """
 
@@ -109,7 +109,7 @@ def _seeded_states(
 @kernel
 def next_word(state: NDArray[np.uint64]) -> np.uint64:
     """Advance an SFC64 state (4 words) and give its next 64 bits."""
-    word = state[0] + state[1] + state[3]
+    word: np.uint64 = state[0] + state[1] + state[3]
     state[3] += np.uint64(1)
     state[0] = state[1] ^ (state[1] >> np.uint64(11))
     state[1] = state[2] + (state[2] << np.uint64(3))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import pandas as pd
@@ -11,15 +12,16 @@ from rich.table import Table
 
 MEASURES = {
     "requests": ("requests", "d"),
-    "qoe1_percent": ("QoE1 %", ".1f"),
-    "qoe1_feasible_percent": ("feasible %", ".1f"),
-    "qoe2_iterations": ("QoE2 it.", ".2f"),
-    "qoe3_percent": ("QoE3 %", ".1f"),
-    "qoe3_active_percent": ("active %", ".1f"),
-    "completed": ("completed", "d"),
-    "unfinished": ("unfinished", "d"),
-    "never_served": ("never served", "d"),
+    "qoe1_percent": ("QoE1\n%", ".1f"),
+    "qoe1_feasible_percent": ("feasible\nQoE1 %", ".1f"),
+    "qoe2_iterations": ("QoE2\nit.", ".2f"),
+    "qoe3_percent": ("QoE3\n%", ".1f"),
+    "qoe3_active_percent": ("active\nQoE3 %", ".1f"),
+    "completed": ("comp-\nleted", "d"),
+    "unfinished": ("unfin-\nished", "d"),
+    "never_served": ("never\nserved", "d"),
 }
+"""Headings and formats; a table of them fits a terminal of 80 columns."""
 
 
 def print_run(summary: dict[str, Any], by_service: pd.DataFrame) -> None:
@@ -43,8 +45,8 @@ def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
 
 
 def _print(by: str, rows: list[dict[str, Any]], title: str | None) -> None:
-    table = Table(title=title, box=box.SIMPLE, title_justify="left")
-    table.add_column(by)
+    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), title_justify="left")
+    table.add_column(by, no_wrap=True)
     shown = {name: look for name, look in MEASURES.items() if any(name in row for row in rows)}
     for heading, _ in shown.values():
         table.add_column(heading, justify="right")
@@ -56,4 +58,4 @@ def _print(by: str, rows: list[dict[str, Any]], title: str | None) -> None:
 
 def _cell(row: dict[str, Any], name: str, form: str) -> str:
     value = row.get(name)
-    return "" if value is None or value != value else format(value, form)
+    return "" if value is None or math.isnan(value) else format(value, form)

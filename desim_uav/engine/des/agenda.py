@@ -18,6 +18,14 @@ class Agenda(simpy.Environment):
     above SimPy's own priorities, so a resource hands on its place before the next event of ours.
     """
 
+    _now: int
+    _queue: list[Any]
+
+    @property
+    def now(self) -> int:
+        """The time, in microseconds since the simulation was built."""
+        return self._now
+
     def at(self, t_us: int, phase: int, drone: int = -1, user: int = -1) -> Due:
         """An event for a process to wait for."""
         due = Due([], None)
@@ -61,6 +69,8 @@ class Due(simpy.Event):
 
 class Signal(simpy.Event):
     """An event a process waits for until somebody gives it a value."""
+
+    env: Agenda
 
     def give(self, value: Any, phase: int, drone: int) -> None:
         """Wake the process in this instant, in its place in the order."""

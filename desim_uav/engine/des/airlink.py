@@ -19,13 +19,17 @@ from desim_uav.model.coverage import ENTERS, TIME_US, USER, crossings
 from desim_uav.model.rules import Phase
 
 if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
     from desim_uav.engine.base import EpisodeLog
     from desim_uav.engine.des.agenda import Agenda, Due
     from desim_uav.engine.des.drone import Drone
     from desim_uav.model.motion import Transit
-    from numpy.typing import NDArray
     from desim_uav.sample_path import SamplePath
     from desim_uav.world import World
+
+Sweep = tuple["Drone", int, list[list[int]]]
+"""A drone, the flight number of its leg, and the crossings to come on it, the next one last."""
 
 Emit = Callable[[tuple[int, int, str, int, int, int, int]], None]
 
@@ -99,14 +103,15 @@ class AirLink:
             else:
                 self._leave(drone, user, now_us, phase)
         if found:
-            self._await_crossing(drone, drone.flight_number, found)
+            self._await_next((drone, drone.flight_number, found))
         self._settle_after(phase)
 
-    def _await_crossing(self, drone: Drone, flight_number: int, ahead: list[list[int]]) -> None:
-        t_us, user, enters = ahead.pop()
+    def _await_next(self, sweep: Sweep) -> None:
+        drone, _, ahead = sweep
+        t_us, user, enters = ahead[-1]
         self.agenda.call(
             self._on_crossing,
-            (drone, flight_number, user, enters, ahead),
+            sweep,
             t_us + self.origin_us,
             ENTRY if enters else EXIT,
             drone.index,
@@ -141,11 +146,12 @@ class AirLink:
             self._found = np.empty((2 * count, 3), np.int64)
 
     def _on_crossing(self, due: Due) -> None:
-        drone, flight_number, user, enters, ahead = due.args
+        sweep = due.args
+        drone, flight_number, ahead = sweep
         if drone.flight_number == flight_number:
+            now_us, user, enters = ahead.pop()
             if ahead:
-                self._await_crossing(drone, flight_number, ahead)
-            now_us = self.agenda._now - self.origin_us
+                self._await_next(sweep)
             if enters:
                 self._enter(drone, user, now_us, ENTRY)
             else:
@@ -257,7 +263,7 @@ class AirLink:
     def _serve(self, drone: Drone, request: Request, now_us: int, phase: Phase) -> None:
         if request.bandwidth_bps > drone.free_bps:
             raise SimulationError(
-                f"admission {self.admission.kind!r} served more than a drone's bandwidth"
+                f"admission {type(self.admission).__name__!r} served more than a drone's bandwidth"
             )
         drone.free_bps -= request.bandwidth_bps
         drone.served_requests += 1
@@ -293,9 +299,7 @@ class AirLink:
         """A user's request opens now. ``think``: somebody waits for its end."""
         now_us = self.agenda._now - self.origin_us
         closed = self.agenda.event() if think else None
-        request = Request(
-            self.opened, user, service, now_us, required_us, bandwidth_bps, closed
-        )
+        request = Request(self.opened, user, service, now_us, required_us, bandwidth_bps, closed)
         self.opened += 1
         self.open[user] = request
         self.emit((now_us, REQUEST, "request", -1, user, request.request_id, -1))

@@ -99,9 +99,7 @@ class Drone:
         self.simulation.airlink.track(self, transit, self.world.step_us, Phase.COVERAGE)
         if transit is not REST:
             self._emit(Phase.COMMAND, "depart")
-            yield self.agenda.at(
-                self.since_us + transit.duration_us, Phase.ARRIVAL, self.index
-            )
+            yield self.agenda.at(self.since_us + transit.duration_us, Phase.ARRIVAL, self.index)
             self._arrive(target)
 
     def _return(self) -> Life:
@@ -124,9 +122,7 @@ class Drone:
                 self._settle_battery()
                 self._depart(target, transit, transit.duration_us)
                 self._emit(phase, "depart")
-                yield self.agenda.at(
-                    self.since_us + transit.duration_us, Phase.ARRIVAL, self.index
-                )
+                yield self.agenda.at(self.since_us + transit.duration_us, Phase.ARRIVAL, self.index)
                 phase = Phase.ARRIVAL
                 self._arrive(target)
             plan = self.world.planner.plan(self.node, self.ceiling)

@@ -13,6 +13,7 @@ from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.drone import Drone
 from desim_uav.engine.des.station import Station
 from desim_uav.engine.des.users import start_asking
+from desim_uav.errors import SimulationError
 from desim_uav.model.rules import US, Action, Mode, Phase, mask, obeyed
 from desim_uav.model.state import Observation, Snapshot
 
@@ -29,6 +30,13 @@ class Simulation:
     ``audit`` is called with the simulation after every event: the invariants the tests check.
     """
 
+    agenda: Agenda
+    airlink: AirLink
+    log: EpisodeLog
+    path: SamplePath
+    terminated = False
+    truncated = False
+
     def __init__(
         self,
         world: World,
@@ -41,14 +49,15 @@ class Simulation:
         self.capacity_us = world.capacity_us
         battery = world.scenario.drones.battery
         self.on_crash = "remove" if battery is None else battery.on_crash
-        self.return_below_us = 0 if battery is None else int(battery.return_below * self.capacity_us)
-        self.respawn_after_us = (
-            0 if battery is None else round(battery.respawn_after_min * 60 * US)
-        )
+        self.return_below_us = self.respawn_after_us = 0
+        if battery is not None:
+            self.return_below_us = int(battery.return_below * self.capacity_us)
+            self.respawn_after_us = round(battery.respawn_after_min * 60 * US)
         self.full_charge_us = round(world.scenario.stations.full_charge_min * 60 * US)
         self.steps = world.scenario.episode.steps
         self._masks = {
-            state: mask(world.actions, *state) for state in product(Mode, (False, True), (False, True))
+            (mode, may_return, may_charge): mask(world.actions, mode, may_return, may_charge)
+            for mode, may_return, may_charge in product(Mode, (False, True), (False, True))
         }
         self.drones: list[Drone] = []
         self.shown: Snapshot | None = None
@@ -82,7 +91,9 @@ class Simulation:
 
     def step(self, commands: Sequence[int]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
-        self.commanded = []
+        if self.shown is None or self.terminated or self.truncated:
+            raise SimulationError("step: the episode is over, or none has begun; call reset first")
+        self.commanded: list[tuple[Action | None, Action]] = []
         actions = self.world.actions
         for drone, command, legal in zip(self.drones, commands, self.shown.masks, strict=True):
             taken = obeyed(command, legal, actions)
@@ -115,12 +126,15 @@ class Simulation:
     def _run(self) -> Snapshot:
         """Let events happen until one of them shows a decision epoch."""
         self.shown = None
-        next_event, audit = self.agenda.step, self.audit
+        next_event = self.agenda.step if self.audit is None else self._audited_event
         while self.shown is None:
             next_event()
-            if audit is not None:
-                audit(self)
         return self.shown
+
+    def _audited_event(self) -> None:
+        self.agenda.step()
+        if self.audit is not None:
+            self.audit(self)
 
     # ---- what happens at a decision epoch
 

@@ -39,7 +39,7 @@ def _ask_and_think(
             return
         yield agenda.at(agenda.now + think_us, Phase.REQUEST, user=user)
         request = airlink.ask(user, service, required_us, bandwidth_bps, think=k < last)
-        if k < last:
+        if request.closed is not None:
             yield request.closed
 
 
