@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
 import sys
 from pathlib import Path
 from typing import Annotated, Any, NoReturn
@@ -30,15 +32,19 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 def main() -> NoReturn:
     """Run the command line; every error a user can mend is one message and an exit code."""
     try:
-        app(prog_name="desim-uav")
+        try:
+            app(prog_name="desim-uav")
+        finally:
+            print(end="", flush=True)
     except DesimError as error:
-        for problem in str(error).splitlines():
-            print(f"desim-uav: {problem}", file=sys.stderr)
+        _complain(str(error))
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(130)
-    except BrokenPipeError:
-        sys.stderr.close()
+    except OSError as error:
+        if not isinstance(error, BrokenPipeError):
+            _complain(str(error))
+        _drop_output()
         sys.exit(1)
     sys.exit(0)
 
@@ -63,7 +69,7 @@ def scenarios(
     from desim_uav import shipped
 
     if show is not None:
-        print(shipped.find_scenario(show).read_text(encoding="utf-8"), end="")
+        print(shipped.scenario_path(show).read_text(encoding="utf-8"), end="")
         return
     names = shipped.scenario_names()
     found = [(name, _first_comment(shipped.scenario_path(name))) for name in names]
@@ -108,7 +114,9 @@ def schema() -> None:
 
 @app.command()
 def run(
-    scenario: Annotated[str, typer.Argument(help="A scenario file, or a shipped name: case5.")],
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped name: case5.")
+    ],
     policy: Annotated[
         str,
         typer.Option(
@@ -143,19 +151,24 @@ def run(
     settings += [] if world_seed is None else [f"world_seed={world_seed}"]
     path = find_scenario(scenario)
     loaded = load(path, settings)
-    done = _located(
-        path,
-        lambda: run_to_folder(
-            loaded,
-            policy,
-            episodes=episodes,
-            warmup=warmup,
-            keep_events=events,
-            out=out,
-            command=["desim-uav", *sys.argv[1:]],
-            show_progress=not quiet,
-        ),
-    )
+    _end_politely()
+    try:
+        done = _located(
+            path,
+            lambda: run_to_folder(
+                loaded,
+                policy,
+                episodes=episodes,
+                warmup=warmup,
+                keep_events=events,
+                out=out,
+                command=["desim-uav", *sys.argv[1:]],
+                show_progress=not quiet,
+            ),
+        )
+    except KeyboardInterrupt:
+        _complain("interrupted; nothing is kept")
+        raise typer.Exit(130) from None
     if as_json:
         print(json.dumps(done.summary, indent=1))
     elif not quiet:
@@ -163,13 +176,13 @@ def run(
 
         print_run(done.summary, done.by_service)
     if done.interrupted:
-        print("desim-uav: interrupted; the finished episodes are kept", file=sys.stderr)
+        _complain(f"interrupted; the finished episodes are kept: {done.summary['run_dir']}")
         raise typer.Exit(130)
 
 
 @app.command()
 def qoe(
-    run_dir: Annotated[Path, typer.Argument(help="The folder of a run.")],
+    run_dir: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="The folder of a run.")],
     by: Annotated[
         str | None, typer.Option(metavar="service|episode|user|outcome", help="Group by.")
     ] = None,
@@ -186,19 +199,17 @@ def qoe(
             param_hint="--by",
         )
     summary, requests = read_counted(run_dir)
-    if by is None:
-        content: Any = summary
-    else:
-        content = json.loads(measures.grouped(requests, by).to_json(orient="records"))
+    groups = None if by is None else measures.grouped(requests, by)
     if as_json:
-        print(json.dumps(content, indent=1))
+        added = {} if groups is None else {"by": by, "groups": groups}
+        print(json.dumps(summary | added, indent=1))
         return
     from desim_uav.report.text import print_groups, print_summary
 
-    if by is None:
-        print_summary(content)
+    if by is None or groups is None:
+        print_summary(summary)
     else:
-        print_groups(by, content)
+        print_groups(by, groups)
 
 
 def _located(path: Path, action: Any) -> Any:
@@ -209,6 +220,25 @@ def _located(path: Path, action: Any) -> Any:
         return action()
     except ScenarioError as error:
         raise ScenarioError(*(f"{path}: {problem}" for problem in error.problems)) from error
+
+
+def _complain(problems: str) -> None:
+    """Say what is wrong on stderr."""
+    for problem in problems.splitlines():
+        print(f"desim-uav: {problem}", file=sys.stderr)
+
+
+def _drop_output() -> None:
+    """Nobody takes what is still to be printed: send it nowhere, or Python complains at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _end_politely() -> None:
+    """Make ``kill`` and a lost terminal end a run as Ctrl-C does, unless they are ignored."""
+    for name in ("SIGTERM", "SIGHUP"):
+        number = getattr(signal, name, None)
+        if number is not None and signal.getsignal(number) is signal.SIG_DFL:
+            signal.signal(number, signal.default_int_handler)
 
 
 def _first_comment(path: Path) -> str:

@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-GROUPS = ("service", "episode", "user", "outcome")
+GROUPS: dict[str, type] = {"service": str, "episode": int, "user": int, "outcome": str}
 
 
 def derive(requests: pd.DataFrame, duration_s: float, step_s: float) -> pd.DataFrame:
@@ -24,7 +24,8 @@ def derive(requests: pd.DataFrame, duration_s: float, step_s: float) -> pd.DataF
     left_s = _between(requests["t_request_s"], duration_s)
     derived["wait_s"] = _between(requests["t_request_s"], first)
     derived["completion_s"] = open_s.where(requests["outcome"] == "completed")
-    derived["handovers"] = requests["drones"].map(lambda drones: max(len(drones) - 1, 0))
+    handovers = [max(len(drones) - 1, 0) for drones in requests["drones"]]
+    derived["handovers"] = pd.Series(handovers, requests.index, dtype="int64")
     derived["qoe1"] = requests["served_s"] / requests["requested_s"]
     feasible_s = requests["requested_s"].clip(upper=left_s)
     derived["qoe1_feasible"] = requests["served_s"] / feasible_s.where(feasible_s > 0)
@@ -60,10 +61,10 @@ def summary(requests: pd.DataFrame) -> dict[str, Any]:
 OUTCOMES = ("completed", "unfinished", "never_served")
 
 
-def grouped(requests: pd.DataFrame, by: str) -> pd.DataFrame:
-    """``summary`` of each group of requests: a row for each value of ``by``."""
-    rows = [{by: value} | summary(group) for value, group in requests.groupby(by, sort=True)]
-    return pd.DataFrame(rows, columns=[by, *summary(requests.iloc[:0])])
+def grouped(requests: pd.DataFrame, by: str) -> list[dict[str, Any]]:
+    """``summary`` of each group of requests, in order of ``by``, one of ``GROUPS``."""
+    groups = requests.groupby(by, sort=True)
+    return [{by: GROUPS[by](value)} | summary(group) for value, group in groups]
 
 
 def fairness(requests: pd.DataFrame) -> float | None:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
 
 TEXT, LIST = "str", "object"
 INT, FLOAT, BOOL = "int64", "float64", "bool"
@@ -87,6 +88,48 @@ EVENTS = {
     "station": "Int64",
 }
 """Sorted by (t_us, phase, drone, user); what an event does not concern is null."""
+
+
+def arrow_schema(columns: dict[str, str]) -> pa.Schema:
+    """The types of a table in its Parquet file, the same whatever its rows."""
+    import pyarrow as pa
+
+    types = {
+        TEXT: pa.string(),
+        LIST: pa.list_(pa.int64()),
+        INT: pa.int64(),
+        "Int64": pa.int64(),
+        FLOAT: pa.float64(),
+        BOOL: pa.bool_(),
+    }
+    return pa.schema([(name, types[dtype]) for name, dtype in columns.items()])
+
+
+def misfit(columns: dict[str, str], table: pa.Table) -> str | None:
+    """What keeps a table from being one of ``columns``: one that lacks, or holds something else."""
+    import pyarrow.compute as pc
+    from pyarrow import types
+
+    fits = {
+        TEXT: (types.is_string, types.is_large_string),
+        LIST: (types.is_list, types.is_large_list),
+        INT: (types.is_integer,),
+        "Int64": (types.is_integer,),
+        FLOAT: (types.is_floating,),
+        BOOL: (types.is_boolean,),
+    }
+    expected = arrow_schema(columns)
+    for name, dtype in columns.items():
+        if table.column_names.count(name) != 1:
+            return f"no column {name!r}"
+        column = table[name]
+        if not any(is_one(column.type) for is_one in (types.is_null, *fits[dtype])):
+            return f"column {name!r} holds {column.type}, not {expected.field(name).type}"
+        if dtype in (INT, BOOL) and column.null_count:
+            return f"column {name!r} has empty values"
+        if types.is_floating(column.type) and pc.any(pc.is_inf(column)).as_py():
+            return f"column {name!r} has infinite values"
+    return None
 
 
 def to_frame(columns: dict[str, str], rows: Iterable[tuple[Any, ...]]) -> pd.DataFrame:

@@ -6,20 +6,28 @@ import json
 import os
 import re
 import shutil
-import tempfile
+import uuid
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
-from desim_uav.errors import PolicyError, UsageError
+from desim_uav.errors import DesimError, PolicyError, UsageError
+from desim_uav.records import EPISODES, EVENTS, REQUESTS, STEPS, USERS, arrow_schema, misfit
 
 if TYPE_CHECKING:
     import pandas as pd
 
     from desim_uav.world import World
 
-TABLES = ("requests", "steps", "episodes", "users", "events")
+TABLES = {
+    "requests": REQUESTS,
+    "steps": STEPS,
+    "episodes": EPISODES,
+    "users": USERS,
+    "events": EVENTS,
+}
+LONGEST_NAME = 200
 
 
 class Draft:
@@ -29,45 +37,58 @@ class Draft:
         self.path = path
 
     def write_table(self, name: str, frame: pd.DataFrame) -> None:
-        """Write a Parquet table."""
+        """Write one of ``TABLES``."""
         import pyarrow as pa
         import pyarrow.parquet as pq
 
-        with (self.path / f"{name}.parquet").open("wb") as file:
-            pq.write_table(pa.Table.from_pandas(frame, preserve_index=False), file)
-            _sync(file)
+        table = pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
+        with self._new_file(f"{name}.parquet") as file:
+            pq.write_table(table, file)
 
     def write_text(self, name: str, text: str) -> None:
         """Write a text file."""
-        with (self.path / name).open("w", encoding="utf-8") as file:
-            file.write(text)
-            _sync(file)
+        with self._new_file(name) as file:
+            file.write(text.encode())
 
     def write_json(self, name: str, content: Any) -> None:
         """Write a JSON file."""
         self.write_text(name, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+    @contextmanager
+    def _new_file(self, name: str) -> Iterator[IO[bytes]]:
+        try:
+            with (self.path / name).open("wb") as file:
+                yield file
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            raise DesimError(
+                f"cannot write {name} to {self.path.parent}: {error.strerror or error}"
+            ) from error
 
 
 class Place:
     """Where a run will stand: ``--out``, or the first free ``runs/NAME``, ``runs/NAME-2`` …."""
 
     def __init__(self, out: Path | None, name: str) -> None:
-        """Raises UsageError where ``out`` is not empty, not a folder, or cannot be written."""
+        """Raises UsageError where no run can be put at ``out``."""
         self.out = out
-        self.parent = Path("runs") if out is None else out.parent
-        self.name = re.sub(r"[^A-Za-z0-9._=-]+", "-", name).strip("-.") or "run"
-        if out is not None and out.exists():
-            if not out.is_dir():
-                raise UsageError(f"--out {out}: exists and is not a folder")
-            if any(out.iterdir()):
-                raise UsageError(f"--out {out}: the folder is not empty")
+        self.target = None if out is None else _vacant(out)
+        self.parent = Path("runs") if self.target is None else self.target.parent
+        self.name = re.sub(r"[^A-Za-z0-9._=-]+", "-", name[:LONGEST_NAME]).strip("-.") or "run"
 
     @contextmanager
     def draft(self) -> Iterator[Draft]:
-        """A draft beside the place; it is removed again unless it gets published."""
+        """A draft beside the place; it is removed again unless it gets published.
+
+        Raises UsageError where nothing can be written.
+        """
+        path = self.parent / f".unfinished-{uuid.uuid4().hex}"
         try:
             self.parent.mkdir(parents=True, exist_ok=True)
-            path = Path(tempfile.mkdtemp(prefix=".unfinished-", dir=self.parent))
+            path.mkdir()
+        except FileExistsError as error:
+            raise UsageError(f"cannot write to {self.parent}: it is not a folder") from error
         except OSError as error:
             raise UsageError(f"cannot write to {self.parent}: {error.strerror}") from error
         try:
@@ -77,23 +98,20 @@ class Place:
 
     def publish(self, draft: Draft) -> Path:
         """Move a draft to its place in one step; the place. Never overwrites."""
-        draft.path.chmod(0o755)
         for candidate in self._candidates():
             try:
                 draft.path.rename(candidate)
             except OSError as error:
-                if self.out is not None:
-                    raise UsageError(f"--out {candidate}: {error.strerror}") from error
-                if not candidate.exists():
-                    raise
-                continue
+                if self.target is None and (candidate.exists() or candidate.is_symlink()):
+                    continue
+                raise UsageError(f"cannot write to {candidate}: {error.strerror}") from error
             _sync_folder(self.parent)
-            return candidate
+            return self.out or candidate
         raise AssertionError("there is always a free number")
 
     def _candidates(self) -> Iterator[Path]:
-        if self.out is not None:
-            yield self.out
+        if self.target is not None:
+            yield self.target
             return
         yield self.parent / self.name
         number = 2
@@ -105,23 +123,26 @@ class Place:
 def read_table(folder: Path, name: str, columns: dict[str, str]) -> pd.DataFrame:
     """A table of a finished run.
 
-    Raises PolicyError, naming the file, where it is missing, unreadable or lacks a column.
+    Raises PolicyError, naming the file, where it is missing or unreadable, or where a column is
+    missing or of another type.
     """
     import pyarrow as pa
     import pyarrow.parquet as pq
 
-    if not folder.is_dir():
-        raise PolicyError(f"{folder}: no such run folder")
     file = folder / f"{name}.parquet"
-    if not file.is_file():
-        raise PolicyError(f"{file}: no such table; is {folder} a run folder?")
     try:
-        frame: pd.DataFrame = pq.ParquetFile(file).read().to_pandas()
+        if not folder.is_dir():
+            raise PolicyError(f"{folder}: no such run folder")
+        if not file.is_file():
+            raise PolicyError(f"{file}: no such table; is {folder} a run folder?")
+        table = pq.ParquetFile(file).read()
+        problem = misfit(columns, table)
+        frame: pd.DataFrame = table.to_pandas()
     except (pa.ArrowException, OSError, ValueError) as error:
-        raise PolicyError(f"{file}: not a readable Parquet file: {error}") from error
-    missing = [column for column in columns if column not in frame.columns]
-    if missing:
-        raise PolicyError(f"{file}: no column {missing[0]!r}")
+        reason = str(error).partition("\n")[0]
+        raise PolicyError(f"{file}: not a readable Parquet file: {reason}") from error
+    if problem is not None:
+        raise PolicyError(f"{file}: {problem}")
     return frame
 
 
@@ -143,14 +164,27 @@ def world_content(world: World) -> dict[str, Any]:
     }
 
 
-def _sync(file: Any) -> None:
-    file.flush()
-    os.fsync(file.fileno())
+def _vacant(out: Path) -> Path:
+    """Where ``--out`` points, links followed. Raises UsageError where no run can be put there."""
+    try:
+        target = out.resolve()
+        if target.exists():
+            if not target.is_dir():
+                raise UsageError(f"--out {out}: exists and is not a folder")
+            if any(target.iterdir()):
+                raise UsageError(f"--out {out}: the folder is not empty")
+            if target == Path.cwd() or target.is_mount():
+                raise UsageError(f"--out {out}: this folder must stay; name one in it")
+    except (OSError, RuntimeError) as error:
+        raise UsageError(f"--out {out}: {getattr(error, 'strerror', None) or error}") from error
+    return target
 
 
 def _sync_folder(folder: Path) -> None:
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
+    """Make the new name last, where the system can."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

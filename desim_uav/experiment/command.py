@@ -28,6 +28,9 @@ from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
 
+MANIFEST = {"scenario": str, "policy": str, "seed": int}
+"""What ``qoe`` reads of ``manifest.json``."""
+
 PACKAGES = ("numba", "numpy", "pandas", "pyarrow", "pydantic", "simpy")
 
 
@@ -36,7 +39,7 @@ class Done:
     """A finished run: where it stands and what it says of itself."""
 
     summary: dict[str, Any]
-    by_service: pd.DataFrame
+    by_service: list[dict[str, Any]]
     interrupted: bool
 
 
@@ -51,7 +54,11 @@ def run_to_folder(
     command: list[str],
     show_progress: bool,
 ) -> Done:
-    """Run and write the run folder. Raises the errors of its parts before anything is written."""
+    """Run and write the run folder. Raises the errors of its parts before anything is written.
+
+    Ctrl-C keeps the episodes that have ended; where none of the counted ones has, nothing is kept
+    and the KeyboardInterrupt goes on.
+    """
     seed = scenario.seed
     policy = load_policy(policy_name)
     label = Path(policy_name).name if policy_name.startswith("script:") else policy_name
@@ -63,6 +70,9 @@ def run_to_folder(
             results, interrupted = run(
                 world, policy, policy_name, seed, episodes, warmup, keep_events, advance
             )
+        counted = int((results.episodes["episode"] >= 0).sum())
+        if interrupted and not counted:
+            raise KeyboardInterrupt
         settings = run_settings(world, policy, keep_events)
         draft.write_text("scenario.yaml", dump(scenario))
         draft.write_json("world.json", world_content(world))
@@ -81,7 +91,7 @@ def run_to_folder(
                 "ceilings": ["tallest" if c else "none" for c in settings.ceilings],
                 "carry_over": settings.carry_over,
                 "warmup": warmup,
-                "episodes": int((results.episodes["episode"] >= 0).sum()),
+                "episodes": counted,
                 "episodes_asked": episodes,
                 "interrupted": interrupted,
                 "command": command,
@@ -102,13 +112,22 @@ def read_counted(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
     """The summary and the counted requests of a finished run. Raises PolicyError."""
     requests = read_table(folder, "requests", REQUESTS)
     episodes = read_table(folder, "episodes", EPISODES)
-    try:
-        manifest = json.loads((folder / "manifest.json").read_text(encoding="utf-8"))
-        names = manifest["scenario"], manifest["policy"], manifest["seed"]
-    except (OSError, ValueError, KeyError, TypeError) as error:
-        raise PolicyError(f"{folder / 'manifest.json'}: not a run's manifest: {error}") from error
+    manifest = _read_manifest(folder / "manifest.json")
     results = Results(requests, pd.DataFrame(), episodes, pd.DataFrame(), None)
-    return _summary(*names, results) | {"run_dir": str(folder)}, _counted(requests)
+    summary = _summary(manifest["scenario"], manifest["policy"], manifest["seed"], results)
+    return summary | {"run_dir": str(folder)}, _counted(requests)
+
+
+def _read_manifest(file: Path) -> dict[str, Any]:
+    try:
+        manifest = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise PolicyError(f"{file}: not a readable manifest: {reason}") from error
+    for key, of_type in MANIFEST.items():
+        if not isinstance(manifest, dict) or not isinstance(manifest.get(key), of_type):
+            raise PolicyError(f"{file}: not the manifest of a run: no {key}")
+    return dict(manifest)
 
 
 def _summary(scenario: str, policy: str, seed: int, results: Results) -> dict[str, Any]:

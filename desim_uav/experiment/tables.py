@@ -42,7 +42,7 @@ def requests_table(log: EpisodeLog, world: World) -> pd.DataFrame:
         for r in log.requests
     )
     frame = qoe.derive(to_frame(basic, rows), log.duration_us / US, world.step_us / US)
-    return frame[list(REQUESTS)].astype({"handovers": "int64"})
+    return frame[list(REQUESTS)]
 
 
 def steps_table(log: EpisodeLog, world: World) -> pd.DataFrame:
@@ -75,7 +75,7 @@ def steps_table(log: EpisodeLog, world: World) -> pd.DataFrame:
 def episodes_table(log: EpisodeLog, world: World, requests: pd.DataFrame) -> pd.DataFrame:
     """One row: the episode's measures."""
     measured = qoe.summary(requests)
-    drone_us = log.duration_us * world.scenario.drones.count
+    available = log.duration_us * world.scenario.drones.count * world.bandwidth_bps
     values: dict[str, Any] = measured | {
         "episode": log.episode,
         "qoe3_percent": 100 * log.attached_us / (log.duration_us * len(world.homes)),
@@ -85,7 +85,9 @@ def episodes_table(log: EpisodeLog, world: World, requests: pd.DataFrame) -> pd.
         "charges": log.charges,
         "queueing_s": log.queueing_us / US,
         "distance_m": log.distance_m,
-        "bandwidth_percent": 100 * log.bandwidth_us_bps / (drone_us * world.bandwidth_bps),
+        "bandwidth_percent": (
+            None if math.isinf(available) else 100 * log.bandwidth_us_bps / available
+        ),
         "duration_s": log.duration_us / US,
     }
     return to_frame(EPISODES, [tuple(values[name] for name in EPISODES)])

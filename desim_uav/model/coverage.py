@@ -18,6 +18,9 @@ from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
 T0_US, X0, Y0, VX, VY = range(5)
 """Columns of a table of user legs: a straight walk from (X0, Y0) that begins at T0_US."""
 
+GRAZE_M = 1e-11
+"""A distance that turns this close to the radius touches it: that is no crossing."""
+
 Route = tuple[float, float, float, float]
 Span = tuple[int, int]
 
@@ -202,7 +205,9 @@ def _roots(
                 last = leg_at(legs, first, stop, span[1])
                 now_inside = _is_inside(route[2], route[3], radius, legs, last, span[1])
             else:
-                now_inside = _excess(px, py, wx, wy, ax, ay, radius, after) <= 0.0
+                excess = _excess(px, py, wx, wy, ax, ay, radius, after)
+                grazes = k < turning and abs(excess) <= 2.0 * GRAZE_M * radius
+                now_inside = inside if grazes else excess <= 0.0
             if now_inside != inside:
                 root = _root(px, py, wx, wy, ax, ay, radius, before, after, now_inside)
                 t_us = span[0] + int(np.rint((at + root) * 1e6))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import pandas as pd
 from rich import box
 from rich.console import Console
 from rich.table import Table
+from rich.text import Text
 
+PIPED_WIDTH = 200
 MEASURES = {
     "requests": ("requests", "d"),
     "qoe1_percent": ("QoE1\n%", ".1f"),
@@ -24,11 +25,11 @@ MEASURES = {
 """Headings and formats; a table of them fits a terminal of 80 columns."""
 
 
-def print_run(summary: dict[str, Any], by_service: pd.DataFrame) -> None:
+def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None:
     """The table a run ends with: all requests, and by service."""
-    rows = [{"service": "all"} | summary, *by_service.to_dict("records")]
+    rows = [{"service": "all"} | summary, *by_service]
     title = "{scenario}, {policy}, seed {seed}: {episodes} episode(s), {crashes} crash(es)"
-    _print("service", rows, title.format(**summary))
+    _print("service", rows, Text(title.format(**summary)))
     print(f"{summary['run_dir']}")
 
 
@@ -44,7 +45,7 @@ def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
     _print(by, rows, None)
 
 
-def _print(by: str, rows: list[dict[str, Any]], title: str | None) -> None:
+def _print(by: str, rows: list[dict[str, Any]], title: Text | None) -> None:
     table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), title_justify="left")
     table.add_column(by, no_wrap=True)
     shown = {name: look for name, look in MEASURES.items() if any(name in row for row in rows)}
@@ -53,7 +54,7 @@ def _print(by: str, rows: list[dict[str, Any]], title: str | None) -> None:
     for row in rows:
         table.add_row(str(row[by]), *(_cell(row, name, look[1]) for name, look in shown.items()))
     console = Console()
-    Console(width=None if console.is_terminal else 120).print(table)
+    Console(width=None if console.is_terminal else PIPED_WIDTH).print(table)
 
 
 def _cell(row: dict[str, Any], name: str, form: str) -> str:
