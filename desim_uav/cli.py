@@ -31,6 +31,7 @@ Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on std
 
 def main() -> NoReturn:
     """Run the command line; every error a user can mend is one message and an exit code."""
+    sys.path.append("")  # the working folder, where users keep their "module:Class" components
     try:
         try:
             app(prog_name="desim-uav")

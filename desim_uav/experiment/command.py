@@ -61,8 +61,7 @@ def run_to_folder(
     """
     seed = scenario.seed
     policy = load_policy(policy_name)
-    label = Path(policy_name).name if policy_name.startswith("script:") else policy_name
-    place = Place(out, f"{scenario.name}-{label}-s{seed}")
+    place = Place(out, f"{scenario.name}-{_label(policy_name)}-s{seed}")
     world = build_world(scenario, scenario.effective_world_seed)
     started = datetime.now(UTC)
     with place.draft() as draft:
@@ -128,6 +127,12 @@ def _read_manifest(file: Path) -> dict[str, Any]:
         if not isinstance(manifest, dict) or not isinstance(manifest.get(key), of_type):
             raise PolicyError(f"{file}: not the manifest of a run: no {key}")
     return dict(manifest)
+
+
+def _label(policy_name: str) -> str:
+    """A policy's part of a folder's name: a script's file without its path."""
+    kind, _, file = policy_name.partition(":")
+    return f"script-{Path(file).stem}" if kind == "script" else policy_name
 
 
 def _summary(scenario: str, policy: str, seed: int, results: Results) -> dict[str, Any]:

@@ -102,7 +102,16 @@ def _is_inside(
 ) -> bool:
     """Is the user in the closed disc around (x, y)? The one test at both ends of every leg."""
     ux, uy = walked(legs, leg, t_us)
-    return (x - ux) ** 2 + (y - uy) ** 2 <= radius * radius
+    return _beyond(x - ux, y - uy, radius) <= 0.0
+
+
+@kernel
+def _beyond(x: float, y: float, radius: float) -> float:
+    """x² + y² - R², without cancellation where the larger coordinate alone makes up the radius."""
+    x, y = abs(x), abs(y)
+    if x < y:
+        x, y = y, x
+    return (x - radius) * (x + radius) + y * y
 
 
 @kernel
@@ -230,7 +239,7 @@ def _excess(
     """Squared distance minus squared radius, t seconds into the piece."""
     x = px + t * (wx + 0.5 * ax * t)
     y = py + t * (wy + 0.5 * ay * t)
-    return x * x + y * y - radius * radius
+    return _beyond(x, y, radius)
 
 
 @kernel

@@ -100,19 +100,21 @@ class Seen:
 
 def look(pair):
     """All crossings of a pair in order of time."""
-    found, misses = [], [np.inf]
     times = _grid(0.0, pair.span_s, COARSE_S)
     gaps = pair.gap(times)
-    for k in np.flatnonzero(_changes(gaps)):
-        found += _close_up(pair, times[k], times[k + 1], FINE_S)
-    size = np.abs(gaps)
-    turning = (size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])
-    turning &= ~(_changes(gaps)[:-1] | _changes(gaps)[1:])
-    for k in np.flatnonzero(turning) + 1:
-        crossed, miss = _near_miss(pair, times[k - 1], times[k + 1])
+    # Where to look closely: a cell that changes sign, both around a near miss, and their neighbours.
+    worth = _changes(gaps)
+    worth[_near_misses(gaps) - 1] = True
+    worth[_near_misses(gaps)] = True
+    worth[:-1] |= worth[1:].copy()
+    worth[1:] |= worth[:-1].copy()
+    edges = np.flatnonzero(np.diff(worth, prepend=False, append=False))
+    found, misses = [], [np.inf]
+    for first, last in edges.reshape(-1, 2):
+        crossed, missed = _closely(pair, times[first], times[last])
         found += crossed
-        misses.append(miss)
-    return Seen(sorted(found), min(misses))
+        misses += missed
+    return Seen(found, min(misses))
 
 
 def _grid(start, stop, step):
@@ -123,22 +125,29 @@ def _changes(gaps):
     return (gaps[1:] > 0.0) != (gaps[:-1] > 0.0)
 
 
-def _close_up(pair, start, stop, step):
-    times = _grid(start, stop, step)
-    changes = np.flatnonzero(_changes(pair.gap(times)))
-    return [_bisected(pair, times[k], times[k + 1]) for k in changes]
+def _near_misses(gaps):
+    """The points between their neighbours that are nearest to the circle, without a crossing."""
+    size, changes = np.abs(gaps), _changes(gaps)
+    nearest = (size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])
+    return np.flatnonzero(nearest & ~(changes[:-1] & changes[1:])) + 1
 
 
-def _near_miss(pair, start, stop):
-    """Crossings between two times without a change of sign, else how near the circle came."""
-    for step in (FINE_S, FINEST_S):
-        times = _grid(start, stop, step)
-        gaps = pair.gap(times)
-        if _changes(gaps).any():
-            return _close_up(pair, start, stop, step), np.inf
-        nearest = np.argmin(np.abs(gaps))
-        start, stop = times[max(nearest - 1, 0)], times[min(nearest + 1, len(times) - 1)]
-    return [], np.abs(gaps).min()
+def _closely(pair, start, stop):
+    """(crossings, near misses in metres) on the fine grid, and on the finest where it turns."""
+    times = _grid(start, stop, FINE_S)
+    gaps = pair.gap(times)
+    changes = _changes(gaps)
+    found = [_bisected(pair, times[k], times[k + 1]) for k in np.flatnonzero(changes)]
+    misses = []
+    for k in _near_misses(gaps):
+        if changes[k - 1] or changes[k]:
+            continue
+        finest = _grid(times[k - 1], times[k + 1], FINEST_S)
+        closest = pair.gap(finest)
+        turns = np.flatnonzero(_changes(closest))
+        found += [_bisected(pair, finest[j], finest[j + 1]) for j in turns]
+        misses.append(np.inf if len(turns) else np.abs(closest).min())
+    return sorted(found), misses
 
 
 def _bisected(pair, low, high):

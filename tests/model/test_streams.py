@@ -155,6 +155,30 @@ class TestWholeSamplePaths:
         for purpose, found in one.items():
             assert len(set(found)) == len(found), purpose
 
+    @pytest.mark.parametrize("episode", [0, 3, -1])
+    def test_everything_is_drawn_from_the_stream_of_its_purpose(self, episode):
+        world, path = drawn(episode, seed=6, world_seed=2**33)
+        coverage = numpys(2**33, 0, 0, 0).uniform(0.05, 0.15)
+        assert abs(np.count_nonzero(world.grid.height_m) - 100 * coverage) <= 3.5
+        for cluster, (*_, radius) in enumerate(world.clusters):
+            assert radius == numpys(2**33, 0, 1 + cluster, 0).uniform(240.0, 480.0)
+        for user, (x, y, _) in enumerate(world.homes):
+            centre, radius = world.clusters[user % 4, :2], world.clusters[user % 4, 2]
+            offsets = numpys(2**33, 1, user, 0).normal(0.0, radius / 2, (20, 2))
+            assert (centre + offsets == (x, y)).all(axis=1).any()
+            heading = 2.0 * numpys(6, 2, user, episode).random((20, 2)) - 1.0
+            heading = heading[np.hypot(*heading.T) <= 1.0][0]
+            leg = path.walks.legs[path.walks.offsets[user]]
+            assert leg[3:] == pytest.approx(1.4 * heading / np.hypot(*heading))
+            row = path.requests.rows[path.requests.offsets[user]]
+            share = numpys(6, 3, user, episode).random(2)[1]
+            assert row[1] == np.searchsorted([5 / 9, 7.5 / 9], share, side="right")
+        for drone in range(3):
+            mistaken = numpys(6, 4, drone, episode).random((31, 2)) < 0.5
+            assert ((path.position_error[drone] != 0.0) == mistaken).all()
+            stations = np.floor(3 * numpys(6, 5, drone, episode).random(31))
+            assert path.respawn[drone].tolist() == stations.tolist()
+
     def test_one_more_user(self):
         one, other = hashes(*drawn()), hashes(*drawn(users__count=13))
         for purpose in one:

@@ -256,6 +256,7 @@ class Drone:
         self._emit(Phase.DEPLETION, "deplete")
         x_m, y_m, _ = self.position_m()
         self.simulation.log.distance_m += self.flown_m()
+        self.node = (*self.world.grid.cell_of(x_m, y_m), 0)
         self.from_m = self.to_m = (x_m, y_m)
         self.from_z_m = self.to_z_m = 0.0
         self._settle_battery()

@@ -51,7 +51,7 @@ class Simulation:
         self.on_crash = "remove" if battery is None else battery.on_crash
         self.return_below_us = self.respawn_after_us = 0
         if battery is not None:
-            self.return_below_us = int(battery.return_below * self.capacity_us)
+            self.return_below_us = round(battery.return_below * self.capacity_us)
             self.respawn_after_us = round(battery.respawn_after_min * 60 * US)
         self.full_charge_us = round(world.scenario.stations.full_charge_min * 60 * US)
         self.steps = world.scenario.episode.steps

@@ -1,0 +1,215 @@
+"""Whole runs under the audit: the nine cases, and random scenarios. Nothing is worked by hand here;
+after every event the invariants must hold, and what is logged must be what the events add up to.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, event, given, settings
+from hypothesis import strategies as st
+
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.des import Simulation
+from desim_uav.engine.des.audit import audit
+from desim_uav.errors import ScenarioError
+from desim_uav.experiment.run import decide, run_settings
+from desim_uav.model.rules import MOVES, Action, Mode, obeyed
+from desim_uav.model.state import Snapshot
+from desim_uav.model.streams import Purpose, Streams
+from desim_uav.policies import load_policy
+from desim_uav.sample_path import draw
+from desim_uav.scenario.load import from_mapping, load
+from desim_uav.shipped import scenario_path
+from desim_uav.world import World, build_world
+from tests.engine.helpers import US, check_log, count
+
+CASES = [f"case{number}" for number in range(1, 10)]
+
+
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("policy_name", ["baseline", "random", "hover"])
+@pytest.mark.parametrize("case", CASES)
+def test_every_case_keeps_the_invariants(case: str, policy_name: str, seed: int):
+    world = build_world(load(scenario_path(case)), seed)
+    policy = load_policy(policy_name)
+    engine = Simulation(world, run_settings(world, policy, keep_events=True), audit=audit)
+    assert engine.settings.carry_over
+    for episode in range(2):
+        policy.begin(world, Streams(seed, Purpose.LEARNER, episode))
+        shown = engine.reset(draw(world, seed, episode))
+        while not (shown.terminated or shown.truncated):
+            commands = decide(policy, shown)
+            before, shown = shown, engine.step(commands)
+            check_step(engine, before, commands)
+        check_episode(engine)
+        check_demand(engine, case)
+
+
+def check_step(engine: Simulation, before: Snapshot, commands: list[int]) -> None:
+    """The step's records against what was shown before it and told."""
+    actions = engine.world.actions
+    records = engine.log.steps[-len(commands) :]
+    for record, command, mask in zip(records, commands, before.masks, strict=True):
+        assert any(mask)
+        assert record.step == before.step
+        assert record.t_us == (before.step + 1) * engine.world.step_us
+        assert record.action_taken is obeyed(command, mask, actions)
+        assert mask[actions.index(record.action_taken)]
+        if record.mode is not Mode.FLYING:
+            assert record.attached_users == record.served_requests == record.bandwidth_bps == 0
+
+
+def check_episode(engine: Simulation) -> None:
+    """The log of an episode that has ended."""
+    world, log = engine.world, engine.log
+    assert engine.airlink.opened == len(log.requests), "every opened request closes"
+    assert engine.airlink.open == [None] * len(world.homes)
+    assert all(drone.attached_users == 0 and not drone.waiting for drone in engine.drones)
+    assert log.duration_us == engine.epoch * world.step_us
+    assert len(log.steps) == engine.epoch * len(engine.drones)
+    assert log.crashes == count(log, "crash") == count(log, "deplete")
+    assert log.charges == count(log, "charged")
+    check_log(world, log)
+    in_order = [request.t_request_us for request in log.requests]
+    assert in_order == sorted(in_order)
+
+
+def check_demand(engine: Simulation, case: str) -> None:
+    """What the case asks for: all of the episode, once, or again and again."""
+    users, log = len(engine.world.homes), engine.log
+    number = int(case.removeprefix("case"))
+    if number <= 7:
+        assert [request.user for request in log.requests] == list(range(users))
+        assert all(request.t_request_us == 0 for request in log.requests)
+    else:
+        assert len(log.requests) > users
+    if number <= 5:
+        assert {request.required_us for request in log.requests} == {1800 * US}
+        assert {request.bandwidth_bps for request in log.requests} == {0}
+    assert log.suppressed == 0
+
+
+# ---- random scenarios
+
+
+@st.composite
+def scenarios(draw: st.DrawFn) -> dict[str, Any]:
+    """Small and eventful: short batteries, narrow bands, wrong positions, buildings."""
+
+    def pick(*options: Any) -> Any:
+        return draw(st.sampled_from(options))
+
+    cells = draw(st.tuples(st.integers(1, 6), st.integers(1, 6)))
+    three_d, limited = draw(st.booleans()), draw(st.sampled_from([True, True, True, False]))
+    step_s = pick(60, 60, 35.5, 90)
+    stations = draw(st.integers(1, 2)) if limited else 0
+    demand = pick(
+        {"kind": "continuous"},
+        {"kind": "static", "none": 0.3},
+        {"kind": "dynamic", "think_time_s": 45, "none": 0.2},
+        {"kind": "dynamic", "think_time_s": 5},
+        {"kind": "poisson", "rate_per_hour": 40},
+        {"kind": "poisson", "rate_per_hour": 400, "none": 0.1},
+    )
+    mobility = pick(
+        {"kind": "static"},
+        {"kind": "random_walk"},
+        {"kind": "random_walk", "speed_mps": 6, "leg_s": 20},
+    )
+    battery = {
+        "kind": "endurance",
+        "autonomy_min": pick(1, 1.5, 2.2, 3.7, 5, 8),
+        "return_below": pick(0.2, 0.5, 0.8, 1.0),
+        "on_crash": pick("respawn", "respawn", "remove", "end_episode"),
+        "respawn_after_min": pick(0, 0.4, 1, 2.3),
+    }
+    timing = pick("minimum_time", "minimum_time", "fill_epoch")
+    levels = {"min_altitude_m": 20, "step_m": pick(10, 20)}
+    obstacles = {"coverage": [0.0, 0.3], "height_m": [5, 60]}
+    size_m = [240 * cells[0], 240 * cells[1]] if step_s != 35.5 else [160 * n for n in cells]
+    return {
+        "map": {
+            "size_m": size_m,
+            "cells": list(cells),
+            "dimensions": 3 if three_d else 2,
+            **({"levels": levels, "obstacles": obstacles} if three_d else {}),
+        },
+        "drones": {
+            "count": draw(st.integers(1, 4)),
+            "footprint_radius_m": pick(90, 180, 300, 600),
+            "bandwidth_kbps": pick(None, 1000, 2500, 300),
+            "motion": {"kind": "bang_coast_bang", "timing": timing},
+            "battery": battery if limited else None,
+        },
+        "stations": {
+            "count": stations,
+            "radius_m": 0 if stations < 2 else size_m[1] / 3,
+            "pads": pick(1, 1, 2),
+            "full_charge_min": pick(0.7, 2, 5),
+        },
+        "users": {
+            "count": draw(st.integers(1, 9)),
+            "clusters": {"count": 2, "radius_m": [60, 400]},
+            "mobility": mobility,
+        },
+        "demand": demand,
+        "position_noise": pick(None, {"probability": 0.5, "sigma_cells": 2}),
+        "episode": {
+            "steps": draw(st.integers(1, 9)),
+            "step_s": step_s,
+            "carry_over": draw(st.booleans()),
+        },
+    }
+
+
+def some_command(world: World, mask: tuple[bool, ...], rng: np.random.Generator) -> int:
+    """Mostly something allowed, eager to move and to charge; sometimes anything at all."""
+    if rng.random() < 0.15:
+        return int(rng.integers(-2, len(mask) + 2))
+    weights = [
+        allowed * (3.0 if action in MOVES else 1.0 if action is Action.HOVER else 4.0)
+        for action, allowed in zip(world.actions, mask, strict=True)
+    ]
+    return int(rng.choice(len(mask), p=np.array(weights) / sum(weights)))
+
+
+@settings(
+    max_examples=60,
+    deadline=None,
+    derandomize=True,
+    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+)
+@given(scenario=scenarios(), seed=st.integers(0, 10**6), episodes=st.integers(1, 3))
+def test_random_scenarios_keep_the_invariants(scenario: dict[str, Any], seed: int, episodes: int):
+    try:
+        world = build_world(from_mapping(scenario), seed)
+    except ScenarioError as error:
+        told = str(error)
+        assert "stand on one cell" in told or "leaves the free cells connected" in told, told
+        assume(False)
+    rng = np.random.default_rng(seed)
+    ceilings = tuple(bool(rng.random() < 0.6) for _ in range(world.scenario.drones.count))
+    carry_over = world.scenario.episode.carry_over
+    engine = Simulation(world, RunSettings(ceilings, carry_over, keep_events=True), audit=audit)
+    for episode in range(episodes):
+        shown = engine.reset(draw(world, seed, episode))
+        assert (shown.step, shown.t_us) == (0, 0)
+        while not (shown.terminated or shown.truncated):
+            commands = [some_command(world, mask, rng) for mask in shown.masks]
+            before, shown = shown, engine.step(commands)
+            check_step(engine, before, commands)
+        check_episode(engine)
+        for kind in ("crash", "respawn", "charged", "blocked"):
+            if count(engine.log, kind):
+                event(kind)
+        if engine.log.queueing_us:
+            event("queue")
+        if any(len(request.drones) > 1 for request in engine.log.requests):
+            event("handover")
+        if any(request.interruptions for request in engine.log.requests):
+            event("interruption")
+        if shown.terminated:
+            event("terminated")

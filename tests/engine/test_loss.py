@@ -1,0 +1,203 @@
+"""What does not fit is lost: Erlang's formula, through a loss admission of a user's own."""
+
+from __future__ import annotations
+
+import math
+from statistics import fmean, stdev
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from desim_uav.engine.base import EpisodeLog, RunSettings
+from desim_uav.engine.des import Simulation
+from desim_uav.model.rules import Action, Outcome
+from desim_uav.sample_path import draw
+from desim_uav.scenario.load import from_mapping
+from desim_uav.world import World, build_world
+from tests.engine.helpers import US, events, fly, merged, path_of, seen, strip
+
+LOSS = {"kind": "tests.engine.helpers:Loss"}
+
+
+# ---- by hand
+
+
+def test_what_does_not_fit_at_once_is_refused():
+    # Two units. User 2 finds none free, user 3 one that has become free in that very instant.
+    world = strip(
+        users=[(120, 120)] * 4, steps=1, drones={"admission": LOSS}, bandwidth_kbps=200
+    )
+    asks = {0: [(0, 30, 100)], 1: [(10, 30, 100)], 2: [(20, 30, 100)], 3: [(30, 20, 100)]}
+    log = fly(world, path_of(world, asks))
+    assert seen(log, "serve", "refuse", "complete") == events("""
+               0  7  serve     0  0  0
+        10000000  7  serve     0  1  1
+        20000000  7  refuse    0  2  2
+        30000000  1  complete  0  0  0
+        30000000  7  serve     0  3  3
+        40000000  1  complete  0  1  1
+        50000000  1  complete  0  3  3
+    """)
+    refused = log.requests[2]
+    assert (refused.outcome, refused.served_us) == (Outcome.NEVER_SERVED, 0)
+    assert refused.t_end_us == refused.t_request_us == 20 * US
+
+
+def test_a_refused_user_thinks_and_asks_again():
+    world = strip(
+        users=[(120, 120)] * 2, steps=1, drones={"admission": LOSS}, bandwidth_kbps=100
+    )
+    asks = {0: [(0, 30, 100)], 1: [(5, 10, 100), (12, 10, 100), (15, 10, 100)]}
+    log = fly(world, path_of(world, asks, thinking=True))
+    assert seen(log, "request", "refuse", "serve") == events("""
+               0  5  request  -  0  0
+               0  7  serve    0  0  0
+         5000000  5  request  -  1  1
+         5000000  7  refuse   0  1  1
+        17000000  5  request  -  1  2
+        17000000  7  refuse   0  1  2
+        32000000  5  request  -  1  3
+        32000000  7  serve    0  1  3
+    """)
+
+
+def test_two_arrivals_of_one_instant_are_one_request_though_the_first_is_refused():
+    # Arrivals are of phase 5, the refusal of phase 7: the second finds the first one open.
+    world = strip(
+        users=[(120, 120)] * 2, steps=1, drones={"admission": LOSS}, bandwidth_kbps=100
+    )
+    log = fly(world, path_of(world, {0: [(0, 30, 100)], 1: [(5, 10, 100), (5, 10, 100)]}))
+    assert log.suppressed == 1
+    assert len(log.requests) == 2
+
+
+# ---- Erlang B
+
+
+def erlang_b(erlangs: float, channels: int) -> float:
+    blocked = 1.0
+    for k in range(1, channels + 1):
+        blocked = erlangs * blocked / (k + erlangs * blocked)
+    return blocked
+
+
+def engset(users: int, erlangs: float, channels: int) -> float:
+    """Calls lost when ``users`` together would offer ``erlangs``, but none while it is served."""
+    blocked, each = 1.0, erlangs / users
+    for k in range(1, channels + 1):
+        offered = each * (users - k)
+        blocked = offered * blocked / (k + offered * blocked)
+    return blocked
+
+
+def test_the_formula():
+    assert erlang_b(7, 10) == pytest.approx(0.0787408830, abs=5e-11)
+    assert engset(20_000, 7, 10) == pytest.approx(0.0787408830, rel=2e-3)
+
+
+HOLD_MIN = 3.0
+
+
+def under_one_drone(users: int, demand: dict[str, Any], hours: int, **changes: Any) -> World:
+    """Everybody near a hovering drone with no battery to mind."""
+    base = {
+        "map": {"size_m": [720, 720], "cells": [3, 3], "dimensions": 2},
+        "drones": {"count": 1, "start_cells": [[1, 1]], "battery": None},
+        "stations": {"count": 0},
+        "users": {"positions_m": [[360, 360]] * users, "mobility": {"kind": "static"}},
+        "demand": demand,
+        "services": {"unit": {"duration_min": [HOLD_MIN], "bandwidth_kbps": [100]}},
+        "episode": {"steps": hours, "step_s": 3600},
+    }
+    return build_world(from_mapping(merged(base, changes)), 0)
+
+
+def hovered(world: World, seed: int) -> EpisodeLog:
+    engine = Simulation(world, RunSettings((True,), False, keep_events=False))
+    engine.reset(draw(world, seed, 0))
+    for _ in range(world.scenario.episode.steps):
+        engine.step([int(Action.HOVER)])
+    return engine.log
+
+
+def blocked_share(users: int, hours: int, seed: int) -> float:
+    """7 Erlang in all on 10 units: of the requests after the first half hour, the share refused."""
+    demand = {"kind": "poisson", "rate_per_hour": 7 * 60 / HOLD_MIN / users, "mix": {"unit": 1}}
+    drones = {"admission": LOSS, "bandwidth_kbps": 1000}
+    log = hovered(under_one_drone(users, demand, hours, drones=drones), seed)
+    late = [r for r in log.requests if 1800 * US < r.t_request_us < log.duration_us - 180 * US]
+    refused = [r for r in late if r.outcome is Outcome.NEVER_SERVED]
+    served = [r for r in late if r.outcome is Outcome.COMPLETED]
+    assert len(refused) + len(served) == len(late)
+    assert all(r.t_end_us == r.t_request_us for r in refused)
+    assert all(r.t_end_us - r.t_request_us == r.required_us == 180 * US for r in served)
+    return len(refused) / len(late)
+
+
+def check_blocking(users: int, hours: int, runs: int, accuracy: float, expected: float) -> None:
+    """The mean of independent runs, within 4 standard errors."""
+    shares = [blocked_share(users, hours, seed) for seed in range(runs)]
+    error = stdev(shares) / math.sqrt(runs)
+    assert error < accuracy * expected, "not sharp enough to tell"
+    assert abs(fmean(shares) - expected) < 4 * error
+
+
+@pytest.mark.parametrize(("users", "expected"), [(1000, 0.0764929), (40, 0.0325576)])
+def test_blocking_is_what_engset_says_of_some_users(users: int, expected: float):
+    # Users do not ask while they are served; 1,000 of them are within 3 % of infinitely many.
+    assert engset(users, 7, 10) == pytest.approx(expected, rel=2e-3)
+    check_blocking(users, hours=12, runs=20, accuracy=0.05, expected=engset(users, 7, 10))
+
+
+@pytest.mark.slow
+def test_blocking_is_what_erlang_says_of_many():
+    check_blocking(users=20_000, hours=60, runs=40, accuracy=0.01, expected=0.0787408830)
+
+
+# ---- demand, as it comes out of the engine
+
+
+def test_think_times_are_exponential():
+    # The first five of each user: all of them end long before the episode does.
+    demand = {"kind": "dynamic", "think_time_s": 300, "mix": {"unit": 1}}
+    world = under_one_drone(400, demand, hours=5, drones={"bandwidth_kbps": None})
+    log = hovered(world, seed=3)
+    by_user: list[list[int]] = [[] for _ in range(400)]
+    ended = [0] * 400
+    for request in log.requests:
+        if len(by_user[request.user]) < 6:
+            by_user[request.user].append(request.t_request_us - ended[request.user])
+        ended[request.user] = request.t_end_us
+    assert all(len(times) == 6 and times[0] == 0 for times in by_user)
+    think_s = np.array([times[1:] for times in by_user]).ravel() / US
+    assert abs(think_s.mean() - 300) < 4 * 300 / math.sqrt(len(think_s))
+    assert stats.kstest(think_s, stats.expon(scale=300).cdf).pvalue > 1e-4
+
+
+def test_a_draw_of_nothing_is_another_think_time():
+    # With probability 1/2 nothing: from the end of a request to the next, 1, 2, 3 ... think times
+    # of 300 s, a geometric number of exponential times: exponential with mean 600 s.
+    demand = {"kind": "dynamic", "think_time_s": 300, "none": 0.5, "mix": {"unit": 1}}
+    world = under_one_drone(600, demand, hours=5, drones={"bandwidth_kbps": None})
+    log = hovered(world, seed=4)
+    own = [[r for r in log.requests if r.user == user][:3] for user in range(600)]
+    at_once = sum(requests[0].t_request_us == 0 for requests in own)
+    assert abs(at_once - 300) < 4 * math.sqrt(600 * 0.25)
+    gaps_s = np.array([(b.t_request_us - a.t_end_us) / US for a, b, *_ in own])
+    assert stats.kstest(gaps_s, stats.expon(scale=600).cdf).pvalue > 1e-4
+
+
+def test_arrivals_are_poisson_whether_asked_or_suppressed():
+    demand = {"kind": "poisson", "rate_per_hour": 30, "mix": {"unit": 1}}
+    world = under_one_drone(200, demand, hours=4, drones={"bandwidth_kbps": None})
+    counts = []
+    for seed in range(20):
+        log = hovered(world, seed)
+        counts.append(len(log.requests) + log.suppressed)
+        assert log.suppressed > 0.3 * counts[-1], "3 of 5 minutes are busy"
+    mean = 200 * 30 * 4
+    assert abs(fmean(counts) - mean) < 4 * math.sqrt(mean / 20)
+    dispersion = sum((count - fmean(counts)) ** 2 for count in counts) / mean
+    assert stats.chi2(19).ppf(1e-5) < dispersion < stats.chi2(19).ppf(1 - 1e-5)
