@@ -15,7 +15,7 @@ from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageErro
 from desim_uav.experiment import command
 from desim_uav.experiment.command import read_counted, run_to_folder
 from desim_uav.records import EPISODES, REQUESTS, USERS, to_frame
-from desim_uav.run_folder import TABLES, Place, read_table
+from desim_uav.run_folder import TABLES, Draft, Place, read_table
 from desim_uav.scenario.load import load, loads, scenario_hash
 from desim_uav.shipped import scenario_path
 
@@ -264,9 +264,7 @@ class TestWholeOrNotAtAll:
         def end(*_):
             raise error
 
-        owner = Place if method == "publish" else type(Place(None, "x").draft().__enter__())
-        shutil.rmtree("runs", ignore_errors=True)
-        monkeypatch.setattr(owner, method, end)
+        monkeypatch.setattr(Place if method == "publish" else Draft, method, end)
         with pytest.raises(error):
             run()
         assert names("runs") == []
@@ -296,9 +294,8 @@ class TestWholeOrNotAtAll:
 
     def test_the_manifest_is_written_last(self, monkeypatch):
         written = []
-        kind = type(Place(None, "x").draft().__enter__())
-        original = kind._new_file
-        monkeypatch.setattr(kind, "_new_file", lambda d, n: (written.append(n), original(d, n))[1])
+        original = Draft._new_file
+        monkeypatch.setattr(Draft, "_new_file", lambda d, n: (written.append(n), original(d, n))[1])
         run(keep_events=True)
         assert written[-1] == "manifest.json"
         assert sorted(written) == sorted([*FILES, "events.parquet"])

@@ -9,6 +9,7 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from hypothesis import strategies as st
 
 from desim_uav.engine.base import EpisodeLog, Event, RunSettings
 from desim_uav.engine.des import Simulation
@@ -16,7 +17,7 @@ from desim_uav.engine.des.audit import audit
 from desim_uav.model.admission import Waiting
 from desim_uav.model.demand import Requests
 from desim_uav.model.mobility import Walks
-from desim_uav.model.rules import Action, Outcome, Phase
+from desim_uav.model.rules import MOVES, Action, Outcome, Phase
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath
 from desim_uav.scenario.load import from_mapping
@@ -339,7 +340,7 @@ def check_log(world: World, log: EpisodeLog) -> None:
 
 
 def _let_go_first(event: Event) -> tuple[int, int, bool]:
-    """In phase 11 a log has drone after drone; but a user is let go before another drone takes it."""
+    """In phase 11 a log has drone after drone; but a user is let go before it is taken."""
     t_us, phase, kind, *_ = event
     return t_us, phase, phase == Phase.COVERAGE and kind == "attach"
 
@@ -348,3 +349,87 @@ def count(log: EpisodeLog, *kinds: str) -> int:
     """How many events of these kinds a log holds."""
     assert log.events is not None
     return sum(event[2] in kinds for event in log.events)
+
+
+# ---- random scenarios
+
+
+@st.composite
+def scenarios(draw: st.DrawFn) -> dict[str, Any]:
+    """Small and eventful: short batteries, narrow bands, wrong positions, buildings."""
+
+    def pick(*options: Any) -> Any:
+        return draw(st.sampled_from(options))
+
+    cells = draw(st.tuples(st.integers(1, 7), st.integers(1, 7)))
+    three_d, limited = draw(st.booleans()), draw(st.sampled_from([True, True, True, False]))
+    step_s = pick(60, 60, 35.5, 90)
+    stations = draw(st.integers(1, 2)) if limited else 0
+    demand = pick(
+        {"kind": "continuous"},
+        {"kind": "static", "none": 0.3},
+        {"kind": "dynamic", "think_time_s": 45, "none": 0.2},
+        {"kind": "dynamic", "think_time_s": 5},
+        {"kind": "poisson", "rate_per_hour": 40},
+        {"kind": "poisson", "rate_per_hour": 400, "none": 0.1},
+    )
+    mobility = pick(
+        {"kind": "static"},
+        {"kind": "random_walk"},
+        {"kind": "random_walk", "speed_mps": 6, "leg_s": 20},
+    )
+    battery = {
+        "kind": "endurance",
+        "autonomy_min": pick(1, 1.5, 2.2, 3.7, 5, 8),
+        "return_below": pick(0.2, 0.5, 0.8, 1.0),
+        "on_crash": pick("respawn", "respawn", "remove", "end_episode"),
+        "respawn_after_min": pick(0, 0.4, 1, 2.3),
+    }
+    timing = pick("minimum_time", "minimum_time", "fill_epoch")
+    levels = {"min_altitude_m": 20, "step_m": pick(10, 20)}
+    obstacles = {"coverage": [0.0, 0.3], "height_m": [5, 60]}
+    size_m = [240 * cells[0], 240 * cells[1]] if step_s != 35.5 else [160 * n for n in cells]
+    return {
+        "map": {
+            "size_m": size_m,
+            "cells": list(cells),
+            "dimensions": 3 if three_d else 2,
+            **({"levels": levels, "obstacles": obstacles} if three_d else {}),
+        },
+        "drones": {
+            "count": draw(st.integers(1, 4)),
+            "footprint_radius_m": pick(90, 180, 300, 600),
+            "bandwidth_kbps": pick(None, 1000, 2500, 300),
+            "motion": {"kind": "bang_coast_bang", "timing": timing},
+            "battery": battery if limited else None,
+        },
+        "stations": {
+            "count": stations,
+            "radius_m": 0 if stations < 2 else size_m[1] / 3,
+            "pads": pick(1, 1, 2),
+            "full_charge_min": pick(0.7, 2, 5),
+        },
+        "users": {
+            "count": draw(st.integers(1, 16)),
+            "clusters": {"count": 2, "radius_m": [60, 400]},
+            "mobility": mobility,
+        },
+        "demand": demand,
+        "position_noise": pick(None, {"probability": 0.5, "sigma_cells": 2}),
+        "episode": {
+            "steps": pick(1, 4, 8, 12, 16),
+            "step_s": step_s,
+            "carry_over": draw(st.booleans()),
+        },
+    }
+
+
+def some_command(world: World, mask: tuple[bool, ...], rng: np.random.Generator) -> int:
+    """Mostly something allowed, eager to move and to charge; sometimes anything at all."""
+    if rng.random() < 0.15:
+        return int(rng.integers(-2, len(mask) + 2))
+    weights = [
+        allowed * (3.0 if action in MOVES else 1.0 if action is Action.HOVER else 4.0)
+        for action, allowed in zip(world.actions, mask, strict=True)
+    ]
+    return int(rng.choice(len(mask), p=np.array(weights) / sum(weights)))

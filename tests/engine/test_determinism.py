@@ -6,22 +6,29 @@ import os
 import random
 import subprocess
 import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pandas as pd
 import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
 from pandas.testing import assert_frame_equal
 
-from desim_uav.engine.base import EpisodeLog, Event
+from desim_uav.engine.base import EpisodeLog, Event, RunSettings
+from desim_uav.engine.des import Simulation
 from desim_uav.engine.des.agenda import Agenda
+from desim_uav.errors import ScenarioError
 from desim_uav.experiment.run import Results, run
 from desim_uav.policies import load_policy
-from desim_uav.scenario.load import load
+from desim_uav.sample_path import draw
+from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
-from tests.engine.helpers import Flight, check_log, path_of, strip
+from tests.engine.helpers import Flight, check_log, path_of, scenarios, some_command, strip
 
 TABLES = ("requests", "steps", "episodes", "users", "events")
 
@@ -166,35 +173,63 @@ def ties(log: EpisodeLog) -> int:
     return int(frame.duplicated(keep=False).sum())
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_the_order_of_insertion_decides_nothing(seed: int, monkeypatch: pytest.MonkeyPatch):
-    expected = [content(log) for log in in_lockstep(seed)]
+@contextmanager
+def shuffled(seed: int) -> Iterator[None]:
+    """Let all that has one key on the agenda come in a random order, not in that of insertion."""
+
+    def numbers() -> Iterator[int]:
+        rng, given = random.Random(seed), set[int]()
+        while True:
+            number = rng.getrandbits(48)
+            if number not in given:
+                given.add(number)
+                yield number
+
+    def init(agenda: Agenda) -> None:
+        plain(agenda)
+        agenda._eid = numbers()
+
     plain = Agenda.__init__
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Agenda, "__init__", init)
+        yield
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_order_of_insertion_decides_nothing(seed: int):
+    expected = [content(log) for log in in_lockstep(seed)]
     for shuffle in range(4):
-        rng = random.Random(1000 * seed + shuffle)
+        with shuffled(10 * seed + shuffle):
+            assert [content(log) for log in in_lockstep(seed)] == expected
 
-        def shuffled(agenda: Agenda, rng: random.Random = rng) -> None:
-            plain(agenda)
-            numbers: set[int] = set()
 
-            def distinct() -> Any:
-                while True:
-                    number = rng.getrandbits(48)
-                    if number not in numbers:
-                        numbers.add(number)
-                        yield number
+@settings(max_examples=60, deadline=None, derandomize=True)
+@given(scenario=scenarios(), seed=st.integers(0, 10**6))
+def test_it_decides_nothing_in_random_scenarios(scenario: dict[str, Any], seed: int):
+    try:
+        world = build_world(from_mapping(scenario), seed)
+    except ScenarioError:
+        assume(False)
 
-            agenda._eid = distinct()
+    def told() -> list[Any]:
+        rng = np.random.default_rng(seed)
+        engine = Simulation(world, RunSettings((True,) * len(world.starts), True, True))
+        logs = []
+        for episode in range(2):
+            shown = engine.reset(draw(world, seed, episode))
+            while not (shown.terminated or shown.truncated):
+                shown = engine.step([some_command(world, mask, rng) for mask in shown.masks])
+            logs.append(content(engine.log))
+        return logs
 
-        monkeypatch.setattr(Agenda, "__init__", shuffled)
-        logs = in_lockstep(seed)
-        monkeypatch.undo()
-        assert [content(log) for log in logs] == expected
+    expected = told()
+    with shuffled(seed):
+        assert told() == expected
 
 
 def test_the_lockstep_is_full_of_ties():
     logs = [log for seed in range(3) for log in in_lockstep(seed)]
-    assert all(ties(log) > 0.8 * len(log.events or []) for log in logs)
+    assert all(ties(log) > 0.7 * len(log.events or []) for log in logs)
     kinds = {event[2] for log in logs for event in log.events or []}
     assert {"crash", "respawn", "land", "charge", "charged", "blocked", "complete"} <= kinds
     assert sum(log.queueing_us for log in logs) > 0

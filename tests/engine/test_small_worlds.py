@@ -957,7 +957,8 @@ def in_3d(buildings: list[list[float]], starts: Any, cells: Any = (3, 2), **chan
     return strip(starts, cells=cells, map=map_, **changes)
 
 
-@pytest.mark.parametrize(("height_m", "ceiling"), [(50, True), (50, False), (40, True), (40, False)])
+@pytest.mark.parametrize("height_m", [50, 40])
+@pytest.mark.parametrize("ceiling", [True, False])
 def test_over_a_building_if_there_is_no_ceiling(height_m: float, ceiling: bool):
     # Levels of 20 and 40 m, and 60 m without a ceiling; a building of 40 m is as bad as of 50.
     world = in_3d([[1, 0, height_m]], [(0, 0)], steps=7)

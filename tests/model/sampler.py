@@ -102,10 +102,10 @@ def look(pair):
     """All crossings of a pair in order of time."""
     times = _grid(0.0, pair.span_s, COARSE_S)
     gaps = pair.gap(times)
-    # Where to look closely: a cell that changes sign, both around a near miss, and their neighbours.
+    # Cells to look at closely: those that change sign, those around a near miss, and the next.
     worth = _changes(gaps)
-    worth[_near_misses(gaps) - 1] = True
-    worth[_near_misses(gaps)] = True
+    for point in _near_misses(gaps):
+        worth[max(point - 1, 0) : point + 1] = True
     worth[:-1] |= worth[1:].copy()
     worth[1:] |= worth[:-1].copy()
     edges = np.flatnonzero(np.diff(worth, prepend=False, append=False))
@@ -126,10 +126,9 @@ def _changes(gaps):
 
 
 def _near_misses(gaps):
-    """The points between their neighbours that are nearest to the circle, without a crossing."""
-    size, changes = np.abs(gaps), _changes(gaps)
-    nearest = (size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:])
-    return np.flatnonzero(nearest & ~(changes[:-1] & changes[1:])) + 1
+    """The points nearer to the circle than their neighbours (both ends may be such points)."""
+    size = np.concatenate([[np.inf], np.abs(gaps), [np.inf]])
+    return np.flatnonzero((size[1:-1] < size[:-2]) & (size[1:-1] <= size[2:]))
 
 
 def _closely(pair, start, stop):
@@ -140,9 +139,10 @@ def _closely(pair, start, stop):
     found = [_bisected(pair, times[k], times[k + 1]) for k in np.flatnonzero(changes)]
     misses = []
     for k in _near_misses(gaps):
-        if changes[k - 1] or changes[k]:
+        low, high = max(k - 1, 0), min(k + 1, len(times) - 1)
+        if changes[low:high].any():
             continue
-        finest = _grid(times[k - 1], times[k + 1], FINEST_S)
+        finest = _grid(times[low], times[high], FINEST_S)
         closest = pair.gap(finest)
         turns = np.flatnonzero(_changes(closest))
         found += [_bisected(pair, finest[j], finest[j + 1]) for j in turns]

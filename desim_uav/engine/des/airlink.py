@@ -213,7 +213,7 @@ class AirLink:
             insort(drone.waiting, request, key=_in_order)
             self._affected.add(drone.index)
 
-    def _settle_after(self, phase: Phase) -> None:
+    def _settle_after(self, phase: Phase, in_place: bool = True) -> None:
         """See to it that whoever is loose gets attached, and affected queues get scanned.
 
         That is the matter of the attachment phase, or, where commands are the cause, of the
@@ -223,7 +223,7 @@ class AirLink:
             return
         late = phase > ATTACHMENT
         settle_phase = COVERAGE if late else ATTACHMENT
-        if self.agenda.is_next(settle_phase):
+        if in_place and self.agenda.is_next(settle_phase):
             self._settle(late)
         else:
             self._settling = True
@@ -307,7 +307,8 @@ class AirLink:
         if drone is not None:
             insort(drone.waiting, request, key=_in_order)
             self._affected.add(drone.index)
-            self._settle_after(REQUEST)
+            # Only a user who waits for the end of this request cannot ask again in this instant.
+            self._settle_after(REQUEST, in_place=think)
         return request
 
     def _on_completion(self, due: Due) -> None:
