@@ -134,7 +134,12 @@ def somewhere(tmp_path, monkeypatch):
     folder = tmp_path / "here"
     folder.mkdir()
     monkeypatch.chdir(folder)
-    handlers = {number: signal.getsignal(number) for number in (signal.SIGTERM, signal.SIGHUP)}
+    usual = {
+        signal.SIGINT: signal.default_int_handler,
+        signal.SIGTERM: signal.SIG_DFL,
+        signal.SIGHUP: signal.SIG_DFL,
+    }
+    handlers = {number: signal.signal(number, handler) for number, handler in usual.items()}
     yield folder
     for number, handler in handlers.items():
         signal.signal(number, handler)
@@ -247,7 +252,7 @@ class TestScenarios:
 
     def test_json(self, cli_run):
         found = cli_run("scenarios", "--json").json
-        assert list(found)[0] == "case1"
+        assert next(iter(found)) == "case1"
         assert all(found.values())
 
     def test_show_prints_a_file_that_can_be_run(self, cli_run):
@@ -356,6 +361,21 @@ class TestRun:
     def test_a_folder_with_the_name_of_a_scenario_is_no_scenario(self, cli_run):
         Path("tiny").mkdir()
         assert cli_run("run", "tiny", "-q").code == 0
+
+    def test_a_policy_of_the_working_folder(self, cli_run):
+        text = "from desim_uav.policies.hover import Hover\n\nclass Mine(Hover):\n    pass\n"
+        Path("policy_beside_me.py").write_text(text)
+        ended = cli_run("run", "tiny", "--policy", "policy_beside_me:Mine", "--json")
+        assert ended.json["policy"] == "policy_beside_me:Mine"
+        assert runs() == ["tiny-policy_beside_me-Mine-s1"]
+
+    def test_a_script(self, cli_run):
+        Path("east.csv").write_text("step,drone,action\n0,0,right\n1,0,right\n")
+        found = cli_run("run", "tiny", "--policy", "script:east.csv", "--json").json
+        steps = pd.read_parquet(Path(found["run_dir"]) / "steps.parquet")
+        assert steps["action_taken"].tolist() == ["right", "right", "hover", "hover", "hover"]
+        assert steps["x_m"].tolist() == pytest.approx([360, 600, 600, 600, 600])
+        assert found["run_dir"] == "runs/tiny-script-east-s1"
 
     def test_events_and_out(self, cli_run):
         found = cli_run("run", "tiny", "--events", "--out", "mine/first", "--json").json
@@ -490,16 +510,17 @@ class TestRunRefused:
     @pytest.mark.parametrize(
         ("row", "part"),
         [
-            ("0,0,rihgt", "did you mean 'right'?"),
-            ("0,1,right", "s.csv:2: drone: 1"),
-            ("0,0,up", "'up' does not exist in this scenario"),
-            ("-1,0,right", "s.csv:2"),
-            ("0,0", "s.csv:2"),
+            ("0,0,rihgt", ".csv:2: action: 'rihgt': not an action (did you mean 'right'?)"),
+            ("0,1,right", ".csv:2: drone: 1"),
+            ("0,0,up", ".csv:2: action: 'up' does not exist in this scenario"),
+            ("-1,0,right", ".csv:2: step: '-1': must be at least 0"),
+            ("0,0", ".csv:2: action"),
         ],
     )
     def test_a_script_that_does_not_fit(self, cli_run, row, part):
-        Path("s.csv").write_text(f"step,drone,action\n{row}\n")
-        cli_run("run", "tiny", "--policy", "script:s.csv").failed(4, part)
+        script = Path.cwd() / "s.csv"
+        script.write_text(f"step,drone,action\n{row}\n")
+        cli_run("run", "tiny", "--policy", f"script:{script}").failed(4, part)
         assert runs() == []
 
     def test_out_is_not_empty(self, cli_run):
@@ -570,22 +591,19 @@ class TestInterrupted:
         assert runs() == [f"tiny-plugged-{policy}-s1"]
 
     def test_nohup_is_respected(self, cli_run):
-        previous = signal.signal(signal.SIGHUP, signal.SIG_IGN)
-        try:
-            flags = ("--policy", "plugged:HungUp", "--episodes", 4, "--json")
-            assert cli_run("run", "tiny", *flags).json["episodes"] == 4
-        finally:
-            signal.signal(signal.SIGHUP, previous)
+        signal.signal(signal.SIGHUP, signal.SIG_IGN)
+        flags = ("--policy", "plugged:HungUp", "--episodes", 4, "--json")
+        assert cli_run("run", "tiny", *flags).json["episodes"] == 4
 
-    def test_killed_for_good(self, somewhere):
+    def test_killed_for_good(self, cli_run):
         """Nothing that looks like a run, and nothing in the way of the next one."""
         ended = elsewhere("run", "tiny", "--policy", "plugged:Killed", "--episodes", 9)
         assert ended.code == -signal.SIGKILL
         assert len(runs()) == 1
         assert runs()[0].startswith(".unfinished-")
         left = Path("runs") / runs()[0]
-        elsewhere("qoe", left).failed(4, f"{left}/requests.parquet: no such table")
-        again = elsewhere("run", "tiny", "--policy", "hover", "--json")
+        cli_run("qoe", left).failed(4, f"{left}/requests.parquet: no such table")
+        again = cli_run("run", "tiny", "--policy", "hover", "--json")
         assert again.json["run_dir"] == "runs/tiny-hover-s1"
 
 
@@ -618,15 +636,6 @@ class TestProcesses:
         assert json.loads(process.communicate(timeout=120)[0])["episodes"] == 3
         assert process.returncode == 0
         assert b"3/3" in shown
-
-    def test_python_m(self, somewhere):
-        done = subprocess.run(
-            [sys.executable, "-m", "desim_uav", "--version"],
-            capture_output=True,
-            text=True,
-            check=False,
-        )
-        assert (done.returncode, done.stdout) == (0, f"desim-uav {desim_uav.__version__}\n")
 
 
 class TestQoe:

@@ -18,7 +18,7 @@ from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
 T0_US, X0, Y0, VX, VY = range(5)
 """Columns of a table of user legs: a straight walk from (X0, Y0) that begins at T0_US."""
 
-GRAZE_M = 1e-11
+GRAZE_M = 1e-13
 """A distance that turns this close to the radius touches it: that is no crossing."""
 
 Route = tuple[float, float, float, float]
@@ -134,7 +134,7 @@ def _cannot_cross(
         if leg + 1 < stop and legs[leg + 1, T0_US] < end:
             end = legs[leg + 1, T0_US]
         speed = np.sqrt(legs[leg, VX] ** 2 + legs[leg, VY] ** 2)
-        reach += speed * (end - begin) * 1e-6 + 1e-5
+        reach += speed * (end - begin + 1.0) * 1e-6
         leg += 1
         begin = end
         if leg >= stop or legs[leg, T0_US] >= span[1]:

@@ -65,7 +65,7 @@ class Static:
 class RandomWalk:
     """A new uniform heading every ``leg_s``; mirrored at the map's edge, the leg split there."""
 
-    speed_mps: Annotated[float, Ge(0), Le(1000)] = 1.4
+    speed_mps: Annotated[float, Ge(0), Le(200)] = 1.4
     leg_s: Annotated[float, Ge(0.001)] = 60.0
 
     def walks(

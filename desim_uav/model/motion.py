@@ -2,7 +2,7 @@
 
 A profile is a float64 array, one row for each phase of constant acceleration:
 (start_s, distance_m, speed_mps, acceleration_mps2), each at the phase's start; the last row is the
-rest at the destination. MODEL: bang-coast-bang, rest to rest, one axis at a time.
+rest at the destination. Drones fly rest to rest, one axis at a time.
 """
 
 from __future__ import annotations

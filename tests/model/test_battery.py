@@ -2,7 +2,7 @@
 
 from fractions import Fraction
 
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from desim_uav.model.battery import Endurance, charged_us, time_to_full_us
@@ -31,10 +31,12 @@ class TestEndurance:
         assert battery.return_below * 1800 == 360
         assert (battery.on_crash, battery.respawn_after_min) == ("respawn", 10.0)
 
+    @settings(deadline=None)
     @given(st.integers(0, CAPACITY_US), st.sampled_from(FLIGHTS))
     def test_a_second_a_second_whatever_it_does(self, elapsed_us, flight):
         assert Endurance().drained_us(flight, elapsed_us) == elapsed_us
 
+    @settings(deadline=None)
     @given(st.integers(1, CAPACITY_US), st.sampled_from(FLIGHTS))
     def test_it_lasts_until_just_when_all_is_drained(self, battery_us, flight):
         lasts_us = Endurance().lasts_us(flight, battery_us)
@@ -60,6 +62,7 @@ class TestCharging:
         assert charged_us(0, 1, 7, 2) == 3
         assert charged_us(0, 1, 2, 7) == 0
 
+    @settings(deadline=None)
     @given(batteries())
     def test_the_time_to_full_is_the_least_that_fills(self, battery):
         charge, capacity, full_charge = battery
@@ -69,6 +72,7 @@ class TestCharging:
         if needed > 0:
             assert charged_us(charge, needed - 1, capacity, full_charge) < capacity
 
+    @settings(deadline=None)
     @given(batteries(), st.integers(0, 10**13), st.integers(0, 10**13))
     def test_the_charge_grows_and_stays_within_the_capacity(self, battery, first, more):
         charge, capacity, full_charge = battery
