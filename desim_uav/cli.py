@@ -47,6 +47,14 @@ def main() -> NoReturn:
             _complain(str(error))
         _drop_output()
         sys.exit(1)
+    except Exception as error:
+        if os.environ.get("DESIM_UAV_TRACEBACK"):
+            raise
+        _complain(
+            f"the simulation failed: {type(error).__name__}: {error}\n"
+            "(DESIM_UAV_TRACEBACK=1 shows where)"
+        )
+        sys.exit(1)
     sys.exit(0)
 
 

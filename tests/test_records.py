@@ -156,7 +156,7 @@ class TestSteps:
             *(0, 60_000_000, 0, 1.0, 2.0, 3.0, battery_us, Mode.FLYING, action, Action.HOVER),
             *(0, 0, 96_000, return_us),
         )
-        row = steps_table(EpisodeLog(0, steps=[step]), world).iloc[0]
+        row = steps_table([EpisodeLog(0, steps=[step])]).iloc[0]
         found = [
             None if pd.isna(row[name]) else row[name] for name in ("n_b_s", "battery_s", "action")
         ]

@@ -16,9 +16,11 @@ from desim_uav.experiment import tables
 from desim_uav.model.state import Snapshot
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.base import Policy
-from desim_uav.records import EPISODES, EVENTS, REQUESTS, STEPS, USERS, to_frame
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.world import World
+
+BATCH = 50
+"""Episodes that are put into tables together."""
 
 
 @dataclass
@@ -53,14 +55,18 @@ def run(
     Warm-up episodes have negative numbers. Ctrl-C keeps what was finished.
     """
     parts: list[Results] = []
+    played: list[tuple[EpisodeLog, SamplePath]] = []
     interrupted = False
     try:
-        for log, path in play(world, policy, policy_name, seed, episodes, warmup, keep_events):
-            parts.append(_tables(world, log, path))
+        for episode in play(world, policy, policy_name, seed, episodes, warmup, keep_events):
+            played.append(episode)
+            if len(played) == BATCH:
+                parts.append(_tabulate(world, played, keep_events))
+                played = []
             on_episode()
     except KeyboardInterrupt:
         interrupted = True
-    return _joined(parts, keep_events), interrupted
+    return _joined([*parts, _tabulate(world, played, keep_events)]), interrupted
 
 
 def play(
@@ -127,25 +133,24 @@ class _blame:  # noqa: N801  (used as a statement)
             ) from error
 
 
-def _tables(world: World, log: EpisodeLog, path: SamplePath) -> Results:
-    requests = tables.requests_table(log, world)
+def _tabulate(
+    world: World, played: list[tuple[EpisodeLog, SamplePath]], keep_events: bool
+) -> Results:
+    logs = [log for log, _ in played]
+    requests = tables.requests_table(logs, world)
     return Results(
         requests,
-        tables.steps_table(log, world),
-        tables.episodes_table(log, world, requests),
-        tables.users_table(path, world),
-        None if log.events is None else tables.events_table(log),
+        tables.steps_table(logs),
+        tables.episodes_table(logs, world, requests),
+        tables.users_table([path for _, path in played], world),
+        tables.events_table(logs) if keep_events else None,
     )
 
 
-def _joined(parts: list[Results], keep_events: bool) -> Results:
-    def joined(columns: dict[str, str], frames: list[pd.DataFrame]) -> pd.DataFrame:
-        return pd.concat(frames, ignore_index=True) if frames else to_frame(columns, [])
+def _joined(parts: list[Results]) -> Results:
+    def joined(name: str) -> pd.DataFrame:
+        frames: list[pd.DataFrame] = [getattr(part, name) for part in parts]
+        return pd.concat([f for f in frames if len(f)] or frames[:1], ignore_index=True)
 
-    return Results(
-        joined(REQUESTS, [part.requests for part in parts]),
-        joined(STEPS, [part.steps for part in parts]),
-        joined(EPISODES, [part.episodes for part in parts]),
-        joined(USERS, [part.users for part in parts]),
-        joined(EVENTS, [p.events for p in parts if p.events is not None]) if keep_events else None,
-    )
+    events = None if parts[0].events is None else joined("events")
+    return Results(joined("requests"), joined("steps"), joined("episodes"), joined("users"), events)

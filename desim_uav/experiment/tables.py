@@ -1,15 +1,21 @@
-"""From an engine's log, in microseconds and bit/s, to the tables of a run."""
+"""From an engine's logs, in microseconds and bit/s, to the tables of a run.
+
+Each function takes a batch of episodes: a table of fifty costs hardly more than a table of one.
+"""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
 from desim_uav import qoe
 from desim_uav.engine.base import EpisodeLog
-from desim_uav.model.coverage import T0_US
+from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import US, Mode
 from desim_uav.records import EPISODES, EVENTS, REQUESTS, STEPS, USERS, to_frame
 from desim_uav.sample_path import SamplePath
@@ -18,8 +24,8 @@ from desim_uav.world import World
 DERIVED = ("wait_s", "completion_s", "handovers", "qoe1", "qoe1_feasible", "qoe2_iterations")
 
 
-def requests_table(log: EpisodeLog, world: World) -> pd.DataFrame:
-    """One row a request, by request_id."""
+def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
+    """One row a request, by episode and request_id."""
     names = world.services.names
     basic = {name: dtype for name, dtype in REQUESTS.items() if name not in DERIVED}
     rows = (
@@ -39,13 +45,15 @@ def requests_table(log: EpisodeLog, world: World) -> pd.DataFrame:
             str(r.outcome),
             r.attached_us / US,
         )
+        for log in logs
         for r in log.requests
     )
-    frame = qoe.derive(to_frame(basic, rows), log.duration_us / US, world.step_us / US)
-    return frame[list(REQUESTS)]
+    frame = to_frame(basic, rows)
+    duration_s = frame["episode"].map({log.episode: log.duration_us / US for log in logs})
+    return qoe.derive(frame, duration_s, world.step_us / US)[list(REQUESTS)]
 
 
-def steps_table(log: EpisodeLog, world: World) -> pd.DataFrame:
+def steps_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
     """One row a step and drone."""
     rows = (
         (
@@ -67,16 +75,27 @@ def steps_table(log: EpisodeLog, world: World) -> pd.DataFrame:
             s.mode is Mode.CRASHED,
             None,
         )
+        for log in logs
         for s in log.steps
     )
     return to_frame(STEPS, rows)
 
 
-def episodes_table(log: EpisodeLog, world: World, requests: pd.DataFrame) -> pd.DataFrame:
-    """One row: the episode's measures."""
-    measured = qoe.summary(requests)
+def episodes_table(
+    logs: Sequence[EpisodeLog], world: World, requests: pd.DataFrame
+) -> pd.DataFrame:
+    """One row an episode: its measures."""
+    by_episode = dict(list(requests.groupby("episode")))
+    rows = (
+        _episode_row(log, world, qoe.summary(by_episode.get(log.episode, requests.iloc[:0])))
+        for log in logs
+    )
+    return to_frame(EPISODES, rows)
+
+
+def _episode_row(log: EpisodeLog, world: World, measured: dict[str, Any]) -> tuple[Any, ...]:
     available = log.duration_us * world.scenario.drones.count * world.bandwidth_bps
-    values: dict[str, Any] = measured | {
+    values = measured | {
         "episode": log.episode,
         "qoe3_percent": 100 * log.attached_us / (log.duration_us * len(world.homes)),
         "crashes": log.crashes,
@@ -90,28 +109,40 @@ def episodes_table(log: EpisodeLog, world: World, requests: pd.DataFrame) -> pd.
         ),
         "duration_s": log.duration_us / US,
     }
-    return to_frame(EPISODES, [tuple(values[name] for name in EPISODES)])
+    return tuple(values[name] for name in EPISODES)
 
 
-def events_table(log: EpisodeLog) -> pd.DataFrame:
+def events_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
     """One row an event, in order of time, phase, drone and user."""
     rows = (
         (log.episode, t_us, int(phase), kind, *(None if i < 0 else i for i in concerned))
+        for log in logs
         for t_us, phase, kind, *concerned in log.events or ()
     )
     return to_frame(EVENTS, rows)
 
 
-def users_table(path: SamplePath, world: World) -> pd.DataFrame:
+def users_table(paths: Sequence[SamplePath], world: World) -> pd.DataFrame:
     """The way points of all walks: one row where a leg begins, and one at the episode's end."""
+    tables = [_way_points(path, world) for path in paths]
+    frame = pd.DataFrame(np.concatenate(tables or [np.empty((0, len(USERS)))]), columns=list(USERS))
+    return frame.astype(USERS)
+
+
+def _way_points(path: SamplePath, world: World) -> NDArray[np.float64]:
     legs, offsets = path.walks
-    rows: list[tuple[Any, ...]] = []
-    for user, (_, _, z) in enumerate(world.homes.tolist()):
-        own = legs[offsets[user] : offsets[user + 1]].tolist()
-        own = [leg for leg in own if leg[T0_US] <= world.horizon_us]
-        rows += [(path.episode, user, t0 / US, x, y, z) for t0, x, y, _, _ in own]
-        t0, x, y, vx, vy = own[-1]
-        if t0 < world.horizon_us:
-            dt = (world.horizon_us - t0) / US
-            rows.append((path.episode, user, world.horizon_us / US, x + vx * dt, y + vy * dt, z))
-    return to_frame(USERS, rows)
+    user = np.repeat(np.arange(len(offsets) - 1), np.diff(offsets))
+    begun = legs[:, T0_US] <= world.horizon_us
+    legs, user = legs[begun], user[begun]
+    last = np.flatnonzero(np.diff(user, append=-1))  # each user's last leg begun in the episode
+    goes_on = last[legs[last, T0_US] < world.horizon_us]
+    ends = legs[goes_on]
+    moved_s = (world.horizon_us - ends[:, T0_US, None]) / US
+    ends[:, [X0, Y0]] += ends[:, [VX, VY]] * moved_s
+    ends[:, T0_US] = world.horizon_us
+    points, user = np.concatenate((legs, ends)), np.concatenate((user, user[goes_on]))
+    order = np.lexsort((points[:, T0_US], user))
+    points, user = points[order], user[order]
+    episode = np.full(len(points), path.episode)
+    columns = (episode, user, points[:, T0_US] / US, points[:, X0], points[:, Y0])
+    return np.column_stack((*columns, world.homes[user, 2]))

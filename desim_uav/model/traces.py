@@ -5,7 +5,7 @@ from __future__ import annotations
 import csv
 import math
 from collections.abc import Callable, Mapping
-from functools import cache
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -33,16 +33,24 @@ def read_table(path: Path, columns: Mapping[str, Callable[[str], Any]]) -> list[
 
     The line number of each row is appended to it. Raises ValueError that names file and line.
     """
-    return _read_table(path, tuple(columns.items()))
-
-
-@cache
-def _read_table(
-    path: Path, columns: tuple[tuple[str, Callable[[str], Any]], ...]
-) -> list[tuple[Any, ...]]:
     try:
-        if path.stat().st_size > MAX_BYTES:
-            raise ValueError(f"{path}: larger than {MAX_BYTES >> 20} MiB")
+        status = path.stat()
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from error
+    if status.st_size > MAX_BYTES:
+        raise ValueError(f"{path}: larger than {MAX_BYTES >> 20} MiB")
+    version = (str(path.resolve()), status.st_mtime_ns, status.st_size)
+    return list(_read_table(path, tuple(columns.items()), version))
+
+
+@lru_cache(maxsize=16)
+def _read_table(
+    path: Path,
+    columns: tuple[tuple[str, Callable[[str], Any]], ...],
+    version: tuple[str, int, int],
+) -> list[tuple[Any, ...]]:
+    """The file as it was at this ``version`` (place, time of change, size)."""
+    try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             return _rows(path, csv.DictReader(file, strict=True), columns)
     except OSError as error:

@@ -41,9 +41,13 @@ def load_policy(name: str) -> Policy:
             policy: Policy = resolve("policy", kind)(*[argument] if argument else [])
         else:
             policy = resolve("policy", name)()
-    except (TypeError, ValueError) as error:
-        raise PolicyError(f"policy {name!r}: {error}") from error
+    except PolicyError:
+        raise
+    except Exception as error:  # a user's class may raise anything
+        raise PolicyError(f"policy {name!r}: {error or type(error).__name__}") from error
     for method in ("begin", "act"):
         if not callable(getattr(policy, method, None)):
             raise PolicyError(f"policy {name!r}: it has no method {method!r}")
+    if not isinstance(getattr(policy, "ceiling", None), bool):
+        raise PolicyError(f"policy {name!r}: 'ceiling' must be True or False")
     return policy

@@ -26,9 +26,7 @@ LOSS = {"kind": "tests.engine.helpers:Loss"}
 
 def test_what_does_not_fit_at_once_is_refused():
     # Two units. User 2 finds none free, user 3 one that has become free in that very instant.
-    world = strip(
-        users=[(120, 120)] * 4, steps=1, drones={"admission": LOSS}, bandwidth_kbps=200
-    )
+    world = strip(users=[(120, 120)] * 4, steps=1, drones={"admission": LOSS}, bandwidth_kbps=200)
     asks = {0: [(0, 30, 100)], 1: [(10, 30, 100)], 2: [(20, 30, 100)], 3: [(30, 20, 100)]}
     log = fly(world, path_of(world, asks))
     assert seen(log, "serve", "refuse", "complete") == events("""
@@ -46,9 +44,7 @@ def test_what_does_not_fit_at_once_is_refused():
 
 
 def test_a_refused_user_thinks_and_asks_again():
-    world = strip(
-        users=[(120, 120)] * 2, steps=1, drones={"admission": LOSS}, bandwidth_kbps=100
-    )
+    world = strip(users=[(120, 120)] * 2, steps=1, drones={"admission": LOSS}, bandwidth_kbps=100)
     asks = {0: [(0, 30, 100)], 1: [(5, 10, 100), (12, 10, 100), (15, 10, 100)]}
     log = fly(world, path_of(world, asks, thinking=True))
     assert seen(log, "request", "refuse", "serve") == events("""
@@ -65,9 +61,7 @@ def test_a_refused_user_thinks_and_asks_again():
 
 def test_two_arrivals_of_one_instant_are_one_request_though_the_first_is_refused():
     # Arrivals are of phase 5, the refusal of phase 7: the second finds the first one open.
-    world = strip(
-        users=[(120, 120)] * 2, steps=1, drones={"admission": LOSS}, bandwidth_kbps=100
-    )
+    world = strip(users=[(120, 120)] * 2, steps=1, drones={"admission": LOSS}, bandwidth_kbps=100)
     log = fly(world, path_of(world, {0: [(0, 30, 100)], 1: [(5, 10, 100), (5, 10, 100)]}))
     assert log.suppressed == 1
     assert len(log.requests) == 2

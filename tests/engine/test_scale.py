@@ -1,4 +1,4 @@
-"""Large swarms: what a run keeps in memory grows with users and crossings, not with their product."""
+"""Large swarms: memory grows with users and crossings, not with drones times users."""
 
 import tracemalloc
 

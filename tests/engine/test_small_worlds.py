@@ -343,9 +343,7 @@ def test_a_service_of_no_time_leaves_no_trace():
 def test_a_landing_hands_its_users_over_in_the_same_instant():
     # Drone 0 lands on the station; drone 1, on the same cell, has its user from phase 11 on, and
     # serves it from phase 12 on. A first service of no time by drone 0 is no handover.
-    world = strip(
-        [(4, 0), (4, 0)], [(1080, 120)] * 2, steps=2, battery={"autonomy_min": 30}
-    )
+    world = strip([(4, 0), (4, 0)], [(1080, 120)] * 2, steps=2, battery={"autonomy_min": 30})
     asks = {0: [(0, 100, 0)], 1: [(60, 30, 0)]}
     log = fly(world, path_of(world, asks), "hover charge")
     assert [event for event in seen(log) if event[0] == 60 * US] == events("""
@@ -680,9 +678,7 @@ def column(battery: dict[str, Any], **changes: Any) -> Any:
     """A column of nine with stations 0 on (0, 7) and 1 on (0, 1); 93 s of battery."""
     battery = {"autonomy_min": 1.55, "return_below": 1.0, **battery}
     changes = {"starts": [(0, 4)], "users": [(120, 1080), (120, 360)], **changes}
-    return strip(
-        cells=(1, 9), battery=battery, stations={"count": 2, "radius_m": 720}, **changes
-    )
+    return strip(cells=(1, 9), battery=battery, stations={"count": 2, "radius_m": 720}, **changes)
 
 
 def test_an_empty_battery_is_a_crash_and_a_new_drone_comes():
@@ -804,6 +800,19 @@ def test_a_drone_falls_where_it_is():
     flown_m = 240 - 22.344332
     assert log.distance_m == pytest.approx(flown_m, abs=1e-5)
     assert (log.steps[0].x_m, log.steps[0].y_m) == pytest.approx((120 + flown_m, 120), abs=1e-5)
+
+
+def test_a_fallen_drone_reaches_nobody():
+    # 220 m into the hop, at 27.5 s, it would enter the user at 440; it is empty at 21 s.
+    world = strip(users=[(440, 120)], steps=1, battery={"autonomy_min": 0.35})
+    log = fly(world, path_of(world, {0: [(0, 30, 0)]}), "right")
+    assert seen(log) == events("""
+               0   5  request  -  0  0
+               0  10  depart   0
+        21000000   6  deplete  0
+        21000000   6  crash    0
+    """)
+    assert the(log).outcome is Outcome.NEVER_SERVED
 
 
 def test_a_fallen_drone_knows_where_it_is():

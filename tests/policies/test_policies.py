@@ -43,9 +43,7 @@ def flown(world: World, policy: Policy | str, drone: int = 0) -> list[Cell]:
 
 
 def observed(drone: int = 0, **changes: Any) -> Observation:
-    seen_now = Observation(
-        drone, 0, 30, (0, 0), 0, Mode.FLYING, 1800.0, 1800.0, 0.0, 0, 0, 0.0
-    )
+    seen_now = Observation(drone, 0, 30, (0, 0), 0, Mode.FLYING, 1800.0, 1800.0, 0.0, 0, 0, 0.0)
     return seen_now._replace(**changes)
 
 
@@ -76,7 +74,9 @@ def test_below_six_cells_the_ring_is_the_edge_of_the_map(cells: Cell):
     assert len(around) == len(edge)
 
 
-@pytest.mark.parametrize("cells", [(10, 10), (6, 6), (9, 6), (5, 5), (3, 7), (3, 3), (2, 2), (2, 6)])
+@pytest.mark.parametrize(
+    "cells", [(10, 10), (6, 6), (9, 6), (5, 5), (3, 7), (3, 3), (2, 2), (2, 6)]
+)
 def test_a_ring_is_closed_and_goes_clockwise(cells: Cell):
     around = ring(*cells)
     doubled_area = 0
@@ -214,9 +214,8 @@ def test_the_way_back_to_the_ring_is_x_first():
     policy = load_policy("baseline")
     policy.begin(world, Streams(0, Purpose.LEARNER))
     mask = (True,) * len(world.actions)
-    acts = []
-    for cell in [(0, 0), (1, 0), (2, 0), (2, 1), (2, 2)]:
-        acts.append(world.actions[policy.act(observed(cell=cell), mask)])
+    way = [(0, 0), (1, 0), (2, 0), (2, 1), (2, 2)]
+    acts = [world.actions[policy.act(observed(cell=cell), mask)] for cell in way]
     right, forward = Action.RIGHT, Action.FORWARD
     assert acts == [right, right, forward, forward, forward]
 
@@ -326,9 +325,9 @@ def test_random_drones_have_streams_of_their_own():
     def drawn(drones: int, episode: int) -> list[int]:
         policy = load_policy("random")
         policy.begin(square([(1, 1)] * drones), Streams(5, Purpose.LEARNER, episode))
-        acts = []
-        for _ in range(50):
-            acts.append([policy.act(observed(drone), (True,) * 9) for drone in range(drones)])
+        acts = [
+            [policy.act(observed(drone), (True,) * 9) for drone in range(drones)] for _ in range(50)
+        ]
         return [of_all[0] for of_all in acts]
 
     assert drawn(1, 0) == drawn(3, 0)
