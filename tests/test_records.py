@@ -27,7 +27,6 @@ from desim_uav.records import (
 from desim_uav.run_folder import TABLES
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
-from desim_uav.world import build_world
 
 SMALL = ("users.count=16", "episode.steps=12", "drones.battery.autonomy_min=6")
 NULLABLE = {
@@ -151,7 +150,6 @@ class TestSteps:
         ],
     )
     def test_what_is_unknown_or_without_end_is_null(self, return_us, battery_us, action, expected):
-        world = build_world(load(scenario_path("tiny")), 0)
         step = Step(
             *(0, 60_000_000, 0, 1.0, 2.0, 3.0, battery_us, Mode.FLYING, action, Action.HOVER),
             *(0, 0, 96_000, return_us),
