@@ -56,27 +56,50 @@ class World:
         mix = getattr(self.scenario.demand, "mix", dict.fromkeys(offered, 1.0))
         return catalogue(offered, mix)
 
-    @property
+    @cached_property
     def step_us(self) -> int:
         """The time between decision epochs."""
         return round(self.scenario.episode.step_s * US)
 
-    @property
+    @cached_property
     def horizon_us(self) -> int:
         """The length of an episode."""
         return self.step_us * self.scenario.episode.steps
 
-    @property
+    @cached_property
     def bandwidth_bps(self) -> float:
         """The bandwidth of a drone in bit/s: a whole number, or inf."""
         kbps = self.scenario.drones.bandwidth_kbps
         return math.inf if kbps is None else round(kbps * 1000)
 
-    @property
+    @cached_property
     def capacity_us(self) -> int:
         """A full battery, in microseconds of autonomy; 0 where the battery is unlimited."""
         battery = self.scenario.drones.battery
         return 0 if battery is None else round(battery.autonomy_min * 60 * US)
+
+    @cached_property
+    def full_charge_us(self) -> int:
+        """The time an empty battery charges."""
+        return round(self.scenario.stations.full_charge_min * 60 * US)
+
+    @cached_property
+    def return_below_us(self) -> int:
+        """At or below this a drone may be told to return."""
+        battery = self.scenario.drones.battery
+        return 0 if battery is None else round(battery.return_below * self.capacity_us)
+
+    @cached_property
+    def respawn_after_us(self) -> int:
+        """How long a crashed drone is down, at least."""
+        battery = self.scenario.drones.battery
+        return 0 if battery is None else round(battery.respawn_after_min * 60 * US)
+
+    @cached_property
+    def on_crash(self) -> str:
+        """What becomes of a crashed drone: respawn, remove or end_episode."""
+        battery = self.scenario.drones.battery
+        return "remove" if battery is None else battery.on_crash
 
     @cached_property
     def epoch_transits(self) -> dict[Action, Transit]:

@@ -20,9 +20,10 @@ class Energy(Protocol):
     respawn_after_min: float
 
     def drained_us(self, flight: Transit, elapsed_us: int) -> int:
-        """The autonomy used ``elapsed_us`` after the start of a flight (``REST``: a hover).
+        """The autonomy used ``elapsed_us`` after the start of a transit (``REST``: a hover).
 
-        A whole number of microseconds, not decreasing in ``elapsed_us``.
+        A whole number of microseconds, not decreasing in ``elapsed_us``, which is at most the
+        transit's duration; a hover goes on.
         """
 
     def lasts_us(self, flight: Transit, battery_us: int) -> int:

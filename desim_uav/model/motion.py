@@ -109,6 +109,24 @@ def _trapezoid(distance: float, speed: float, acceleration: float, duration: flo
     return Transit(profile, round(duration * US), distance)
 
 
+class Leg(NamedTuple):
+    """A transit between two places, each x, y in metres and an altitude; then a hover there."""
+
+    transit: Transit
+    from_m: tuple[float, float]
+    to_m: tuple[float, float]
+    from_z_m: float
+    to_z_m: float
+
+    def position_m(self, elapsed_s: float) -> tuple[float, float, float]:
+        """Where it leads in ``elapsed_s``: x, y, z."""
+        (x0, y0), (x1, y1), z0, z1 = self.from_m, self.to_m, self.from_z_m, self.to_z_m
+        if self.transit.distance_m == 0.0:
+            return x0, y0, z0
+        share = travelled(self.transit.profile, elapsed_s) / self.transit.distance_m
+        return x0 + share * (x1 - x0), y0 + share * (y1 - y0), z0 + share * (z1 - z0)
+
+
 REST = Transit(np.array([(0.0, 0.0, 0.0, 0.0)]), 0, 0.0)
 """Hovering: the transit of no distance."""
 

@@ -67,7 +67,7 @@ def check_episode(engine: Simulation) -> None:
     world, log = engine.world, engine.log
     assert engine.airlink.opened == len(log.requests), "every opened request closes"
     assert engine.airlink.open == [None] * len(world.homes)
-    assert all(drone.attached_users == 0 and not drone.waiting for drone in engine.drones)
+    assert all(radio.attached_users == 0 and not radio.waiting for radio in engine.airlink.radios)
     assert log.duration_us == engine.epoch * world.step_us
     assert len(log.steps) == engine.epoch * len(engine.drones)
     assert log.crashes == count(log, "crash") == count(log, "deplete")

@@ -7,32 +7,23 @@ crossings, arrivals and requests are known (``settle``).
 from __future__ import annotations
 
 from bisect import insort
-from collections.abc import Callable
 from operator import itemgetter
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from desim_uav.engine.des.agenda import Due
+from desim_uav.engine.des.journal import Journal
+from desim_uav.engine.des.radio import Radio
 from desim_uav.engine.des.request import Request
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import ENTERS, TIME_US, USER, crossings
+from desim_uav.model.motion import Leg
 from desim_uav.model.rules import Phase
+from desim_uav.sample_path import SamplePath
+from desim_uav.world import World
 
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from desim_uav.engine.base import EpisodeLog
-    from desim_uav.engine.des.agenda import Agenda, Due
-    from desim_uav.engine.des.drone import Drone
-    from desim_uav.model.motion import Transit
-    from desim_uav.sample_path import SamplePath
-    from desim_uav.world import World
-
-Sweep = tuple["Drone", int, list[list[int]]]
-"""A drone, the flight number of its leg, and the crossings to come on it, the next one last."""
-
-Emit = Callable[[tuple[int, int, str, int, int, int, int]], None]
-
+Sweep = tuple[Radio, int, list[list[int]]]
+"""A radio, the number of its sweep, and the crossings to come in it, the next one last."""
 
 # An enum member is looked up slowly in Python 3.11; these stand in the busiest lines.
 COMPLETION, EXIT, ENTRY = Phase.COMPLETION, Phase.EXIT, Phase.ENTRY
@@ -60,24 +51,26 @@ class AirLink:
     ``attached`` is the drone that holds it since ``since_us``, ``open`` its open request.
     """
 
-    def __init__(self, world: World, agenda: Agenda, drones: list[Drone]) -> None:
+    def __init__(self, world: World, journal: Journal) -> None:
         self.world = world
-        self.agenda = agenda
-        self.drones = drones
+        self.journal = journal
+        self.agenda = journal.agenda
+        drones = world.scenario.drones.count
+        self.radios = [Radio(drone, world.bandwidth_bps) for drone in range(drones)]
         self.admission = world.scenario.drones.admission
         self.radius_m = world.scenario.drones.footprint_radius_m
         self._found = np.empty((256, 3), np.int64)
 
-    def begin(self, path: SamplePath, log: EpisodeLog, origin_us: int, emit: Emit) -> None:
-        """Start an episode at ``origin_us`` of the agenda: nobody covered, nothing asked."""
+    def begin(self, path: SamplePath) -> None:
+        """Start the journal's episode: nobody covered, nothing asked."""
         users = len(self.world.homes)
-        self.log = log
-        self.emit = emit
-        self.origin_us = origin_us
+        self.log = self.journal.log
+        self.emit = self.journal.emit
+        self.origin_us = self.journal.origin_us
         self.end_us = self.world.horizon_us
         self.legs, self.offsets = path.walks
         self.covering: list[dict[int, int]] = [{} for _ in range(users)]
-        self.attached: list[Drone | None] = [None] * users
+        self.attached: list[Radio | None] = [None] * users
         self.since_us = [0] * users
         self.open: list[Request | None] = [None] * users
         self.opened = 0
@@ -87,50 +80,49 @@ class AirLink:
 
     # ---- coverage
 
-    def track(self, drone: Drone, flight: Transit, span_us: int, phase: Phase) -> None:
+    def track(self, radio: Radio, flight: Leg, span_us: int, phase: Phase) -> None:
         """Foresee all crossings of a serving drone's leg of ``span_us``, from now on.
 
         Those of this very instant happen at once, in ``phase``; of the others the next one is on
         the agenda, which holds one crossing a drone however many users there are.
         """
+        radio.sweep += 1
         now_us = self.agenda._now - self.origin_us
-        found = self._crossings(drone, flight.profile, now_us, now_us + span_us)
-        drone.tracked = True
+        found = self._crossings(radio, flight, now_us, now_us + span_us)
+        radio.on = True
         while found and found[-1][0] == now_us:
             _, user, enters = found.pop()
             if enters:
-                self._enter(drone, user, now_us, phase)
+                self._enter(radio, user, now_us, phase)
             else:
-                self._leave(drone, user, now_us, phase)
+                self._leave(radio, user, now_us, phase)
         if found:
-            self._await_next((drone, drone.flight_number, found))
+            self._await_next((radio, radio.sweep, found))
         self._settle_after(phase)
 
     def _await_next(self, sweep: Sweep) -> None:
-        drone, _, ahead = sweep
+        radio, _, ahead = sweep
         t_us, user, enters = ahead[-1]
         self.agenda.call(
             self._on_crossing,
             sweep,
             t_us + self.origin_us,
             ENTRY if enters else EXIT,
-            drone.index,
+            radio.index,
             user,
         )
 
-    def _crossings(
-        self, drone: Drone, profile: NDArray[np.float64], start_us: int, end_us: int
-    ) -> list[list[int]]:
+    def _crossings(self, radio: Radio, flight: Leg, start_us: int, end_us: int) -> list[list[int]]:
         """Rows (time, user, enters) of a leg, the last one first: at a time exits, by user.
 
         A drone that begins to serve enters the users it finds in its footprint.
         """
-        fresh = not drone.tracked
+        fresh = not radio.on
         while True:
             count = crossings(
-                profile,
-                *drone.from_m,
-                *drone.to_m,
+                flight.transit.profile,
+                *flight.from_m,
+                *flight.to_m,
                 start_us,
                 end_us,
                 self.radius_m,
@@ -147,71 +139,72 @@ class AirLink:
 
     def _on_crossing(self, due: Due) -> None:
         sweep = due.args
-        drone, flight_number, ahead = sweep
-        if drone.flight_number == flight_number:
+        radio, number, ahead = sweep
+        if radio.sweep == number:
             now_us, user, enters = ahead.pop()
             if ahead:
                 self._await_next(sweep)
             if enters:
-                self._enter(drone, user, now_us, ENTRY)
+                self._enter(radio, user, now_us, ENTRY)
             else:
-                self._leave(drone, user, now_us, EXIT)
+                self._leave(radio, user, now_us, EXIT)
             if self._loose or self._affected:
                 self._settle_after(ENTRY)
 
-    def _enter(self, drone: Drone, user: int, now_us: int, phase: Phase) -> None:
-        self.covering[user][drone.index] = now_us
-        self.emit((now_us, phase, "enter", drone.index, user, -1, -1))
+    def _enter(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
+        self.covering[user][radio.index] = now_us
+        self.emit((now_us, phase, "enter", radio.index, user, -1, -1))
         if self.attached[user] is None:
             self._loose.append(user)
 
-    def _leave(self, drone: Drone, user: int, now_us: int, phase: Phase) -> None:
-        del self.covering[user][drone.index]
-        self.emit((now_us, phase, "exit", drone.index, user, -1, -1))
-        if self.attached[user] is drone:
-            self._detach(drone, user, now_us, phase)
+    def _leave(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
+        del self.covering[user][radio.index]
+        self.emit((now_us, phase, "exit", radio.index, user, -1, -1))
+        if self.attached[user] is radio:
+            self._detach(radio, user, now_us, phase)
 
-    def silence(self, drone: Drone, phase: Phase) -> None:
+    def silence(self, radio: Radio, phase: Phase) -> None:
         """The drone stops serving: its footprint is gone."""
-        if not drone.tracked:
+        if not radio.on:
             return
-        drone.tracked = False
+        radio.on = False
+        radio.sweep += 1
         now_us = self.agenda._now - self.origin_us
         for user, covering in enumerate(self.covering):
-            if drone.index in covering:
-                del covering[drone.index]
-                if self.attached[user] is drone:
-                    self._detach(drone, user, now_us, phase)
+            if radio.index in covering:
+                del covering[radio.index]
+                if self.attached[user] is radio:
+                    self._detach(radio, user, now_us, phase)
         self._settle_after(phase)
 
     # ---- attachment and admission
 
-    def _detach(self, drone: Drone, user: int, now_us: int, phase: Phase) -> None:
+    def _detach(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
         request = self.open[user]
         if request is not None:
             self._count_attached(request, now_us)
-            if request.serving is None:
-                drone.waiting.remove(request)
+            if request.serving < 0:
+                radio.waiting.remove(request)
             else:
                 self._stop(request, now_us, phase)
-                if drone.waiting:
-                    self._affected.add(drone.index)
+                if radio.waiting:
+                    self._affected.add(radio.index)
         self.log.attached_us += now_us - self.since_us[user]
         self.attached[user] = None
-        drone.attached_users -= 1
-        self.emit((now_us, phase, "detach", drone.index, user, -1, -1))
+        radio.attached_users -= 1
+        self.emit((now_us, phase, "detach", radio.index, user, -1, -1))
         if self.covering[user]:
             self._loose.append(user)
 
-    def _attach(self, drone: Drone, user: int, now_us: int, phase: Phase) -> None:
-        self.attached[user] = drone
+    def _attach(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
+        self.attached[user] = radio
         self.since_us[user] = now_us
-        drone.attached_users += 1
-        self.emit((now_us, phase, "attach", drone.index, user, -1, -1))
+        radio.attached_users += 1
+        self.emit((now_us, phase, "attach", radio.index, user, -1, -1))
         request = self.open[user]
         if request is not None:
-            insort(drone.waiting, request, key=_in_order)
-            self._affected.add(drone.index)
+            insort(radio.waiting, request, key=_in_order)
+            self._affected.add(radio.index)
 
     def _settle_after(self, phase: Phase, in_place: bool = True) -> None:
         """See to it that whoever is loose gets attached, and affected queues get scanned.
@@ -242,34 +235,34 @@ class AirLink:
             covering = self.covering[user]
             if covering and self.attached[user] is None:
                 index = _entered_first(covering)
-                self._attach(self.drones[index], user, now_us, attach_phase)
+                self._attach(self.radios[index], user, now_us, attach_phase)
         self._loose.clear()
         if self._affected:
             for index in sorted(self._affected):
-                self._scan(self.drones[index], now_us, admit_phase)
+                self._scan(self.radios[index], now_us, admit_phase)
             self._affected.clear()
 
-    def _scan(self, drone: Drone, now_us: int, phase: Phase) -> None:
+    def _scan(self, radio: Radio, now_us: int, phase: Phase) -> None:
         """One admission scan of a drone's queue."""
-        served, refused = self.admission.scan(drone.waiting, drone.free_bps)
+        served, refused = self.admission.scan(radio.waiting, radio.free_bps)
         for request in served:
-            drone.waiting.remove(request)
-            self._serve(drone, request, now_us, phase)
+            radio.waiting.remove(request)
+            self._serve(radio, request, now_us, phase)
         for request in refused:
-            drone.waiting.remove(request)
-            self.emit((now_us, phase, "refuse", drone.index, request.user, request.request_id, -1))
+            radio.waiting.remove(request)
+            self.emit((now_us, phase, "refuse", radio.index, request.user, request.request_id, -1))
             self._close(request, now_us, phase)
 
-    def _serve(self, drone: Drone, request: Request, now_us: int, phase: Phase) -> None:
-        if request.bandwidth_bps > drone.free_bps:
+    def _serve(self, radio: Radio, request: Request, now_us: int, phase: Phase) -> None:
+        if request.bandwidth_bps > radio.free_bps:
             raise SimulationError(
                 f"admission {type(self.admission).__name__!r} served more than a drone's bandwidth"
             )
-        drone.free_bps -= request.bandwidth_bps
-        drone.served_requests += 1
-        drone.used_bps += request.bandwidth_bps
-        request.start(drone, now_us)
-        self.emit((now_us, phase, "serve", drone.index, request.user, request.request_id, -1))
+        radio.free_bps -= request.bandwidth_bps
+        radio.served_requests += 1
+        radio.used_bps += request.bandwidth_bps
+        request.start(radio.index, now_us)
+        self.emit((now_us, phase, "serve", radio.index, request.user, request.request_id, -1))
         done_us = now_us + request.required_us - request.served_us
         if done_us <= self.end_us:
             self.agenda.call(
@@ -277,19 +270,18 @@ class AirLink:
                 (request, request.stamp),
                 done_us + self.origin_us,
                 COMPLETION,
-                drone.index,
+                radio.index,
                 request.user,
             )
 
     def _stop(self, request: Request, now_us: int, phase: Phase) -> None:
-        drone = request.serving
-        assert drone is not None
+        radio = self.radios[request.serving]
         elapsed_us = request.stop(now_us)
         self.log.bandwidth_us_bps += elapsed_us * request.bandwidth_bps
-        drone.free_bps += request.bandwidth_bps
-        drone.used_bps -= request.bandwidth_bps
-        drone.served_requests -= 1
-        self.emit((now_us, phase, "stop", drone.index, request.user, request.request_id, -1))
+        radio.free_bps += request.bandwidth_bps
+        radio.used_bps -= request.bandwidth_bps
+        radio.served_requests -= 1
+        self.emit((now_us, phase, "stop", radio.index, request.user, request.request_id, -1))
 
     # ---- requests
 
@@ -303,10 +295,10 @@ class AirLink:
         self.opened += 1
         self.open[user] = request
         self.emit((now_us, REQUEST, "request", -1, user, request.request_id, -1))
-        drone = self.attached[user]
-        if drone is not None:
-            insort(drone.waiting, request, key=_in_order)
-            self._affected.add(drone.index)
+        radio = self.attached[user]
+        if radio is not None:
+            insort(radio.waiting, request, key=_in_order)
+            self._affected.add(radio.index)
             # Only a user who waits for the end of this request cannot ask again in this instant.
             self._settle_after(REQUEST, in_place=think)
         return request
@@ -315,24 +307,24 @@ class AirLink:
         request, stamp = due.args
         if request.stamp == stamp:
             now_us = self.agenda._now - self.origin_us
-            drone = request.serving
+            radio = self.radios[request.serving]
             self._stop(request, now_us, COMPLETION)
             self._close(request, now_us, COMPLETION)
-            if drone.waiting:
-                self._affected.add(drone.index)
+            if radio.waiting:
+                self._affected.add(radio.index)
                 self._settle_after(COMPLETION)
 
     def _close(self, request: Request, now_us: int, phase: Phase) -> None:
-        drone = self.attached[request.user]
-        if drone is not None:
+        radio = self.attached[request.user]
+        if radio is not None:
             self._count_attached(request, now_us)
         request.close(now_us)
         self.open[request.user] = None
         self.log.requests.append(request)
         if phase == COMPLETION:
-            assert drone is not None
+            assert radio is not None
             self.emit(
-                (now_us, phase, "complete", drone.index, request.user, request.request_id, -1)
+                (now_us, phase, "complete", radio.index, request.user, request.request_id, -1)
             )
         if request.closed is not None and phase != RECORD:
             request.closed.succeed()
@@ -346,16 +338,16 @@ class AirLink:
         now_us = self.agenda._now - self.origin_us
         for request in self.open:
             if request is not None:
-                if request.serving is not None:
+                if request.serving >= 0:
                     self._stop(request, now_us, RECORD)
                 self._close(request, now_us, RECORD)
-        for user, drone in enumerate(self.attached):
-            if drone is not None:
+        for user, radio in enumerate(self.attached):
+            if radio is not None:
                 self.log.attached_us += now_us - self.since_us[user]
         self.covering = [{} for _ in self.covering]
         self.attached = [None] * len(self.attached)
-        for drone in self.drones:
-            drone.attached_users = 0
-            drone.waiting.clear()
-            drone.tracked = False
+        for radio in self.radios:
+            radio.attached_users = 0
+            radio.waiting.clear()
+            radio.on = False
         self.log.requests.sort(key=lambda request: request.request_id)

@@ -44,48 +44,51 @@ def _battery(drone: Drone) -> None:
 
 def _bandwidth(simulation: Simulation, drone: Drone) -> None:
     """What a drone's requests occupy adds up and fits; none is served unless it flies."""
-    served = [r for r in simulation.airlink.open if r is not None and r.serving is drone]
+    served = [r for r in simulation.airlink.open if r is not None and r.serving == drone.index]
+    radio = drone.radio
     used_bps = sum(request.bandwidth_bps for request in served)
-    assert used_bps == drone.used_bps <= drone.world.bandwidth_bps, f"bandwidth of {drone.index}"
+    assert used_bps == radio.used_bps <= drone.world.bandwidth_bps, f"bandwidth of {drone.index}"
     if math.isfinite(drone.world.bandwidth_bps):
-        assert drone.free_bps == drone.world.bandwidth_bps - used_bps
-    assert len(served) == drone.served_requests
+        assert radio.free_bps == drone.world.bandwidth_bps - used_bps
+    assert len(served) == radio.served_requests
     if drone.mode is not Mode.FLYING:
         assert not served, f"drone {drone.index} serves while {drone.mode.name}"
-        assert drone.attached_users == 0, f"drone {drone.index} holds users while {drone.mode.name}"
-        assert not drone.waiting
+        assert radio.attached_users == 0, f"drone {drone.index} holds users while {drone.mode.name}"
+        assert not radio.waiting
 
 
 def _one_state(simulation: Simulation, request: Request) -> None:
     """An open request is served by its user's drone, waits there, or its user is loose."""
     airlink = simulation.airlink
-    now_us = simulation.agenda.now - simulation.origin_us
-    running_us = 0 if request.serving is None else now_us - request.started_us
+    now_us = simulation.journal.now_us()
+    running_us = 0 if request.serving < 0 else now_us - request.started_us
     assert 0 <= request.served_us + running_us <= request.required_us, "served more than requested"
     holder = airlink.attached[request.user]
-    queues = [drone.index for drone in simulation.drones if request in drone.waiting]
+    queues = [radio.index for radio in airlink.radios if request in radio.waiting]
     if holder is None:
-        assert request.serving is None and not queues, "served or queued without a drone"
-    elif request.serving is None:
+        assert request.serving < 0 and not queues, "served or queued without a drone"
+    elif request.serving < 0:
         assert queues == [holder.index], "a request waits where its user is not attached"
     else:
-        assert request.serving is holder and not queues, "served by a drone that does not hold it"
+        assert request.serving == holder.index and not queues, (
+            "served by another drone"
+        )
 
 
 def _geometry(simulation: Simulation) -> None:
     """Coverage is what the distances say; an attached user is inside its one drone's footprint."""
     airlink = simulation.airlink
-    now_us = simulation.agenda.now - simulation.origin_us
+    now_us = simulation.journal.now_us()
     users = _positions_m(simulation, now_us)
     held = [0] * len(simulation.drones)
-    for user, drone in enumerate(airlink.attached):
-        if drone is not None:
-            held[drone.index] += 1
-            assert drone.index in airlink.covering[user], f"user {user} attached but not covered"
+    for user, radio in enumerate(airlink.attached):
+        if radio is not None:
+            held[radio.index] += 1
+            assert radio.index in airlink.covering[user], f"user {user} attached but not covered"
     for drone in simulation.drones:
-        assert held[drone.index] == drone.attached_users
+        assert held[drone.index] == drone.radio.attached_users
         covered = np.array([drone.index in covering for covering in airlink.covering])
-        if not drone.tracked:
+        if not drone.radio.on:
             assert not covered.any(), f"drone {drone.index} covers while {drone.mode.name}"
             continue
         x, y, _ = drone.position_m()

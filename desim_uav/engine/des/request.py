@@ -2,22 +2,17 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+import simpy
 
 from desim_uav.model.rules import Outcome
-
-if TYPE_CHECKING:
-    import simpy
-
-    from desim_uav.engine.des.drone import Drone
 
 
 class Request:
     """What a user asked for and what it got so far.
 
-    ``serving`` is the drone that serves it now, since ``started_us``; ``stopped_us`` the end of the
-    last service of more than 0 µs. ``stamp`` changes with every start and stop, so that a
-    completion foreseen before then is known to be stale.
+    ``serving`` is the drone that serves it now (-1: none), since ``started_us``; ``stopped_us``
+    the end of the last service of more than 0 µs. ``stamp`` changes with every start and stop, so
+    that a completion foreseen before then is known to be stale.
     """
 
     served_us = 0
@@ -27,7 +22,7 @@ class Request:
     t_end_us = -1
     started_us = -1
     stopped_us = -1
-    serving: Drone | None = None
+    serving = -1
     stamp = 0
     outcome = Outcome.NEVER_SERVED
 
@@ -50,7 +45,7 @@ class Request:
         self.closed = closed
         self.drones: list[int] = []
 
-    def start(self, drone: Drone, t_us: int) -> None:
+    def start(self, drone: int, t_us: int) -> None:
         """Service begins."""
         self.serving = drone
         self.started_us = t_us
@@ -58,8 +53,7 @@ class Request:
 
     def stop(self, t_us: int) -> int:
         """Service stops; the time served now. A service of 0 µs leaves no trace."""
-        drone, self.serving = self.serving, None
-        assert drone is not None
+        drone, self.serving = self.serving, -1
         self.stamp += 1
         elapsed_us = t_us - self.started_us
         if elapsed_us > 0:
@@ -68,8 +62,8 @@ class Request:
                 self.t_first_us = self.started_us
             else:
                 self._count_interruption(self.started_us)
-            if not self.drones or self.drones[-1] != drone.index:
-                self.drones.append(drone.index)
+            if not self.drones or self.drones[-1] != drone:
+                self.drones.append(drone)
             self.stopped_us = t_us
         return elapsed_us
 

@@ -5,23 +5,20 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import product
 from operator import itemgetter
-from typing import TYPE_CHECKING
 
-from desim_uav.engine.base import EpisodeLog, Event, RunSettings, Step
-from desim_uav.engine.des.agenda import Agenda
+from desim_uav.engine.base import EpisodeLog, RunSettings, Step
+from desim_uav.engine.des.agenda import Agenda, Due
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.drone import Drone
+from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
 from desim_uav.engine.des.users import start_asking
 from desim_uav.errors import SimulationError
+from desim_uav.model.planner import Node
 from desim_uav.model.rules import US, Action, Mode, Phase, mask, obeyed
 from desim_uav.model.state import Observation, Snapshot
-
-if TYPE_CHECKING:
-    from desim_uav.engine.des.agenda import Due
-    from desim_uav.model.planner import Node
-    from desim_uav.sample_path import SamplePath
-    from desim_uav.world import World
+from desim_uav.sample_path import SamplePath
+from desim_uav.world import World
 
 
 class Simulation:
@@ -30,10 +27,8 @@ class Simulation:
     ``audit`` is called with the simulation after every event: the invariants the tests check.
     """
 
-    agenda: Agenda
-    airlink: AirLink
-    log: EpisodeLog
     path: SamplePath
+    epoch = 0
     terminated = False
     truncated = False
 
@@ -46,21 +41,34 @@ class Simulation:
         self.world = world
         self.settings = settings
         self.audit = audit
-        self.capacity_us = world.capacity_us
-        battery = world.scenario.drones.battery
-        self.on_crash = "remove" if battery is None else battery.on_crash
-        self.return_below_us = self.respawn_after_us = 0
-        if battery is not None:
-            self.return_below_us = round(battery.return_below * self.capacity_us)
-            self.respawn_after_us = round(battery.respawn_after_min * 60 * US)
-        self.full_charge_us = round(world.scenario.stations.full_charge_min * 60 * US)
         self.steps = world.scenario.episode.steps
+        self.shown: Snapshot | None = None
         self._masks = {
             (mode, may_return, may_charge): mask(world.actions, mode, may_return, may_charge)
             for mode, may_return, may_charge in product(Mode, (False, True), (False, True))
         }
-        self.drones: list[Drone] = []
-        self.shown: Snapshot | None = None
+        self._build()
+
+    @property
+    def log(self) -> EpisodeLog:
+        """What is told of the episode under way."""
+        return self.journal.log
+
+    def _build(self) -> None:
+        """Put everything where it is before the first episode."""
+        world = self.world
+        self.agenda = Agenda()
+        self.journal = Journal(self.agenda)
+        self.airlink = AirLink(world, self.journal)
+        pads = world.scenario.stations.pads
+        self.stations: dict[Node, Station] = {
+            (*cell, 0): Station(self.agenda, index, cell, pads)
+            for index, cell in enumerate(world.stations)
+        }
+        self.drones = [
+            Drone(world, self.journal, self.airlink, self.stations, index, ceiling)
+            for index, ceiling in enumerate(self.settings.ceilings)
+        ]
 
     # ---- episodes
 
@@ -69,24 +77,20 @@ class Simulation:
 
         An episode that a crash has terminated is followed by a fresh start, carry-over or not.
         """
-        if not self.drones or not self.settings.carry_over or self.terminated:
+        if not self.settings.carry_over or self.terminated:
             self._build()
         self.path = path
-        self.log = EpisodeLog(path.episode, [] if self.settings.keep_events else None)
-        self.emit: Callable[[Event], None] = (
-            self.log.events.append if self.log.events is not None else _forget
-        )
-        self.origin_us = self.agenda.now
         self.epoch = 0
         self.terminated = self.truncated = False
-        self.airlink.begin(path, self.log, self.origin_us, self.emit)
+        self.journal.begin(EpisodeLog(path.episode, [] if self.settings.keep_events else None))
+        self.airlink.begin(path)
         for drone in self.drones:
             drone.respawns = 0
             if drone.mode is Mode.FLYING:
-                self.airlink.track(drone, drone.flight, 0, Phase.ENTRY)
+                self.airlink.track(drone.radio, drone.leg, 0, Phase.ENTRY)
         self._orient()
         start_asking(self.agenda, self.airlink, path.requests, self.world.horizon_us)
-        self.agenda.call(self._respawn, None, self.origin_us, Phase.RESPAWN)
+        self.agenda.call(self._respawn, None, self.agenda.now, Phase.RESPAWN)
         return self._run()
 
     def step(self, commands: Sequence[int]) -> Snapshot:
@@ -100,28 +104,13 @@ class Simulation:
             known = 0 <= command < len(actions)
             self.commanded.append((actions[command] if known else None, taken))
             if drone.command is not None:
-                t_us = self.agenda.now - self.origin_us
-                self.emit((t_us, Phase.COMMAND, "decide", drone.index, -1, -1, -1))
+                t_us = self.journal.now_us()
+                self.journal.emit((t_us, Phase.COMMAND, "decide", drone.index, -1, -1, -1))
                 drone.command.give(taken, Phase.COMMAND, drone.index)
                 drone.command = None
         end_us = self.agenda.now + self.world.step_us
         self.agenda.call(self._record, None, end_us, Phase.RECORD)
         return self._run()
-
-    def _build(self) -> None:
-        world = self.world
-        self.agenda = Agenda()
-        self.origin_us = 0
-        pads = world.scenario.stations.pads
-        self.stations = [Station(self.agenda, k, c, pads) for k, c in enumerate(world.stations)]
-        self.station_at: dict[Node, Station] = {(*s.cell, 0): s for s in self.stations}
-        self.drones = [
-            Drone(self, k, cell, ceiling)
-            for k, (cell, ceiling) in enumerate(
-                zip(world.starts, self.settings.ceilings, strict=True)
-            )
-        ]
-        self.airlink = AirLink(world, self.agenda, self.drones)
 
     def _run(self) -> Snapshot:
         """Let events happen until one of them shows a decision epoch."""
@@ -142,7 +131,7 @@ class Simulation:
         """Phase 8: the step's record, and the end of the episode."""
         self.epoch += 1
         self._orient()
-        t_us = self.agenda.now - self.origin_us
+        t_us = self.journal.now_us()
         for drone, (action, taken) in zip(self.drones, self.commanded, strict=True):
             self.log.steps.append(
                 Step(
@@ -150,18 +139,18 @@ class Simulation:
                     t_us,
                     drone.index,
                     *drone.position_m(),
-                    drone.battery_now_us() if self.capacity_us else None,
+                    None if drone.energy is None else drone.battery_now_us(),
                     drone.mode,
                     action,
                     taken,
-                    drone.attached_users,
-                    drone.served_requests,
-                    drone.used_bps,
+                    drone.radio.attached_users,
+                    drone.radio.served_requests,
+                    drone.radio.used_bps,
                     drone.return_us(),
                 )
             )
         crashed = any(drone.mode is Mode.CRASHED for drone in self.drones)
-        self.terminated = self.on_crash == "end_episode" and crashed
+        self.terminated = self.world.on_crash == "end_episode" and crashed
         self.truncated = self.epoch == self.steps
         if self.terminated or self.truncated:
             self._show()
@@ -173,25 +162,19 @@ class Simulation:
         self.airlink.end()
         for drone in self.drones:
             if drone.mode is Mode.QUEUED:
-                self.count_queueing(drone)
+                drone.count_queueing()
         self.log.duration_us = t_us
         if self.log.events is not None:
             self.log.events.sort(key=itemgetter(0, 1, 3, 4))
 
-    def count_queueing(self, drone: Drone) -> None:
-        """Count what a drone has waited for a pad in this episode."""
-        self.log.queueing_us += self.agenda.now - max(drone.landed_us, self.origin_us)
-
     def _respawn(self, due: Due) -> None:
         """Phase 9: crashed drones come back after their downtime; then commands are due."""
-        if self.on_crash != "remove":
+        if self.world.on_crash != "remove":
             for drone in self.drones:
-                if drone.mode is Mode.CRASHED:
-                    down_us = self.agenda.now - drone.crashed_us
-                    if down_us >= self.respawn_after_us:
-                        drone.respawn(int(self.path.respawn[drone.index, drone.respawns]))
-                        drone.respawns += 1
-                        self._orient()
+                if drone.mode is Mode.CRASHED and drone.down_us() >= self.world.respawn_after_us:
+                    drone.respawn(int(self.path.respawn[drone.index, drone.respawns]))
+                    drone.respawns += 1
+                    self._orient()
         self.agenda.call(self._show, None, self.agenda.now, Phase.RESPAWN, len(self.drones))
 
     # ---- what policies are shown
@@ -207,7 +190,7 @@ class Simulation:
         shown = [self._view(drone) for drone in self.drones]
         self.shown = Snapshot(
             self.epoch,
-            self.agenda.now - self.origin_us,
+            self.journal.now_us(),
             self.terminated,
             self.truncated,
             tuple(observation for observation, _ in shown),
@@ -216,8 +199,9 @@ class Simulation:
 
     def _view(self, drone: Drone) -> tuple[Observation, tuple[bool, ...]]:
         """What a drone knows, and what it may be told."""
+        world, radio = self.world, drone.radio
+        limited = drone.energy is not None
         battery_us = drone.battery_now_us()
-        limited = self.capacity_us > 0
         return_us = drone.return_us()
         ix, iy, level = drone.belief
         observation = Observation(
@@ -228,16 +212,12 @@ class Simulation:
             level,
             drone.mode,
             battery_us / US if limited else None,
-            self.capacity_us / US if limited else None,
+            world.capacity_us / US if limited else None,
             None if return_us is None else return_us / US,
-            drone.attached_users,
-            drone.served_requests,
-            drone.used_bps / 1000,
+            radio.attached_users,
+            radio.served_requests,
+            radio.used_bps / 1000,
         )
-        may_return = battery_us <= self.return_below_us
-        may_charge = battery_us < self.capacity_us and drone.node in self.station_at
+        may_return = battery_us <= world.return_below_us
+        may_charge = battery_us < world.capacity_us and drone.node in self.stations
         return observation, self._masks[drone.mode, may_return, may_charge]
-
-
-def _forget(event: Event) -> None:
-    """Where events are not kept."""

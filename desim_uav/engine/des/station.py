@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import simpy
 
-if TYPE_CHECKING:
-    from desim_uav.engine.des.agenda import Agenda
-    from desim_uav.model.grid import Cell
+from desim_uav.engine.des.agenda import Agenda
+from desim_uav.model.grid import Cell
 
 
 class Station:

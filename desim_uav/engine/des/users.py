@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Generator
-from typing import TYPE_CHECKING
 
+import simpy
+
+from desim_uav.engine.des.agenda import Agenda
+from desim_uav.engine.des.airlink import AirLink
+from desim_uav.model.demand import Requests
 from desim_uav.model.rules import Phase
 
-if TYPE_CHECKING:
-    import simpy
-
-    from desim_uav.engine.des.agenda import Agenda
-    from desim_uav.engine.des.airlink import AirLink
-    from desim_uav.model.demand import Requests
-
-Life = Generator["simpy.Event", None, None]
+Life = Generator[simpy.Event, None, None]
 
 
 def start_asking(agenda: Agenda, airlink: AirLink, requests: Requests, horizon_us: int) -> None:
@@ -53,4 +50,4 @@ def _ask_on_arrival(
         if airlink.open[user] is None:
             airlink.ask(user, service, required_us, bandwidth_bps, think=False)
         else:
-            airlink.log.suppressed += 1
+            airlink.journal.log.suppressed += 1

@@ -1,0 +1,24 @@
+"""A drone as its users know it: a footprint, a bandwidth, and a queue of requests."""
+
+from __future__ import annotations
+
+from desim_uav.engine.des.request import Request
+
+
+class Radio:
+    """The radio of the drone with the same ``index``.
+
+    It is ``on`` while the drone serves. ``sweep`` changes with every leg and when it is switched
+    off, so that crossings foreseen for an earlier leg are known to be stale. ``waiting`` holds the
+    open requests of attached users that are not served, in order of (request time, user).
+    """
+
+    def __init__(self, index: int, bandwidth_bps: float) -> None:
+        self.index = index
+        self.on = False
+        self.sweep = 0
+        self.free_bps = bandwidth_bps
+        self.used_bps = 0
+        self.attached_users = 0
+        self.served_requests = 0
+        self.waiting: list[Request] = []
