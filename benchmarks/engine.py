@@ -46,7 +46,7 @@ def main() -> None:
     engine = Simulation(world, settings)
     commands, keys, causes = [], 0, 0
     for path in paths:
-        policy.begin(world, Streams(scenario.seed, Purpose.LEARNER, path.episode))
+        policy.begin(world, Streams(scenario.seed, Purpose.LEARNER, path.episode), False)
         shown = engine.reset(path)
         given = []
         while not (shown.terminated or shown.truncated):

@@ -33,9 +33,3 @@ class PolicyError(DesimError):
     """A policy or a log file is unreadable, or does not fit the scenario."""
 
     exit_code = 4
-
-
-class MissingExtraError(DesimError):
-    """An optional dependency is not installed; the message names the pip command."""
-
-    exit_code = 5

@@ -6,11 +6,12 @@ named ``"package.module:Class"``; importing it runs its code, so it is to be tru
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
 import importlib
+import pkgutil
 from collections.abc import Callable, Iterable
-from typing import Any, TypeVar
+from types import ModuleType
+from typing import TypeVar
 
 _SLOTS: dict[str, dict[str, type]] = {}
 
@@ -26,6 +27,12 @@ def register(slot: str, name: str) -> Callable[[T], T]:
         return component
 
     return enter
+
+
+def discover(package: ModuleType) -> None:
+    """Import every module of a package, so that its components enter themselves."""
+    for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
+        importlib.import_module(module.name)
 
 
 def names(slot: str) -> list[str]:
@@ -54,12 +61,6 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     """`` (did you mean 'x'?)`` for the nearest known word, or nothing."""
     nearest = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
     return f" (did you mean {nearest[0]!r}?)" if nearest else ""
-
-
-def parameters(component: Any) -> dict[str, Any]:
-    """The parameters of a component, with its ``kind`` first: what a scenario file says of it."""
-    fields = dataclasses.fields(component) if dataclasses.is_dataclass(component) else ()
-    return {"kind": component.kind} | {f.name: getattr(component, f.name) for f in fields}
 
 
 def _import_class(name: str) -> type:

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import difflib
 import re
 from pathlib import Path
 
 from desim_uav.errors import ScenarioError
+from desim_uav.registry import did_you_mean
 
 _PACKAGE = Path(__file__).resolve().parent
 
@@ -20,10 +20,9 @@ def scenario_path(name: str) -> Path:
     """The file of a shipped scenario. Raises ScenarioError with the nearest name."""
     known = scenario_names()
     if name not in known:
-        nearest = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
-        hint = f" (did you mean {nearest[0]!r}?)" if nearest else ""
         raise ScenarioError(
-            f"{name}: neither a file nor a shipped scenario{hint}; shipped: {', '.join(known)}"
+            f"{name}: neither a file nor a shipped scenario{did_you_mean(name, known)}; "
+            f"shipped: {', '.join(known)}"
         )
     return _folder("scenarios") / f"{name}.yaml"
 

@@ -22,6 +22,7 @@ from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.schema import DrawnObstacles, Scenario
 
 REDRAWS = 100
+PLACEMENTS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -108,7 +109,7 @@ class World:
         return {
             action: motion.epoch_transit(self._hop_m(move), step_s)
             for action, move in MOVES.items()
-            if action in self.actions
+            if action in self.actions and self._has_hop(move)
         }
 
     @cached_property
@@ -120,9 +121,17 @@ class World:
     @cached_property
     def planner(self) -> Planner:
         """Plans returns to the stations."""
-        hops = self.fastest_transits
-        hop_us = tuple(hops[axis].duration_us for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1)))
-        return Planner(self.grid, self.stations, hop_us)
+        hops = [self.fastest_transits[axis] for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+        hop_us = tuple(hop.duration_us for hop in hops)
+        energy = self.scenario.drones.battery
+        if energy is None:
+            return Planner(self.grid, self.stations, hop_us)
+        drain_us = tuple(energy.drained_us(hop, hop.duration_us) for hop in hops)
+        return Planner(self.grid, self.stations, hop_us, drain_us)
+
+    def _has_hop(self, move: Node) -> bool:
+        sizes = (*self.grid.cells, len(self.grid.levels_m))
+        return any(step != 0 and size > 1 for step, size in zip(move, sizes, strict=True))
 
     def _hop_m(self, move: tuple[int, int, int]) -> float:
         dx, dy = self.grid.cell_m
@@ -242,8 +251,12 @@ def _truncated_normal(
 ) -> tuple[float, float]:
     """A normal around the centroid (σ = radius / 2 an axis), truncated to the disc and the map."""
     x, y, radius = cluster
-    while True:
+    for _ in range(PLACEMENTS):
         dx, dy = rng.normal(0.0, radius / 2.0, size=2)
         on_map = 0.0 <= x + dx <= grid.width_m and 0.0 <= y + dy <= grid.depth_m
         if dx * dx + dy * dy <= radius * radius and on_map:
             return float(x + dx), float(y + dy)
+    raise ScenarioError(
+        f"users.clusters.radius_m: none of {PLACEMENTS} places drawn around a centroid is on the "
+        f"map; the map is too small for a radius of {radius:g} m"
+    )

@@ -35,7 +35,7 @@ from desim_uav.policies.hover import Hover
 class InEpisode(Hover):
     """Does something at the third step of its third episode."""
 
-    def begin(self, world, streams):
+    def begin(self, world, streams, carried):
         self.episode = getattr(self, "episode", -1) + 1
 
     def act(self, observation, mask):

@@ -1,12 +1,10 @@
 """Component slots: what a name means, what it might have meant, and a user's own classes."""
 
-from dataclasses import dataclass, field
-
 import pytest
 
 from desim_uav import policies, registry
 from desim_uav.policies.hover import Hover
-from desim_uav.registry import did_you_mean, names, parameters, register, resolve
+from desim_uav.registry import did_you_mean, names, register, resolve
 
 SLOT = "tests' own slot"
 
@@ -136,25 +134,3 @@ class TestPlugIns:
         module("not_a_class", "def drift():\n    pass\n")
         with pytest.raises(ValueError, match="'not_a_class:drift' is not a class"):
             resolve(SLOT, "not_a_class:drift")
-
-
-class TestParameters:
-    def test_kind_first_then_the_fields(self):
-        @register(SLOT, "wind")
-        @dataclass(frozen=True)
-        class Wind:
-            speed_mps: float = 3.0
-            gusts: list = field(default_factory=list)
-
-        assert list(parameters(Wind(5.0)).items()) == [
-            ("kind", "wind"),
-            ("speed_mps", 5.0),
-            ("gusts", []),
-        ]
-
-    def test_no_dataclass_no_parameters(self):
-        @register(SLOT, "bare")
-        class Bare:
-            pass
-
-        assert parameters(Bare()) == {"kind": "bare"}

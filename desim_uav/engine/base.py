@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from operator import itemgetter
 from typing import NamedTuple, Protocol
 
 from desim_uav.model.rules import Action, Mode, Outcome
@@ -12,6 +13,9 @@ from desim_uav.sample_path import SamplePath
 
 Event = tuple[int, int, str, int, int, int, int]
 """(t_us, phase, kind, drone, user, request_id, station); -1 is none."""
+
+IN_ORDER = itemgetter(0, 1, 3, 4)
+"""The order of a log: (t_us, phase, drone, user); rows that share it stand as they happened."""
 
 
 class ClosedRequest(Protocol):

@@ -79,11 +79,13 @@ def play(
     keep_events: bool = False,
 ) -> Iterator[tuple[EpisodeLog, SamplePath]]:
     """The logs of a run's episodes, as they end."""
-    engine = Simulation(world, run_settings(world, policy, keep_events))
+    settings = run_settings(world, policy, keep_events)
+    engine = Simulation(world, settings)
     for episode in range(-warmup, episodes):
         path = draw(world, seed, episode)
         with _blame(policy_name, episode):
-            policy.begin(world, Streams(seed, Purpose.LEARNER, episode))
+            carried = settings.carry_over and engine.truncated and not engine.terminated
+            policy.begin(world, Streams(seed, Purpose.LEARNER, episode), carried)
         shown = engine.reset(path)
         while not (shown.terminated or shown.truncated):
             with _blame(policy_name, episode, shown.step):

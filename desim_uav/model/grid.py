@@ -60,10 +60,14 @@ class Grid:
         on_map = 0 <= ix < nx and 0 <= iy < ny and 0 <= level < self.levels(ceiling)
         return on_map and self._free[level][ix][iy]
 
+    @cached_property
+    def _centres(self) -> list[list[tuple[float, float]]]:
+        (nx, ny), (dx, dy) = self.cells, self.cell_m
+        return [[((ix + 0.5) * dx, (iy + 0.5) * dy) for iy in range(ny)] for ix in range(nx)]
+
     def centre(self, ix: int, iy: int) -> tuple[float, float]:
         """The middle of a cell, in metres."""
-        dx, dy = self.cell_m
-        return (ix + 0.5) * dx, (iy + 0.5) * dy
+        return self._centres[ix][iy]
 
     def cell_of(self, x_m: float, y_m: float) -> Cell:
         """The cell that holds a point, clipped to the map."""

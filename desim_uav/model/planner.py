@@ -17,10 +17,11 @@ Node = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Return:
-    """A flight to a charging station: its index, the time, and the hops as (dx, dy, dlevel)."""
+    """A flight to a charging station: its index, time, battery use, and hops (dx, dy, dlevel)."""
 
     station: int
     duration_us: int
+    drained_us: int
     hops: tuple[Node, ...]
 
 
@@ -28,12 +29,14 @@ class Return:
 class Planner:
     """Plans returns; plans are kept, since a world does not change.
 
-    ``hop_us``: the minimum time of a hop along x, y and between levels, in microseconds.
+    ``hop_us``: the minimum time of a hop along x, y and between levels, in microseconds;
+    ``drain_us``: the battery it takes (None: its time).
     """
 
     grid: Grid
     stations: Sequence[Cell]
     hop_us: tuple[int, ...]
+    drain_us: tuple[int, ...] | None = None
     _plans: dict[tuple[Node, bool], Return | None] = field(default_factory=dict, repr=False)
 
     def plan(self, start: Node, ceiling: bool = True) -> Return | None:
@@ -58,7 +61,8 @@ class Planner:
             hops = tuple((int(dx), int(dy), int(dz)) for dx, dy, dz in np.diff(path, axis=0))
             duration = sum(self.hop_us[_axis(hop)] for hop in hops)
             if best is None or duration < best.duration_us:
-                best = Return(station, duration, hops)
+                drained = sum((self.drain_us or self.hop_us)[_axis(hop)] for hop in hops)
+                best = Return(station, duration, drained, hops)
         return best
 
 

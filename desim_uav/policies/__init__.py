@@ -1,6 +1,10 @@
-"""Policies: what tells a drone where to go."""
+"""Policies: what tells a drone where to go. Each file here that registers one is found."""
 
-from desim_uav.policies import baseline, hover, random, script  # noqa: F401  (they register)
+import sys
+
 from desim_uav.policies.base import Policy, load_policy
+from desim_uav.registry import discover
+
+discover(sys.modules[__name__])
 
 __all__ = ["Policy", "load_policy"]

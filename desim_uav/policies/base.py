@@ -20,8 +20,11 @@ class Policy(Protocol):
 
     ceiling: bool
 
-    def begin(self, world: World, streams: Streams) -> None:
-        """An episode begins. Drone d may draw from stream d only."""
+    def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
+        """An episode begins. Drone d may draw from stream d only.
+
+        ``carried``: the drones go on from where the episode before has left them.
+        """
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
         """The command for ``observation.drone``: an index into ``world.actions``.

@@ -24,13 +24,14 @@ class Baseline:
 
     ceiling = False
 
-    def begin(self, world: World, streams: Streams) -> None:
+    def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Lay the lines of all drones."""
         self._grid = world.grid
         self._index = {action: k for k, action in enumerate(world.actions)}
         self._ring = ring(*world.grid.cells)
         self._starts = world.starts
-        self._direction = [1] * len(world.starts)
+        if not carried:
+            self._direction = [1] * len(world.starts)
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
         """Return at 15 %, else the next cell of the line, climbing where it is built."""

@@ -17,7 +17,7 @@ class Hover:
 
     ceiling = True
 
-    def begin(self, world: World, streams: Streams) -> None:
+    def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Nothing to remember."""
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:

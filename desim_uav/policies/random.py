@@ -16,7 +16,7 @@ class Random:
 
     ceiling = True
 
-    def begin(self, world: World, streams: Streams) -> None:
+    def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """A fresh stream for each drone."""
         self._streams = [streams.generator(d) for d in range(world.scenario.drones.count)]
 

@@ -33,7 +33,7 @@ class Script:
             self.commands[step, drone] = action
         self._lines = {(step, drone): line for step, drone, _, line in rows}
 
-    def begin(self, world: World, streams: Streams) -> None:
+    def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Raises PolicyError where the script does not fit the scenario."""
         self._index = {action: k for k, action in enumerate(world.actions)}
         drones = world.scenario.drones.count

@@ -9,15 +9,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from desim_uav.model.grid import Cell
 from desim_uav.model.mobility import Area
 from desim_uav.registry import did_you_mean
 from desim_uav.scenario.components import place_of_problem
-from desim_uav.scenario.layout import Cell, start_cells, station_cells
+from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
 MAX_SQUARES = 1_000_000
 MAX_LEVELS = 1000
+MAX_PLACES = 5_000_000
 MAX_TRACE_PROBLEMS = 20
 
 
@@ -117,19 +119,28 @@ def obstacles_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
                     (("map", "size_m"),),
                 )
     levels = scenario.map.levels
+    nx, ny = scenario.map.cells
     if (tallest - levels.min_altitude_m) / levels.step_m > MAX_LEVELS:
         yield Finding(
             ("map", "levels", "step_m"),
             f"makes more than {MAX_LEVELS} levels up to the tallest building of {tallest:g} m",
             (path, ("map", "levels", "min_altitude_m")),
         )
+    elif nx * ny * (tallest / levels.step_m + 2) > MAX_PLACES:
+        yield Finding(
+            ("map", "cells"),
+            f"makes more than {MAX_PLACES} places (cells times levels) to fly to",
+            (path, ("map", "levels", "step_m")),
+        )
 
 
 def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
     """A moving action that its drone cannot carry out within a step."""
     dx, dy = scenario.map.cell_m
-    hops = {"along x": dx, "along y": dy}
-    if scenario.three_d:
+    nx, ny = scenario.map.cells
+    hops = {"along x": dx} if nx > 1 else {}
+    hops |= {"along y": dy} if ny > 1 else {}
+    if scenario.three_d and scenario.map.obstacles is not None:
         hops["between levels"] = scenario.map.levels.step_m
     seen = set()
     for which, distance in hops.items():

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 
+from desim_uav.model.grid import Cell
 from desim_uav.scenario.schema import Scenario
-
-Cell = tuple[int, int]
 
 
 def station_cells(scenario: Scenario) -> list[Cell]:

@@ -15,6 +15,8 @@ from pydantic import (
     model_validator,
 )
 
+import desim_uav.model
+from desim_uav import registry
 from desim_uav.model.admission import Admission, FirstCome
 from desim_uav.model.battery import Endurance, Energy
 from desim_uav.model.demand import Demand, Dynamic
@@ -23,6 +25,8 @@ from desim_uav.model.motion import BangCoastBang, Motion
 from desim_uav.model.services import PAPER, Service
 from desim_uav.scenario.components import Slot, errors, strictly
 from desim_uav.scenario.yaml12 import KeyPath
+
+registry.discover(desim_uav.model)
 
 MOTION = Slot("motion", "bang_coast_bang", Motion)
 BATTERY = Slot("battery", "endurance", Energy)

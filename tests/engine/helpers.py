@@ -225,7 +225,7 @@ PHASES = {
     "complete": {Phase.COMPLETION},
     "exit": {Phase.EXIT, Phase.COVERAGE},
     "arrive": {Phase.ARRIVAL},
-    "charged": {Phase.ARRIVAL},
+    "charged": {Phase.ARRIVAL, Phase.COMMAND},  # the latter where the battery was full
     "land": {Phase.ARRIVAL, Phase.COMMAND},
     "charge": {Phase.ARRIVAL, Phase.COMMAND},
     "enter": {Phase.ENTRY, Phase.COVERAGE},

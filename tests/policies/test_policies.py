@@ -452,7 +452,7 @@ class Steady:
 
     ceiling = True
 
-    def begin(self, world: World, streams: Streams) -> None:
+    def begin(self, world: World, streams: Streams, carried: bool) -> None:
         pass
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
@@ -464,7 +464,7 @@ class Failing(Steady):
 
     episode = -1
 
-    def begin(self, world: World, streams: Streams) -> None:
+    def begin(self, world: World, streams: Streams, carried: bool) -> None:
         self.episode += 1
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
@@ -474,7 +474,7 @@ class Failing(Steady):
 
 
 class FailingAtOnce(Steady):
-    def begin(self, world: World, streams: Streams) -> None:
+    def begin(self, world: World, streams: Streams, carried: bool) -> None:
         raise KeyError("nothing")
 
 
@@ -489,7 +489,7 @@ class Numpy(Steady):
 
 
 class Refusing(Steady):
-    def begin(self, world: World, streams: Streams) -> None:
+    def begin(self, world: World, streams: Streams, carried: bool) -> None:
         raise PolicyError("it does not fit")
 
 
@@ -498,7 +498,7 @@ class Deaf:
 
     ceiling = True
 
-    def begin(self, world: World, streams: Streams) -> None:
+    def begin(self, world: World, streams: Streams, carried: bool) -> None:
         pass
 
 

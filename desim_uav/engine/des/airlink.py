@@ -244,7 +244,7 @@ class AirLink:
 
     def _scan(self, radio: Radio, now_us: int, phase: Phase) -> None:
         """One admission scan of a drone's queue."""
-        served, refused = self.admission.scan(radio.waiting, radio.free_bps)
+        served, refused = self.admission.scan(tuple(radio.waiting), radio.free_bps)
         for request in served:
             radio.waiting.remove(request)
             self._serve(radio, request, now_us, phase)

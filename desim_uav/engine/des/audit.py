@@ -70,9 +70,7 @@ def _one_state(simulation: Simulation, request: Request) -> None:
     elif request.serving < 0:
         assert queues == [holder.index], "a request waits where its user is not attached"
     else:
-        assert request.serving == holder.index and not queues, (
-            "served by another drone"
-        )
+        assert request.serving == holder.index and not queues, "served by another drone"
 
 
 def _geometry(simulation: Simulation) -> None:

@@ -63,6 +63,7 @@ class Drone:
         self.mode = Mode.FLYING
         self.battery_us = self.world.capacity_us
         self.since_us = self.agenda.now
+        self.counted_m = 0.0
         self.node: Node = (*cell, 0)
         self.leg = self._leg_to(self.node, REST)
 
@@ -87,10 +88,11 @@ class Drone:
         """A step of serving flight: a move to the next cell, or a hover."""
         target, transit = self.node, REST
         if action is not Action.HOVER:
-            target, transit = self._neighbour(MOVES[action]), self.world.epoch_transits[action]
-            if not self.world.grid.can_enter(*target, self.ceiling):
+            there = self._neighbour(MOVES[action])
+            if self.world.grid.can_enter(*there, self.ceiling):
+                target, transit = there, self.world.epoch_transits[action]
+            else:
                 self._emit(Phase.COMMAND, "blocked")
-                target, transit = self.node, REST
         step_us = self.world.step_us
         self._begin(Mode.FLYING, target, transit, step_us)
         self.airlink.track(self.radio, self.leg, step_us, Phase.COVERAGE)
@@ -109,9 +111,9 @@ class Drone:
         self._change_mode(Mode.RETURNING)
         self.airlink.silence(self.radio, Phase.COVERAGE)
         phase = Phase.COMMAND
-        plan = self.way_back
+        hops = self.way_back.hops if self.way_back is not None else ()
         while self.node not in self.stations:
-            for hop in plan.hops if plan else ():
+            for hop in hops:
                 target = self._neighbour(hop)
                 if not self.world.grid.can_enter(*target, self.ceiling):
                     self._emit(phase, "blocked")
@@ -122,8 +124,9 @@ class Drone:
                 yield self.agenda.at(self.since_us + duration_us, Phase.ARRIVAL, self.index)
                 phase = Phase.ARRIVAL
                 self._arrive(target)
-            plan = self.world.planner.plan(self.node, self.ceiling)
-            assert plan is not None, "a world's stations can be reached from wherever one can fly"
+            again = self.world.planner.plan(self.node, self.ceiling)
+            assert again is not None, "a world's stations can be reached from wherever one can fly"
+            hops = again.hops
         yield from self._charge(phase)
 
     def _charge(self, phase: Phase) -> Life:
@@ -143,9 +146,11 @@ class Drone:
             rest_us = time_to_full_us(
                 self.battery_us, self.world.capacity_us, self.world.full_charge_us
             )
-            yield self.agenda.at(self.since_us + rest_us, Phase.ARRIVAL, self.index)
+            if rest_us > 0:
+                phase = Phase.ARRIVAL
+                yield self.agenda.at(self.since_us + rest_us, phase, self.index)
             self._change_mode(Mode.CHARGED)
-            self._emit(Phase.ARRIVAL, "charged", station.index)
+            self._emit(phase, "charged", station.index)
             self.journal.log.charges += 1
 
     def count_queueing(self) -> None:
@@ -183,11 +188,16 @@ class Drone:
                     self.index,
                 )
 
+    def count_distance(self) -> None:
+        """Count what the drone has flown of its leg, and not counted before."""
+        flown_m = travelled(self.leg.transit.profile, (self.agenda.now - self.since_us) / US)
+        self.journal.log.distance_m += flown_m - self.counted_m
+        self.counted_m = flown_m
+
     def _arrive(self, target: Node) -> None:
-        self.journal.log.distance_m += self.leg.transit.distance_m
+        self.journal.log.distance_m += self.leg.transit.distance_m - self.counted_m
         self._change_mode(self.mode)
         self.node = target
-        self.leg = self._leg_to(target, REST)
         self._emit(Phase.ARRIVAL, "arrive")
 
     def position_m(self) -> tuple[float, float, float]:
@@ -214,10 +224,10 @@ class Drone:
             self.way_back = self.world.planner.plan(self.belief, self.ceiling)
 
     def return_us(self) -> float | None:
-        """n_B: the time of the quickest return from where the drone believes it is."""
+        """n_B: the battery a return takes from where the drone believes it is."""
         if self.energy is None:
             return None
-        return math.inf if self.way_back is None else self.way_back.duration_us
+        return math.inf if self.way_back is None else self.way_back.drained_us
 
     # ---- battery
 
@@ -237,6 +247,7 @@ class Drone:
         """Book what the battery has lost or won so far; from now on another leg or mode counts."""
         self.battery_us = self.battery_now_us()
         self.since_us = self.agenda.now
+        self.counted_m = 0.0
         self.leg_number += 1
         self.mode = mode
 
@@ -248,8 +259,7 @@ class Drone:
         """The battery is empty in the air: the drone falls where it is, its users are dropped."""
         self._emit(Phase.DEPLETION, "deplete")
         x_m, y_m, _ = self.position_m()
-        elapsed_s = (self.agenda.now - self.since_us) / US
-        self.journal.log.distance_m += travelled(self.leg.transit.profile, elapsed_s)
+        self.count_distance()
         self._change_mode(Mode.CRASHED)
         self.node = (*self.world.grid.cell_of(x_m, y_m), 0)
         self.leg = Leg(REST, (x_m, y_m), (x_m, y_m), 0.0, 0.0)

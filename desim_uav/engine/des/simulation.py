@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import product
-from operator import itemgetter
 
-from desim_uav.engine.base import EpisodeLog, RunSettings, Step
+from desim_uav.engine.base import IN_ORDER, EpisodeLog, RunSettings, Step
 from desim_uav.engine.des.agenda import Agenda, Due
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.drone import Drone
@@ -75,9 +74,10 @@ class Simulation:
     def reset(self, path: SamplePath) -> Snapshot:
         """Begin an episode and run up to its first decision epoch.
 
-        An episode that a crash has terminated is followed by a fresh start, carry-over or not.
+        Drones are carried over from an episode that ran its time. One that was broken off, or that
+        a crash has terminated, is followed by a fresh start.
         """
-        if not self.settings.carry_over or self.terminated:
+        if not (self.settings.carry_over and self.truncated and not self.terminated):
             self._build()
         self.path = path
         self.epoch = 0
@@ -161,11 +161,12 @@ class Simulation:
     def _end_episode(self, t_us: int) -> None:
         self.airlink.end()
         for drone in self.drones:
+            drone.count_distance()
             if drone.mode is Mode.QUEUED:
                 drone.count_queueing()
         self.log.duration_us = t_us
         if self.log.events is not None:
-            self.log.events.sort(key=itemgetter(0, 1, 3, 4))
+            self.log.events.sort(key=IN_ORDER)
 
     def _respawn(self, due: Due) -> None:
         """Phase 9: crashed drones come back after their downtime; then commands are due."""
@@ -174,7 +175,7 @@ class Simulation:
                 if drone.mode is Mode.CRASHED and drone.down_us() >= self.world.respawn_after_us:
                     drone.respawn(int(self.path.respawn[drone.index, drone.respawns]))
                     drone.respawns += 1
-                    self._orient()
+            self._orient()
         self.agenda.call(self._show, None, self.agenda.now, Phase.RESPAWN, len(self.drones))
 
     # ---- what policies are shown
