@@ -1,0 +1,76 @@
+"""What the README says is so."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from desim_uav import records
+from desim_uav.model.rules import Action
+from desim_uav.model.state import Observation
+from desim_uav.policies import load_policy
+from desim_uav.scenario.load import load, loads, to_plain
+from desim_uav.scenario.schema import Scenario
+from desim_uav.shipped import scenario_path
+from desim_uav.world import build_world
+
+ROOT = Path(__file__).parents[1]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language):
+    return re.findall(rf"^```{language}\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+
+
+def test_the_two_commands():
+    commands = re.findall(r"^pip install -e .*$", README, re.MULTILINE)
+    assert commands == [
+        "pip install -e . && desim-uav run case8",
+        'pip install -e ".[test]" && pytest',
+    ]
+
+
+def test_the_keys_are_all_and_the_values_the_defaults():
+    _, keys = blocks("yaml")
+    assert to_plain(loads(keys)) == to_plain(Scenario())
+
+
+def test_the_short_scenario_is_six_lines_and_valid():
+    short, _ = blocks("yaml")
+    assert len(short.splitlines()) == 6
+    scenario = loads(short)
+    build_world(scenario, scenario.effective_world_seed)
+
+
+@pytest.mark.parametrize("table", ["requests", "steps", "users", "events"])
+def test_the_columns(table):
+    (columns,) = re.findall(
+        rf"^\| `{table}.parquet` \|[^`\n]*`(episode, [^`]*)`", README, re.M
+    ) or [re.search(rf"`{table}.parquet`.*?`(episode, [^`]*)`", README).group(1)]
+    assert columns.split(", ") == list(getattr(records, table.upper()))
+
+
+def test_the_policy_example(tmp_path, monkeypatch):
+    (example,) = [block for block in blocks("python") if "class North" in block]
+    (tmp_path / "north.py").write_text(example, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    policy = load_policy("north:North")
+    world = build_world(load(scenario_path("case8")), 0)
+    policy.begin(world, None, False)
+    observation = Observation(0, 0, 30, (5, 5), 0, 0, 100.0, 1800.0, 0.0, 0, 0, 0.0)
+    assert world.actions[policy.act(observation, (True,) * 9)] is Action.FORWARD
+    assert world.actions[policy.act(observation, (*[False] * 8, True))] is Action.CHARGE
+
+
+def test_the_python_example(monkeypatch):
+    (example,) = [block for block in blocks("python") if "Simulation" in block]
+    monkeypatch.chdir(ROOT)
+    names = {}
+    exec(example, names)
+    assert names["shown"].truncated
+    assert names["engine"].log.attached_us >= 0
+
+
+def test_the_picture_stands_beside_its_command():
+    assert (ROOT / "docs" / "case8.png").is_file()
+    assert "analysis/case_picture.py runs/picture docs/case8.png 0 20" in README
