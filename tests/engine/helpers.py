@@ -1,27 +1,26 @@
-"""Small worlds to be worked by hand, flights over them, and what an event log adds up to."""
+"""Small worlds to be worked by hand, flights over them, their logs, and random scenarios."""
 
 from __future__ import annotations
 
-from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import Any
 
 import numpy as np
 from hypothesis import strategies as st
 
-from desim_uav.engine.base import EpisodeLog, Event, RunSettings
+from desim_uav.engine.base import ClosedRequest, EpisodeLog, Event, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.des.audit import audit
 from desim_uav.model.admission import Waiting
 from desim_uav.model.demand import Requests
 from desim_uav.model.mobility import Walks
-from desim_uav.model.rules import MOVES, Action, Outcome, Phase
+from desim_uav.model.rules import MOVES, Action, Phase
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
+from tests.engine.replay import check_log
 
 US = 1_000_000
 HOP_US = 30_990_663
@@ -68,6 +67,28 @@ def strip(
         "episode": {"steps": steps, "step_s": 60},
     }
     return build_world(from_mapping(merged(base, changes)), 0)
+
+
+def returning(steps: int = 5, **changes: Any) -> World:
+    """A station on cell 4 (x = 1080), 600 s of battery, 2 s charged a second."""
+    battery = {"autonomy_min": 10, "return_below": 1.0}
+    return strip(steps=steps, battery=battery, **changes)
+
+
+def column(battery: dict[str, Any], **changes: Any) -> World:
+    """A column of nine with stations 0 on (0, 7) and 1 on (0, 1); 93 s of battery."""
+    battery = {"autonomy_min": 1.55, "return_below": 1.0, **battery}
+    changes = {"starts": [(0, 4)], "users": [(120, 1080), (120, 360)], **changes}
+    return strip(cells=(1, 9), battery=battery, stations={"count": 2, "radius_m": 720}, **changes)
+
+
+def in_3d(buildings: list[list[float]], starts: Any, cells: Any = (3, 2), **changes: Any) -> World:
+    """Levels 20 m apart over buildings given as (cell x, cell y, height)."""
+    size_m = [240 * cells[0], 240 * cells[1]]
+    levels = {"min_altitude_m": 20, "step_m": 20}
+    relief = {"dimensions": 3, "levels": levels, "obstacles": {"cells": buildings}}
+    map_ = {"size_m": size_m, "cells": cells, **relief}
+    return strip(starts, cells=cells, map=map_, **changes)
 
 
 Ask = tuple[float, float, float]
@@ -136,7 +157,10 @@ class Flight:
         self.shown: list[Snapshot] = []
 
     def episode(self, path: SamplePath, *told: str) -> EpisodeLog:
-        """Fly an episode; missing actions are hover. ``shown`` holds its snapshots."""
+        """Fly an episode; missing actions are hover. ``shown`` holds its snapshots.
+
+        Its log is checked for what every log must be (``check_log``).
+        """
         wanted = [text.split() for text in told]
         shown = self.engine.reset(path)
         self.shown = [shown]
@@ -150,6 +174,7 @@ class Flight:
                 ]
             )
             self.shown.append(shown)
+        check_log(self.world, self.engine.log)
         return self.engine.log
 
     def command(self, word: str) -> int:
@@ -204,145 +229,17 @@ def seen(log: EpisodeLog, *kinds: str) -> list[Event]:
     ]
 
 
-# ---- what a log adds up to
+def before_end(log: EpisodeLog, *kinds: str) -> list[Event]:
+    """As ``seen``, less the rows of phase 8 in which the end of the episode lets everybody go."""
+    end = (log.duration_us, Phase.RECORD)
+    letting_go = {"stop", "close", "exit", "detach"}
+    return [e for e in seen(log, *kinds) if not (e[:2] == end and e[2] in letting_go)]
 
 
-@dataclass
-class Told:
-    """A request as the events tell it."""
-
-    user: int
-    t_request_us: int
-    served_us: int = 0
-    attached_us: int = 0
-    interruptions: int = 0
-    t_first_us: int | None = None
-    t_end_us: int = -1
-    outcome: Outcome = Outcome.NEVER_SERVED
-
-
-PHASES = {
-    "complete": {Phase.COMPLETION},
-    "exit": {Phase.EXIT, Phase.COVERAGE},
-    "arrive": {Phase.ARRIVAL},
-    "charged": {Phase.ARRIVAL, Phase.COMMAND},  # the latter where the battery was full
-    "land": {Phase.ARRIVAL, Phase.COMMAND},
-    "charge": {Phase.ARRIVAL, Phase.COMMAND},
-    "enter": {Phase.ENTRY, Phase.COVERAGE},
-    "request": {Phase.REQUEST},
-    "deplete": {Phase.DEPLETION},
-    "crash": {Phase.DEPLETION},
-    "attach": {Phase.ATTACHMENT, Phase.COVERAGE},
-    "detach": {Phase.EXIT, Phase.DEPLETION, Phase.COVERAGE},
-    "serve": {Phase.ATTACHMENT, Phase.ADMISSION},
-    "stop": {Phase.COMPLETION, Phase.EXIT, Phase.DEPLETION, Phase.RECORD, Phase.COVERAGE},
-    "respawn": {Phase.RESPAWN},
-    "decide": {Phase.COMMAND},
-    "depart": {Phase.COMMAND, Phase.ARRIVAL},
-    "blocked": {Phase.COMMAND, Phase.ARRIVAL},
-}
-"""When things of a kind happen. An admission scan belongs to the attachment phase, or to 12."""
-
-
-def check_log(world: World, log: EpisodeLog) -> None:
-    """Replay an episode from its events alone: requests and totals must be what they add up to."""
-    assert log.events is not None
-    keys = [(t_us, phase, drone, user) for t_us, phase, _, drone, user, *_ in log.events]
-    assert keys == sorted(keys)
-    users = len(world.homes)
-    attached: list[tuple[int, int] | None] = [None] * users
-    open_of: dict[int, int] = {}
-    told: dict[int, Told] = {}
-    running: dict[int, tuple[int, int]] = {}
-    spells: defaultdict[int, list[tuple[int, int, int]]] = defaultdict(list)
-    bandwidth = {request.request_id: request.bandwidth_bps for request in log.requests}
-    in_use = [0] * world.scenario.drones.count
-    attached_us = bandwidth_us = 0
-
-    def count_attached(user: int, since_us: int, now_us: int) -> None:
-        request = told[open_of[user]]
-        request.attached_us += now_us - max(since_us, request.t_request_us)
-
-    for t_us, phase, kind, drone, user, request_id, _ in sorted(log.events, key=_let_go_first):
-        assert 0 <= t_us <= log.duration_us
-        assert phase in PHASES[kind], f"{kind} in phase {phase}"
-        if kind == "request":
-            assert request_id == len(told), "requests are numbered as they open"
-            assert user not in open_of, "a second open request"
-            told[request_id], open_of[user] = Told(user, t_us), request_id
-        elif kind == "attach":
-            assert attached[user] is None
-            attached[user] = (drone, t_us)
-        elif kind == "detach":
-            held = attached[user]
-            assert held is not None and held[0] == drone
-            attached[user] = None
-            attached_us += t_us - held[1]
-            if user in open_of:
-                count_attached(user, held[1], t_us)
-        elif kind == "serve":
-            held = attached[user]
-            assert held is not None and held[0] == drone and open_of[user] == request_id
-            assert request_id not in running
-            running[request_id] = (drone, t_us)
-            in_use[drone] += bandwidth[request_id]
-            assert in_use[drone] <= world.bandwidth_bps
-        elif kind == "stop":
-            by, since_us = running.pop(request_id)
-            assert by == drone
-            in_use[drone] -= bandwidth[request_id]
-            bandwidth_us += bandwidth[request_id] * (t_us - since_us)
-            if t_us > since_us:
-                spells[request_id].append((drone, since_us, t_us))
-        elif kind == "complete":
-            held = attached[user]
-            assert held is not None
-            count_attached(user, held[1], t_us)
-            told[request_id].t_end_us, told[request_id].outcome = t_us, Outcome.COMPLETED
-            del open_of[user]
-    assert not running, "served beyond the end"
-    for user, held in enumerate(attached):
-        if held is not None:
-            attached_us += log.duration_us - held[1]
-            if user in open_of:
-                count_attached(user, held[1], log.duration_us)
-
-    assert log.attached_us == attached_us
-    assert log.bandwidth_us_bps == bandwidth_us
-    assert len(log.requests) == len(told)
-    for number, request in enumerate(log.requests):
-        was, of_request = told[number], spells[number]
-        was.served_us = sum(stop - start for _, start, stop in of_request)
-        if was.outcome is not Outcome.COMPLETED:
-            was.t_end_us = log.duration_us
-            was.outcome = Outcome.UNFINISHED if of_request else Outcome.NEVER_SERVED
-        was.t_first_us = of_request[0][1] if of_request else None
-        was.interruptions = sum(a[2] < b[1] for a, b in pairwise(of_request))
-        if was.outcome is Outcome.UNFINISHED:
-            was.interruptions += of_request[-1][2] < log.duration_us
-        drones = [drone for drone, *_ in of_request]
-        assert request.request_id == number
-        assert request.drones == [d for k, d in enumerate(drones) if k == 0 or drones[k - 1] != d]
-        assert was == Told(
-            request.user,
-            request.t_request_us,
-            request.served_us,
-            request.attached_us,
-            request.interruptions,
-            request.t_first_us,
-            request.t_end_us,
-            request.outcome,
-        )
-        open_us = request.t_end_us - request.t_request_us
-        assert request.served_us <= request.attached_us <= open_us
-        assert request.served_us <= request.required_us
-        assert (request.served_us == request.required_us) == (was.outcome is Outcome.COMPLETED)
-
-
-def _let_go_first(event: Event) -> tuple[int, int, bool]:
-    """In phase 11 a log has drone after drone; but a user is let go before it is taken."""
-    t_us, phase, kind, *_ = event
-    return t_us, phase, phase == Phase.COVERAGE and kind == "attach"
+def the(log: EpisodeLog) -> ClosedRequest:
+    """The one request of an episode."""
+    (request,) = log.requests
+    return request
 
 
 def count(log: EpisodeLog, *kinds: str) -> int:
@@ -400,6 +297,7 @@ def scenarios(draw: st.DrawFn) -> dict[str, Any]:
             "count": draw(st.integers(1, 4)),
             "footprint_radius_m": pick(90, 180, 300, 600),
             "bandwidth_kbps": pick(None, 1000, 2500, 300),
+            "admission": {"kind": pick("first_come", "first_come", f"{__name__}:Loss")},
             "motion": {"kind": "bang_coast_bang", "timing": timing},
             "battery": battery if limited else None,
         },

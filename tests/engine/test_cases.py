@@ -66,7 +66,8 @@ def check_episode(engine: Simulation) -> None:
     """The log of an episode that has ended."""
     world, log = engine.world, engine.log
     assert engine.airlink.opened == len(log.requests), "every opened request closes"
-    assert engine.airlink.open == [None] * len(world.homes)
+    assert engine.airlink.open == engine.airlink.attached == [None] * len(world.homes)
+    assert not any(engine.airlink.covering)
     assert all(radio.attached_users == 0 and not radio.waiting for radio in engine.airlink.radios)
     assert log.duration_us == engine.epoch * world.step_us
     assert len(log.steps) == engine.epoch * len(engine.drones)
@@ -121,7 +122,7 @@ def test_random_scenarios_keep_the_invariants(scenario: dict[str, Any], seed: in
             before, shown = shown, engine.step(commands)
             check_step(engine, before, commands)
         check_episode(engine)
-        for kind in ("crash", "respawn", "charged", "blocked"):
+        for kind in ("crash", "respawn", "charged", "blocked", "refuse"):
             if count(engine.log, kind):
                 event(kind)
         if engine.log.queueing_us:

@@ -172,9 +172,7 @@ class AirLink:
         now_us = self.agenda._now - self.origin_us
         for user, covering in enumerate(self.covering):
             if radio.index in covering:
-                del covering[radio.index]
-                if self.attached[user] is radio:
-                    self._detach(radio, user, now_us, phase)
+                self._leave(radio, user, now_us, phase)
         self._settle_after(phase)
 
     # ---- attachment and admission
@@ -250,8 +248,7 @@ class AirLink:
             self._serve(radio, request, now_us, phase)
         for request in refused:
             radio.waiting.remove(request)
-            self.emit((now_us, phase, "refuse", radio.index, request.user, request.request_id, -1))
-            self._close(request, now_us, phase)
+            self._close(request, now_us, phase, "refuse")
 
     def _serve(self, radio: Radio, request: Request, now_us: int, phase: Phase) -> None:
         if request.bandwidth_bps > radio.free_bps:
@@ -309,23 +306,20 @@ class AirLink:
             now_us = self.agenda._now - self.origin_us
             radio = self.radios[request.serving]
             self._stop(request, now_us, COMPLETION)
-            self._close(request, now_us, COMPLETION)
+            self._close(request, now_us, COMPLETION, "complete")
             if radio.waiting:
                 self._affected.add(radio.index)
                 self._settle_after(COMPLETION)
 
-    def _close(self, request: Request, now_us: int, phase: Phase) -> None:
+    def _close(self, request: Request, now_us: int, phase: Phase, kind: str) -> None:
         radio = self.attached[request.user]
         if radio is not None:
             self._count_attached(request, now_us)
         request.close(now_us)
         self.open[request.user] = None
         self.log.requests.append(request)
-        if phase == COMPLETION:
-            assert radio is not None
-            self.emit(
-                (now_us, phase, "complete", radio.index, request.user, request.request_id, -1)
-            )
+        holder = -1 if radio is None else radio.index
+        self.emit((now_us, phase, kind, holder, request.user, request.request_id, -1))
         if request.closed is not None and phase != RECORD:
             request.closed.succeed()
 
@@ -334,20 +328,17 @@ class AirLink:
         request.attached_us += now_us - since_us
 
     def end(self) -> None:
-        """The episode ends: every open request closes, attachments clear."""
+        """The episode ends: every open request closes, attachments and coverage clear."""
         now_us = self.agenda._now - self.origin_us
         for request in self.open:
             if request is not None:
                 if request.serving >= 0:
                     self._stop(request, now_us, RECORD)
-                self._close(request, now_us, RECORD)
-        for user, radio in enumerate(self.attached):
-            if radio is not None:
-                self.log.attached_us += now_us - self.since_us[user]
-        self.covering = [{} for _ in self.covering]
-        self.attached = [None] * len(self.attached)
+                self._close(request, now_us, RECORD, "close")
+        for user, covering in enumerate(self.covering):
+            for index in sorted(covering):
+                self._leave(self.radios[index], user, now_us, RECORD)
         for radio in self.radios:
-            radio.attached_users = 0
             radio.waiting.clear()
             radio.on = False
         self.log.requests.sort(key=lambda request: request.request_id)

@@ -1,0 +1,144 @@
+"""The way back to a station, landing there and taking off again: by hand."""
+
+from __future__ import annotations
+
+import pytest
+
+from desim_uav.model.rules import Action, Mode
+from tests.engine.helpers import (
+    HOP_US,
+    US,
+    Flight,
+    before_end,
+    events,
+    fly,
+    in_3d,
+    path_of,
+    returning,
+    seen,
+)
+
+
+def test_a_return_lands_charges_waits_and_takes_off():
+    # 80 m into the first hop the user at 300 is entered: 80 / 8.3 + 1.0375 = 10.676054 s. Three
+    # hops from x = 360 end at 60 + 92.971989 s; that long the battery has drained, and it takes
+    # half of it, 76.4859945 s, rounded up, to fill. The user at 840 is flown over unserved.
+    world = returning(users=[(300, 120), (840, 120), (1080, 60)])
+    flight = Flight(world)
+    log = flight.episode(path_of(world, {u: [(0, 300, 0)] for u in range(3)}), "right goto")
+    assert before_end(log) == events("""
+                0   5  request  -  0  0
+                0   5  request  -  1  1
+                0   5  request  -  2  2
+                0  10  depart   0
+         10676054   4  enter    0  0
+         10676054   7  attach   0  0
+         10676054   7  serve    0  0  0
+         30990663   3  arrive   0
+         60000000  10  depart   0
+         60000000  11  exit     0  0
+         60000000  11  stop     0  0  0
+         60000000  11  detach   0  0
+         90990663   3  arrive   0
+         90990663   3  depart   0
+        121981326   3  arrive   0
+        121981326   3  depart   0
+        152971989   3  arrive   0
+        152971989   3  land     0  -  -  0
+        152971989   3  charge   0  -  -  0
+        229457984   3  charged  0  -  -  0
+        240000000  11  enter    0  2
+        240000000  11  attach   0  2
+        240000000  12  serve    0  2  2
+    """)
+    modes = [Mode.FLYING, Mode.RETURNING, Mode.CHARGING, Mode.CHARGED, Mode.FLYING]
+    assert [step.mode for step in log.steps] == modes
+    assert [step.battery_us for step in log.steps] == [
+        540 * US, 480 * US, 501_084_033, 600 * US, 540 * US,
+    ]  # fmt: skip
+    taken = [Action.RIGHT, *[Action.GOTO_CHARGING_STATION] * 2, Action.CHARGE, Action.HOVER]
+    assert [step.action_taken for step in log.steps] == taken
+    # On the way: 0.093674 s into the braking of the second hop.
+    assert log.steps[1].x_m == pytest.approx(600 + 231.38875 + 0.777497 - 0.017550, abs=1e-4)
+    assert [step.return_us for step in log.steps] == [3 * HOP_US, HOP_US, 0, 0, 0]
+    assert (log.charges, log.queueing_us, log.crashes, log.distance_m) == (1, 0, 0, 960.0)
+    only = {Action.GOTO_CHARGING_STATION: [2], Action.CHARGE: [3]}
+    for action, epochs in only.items():
+        for epoch in epochs:
+            assert flight.shown[epoch].masks[0] == tuple(a is action for a in world.actions)
+
+
+def test_a_return_hops_in_minimum_time_though_steps_are_filled():
+    world = returning(steps=3, timing="fill_epoch", starts=[(2, 0)])
+    log = fly(world, path_of(world), "right goto")
+    assert seen(log, "depart", "arrive", "land") == events("""
+               0  10  depart  0
+        60000000   3  arrive  0
+        60000000  10  depart  0
+        90990663   3  arrive  0
+        90990663   3  land    0  -  -  0
+    """)
+
+
+def test_on_a_station_a_return_lands_at_once():
+    # 60 s of 600 are missing: 30 s to charge; it waits for the decision epoch at 120 s.
+    world = returning(steps=3, starts=[(4, 0)], users=[(1080, 120)])
+    log = fly(world, path_of(world), "hover goto right")
+    assert seen(log) == events("""
+                0   4  enter    0  0
+                0   7  attach   0  0
+         60000000  10  land     0  -  -  0
+         60000000  10  charge   0  -  -  0
+         60000000  11  exit     0  0
+         60000000  11  detach   0  0
+         90000000   3  charged  0  -  -  0
+        120000000  10  depart   0
+        120000000  11  enter    0  0
+        120000000  11  attach   0  0
+        133085693   2  exit     0  0
+        133085693   2  detach   0  0
+        150990663   3  arrive   0
+    """)
+
+
+def test_a_drone_charged_at_a_decision_epoch_acts_in_it():
+    # 60 s missing of 600, full in 600 s: 60 s.
+    world = returning(steps=3, starts=[(4, 0)], stations={"full_charge_min": 10})
+    log = fly(world, path_of(world), "hover charge right")
+    assert seen(log) == events("""
+         60000000  10  land     0  -  -  0
+         60000000  10  charge   0  -  -  0
+        120000000   3  charged  0  -  -  0
+        120000000  10  depart   0
+        150990663   3  arrive   0
+    """)
+
+
+def test_the_nearest_station_and_of_two_the_first():
+    # On a column of nine: station 0 on (0, 7), station 1 on (0, 1); (0, 4) is 3 hops from both.
+    stations = {"count": 2, "radius_m": 720}
+    world = returning(cells=(1, 9), starts=[(0, 4), (0, 3)], stations=stations, steps=2)
+    log = fly(world, path_of(world), "goto", "goto")
+    assert seen(log, "land") == events("""
+        61981326  3  land  1  -  -  1
+        92971989  3  land  0  -  -  0
+    """)
+
+
+def test_landing_is_at_the_lowest_level():
+    # Up over the station on (1, 1): no charging there; a return flies down and lands.
+    battery = {"autonomy_min": 10, "return_below": 1.0}
+    world = in_3d([[0, 0, 50]], [(1, 1)], cells=(3, 3), steps=3, battery=battery)
+    flight = Flight(world)
+    log = flight.episode(path_of(world), "up charge goto")
+    charge = world.actions.index(Action.CHARGE)
+    assert [shown.masks[0][charge] for shown in flight.shown[:3]] == [False, False, False]
+    assert flight.shown[1].observations[0].return_s == pytest.approx(4.484639, abs=1e-9)
+    assert [step.action_taken for step in log.steps[:2]] == [Action.UP, Action.HOVER]
+    assert seen(log, "depart", "arrive", "land") == events("""
+                0  10  depart  0
+          4484639   3  arrive  0
+        120000000  10  depart  0
+        124484639   3  arrive  0
+        124484639   3  land    0  -  -  0
+    """)
