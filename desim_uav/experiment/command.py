@@ -18,7 +18,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from desim_uav import __version__, qoe
 from desim_uav.errors import PolicyError
-from desim_uav.experiment.run import Results, headline, run, run_settings
+from desim_uav.experiment.run import headline, run, run_settings
 from desim_uav.model.coverage import crossings
 from desim_uav.model.kernels import compiled_before
 from desim_uav.policies import load_policy
@@ -100,8 +100,9 @@ def run_to_folder(
             },
         )
         run_dir = place.publish(draft)
+    named = {"scenario": scenario.name, "policy": policy_name, "seed": seed}
     return Done(
-        _summary(scenario.name, policy_name, seed, results) | {"run_dir": str(run_dir)},
+        named | headline(results.requests, results.episodes) | {"run_dir": str(run_dir)},
         qoe.grouped(_counted(results.requests), "service"),
         interrupted,
     )
@@ -112,8 +113,7 @@ def read_counted(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
     requests = read_table(folder, "requests", REQUESTS)
     episodes = read_table(folder, "episodes", EPISODES)
     manifest = _read_manifest(folder / "manifest.json")
-    results = Results(requests, pd.DataFrame(), episodes, pd.DataFrame(), None)
-    summary = _summary(manifest["scenario"], manifest["policy"], manifest["seed"], results)
+    summary = {key: manifest[key] for key in MANIFEST} | headline(requests, episodes)
     return summary | {"run_dir": str(folder)}, _counted(requests)
 
 
@@ -133,10 +133,6 @@ def _label(policy_name: str) -> str:
     """A policy's part of a folder's name: a script's file without its path."""
     kind, _, file = policy_name.partition(":")
     return f"script-{Path(file).stem}" if kind == "script" else policy_name
-
-
-def _summary(scenario: str, policy: str, seed: int, results: Results) -> dict[str, Any]:
-    return {"scenario": scenario, "policy": policy, "seed": seed} | headline(results)
 
 
 def _counted(requests: pd.DataFrame) -> pd.DataFrame:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
 
@@ -54,19 +55,22 @@ def run(
 
     Warm-up episodes have negative numbers. Ctrl-C keeps what was finished.
     """
-    parts: list[Results] = []
+    parts: dict[int, Results] = {}  # by first episode: to tabulate a batch again changes nothing
     played: list[tuple[EpisodeLog, SamplePath]] = []
     interrupted = False
     try:
         for episode in play(world, policy, policy_name, seed, episodes, warmup, keep_events):
             played.append(episode)
             if len(played) == BATCH:
-                parts.append(_tabulate(world, played, keep_events))
+                parts[played[0][0].episode] = _tabulate(world, played, keep_events)
                 played = []
             on_episode()
     except KeyboardInterrupt:
         interrupted = True
-    return _joined([*parts, _tabulate(world, played, keep_events)]), interrupted
+    if played or not parts:
+        first = played[0][0].episode if played else 0
+        parts[first] = _tabulate(world, played, keep_events)
+    return _joined(list(parts.values())), interrupted
 
 
 def play(
@@ -103,10 +107,10 @@ def decide(policy: Policy, shown: Snapshot) -> list[int]:
     return [int(command) for command in commands]
 
 
-def headline(results: Results) -> dict[str, Any]:
+def headline(requests: pd.DataFrame, episodes: pd.DataFrame) -> dict[str, Any]:
     """What a run says of itself: the measures over its counted episodes."""
-    requests = results.requests[results.requests["episode"] >= 0]
-    episodes = results.episodes[results.episodes["episode"] >= 0]
+    requests = requests[requests["episode"] >= 0]
+    episodes = episodes[episodes["episode"] >= 0]
     rewards = episodes["reward"].dropna()
     return qoe.summary(requests) | {
         "episodes": len(episodes),
@@ -117,22 +121,18 @@ def headline(results: Results) -> dict[str, Any]:
     }
 
 
-class _blame:  # noqa: N801  (used as a statement)
+@contextmanager
+def _blame(policy_name: str, episode: int, step: int | None = None) -> Iterator[None]:
     """Turn whatever a policy raises into one clear error."""
-
-    def __init__(self, policy_name: str, episode: int, step: int | None = None) -> None:
-        self.where = f"episode {episode}" + ("" if step is None else f", step {step}")
-        self.policy_name = policy_name
-
-    def __enter__(self) -> None:
-        pass
-
-    def __exit__(self, kind: Any, error: BaseException | None, trace: Any) -> None:
-        if isinstance(error, Exception) and not isinstance(error, DesimError):
-            raise SimulationError(
-                f"policy {self.policy_name!r} failed in {self.where}: "
-                f"{type(error).__name__}: {error}"
-            ) from error
+    try:
+        yield
+    except DesimError:
+        raise
+    except Exception as error:
+        where = f"episode {episode}" + ("" if step is None else f", step {step}")
+        raise SimulationError(
+            f"policy {policy_name!r} failed in {where}: {type(error).__name__}: {error}"
+        ) from error
 
 
 def _tabulate(

@@ -97,19 +97,22 @@ def altitudes(
     return tuple(levels), under_ceiling
 
 
-def connected(blocked: NDArray[np.bool_]) -> bool:
-    """Do the free cells of one level (nx, ny) hang together by moves along x and y?"""
-    free = ~blocked
-    if not free.any():
-        return False
-    reached = np.zeros_like(free)
-    frontier = [tuple(np.argwhere(free)[0])]
-    reached[frontier[0]] = True
-    nx, ny = free.shape
+def reachable(blocked: NDArray[np.bool_], start: Cell) -> NDArray[np.bool_]:
+    """The cells of one level (nx, ny) that moves along x and y lead to from ``start``."""
+    reached = np.zeros_like(blocked)
+    reached[start] = True
+    frontier = [start]
+    nx, ny = blocked.shape
     while frontier:
         ix, iy = frontier.pop()
         for jx, jy in ((ix + 1, iy), (ix - 1, iy), (ix, iy + 1), (ix, iy - 1)):
-            if 0 <= jx < nx and 0 <= jy < ny and free[jx, jy] and not reached[jx, jy]:
+            if 0 <= jx < nx and 0 <= jy < ny and not blocked[jx, jy] and not reached[jx, jy]:
                 reached[jx, jy] = True
                 frontier.append((jx, jy))
-    return bool(reached[free].all())
+    return reached
+
+
+def connected(blocked: NDArray[np.bool_]) -> bool:
+    """Do the free cells of one level (nx, ny) hang together?"""
+    free = np.argwhere(~blocked)
+    return len(free) > 0 and bool(reachable(blocked, (free[0][0], free[0][1]))[~blocked].all())

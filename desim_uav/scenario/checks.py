@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from desim_uav.model.grid import Cell
+from desim_uav.model.grid import Cell, reachable
 from desim_uav.model.mobility import Area
 from desim_uav.registry import did_you_mean
 from desim_uav.scenario.components import place_of_problem
@@ -249,10 +249,13 @@ def _cut_off(
     scenario: Scenario, obstacles: ListedObstacles, cells: list[Cell], also: tuple[KeyPath, ...]
 ) -> Iterator[Finding]:
     lowest = scenario.map.levels.min_altitude_m
-    blocked = {(ix, iy) for ix, iy, height in obstacles.cells if height >= lowest}
-    reached = _reachable(scenario.map.cells, blocked, cells[0])
+    blocked = np.zeros(scenario.map.cells, np.bool_)
+    for ix, iy, height in obstacles.cells:
+        blocked[ix, iy] = height >= lowest
+    cells = [cell for cell in cells if _on_map(scenario, cell)]
+    reached = reachable(blocked, cells[0]) if cells else blocked
     for cell in cells:
-        if cell not in reached and _on_map(scenario, cell):
+        if not reached[cell]:
             yield Finding(
                 ("map", "obstacles", "cells"),
                 f"the buildings cut {_shown(cell)} off from {_shown(cells[0])} "
@@ -260,18 +263,6 @@ def _cut_off(
                 (*also, ("map", "levels", "min_altitude_m")),
             )
             return
-
-
-def _reachable(size: Cell, blocked: set[Cell], start: Cell) -> set[Cell]:
-    reached, frontier = {start}, [start]
-    while frontier:
-        ix, iy = frontier.pop()
-        for cell in ((ix + 1, iy), (ix - 1, iy), (ix, iy + 1), (ix, iy - 1)):
-            on_map = 0 <= cell[0] < size[0] and 0 <= cell[1] < size[1]
-            if on_map and cell not in blocked and cell not in reached:
-                reached.add(cell)
-                frontier.append(cell)
-    return reached
 
 
 def _transit_problem(scenario: Scenario, distance_m: float) -> str:

@@ -1,7 +1,7 @@
 """The air link: who is covered, who is attached to whom, and who is served.
 
 Coverage changes at crossings; attachment and admission follow, once in an instant, when all its
-crossings, arrivals and requests are known (``settle``).
+crossings, arrivals and requests are known (``_settle``).
 """
 
 from __future__ import annotations
