@@ -17,6 +17,7 @@ from desim_uav.model.motion import Transit
 from desim_uav.model.planner import Node, Planner
 from desim_uav.model.rules import MOVES, US, Action, actions
 from desim_uav.model.services import Catalogue, catalogue
+from desim_uav.model.state import Facts
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.schema import DrawnObstacles, Scenario
@@ -56,6 +57,24 @@ class World:
         offered = self.scenario.services
         mix = getattr(self.scenario.demand, "mix", dict.fromkeys(offered, 1.0))
         return catalogue(offered, mix)
+
+    @cached_property
+    def facts(self) -> Facts:
+        """What rewards, observations and learners may use of the world."""
+        scenario, battery = self.scenario, self.scenario.drones.battery
+        return Facts(
+            self.grid,
+            self.stations,
+            self.clusters,
+            scenario.drones.count,
+            len(self.homes),
+            self.services.names,
+            scenario.episode.steps,
+            self.step_us / US,
+            scenario.three_d,
+            None if battery is None else self.capacity_us / US,
+            self.bandwidth_bps / 1000,
+        )
 
     @cached_property
     def step_us(self) -> int:

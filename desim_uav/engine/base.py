@@ -7,9 +7,14 @@ from dataclasses import dataclass, field
 from operator import itemgetter
 from typing import NamedTuple, Protocol
 
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.planner import Node
 from desim_uav.model.rules import Action, Mode, Outcome
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath
+from desim_uav.world import World
 
 Event = tuple[int, int, str, int, int, int, int]
 """(t_us, phase, kind, drone, user, request_id, station); -1 is none."""
@@ -53,6 +58,7 @@ class Step(NamedTuple):
     served_requests: int
     bandwidth_bps: int
     return_us: float | None
+    reward: float
 
 
 @dataclass
@@ -87,15 +93,50 @@ class RunSettings(NamedTuple):
     keep_events: bool = False
 
 
+class CarriedDrone(NamedTuple):
+    """A drone between two episodes; an age is the time since, in microseconds.
+
+    ``node`` is where it rests or began its hop, ``battery_us`` what it had then, ``age_us`` ago.
+    ``hop`` is the hop of a return under way, ``route`` the hops to follow it; ``counted_m`` what
+    was counted of the hop. ``place`` counts the drones before it in its station's queue, those on
+    pads among them. ``fallen_m`` is where it lies crashed.
+    """
+
+    mode: Mode
+    node: Node
+    battery_us: int
+    age_us: int
+    hop: Node | None
+    route: tuple[Node, ...]
+    counted_m: float
+    place: int
+    fallen_m: tuple[float, float] | None
+
+
+Carried = tuple[CarriedDrone, ...]
+"""All that one episode hands on to the next: its drones."""
+
+
+class Measures(NamedTuple):
+    """The quality of experience of an episode so far; None where nothing was asked for."""
+
+    qoe1_percent: float | None
+    qoe2_iterations: float | None
+    qoe3_percent: float | None
+
+
 class Engine(Protocol):
     """Runs episodes, one decision epoch at a time."""
 
     log: EpisodeLog
+    world: World
+    settings: RunSettings
 
     def reset(self, path: SamplePath) -> Snapshot:
         """Begin an episode on its sample path and run up to its first decision epoch.
 
-        With carry-over each drone keeps its exact state from the episode before.
+        With carry-over each drone keeps its exact state from an episode that ran its time. One
+        that was broken off, or that a crash has terminated, is followed by a fresh start.
         """
 
     def step(self, commands: Sequence[int]) -> Snapshot:
@@ -103,3 +144,18 @@ class Engine(Protocol):
 
         A command the mask forbids becomes the mask's only action, or hover.
         """
+
+    def carried(self) -> Carried | None:
+        """What the next episode's drones begin with; None where they start afresh."""
+
+    def carry(self, drones: Carried | None) -> None:
+        """Let the next episode begin with these drones, as if this engine had brought them there.
+
+        It may come from another engine of the same world and settings.
+        """
+
+    def measures(self) -> Measures:
+        """The quality of experience so far, open requests by what they have had so far."""
+
+    def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where drones and users truly are: (drones, 3) and (users, 3), to be drawn."""

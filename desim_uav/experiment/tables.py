@@ -73,7 +73,7 @@ def steps_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
             s.bandwidth_bps / 1000,
             None if s.return_us is None or math.isinf(s.return_us) else s.return_us / US,
             s.mode is Mode.CRASHED,
-            None,
+            s.reward,
         )
         for log in logs
         for s in log.steps
@@ -99,7 +99,7 @@ def _episode_row(log: EpisodeLog, world: World, measured: dict[str, Any]) -> tup
         "episode": log.episode,
         "qoe3_percent": 100 * log.attached_us / (log.duration_us * len(world.homes)),
         "crashes": log.crashes,
-        "reward": None,
+        "reward": sum(step.reward for step in log.steps) / world.scenario.drones.count,
         "suppressed": log.suppressed,
         "charges": log.charges,
         "queueing_s": log.queueing_us / US,

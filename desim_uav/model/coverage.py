@@ -49,6 +49,18 @@ def walked(legs: NDArray[np.float64], leg: int, t_us: float) -> tuple[float, flo
 
 
 @kernel
+def all_walked(
+    legs: NDArray[np.float64], offsets: NDArray[np.int64], t_us: float
+) -> NDArray[np.float64]:
+    """Where all walks stand at ``t_us``: (users, 2), in metres."""
+    places = np.empty((len(offsets) - 1, 2))
+    for user in range(len(offsets) - 1):
+        leg = leg_at(legs, offsets[user], offsets[user + 1], t_us)
+        places[user] = walked(legs, leg, t_us)
+    return places
+
+
+@kernel
 def crossings(
     profile: NDArray[np.float64],
     x0: float,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Annotated, Any, Literal, cast
 
@@ -22,6 +23,8 @@ from desim_uav.model.battery import Endurance, Energy
 from desim_uav.model.demand import Demand, Dynamic
 from desim_uav.model.mobility import Mobility, RandomWalk
 from desim_uav.model.motion import BangCoastBang, Motion
+from desim_uav.model.observations import Encoding, Position
+from desim_uav.model.rewards import MultiService, Reward
 from desim_uav.model.services import PAPER, Service
 from desim_uav.scenario.components import Slot, errors, strictly
 from desim_uav.scenario.yaml12 import KeyPath
@@ -33,6 +36,8 @@ BATTERY = Slot("battery", "endurance", Energy)
 ADMISSION = Slot("admission", "first_come", Admission)
 MOBILITY = Slot("mobility", "random_walk", Mobility)
 DEMAND = Slot("demand", "dynamic", Demand)
+REWARD = Slot("reward", "multi_service", Reward)
+OBSERVATION = Slot("observation", "position", Encoding)
 SERVICE = Slot("service", "uniform_choice", Service)
 
 
@@ -190,6 +195,45 @@ class Episode(Section):
     carry_over: bool = False
 
 
+ALGORITHMS = ("q_learning", "sarsa", "expected_sarsa", "double_q")
+
+
+def _algorithm(name: str) -> str:
+    if name not in ALGORITHMS and not re.fullmatch(r"[\w.]+:\w+", name):
+        raise ValueError(
+            f"unknown algorithm{registry.did_you_mean(name, ALGORITHMS)}; "
+            f'allowed: {", ".join(ALGORITHMS)}, or "package.module:Class"'
+        )
+    return name
+
+
+class Schedule(Section):
+    """A parameter over the episodes of a training: ``start`` x ``decay`` each, down to ``end``."""
+
+    start: Fraction = 1.0
+    decay: Fraction = 1.0
+    end: Fraction = 0.0
+
+    def at(self, episode: int) -> float:
+        """Its value in an episode, counted from 0."""
+        return max(self.end, self.start * self.decay**episode)
+
+
+def _schedule(value: Any) -> Any:
+    return {"start": value} if isinstance(value, int | float) and value is not True else value
+
+
+class Learning(Section):
+    """How a drone learns: the algorithm, its parameters, and for how many episodes."""
+
+    algorithm: Annotated[str, AfterValidator(_algorithm)] = "q_learning"
+    alpha: Annotated[Schedule, BeforeValidator(_schedule)] = Schedule(start=0.1)
+    gamma: Annotated[float, Field(ge=0, lt=1)] = 0.95
+    epsilon: Annotated[Schedule, BeforeValidator(_schedule)] = Schedule(decay=0.998, end=0.01)
+    initial_q: Literal["zero", "random", "max_reward", "prior"] = "zero"
+    episodes: Annotated[int, Field(ge=1, le=10**7)] = 7000
+
+
 class Scenario(Section):
     """A scenario, fully resolved: every key has its value, the preset's among them."""
 
@@ -207,6 +251,9 @@ class Scenario(Section):
     ] = Field(default_factory=lambda: dict(PAPER))
     position_noise: PositionNoise | None = None
     episode: Episode = Episode()
+    reward: Annotated[Reward, REWARD] = MultiService()
+    observation: Annotated[Encoding, OBSERVATION] = Position()
+    learning: Learning = Learning()
 
     @property
     def three_d(self) -> bool:

@@ -11,6 +11,7 @@ from operator import itemgetter
 
 import numpy as np
 
+from desim_uav.engine.base import Measures
 from desim_uav.engine.des.agenda import Due
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.radio import Radio
@@ -49,34 +50,34 @@ class AirLink:
 
     By user: ``covering`` maps each drone whose footprint holds it to its time of entry,
     ``attached`` is the drone that holds it since ``since_us``, ``open`` its open request.
+    ``open_requests`` counts these by service.
     """
 
-    def __init__(self, world: World, journal: Journal) -> None:
+    def __init__(self, world: World, journal: Journal, path: SamplePath) -> None:
+        """Nobody covered, nothing asked."""
         self.world = world
-        self.journal = journal
+        self.log = journal.log
+        self.emit = journal.emit
         self.agenda = journal.agenda
-        drones = world.scenario.drones.count
-        self.radios = [Radio(drone, world.bandwidth_bps) for drone in range(drones)]
+        self.end_us = world.horizon_us
         self.admission = world.scenario.drones.admission
         self.radius_m = world.scenario.drones.footprint_radius_m
-        self._found = np.empty((256, 3), np.int64)
-
-    def begin(self, path: SamplePath) -> None:
-        """Start the journal's episode: nobody covered, nothing asked."""
-        users = len(self.world.homes)
-        self.log = self.journal.log
-        self.emit = self.journal.emit
-        self.origin_us = self.journal.origin_us
-        self.end_us = self.world.horizon_us
         self.legs, self.offsets = path.walks
+        services, users = len(world.services.names), len(world.homes)
+        drones = range(world.scenario.drones.count)
+        self.radios = [Radio(drone, world.bandwidth_bps, services) for drone in drones]
         self.covering: list[dict[int, int]] = [{} for _ in range(users)]
         self.attached: list[Radio | None] = [None] * users
         self.since_us = [0] * users
         self.open: list[Request | None] = [None] * users
+        self.open_requests = [0] * services
         self.opened = 0
+        self._closed_qoe1 = 0.0
+        self._closed_unserved_us = 0
         self._loose: list[int] = []
         self._affected: set[int] = set()
         self._settling = False
+        self._found = np.empty((256, 3), np.int64)
 
     # ---- coverage
 
@@ -87,7 +88,7 @@ class AirLink:
         the agenda, which holds one crossing a drone however many users there are.
         """
         radio.sweep += 1
-        now_us = self.agenda._now - self.origin_us
+        now_us = self.agenda._now
         found = self._crossings(radio, flight, now_us, now_us + span_us)
         radio.on = True
         while found and found[-1][0] == now_us:
@@ -106,7 +107,7 @@ class AirLink:
         self.agenda.call(
             self._on_crossing,
             sweep,
-            t_us + self.origin_us,
+            t_us,
             ENTRY if enters else EXIT,
             radio.index,
             user,
@@ -154,12 +155,18 @@ class AirLink:
     def _enter(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
         self.covering[user][radio.index] = now_us
         self.emit((now_us, phase, "enter", radio.index, user, -1, -1))
+        request = self.open[user]
+        if request is not None:
+            radio.asking[request.service] += 1
         if self.attached[user] is None:
             self._loose.append(user)
 
     def _leave(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
         del self.covering[user][radio.index]
         self.emit((now_us, phase, "exit", radio.index, user, -1, -1))
+        request = self.open[user]
+        if request is not None:
+            radio.asking[request.service] -= 1
         if self.attached[user] is radio:
             self._detach(radio, user, now_us, phase)
 
@@ -169,7 +176,7 @@ class AirLink:
             return
         radio.on = False
         radio.sweep += 1
-        now_us = self.agenda._now - self.origin_us
+        now_us = self.agenda._now
         for user, covering in enumerate(self.covering):
             if radio.index in covering:
                 self._leave(radio, user, now_us, phase)
@@ -226,7 +233,7 @@ class AirLink:
 
     def _settle(self, late: bool) -> None:
         """Attach whoever is loose, to the drone entered first; then scan the affected queues."""
-        now_us = self.agenda._now - self.origin_us
+        now_us = self.agenda._now
         attach_phase = COVERAGE if late else ATTACHMENT
         admit_phase = ADMISSION if late else ATTACHMENT
         for user in self._loose:
@@ -256,7 +263,7 @@ class AirLink:
                 f"admission {type(self.admission).__name__!r} served more than a drone's bandwidth"
             )
         radio.free_bps -= request.bandwidth_bps
-        radio.served_requests += 1
+        radio.served[request.service] += 1
         radio.used_bps += request.bandwidth_bps
         request.start(radio.index, now_us)
         self.emit((now_us, phase, "serve", radio.index, request.user, request.request_id, -1))
@@ -265,7 +272,7 @@ class AirLink:
             self.agenda.call(
                 self._on_completion,
                 (request, request.stamp),
-                done_us + self.origin_us,
+                done_us,
                 COMPLETION,
                 radio.index,
                 request.user,
@@ -277,7 +284,7 @@ class AirLink:
         self.log.bandwidth_us_bps += elapsed_us * request.bandwidth_bps
         radio.free_bps += request.bandwidth_bps
         radio.used_bps -= request.bandwidth_bps
-        radio.served_requests -= 1
+        radio.served[request.service] -= 1
         self.emit((now_us, phase, "stop", radio.index, request.user, request.request_id, -1))
 
     # ---- requests
@@ -286,11 +293,14 @@ class AirLink:
         self, user: int, service: int, required_us: int, bandwidth_bps: int, think: bool
     ) -> Request:
         """A user's request opens now. ``think``: somebody waits for its end."""
-        now_us = self.agenda._now - self.origin_us
+        now_us = self.agenda._now
         closed = self.agenda.event() if think else None
         request = Request(self.opened, user, service, now_us, required_us, bandwidth_bps, closed)
         self.opened += 1
         self.open[user] = request
+        self.open_requests[service] += 1
+        for index in self.covering[user]:
+            self.radios[index].asking[service] += 1
         self.emit((now_us, REQUEST, "request", -1, user, request.request_id, -1))
         radio = self.attached[user]
         if radio is not None:
@@ -303,7 +313,7 @@ class AirLink:
     def _on_completion(self, due: Due) -> None:
         request, stamp = due.args
         if request.stamp == stamp:
-            now_us = self.agenda._now - self.origin_us
+            now_us = self.agenda._now
             radio = self.radios[request.serving]
             self._stop(request, now_us, COMPLETION)
             self._close(request, now_us, COMPLETION, "complete")
@@ -316,7 +326,12 @@ class AirLink:
         if radio is not None:
             self._count_attached(request, now_us)
         request.close(now_us)
+        self._closed_qoe1 += request.served_us / request.required_us
+        self._closed_unserved_us += now_us - request.t_request_us - request.served_us
         self.open[request.user] = None
+        self.open_requests[request.service] -= 1
+        for index in self.covering[request.user]:
+            self.radios[index].asking[request.service] -= 1
         self.log.requests.append(request)
         holder = -1 if radio is None else radio.index
         self.emit((now_us, phase, kind, holder, request.user, request.request_id, -1))
@@ -327,9 +342,31 @@ class AirLink:
         since_us = max(self.since_us[request.user], request.t_request_us)
         request.attached_us += now_us - since_us
 
+    def measures(self) -> Measures:
+        """The quality of experience so far, open requests by what they have had so far."""
+        now_us = self.agenda._now
+        qoe1, unserved_us = self._closed_qoe1, self._closed_unserved_us
+        for request in self.open:
+            if request is not None:
+                served_us = request.served_us
+                if request.serving >= 0:
+                    served_us += now_us - request.started_us
+                qoe1 += served_us / request.required_us
+                unserved_us += now_us - request.t_request_us - served_us
+        attached_us = self.log.attached_us
+        for radio, since_us in zip(self.attached, self.since_us, strict=True):
+            if radio is not None:
+                attached_us += now_us - since_us
+        lasted_us = len(self.open) * now_us
+        return Measures(
+            100 * qoe1 / self.opened if self.opened else None,
+            unserved_us / self.world.step_us / self.opened if self.opened else None,
+            100 * attached_us / lasted_us if lasted_us else None,
+        )
+
     def end(self) -> None:
         """The episode ends: every open request closes, attachments and coverage clear."""
-        now_us = self.agenda._now - self.origin_us
+        now_us = self.agenda._now
         for request in self.open:
             if request is not None:
                 if request.serving >= 0:

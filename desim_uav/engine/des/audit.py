@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from desim_uav.model.coverage import leg_at, walked
+from desim_uav.model.coverage import all_walked
 from desim_uav.model.rules import Mode
 
 if TYPE_CHECKING:
@@ -50,7 +50,7 @@ def _bandwidth(simulation: Simulation, drone: Drone) -> None:
     assert used_bps == radio.used_bps <= drone.world.bandwidth_bps, f"bandwidth of {drone.index}"
     if math.isfinite(drone.world.bandwidth_bps):
         assert radio.free_bps == drone.world.bandwidth_bps - used_bps
-    assert len(served) == radio.served_requests
+    assert [sum(r.service == s for r in served) for s in range(len(radio.served))] == radio.served
     if drone.mode is not Mode.FLYING:
         assert not served, f"drone {drone.index} serves while {drone.mode.name}"
         assert radio.attached_users == 0, f"drone {drone.index} holds users while {drone.mode.name}"
@@ -60,7 +60,7 @@ def _bandwidth(simulation: Simulation, drone: Drone) -> None:
 def _one_state(simulation: Simulation, request: Request) -> None:
     """An open request is served by its user's drone, waits there, or its user is loose."""
     airlink = simulation.airlink
-    now_us = simulation.journal.now_us()
+    now_us = simulation.agenda.now
     running_us = 0 if request.serving < 0 else now_us - request.started_us
     assert 0 <= request.served_us + running_us <= request.required_us, "served more than requested"
     holder = airlink.attached[request.user]
@@ -76,8 +76,8 @@ def _one_state(simulation: Simulation, request: Request) -> None:
 def _geometry(simulation: Simulation) -> None:
     """Coverage is what the distances say; an attached user is inside its one drone's footprint."""
     airlink = simulation.airlink
-    now_us = simulation.journal.now_us()
-    users = _positions_m(simulation, now_us)
+    now_us = simulation.agenda.now
+    users = all_walked(airlink.legs, airlink.offsets, now_us)
     held = [0] * len(simulation.drones)
     for user, radio in enumerate(airlink.attached):
         if radio is not None:
@@ -94,13 +94,3 @@ def _geometry(simulation: Simulation) -> None:
         far = np.abs(distance_m - airlink.radius_m) > TOLERANCE_M
         wrong = far & (covered != (distance_m < airlink.radius_m))
         assert not wrong.any(), f"coverage by {drone.index} of users {np.flatnonzero(wrong)}"
-
-
-def _positions_m(simulation: Simulation, now_us: int) -> np.ndarray:
-    legs, offsets = simulation.airlink.legs, simulation.airlink.offsets
-    return np.array(
-        [
-            walked(legs, leg_at(legs, offsets[user], offsets[user + 1], now_us), now_us)
-            for user in range(len(offsets) - 1)
-        ]
-    )

@@ -10,6 +10,7 @@ import numpy as np
 import simpy
 from numpy.typing import NDArray
 
+from desim_uav.engine.base import CarriedDrone
 from desim_uav.engine.des.agenda import Due, Signal
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.journal import Journal
@@ -19,6 +20,7 @@ from desim_uav.model.grid import Cell
 from desim_uav.model.motion import REST, Leg, Transit, travelled
 from desim_uav.model.planner import Node, Return
 from desim_uav.model.rules import AIRBORNE, MOVES, US, Action, Mode, Phase
+from desim_uav.model.state import Observation
 from desim_uav.world import World
 
 Life = Generator[simpy.Event, Any, None]
@@ -28,9 +30,10 @@ class Drone:
     """One drone's state and its life.
 
     ``node`` (cell x, cell y, level) is where it rests, or where its present leg began;
-    ``battery_us`` what it had then (``since_us``). ``leg_number`` changes with every leg, landing
-    and crash, so that a depletion foreseen before is known to be stale. ``command`` is set while
-    the drone can be told something.
+    ``battery_us`` what it had then (``since_us``; below 0: in an episode before). On a return
+    ``hop`` is the one under way and ``route`` those to follow. ``leg_number`` changes with every
+    leg, landing and crash, so that a depletion foreseen before is known to be stale. ``command``
+    is set while the drone can be told something.
     """
 
     def __init__(
@@ -41,6 +44,7 @@ class Drone:
         stations: Mapping[Node, Station],
         index: int,
         ceiling: bool,
+        carried: CarriedDrone | None = None,
     ) -> None:
         self.world = world
         self.energy = world.scenario.drones.battery
@@ -55,7 +59,18 @@ class Drone:
         self.respawns = 0
         self.command: Signal | None = None
         self.way_back: Return | None = None
-        self._appear(world.starts[index])
+        self.hop: Node | None = None
+        self.route: list[Node] = []
+        self.pad: simpy.resources.resource.Request | None = None
+        if carried is None:
+            self._appear(world.starts[index])
+        else:
+            self._go_on(carried)
+
+    def start(self) -> None:
+        """Begin to live. Who began to queue in an episode before is in its place from the start."""
+        if self.mode in (Mode.QUEUED, Mode.CHARGING):
+            self.pad = self.stations[self.node].pads.request()
         self.process = self.agenda.process(self._life())
 
     def _appear(self, cell: Cell) -> None:
@@ -67,22 +82,76 @@ class Drone:
         self.node: Node = (*cell, 0)
         self.leg = self._leg_to(self.node, REST)
 
+    # ---- from one episode to the next
+
+    def carried(self) -> CarriedDrone:
+        """What the next episode has to know."""
+        return CarriedDrone(
+            self.mode,
+            self.node,
+            self.battery_us,
+            self.agenda.now - self.since_us,
+            self.hop,
+            tuple(self.route),
+            self.counted_m,
+            0 if self.pad is None else self.stations[self.node].place(self.pad),
+            self.leg.from_m if self.mode is Mode.CRASHED else None,
+        )
+
+    def _go_on(self, carried: CarriedDrone) -> None:
+        """Be as the episode before has left it."""
+        self.mode = carried.mode
+        self.node = carried.node
+        self.battery_us = carried.battery_us
+        self.since_us = -carried.age_us
+        self.route = list(carried.route)
+        self.counted_m = carried.counted_m
+        self.hop = carried.hop
+        if carried.fallen_m is not None:
+            self.leg = Leg(REST, carried.fallen_m, carried.fallen_m, 0.0, 0.0)
+        elif carried.hop is not None:
+            transit = self.world.fastest_transits[carried.hop]
+            self.leg = self._leg_to(self._neighbour(carried.hop), transit)
+            self._foresee_depletion(transit, transit.duration_us)
+        else:
+            self.leg = self._leg_to(self.node, REST)
+
     # ---- the life of a drone
 
     def _life(self) -> Life:
+        doing = self._unfinished()
         while True:
             try:
+                yield from doing
                 self.command = Signal(self.agenda)
-                action = yield self.command
-                if action is Action.GOTO_CHARGING_STATION:
-                    yield from self._return()
-                elif action is Action.CHARGE:
-                    yield from self._charge(Phase.COMMAND)
-                else:
-                    yield from self._fly(action)
+                doing = self._obey((yield self.command))
             except simpy.Interrupt:
-                self.revival = Signal(self.agenda)
-                yield self.revival
+                doing = self._lie()
+
+    def _unfinished(self) -> Life:
+        """What the drone was about in the episode before, if it was."""
+        if self.mode is Mode.RETURNING:
+            return self._go_home(Phase.ARRIVAL)
+        if self.mode in (Mode.QUEUED, Mode.CHARGING):
+            return self._queue_and_charge(Phase.ARRIVAL)
+        if self.mode is Mode.CRASHED:
+            return self._lie()
+        return self._rest()
+
+    def _obey(self, action: Action) -> Life:
+        if action is Action.GOTO_CHARGING_STATION:
+            return self._return()
+        if action is Action.CHARGE:
+            return self._land(Phase.COMMAND)
+        return self._fly(action)
+
+    def _rest(self) -> Life:
+        yield from ()
+
+    def _lie(self) -> Life:
+        """Crashed, until another drone takes its place."""
+        self.revival = Signal(self.agenda)
+        yield self.revival
 
     def _fly(self, action: Action) -> Life:
         """A step of serving flight: a move to the next cell, or a hover."""
@@ -110,39 +179,61 @@ class Drone:
         """
         self._change_mode(Mode.RETURNING)
         self.airlink.silence(self.radio, Phase.COVERAGE)
-        phase = Phase.COMMAND
-        hops = self.way_back.hops if self.way_back is not None else ()
-        while self.node not in self.stations:
-            for hop in hops:
-                target = self._neighbour(hop)
-                if not self.world.grid.can_enter(*target, self.ceiling):
-                    self._emit(phase, "blocked")
-                    break
-                duration_us = self.world.fastest_transits[hop].duration_us
-                self._begin(Mode.RETURNING, target, self.world.fastest_transits[hop], duration_us)
-                self._emit(phase, "depart")
-                yield self.agenda.at(self.since_us + duration_us, Phase.ARRIVAL, self.index)
+        if self.node not in self.stations and self.way_back is not None:
+            self.route = list(self.way_back.hops)
+        yield from self._go_home(Phase.COMMAND)
+
+    def _go_home(self, phase: Phase) -> Life:
+        """Fly the hop under way, then hop by hop to a station, and land."""
+        while self.hop is not None or self.node not in self.stations or self.route:
+            if self.hop is None:
+                self._next_hop(phase)
+            if self.hop is not None:
+                yield self.agenda.at(
+                    self.since_us + self.leg.transit.duration_us, Phase.ARRIVAL, self.index
+                )
                 phase = Phase.ARRIVAL
-                self._arrive(target)
+                self._arrive(self._neighbour(self.hop))
+                self.hop = None
+        yield from self._land(phase)
+
+    def _next_hop(self, phase: Phase) -> None:
+        """Begin the next hop of the route, unless it is blocked, which ends the route."""
+        if not self.route:
             again = self.world.planner.plan(self.node, self.ceiling)
             assert again is not None, "a world's stations can be reached from wherever one can fly"
-            hops = again.hops
-        yield from self._charge(phase)
+            self.route = list(again.hops)
+        hop = self.route.pop(0)
+        target = self._neighbour(hop)
+        if not self.world.grid.can_enter(*target, self.ceiling):
+            self._emit(phase, "blocked")
+            self.route = []
+            return
+        transit = self.world.fastest_transits[hop]
+        self._begin(Mode.RETURNING, target, transit, transit.duration_us)
+        self._emit(phase, "depart")
+        self.hop = hop
 
-    def _charge(self, phase: Phase) -> Life:
+    def _land(self, phase: Phase) -> Life:
         """Land, wait for a pad, charge until full; wait there, landed, for the next command."""
-        station = self.stations[self.node]
         self.airlink.silence(self.radio, Phase.COVERAGE)
         self._change_mode(Mode.QUEUED)
         self.leg = self._leg_to(self.node, REST)
-        self._emit(phase, "land", station.index)
-        with station.pads.request() as pad:
-            yield pad
-            self.count_queueing()
-            if self.agenda.now > self.since_us:
-                phase = Phase.ARRIVAL
-            self._change_mode(Mode.CHARGING)
-            self._emit(phase, "charge", station.index)
+        self._emit(phase, "land", self.stations[self.node].index)
+        yield from self._queue_and_charge(phase)
+
+    def _queue_and_charge(self, phase: Phase) -> Life:
+        station = self.stations[self.node]
+        if self.pad is None:
+            self.pad = station.pads.request()
+        with self.pad:
+            yield self.pad
+            if self.mode is Mode.QUEUED:
+                self.count_queueing()
+                if self.agenda.now > self.since_us:
+                    phase = Phase.ARRIVAL
+                self._change_mode(Mode.CHARGING)
+                self._emit(phase, "charge", station.index)
             rest_us = time_to_full_us(
                 self.battery_us, self.world.capacity_us, self.world.full_charge_us
             )
@@ -152,10 +243,11 @@ class Drone:
             self._change_mode(Mode.CHARGED)
             self._emit(phase, "charged", station.index)
             self.journal.log.charges += 1
+        self.pad = None
 
     def count_queueing(self) -> None:
         """Count what a queued drone has waited for a pad in this episode."""
-        self.journal.log.queueing_us += self.agenda.now - max(self.since_us, self.journal.origin_us)
+        self.journal.log.queueing_us += self.agenda.now - max(self.since_us, 0)
 
     # ---- legs
 
@@ -177,6 +269,9 @@ class Drone:
         """Begin a leg of ``span_us``, and foresee whether the battery lasts it out."""
         self._change_mode(mode)
         self.leg = self._leg_to(target, transit)
+        self._foresee_depletion(transit, span_us)
+
+    def _foresee_depletion(self, transit: Transit, span_us: int) -> None:
         if self.energy is not None:
             lasts_us = self.energy.lasts_us(transit, self.battery_us)
             if lasts_us <= span_us:
@@ -205,6 +300,39 @@ class Drone:
         return self.leg.position_m((self.agenda.now - self.since_us) / US)
 
     # ---- what the drone knows
+
+    def observe(self, step: int) -> Observation:
+        """What it knows at a decision epoch, once it has taken its bearings."""
+        radio, back = self.radio, self.way_back
+        limited = self.energy is not None
+        return_us = self.return_us()
+        ix, iy, level = self.belief
+        return Observation(
+            self.index,
+            step,
+            self.world.scenario.episode.steps,
+            (ix, iy),
+            level,
+            self.mode,
+            self.battery_now_us() / US if limited else None,
+            self.world.capacity_us / US if limited else None,
+            None if return_us is None else return_us / US,
+            radio.attached_users,
+            sum(radio.served),
+            radio.used_bps / 1000,
+            None if back is None else back.station,
+            None if back is None else back.duration_us / US,
+            tuple(radio.served),
+            tuple(radio.asking),
+        )
+
+    def may_return(self) -> bool:
+        """Is the battery low enough for a return?"""
+        return self.battery_now_us() <= self.world.return_below_us
+
+    def may_charge(self) -> bool:
+        """Is it on a station, at its landing level, and not full?"""
+        return self.node in self.stations and self.battery_now_us() < self.world.capacity_us
 
     def orient(self, error_cells: NDArray[np.float64] | None) -> None:
         """Take bearings at a decision epoch: where it believes it is, and its way back from there.
@@ -264,6 +392,7 @@ class Drone:
         self.node = (*self.world.grid.cell_of(x_m, y_m), 0)
         self.leg = Leg(REST, (x_m, y_m), (x_m, y_m), 0.0, 0.0)
         self.command = None
+        self.hop, self.route = None, []
         self.airlink.silence(self.radio, Phase.DEPLETION)
         self.journal.log.crashes += 1
         self._emit(Phase.DEPLETION, "crash")
@@ -280,6 +409,4 @@ class Drone:
         self.revival.give(None, Phase.RESPAWN, self.index)
 
     def _emit(self, phase: Phase, kind: str, station: int = -1) -> None:
-        journal = self.journal
-        t_us = self.agenda.now - journal.origin_us
-        journal.emit((t_us, phase, kind, self.index, -1, -1, station))
+        self.journal.emit((self.agenda.now, phase, kind, self.index, -1, -1, station))

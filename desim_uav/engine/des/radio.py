@@ -11,14 +11,17 @@ class Radio:
     It is ``on`` while the drone serves. ``sweep`` changes with every leg and when it is switched
     off, so that crossings foreseen for an earlier leg are known to be stale. ``waiting`` holds the
     open requests of attached users that are not served, in order of (request time, user).
+    ``served`` and ``asking`` count, by service, the requests it serves and the open requests of
+    all users it covers.
     """
 
-    def __init__(self, index: int, bandwidth_bps: float) -> None:
+    def __init__(self, index: int, bandwidth_bps: float, services: int) -> None:
         self.index = index
         self.on = False
         self.sweep = 0
         self.free_bps = bandwidth_bps
         self.used_bps = 0
         self.attached_users = 0
-        self.served_requests = 0
+        self.served = [0] * services
+        self.asking = [0] * services
         self.waiting: list[Request] = []

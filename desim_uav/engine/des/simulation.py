@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import product
 
-from desim_uav.engine.base import IN_ORDER, EpisodeLog, RunSettings, Step
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.engine.base import IN_ORDER, Carried, EpisodeLog, Measures, RunSettings, Step
 from desim_uav.engine.des.agenda import Agenda, Due
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.drone import Drone
@@ -13,9 +16,10 @@ from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
 from desim_uav.engine.des.users import start_asking
 from desim_uav.errors import SimulationError
+from desim_uav.model.coverage import all_walked
 from desim_uav.model.planner import Node
-from desim_uav.model.rules import US, Action, Mode, Phase, mask, obeyed
-from desim_uav.model.state import Observation, Snapshot
+from desim_uav.model.rules import Action, Mode, Phase, mask, obeyed
+from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -25,11 +29,6 @@ class Simulation:
 
     ``audit`` is called with the simulation after every event: the invariants the tests check.
     """
-
-    path: SamplePath
-    epoch = 0
-    terminated = False
-    truncated = False
 
     def __init__(
         self,
@@ -42,56 +41,72 @@ class Simulation:
         self.audit = audit
         self.steps = world.scenario.episode.steps
         self.shown: Snapshot | None = None
+        self.terminated = self.truncated = False
+        self._carried: Carried | None = None
         self._masks = {
             (mode, may_return, may_charge): mask(world.actions, mode, may_return, may_charge)
             for mode, may_return, may_charge in product(Mode, (False, True), (False, True))
         }
-        self._build()
 
     @property
     def log(self) -> EpisodeLog:
         """What is told of the episode under way."""
         return self.journal.log
 
-    def _build(self) -> None:
-        """Put everything where it is before the first episode."""
-        world = self.world
-        self.agenda = Agenda()
-        self.journal = Journal(self.agenda)
-        self.airlink = AirLink(world, self.journal)
-        pads = world.scenario.stations.pads
-        self.stations: dict[Node, Station] = {
-            (*cell, 0): Station(self.agenda, index, cell, pads)
-            for index, cell in enumerate(world.stations)
-        }
-        self.drones = [
-            Drone(world, self.journal, self.airlink, self.stations, index, ceiling)
-            for index, ceiling in enumerate(self.settings.ceilings)
-        ]
-
     # ---- episodes
 
     def reset(self, path: SamplePath) -> Snapshot:
         """Begin an episode and run up to its first decision epoch.
 
-        Drones are carried over from an episode that ran its time. One that was broken off, or that
-        a crash has terminated, is followed by a fresh start.
+        Each episode is a simulation of its own, of drones as the one before has left them.
         """
-        if not (self.settings.carry_over and self.truncated and not self.terminated):
-            self._build()
+        self._build(path, self.carried())
+        for drone in self.drones:
+            if drone.mode is Mode.FLYING:
+                self.airlink.track(drone.radio, drone.leg, 0, Phase.ENTRY)
+        self._orient(self.drones)
+        start_asking(self.agenda, self.airlink, path.requests, self.world.horizon_us)
+        self.agenda.call(self._respawn, None, 0, Phase.RESPAWN)
+        return self._run()
+
+    def carried(self) -> Carried | None:
+        """What the next episode's drones begin with; None where they start afresh."""
+        if self.truncated and not self.terminated and self.settings.carry_over:
+            return tuple(drone.carried() for drone in self.drones)
+        return self._carried
+
+    def carry(self, drones: Carried | None) -> None:
+        """Let the next episode begin with these drones."""
+        self.terminated = self.truncated = False
+        self.shown = None
+        self._carried = drones
+
+    def _build(self, path: SamplePath, carried: Carried | None) -> None:
+        """Put everything where it is before an episode."""
+        world = self.world
         self.path = path
         self.epoch = 0
         self.terminated = self.truncated = False
-        self.journal.begin(EpisodeLog(path.episode, [] if self.settings.keep_events else None))
-        self.airlink.begin(path)
-        for drone in self.drones:
-            drone.respawns = 0
-            if drone.mode is Mode.FLYING:
-                self.airlink.track(drone.radio, drone.leg, 0, Phase.ENTRY)
-        self._orient()
-        start_asking(self.agenda, self.airlink, path.requests, self.world.horizon_us)
-        self.agenda.call(self._respawn, None, self.agenda.now, Phase.RESPAWN)
-        return self._run()
+        self._carried = None
+        self._rewarded: tuple[dict[str, float], ...] = ()
+        self.agenda = Agenda()
+        log = EpisodeLog(path.episode, [] if self.settings.keep_events else None)
+        self.journal = Journal(self.agenda, log)
+        self.airlink = AirLink(world, self.journal, path)
+        pads = world.scenario.stations.pads
+        self.stations: dict[Node, Station] = {
+            (*cell, 0): Station(self.agenda, index, cell, pads)
+            for index, cell in enumerate(world.stations)
+        }
+        count = len(self.settings.ceilings)
+        before = carried or (None,) * count
+        self.drones = [
+            Drone(world, self.journal, self.airlink, self.stations, index, ceiling, before[index])
+            for index, ceiling in enumerate(self.settings.ceilings)
+        ]
+        places = [0 if drone is None else drone.place for drone in before]
+        for index in sorted(range(count), key=places.__getitem__):
+            self.drones[index].start()
 
     def step(self, commands: Sequence[int]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
@@ -104,7 +119,7 @@ class Simulation:
             known = 0 <= command < len(actions)
             self.commanded.append((actions[command] if known else None, taken))
             if drone.command is not None:
-                t_us = self.journal.now_us()
+                t_us = self.agenda.now
                 self.journal.emit((t_us, Phase.COMMAND, "decide", drone.index, -1, -1, -1))
                 drone.command.give(taken, Phase.COMMAND, drone.index)
                 drone.command = None
@@ -128,97 +143,113 @@ class Simulation:
     # ---- what happens at a decision epoch
 
     def _record(self, due: Due) -> None:
-        """Phase 8: the step's record, and the end of the episode."""
+        """Phase 8: the step's record, its reward, and the end of the episode."""
         self.epoch += 1
-        self._orient()
-        t_us = self.journal.now_us()
-        for drone, (action, taken) in zip(self.drones, self.commanded, strict=True):
+        self._orient(self.drones)
+        self._observe()
+        self._rewarded = self._reward()
+        self._log_steps()
+        crashed = any(drone.mode is Mode.CRASHED for drone in self.drones)
+        self.terminated = self.world.on_crash == "end_episode" and crashed
+        self.truncated = self.epoch == self.steps
+        if self.terminated or self.truncated:
+            self._show()
+            self._end_episode()
+        else:
+            self.agenda.call(self._respawn, None, self.agenda.now, Phase.RESPAWN)
+
+    def _reward(self) -> tuple[dict[str, float], ...]:
+        """What each drone is rewarded for."""
+        terms, facts = self.world.scenario.reward.terms, self.world.facts
+        asked = tuple(self.airlink.open_requests)
+        return tuple(terms(observation, asked, facts) for observation in self.observations)
+
+    def _log_steps(self) -> None:
+        """One record a drone."""
+        rows = zip(self.drones, self.commanded, self.observations, self._rewarded, strict=True)
+        for drone, (action, taken), seen, terms in rows:
             self.log.steps.append(
                 Step(
                     self.epoch - 1,
-                    t_us,
+                    self.agenda.now,
                     drone.index,
                     *drone.position_m(),
                     None if drone.energy is None else drone.battery_now_us(),
                     drone.mode,
                     action,
                     taken,
-                    drone.radio.attached_users,
-                    drone.radio.served_requests,
+                    seen.attached_users,
+                    seen.served_requests,
                     drone.radio.used_bps,
                     drone.return_us(),
+                    sum(terms.values()),
                 )
             )
-        crashed = any(drone.mode is Mode.CRASHED for drone in self.drones)
-        self.terminated = self.world.on_crash == "end_episode" and crashed
-        self.truncated = self.epoch == self.steps
-        if self.terminated or self.truncated:
-            self._show()
-            self._end_episode(t_us)
-        else:
-            self.agenda.call(self._respawn, None, self.agenda.now, Phase.RESPAWN)
 
-    def _end_episode(self, t_us: int) -> None:
+    def _end_episode(self) -> None:
         self.airlink.end()
         for drone in self.drones:
             drone.count_distance()
             if drone.mode is Mode.QUEUED:
                 drone.count_queueing()
-        self.log.duration_us = t_us
+        self.log.duration_us = self.agenda.now
         if self.log.events is not None:
             self.log.events.sort(key=IN_ORDER)
 
     def _respawn(self, due: Due) -> None:
         """Phase 9: crashed drones come back after their downtime; then commands are due."""
+        if self.epoch == 0:
+            self._observe()
         if self.world.on_crash != "remove":
-            for drone in self.drones:
-                if drone.mode is Mode.CRASHED and drone.down_us() >= self.world.respawn_after_us:
-                    drone.respawn(int(self.path.respawn[drone.index, drone.respawns]))
-                    drone.respawns += 1
-            self._orient()
+            back = [drone for drone in self.drones if self._is_due(drone)]
+            for drone in back:
+                drone.respawn(int(self.path.respawn[drone.index, drone.respawns]))
+                drone.respawns += 1
+            if back:
+                self._orient(back)
+                self._observe()
         self.agenda.call(self._show, None, self.agenda.now, Phase.RESPAWN, len(self.drones))
+
+    def _is_due(self, drone: Drone) -> bool:
+        return drone.mode is Mode.CRASHED and drone.down_us() >= self.world.respawn_after_us
 
     # ---- what policies are shown
 
-    def _orient(self) -> None:
-        """All drones take their bearings at a decision epoch."""
+    def _orient(self, drones: Sequence[Drone]) -> None:
+        """Drones take their bearings at a decision epoch."""
         error = self.path.position_error
-        for drone in self.drones:
+        for drone in drones:
             drone.orient(None if error is None else error[drone.index, self.epoch])
+
+    def _observe(self) -> None:
+        """Note what each drone knows."""
+        self.observations = tuple(drone.observe(self.epoch) for drone in self.drones)
 
     def _show(self, due: Due | None = None) -> None:
         """The state as policies see it; it ends the run to this decision epoch."""
-        shown = [self._view(drone) for drone in self.drones]
         self.shown = Snapshot(
             self.epoch,
-            self.journal.now_us(),
+            self.agenda.now,
             self.terminated,
             self.truncated,
-            tuple(observation for observation, _ in shown),
-            tuple(legal for _, legal in shown),
+            self.observations,
+            tuple(
+                self._masks[drone.mode, drone.may_return(), drone.may_charge()]
+                for drone in self.drones
+            ),
+            tuple(self.airlink.open_requests),
+            tuple(sum(terms.values()) for terms in self._rewarded),
+            self._rewarded,
         )
 
-    def _view(self, drone: Drone) -> tuple[Observation, tuple[bool, ...]]:
-        """What a drone knows, and what it may be told."""
-        world, radio = self.world, drone.radio
-        limited = drone.energy is not None
-        battery_us = drone.battery_now_us()
-        return_us = drone.return_us()
-        ix, iy, level = drone.belief
-        observation = Observation(
-            drone.index,
-            self.epoch,
-            self.steps,
-            (ix, iy),
-            level,
-            drone.mode,
-            battery_us / US if limited else None,
-            world.capacity_us / US if limited else None,
-            None if return_us is None else return_us / US,
-            radio.attached_users,
-            radio.served_requests,
-            radio.used_bps / 1000,
-        )
-        may_return = battery_us <= world.return_below_us
-        may_charge = battery_us < world.capacity_us and drone.node in self.stations
-        return observation, self._masks[drone.mode, may_return, may_charge]
+    # ---- what can be asked in between
+
+    def measures(self) -> Measures:
+        """The quality of experience so far, open requests by what they have had so far."""
+        return self.airlink.measures()
+
+    def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where drones and users truly are: (drones, 3) and (users, 3)."""
+        users = self.world.homes.copy()
+        users[:, :2] = all_walked(*self.path.walks, self.agenda.now)
+        return np.array([drone.position_m() for drone in self.drones]), users

@@ -15,3 +15,7 @@ class Station:
         self.index = index
         self.cell = cell
         self.pads = simpy.Resource(agenda, capacity=pads)
+
+    def place(self, pad: simpy.Event) -> int:
+        """How many drones are before the one that asked for ``pad``, those on pads among them."""
+        return [*self.pads.users, *self.pads.queue].index(pad)

@@ -50,4 +50,4 @@ def _ask_on_arrival(
         if airlink.open[user] is None:
             airlink.ask(user, service, required_us, bandwidth_bps, think=False)
         else:
-            airlink.journal.log.suppressed += 1
+            airlink.log.suppressed += 1

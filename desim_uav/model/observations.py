@@ -1,0 +1,110 @@
+"""What a learner is given of what its drone knows: the paper's state, or local features."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+from desim_uav.model.state import Facts, Observation
+from desim_uav.registry import register
+
+
+class Feature(NamedTuple):
+    """One number of an encoded observation: its name and bounds, both included.
+
+    ``whole``: it is a whole number. Where all features are, a table can hold the values of states.
+    """
+
+    name: str
+    low: float
+    high: float
+    whole: bool
+
+
+class Encoding(Protocol):
+    """Turns what a drone knows into the numbers a learner sees."""
+
+    def features(self, facts: Facts) -> tuple[Feature, ...]:
+        """What the numbers are, in their order."""
+
+    def encode(self, observation: Observation, facts: Facts) -> tuple[float, ...]:
+        """The numbers, each within its feature's bounds."""
+
+
+@register("observation", "position")
+@dataclass(frozen=True)
+class Position:
+    """The paper's state: cell x, cell y, in 3D the level, with a battery its whole minutes left."""
+
+    def features(self, facts: Facts) -> tuple[Feature, ...]:
+        """Whole numbers from 0."""
+        nx, ny = facts.grid.cells
+        sizes = {"cell_x": nx, "cell_y": ny}
+        if facts.three_d:
+            sizes["level"] = facts.grid.levels_under_ceiling
+        if facts.capacity_s is not None:
+            sizes["battery_min"] = 1 + int(facts.capacity_s // 60)
+        return tuple(Feature(name, 0, size - 1, True) for name, size in sizes.items())
+
+    def encode(self, observation: Observation, facts: Facts) -> tuple[float, ...]:
+        """As many whole numbers as features."""
+        level = (observation.level,) if facts.three_d else ()
+        if observation.battery_s is None:
+            return (*observation.cell, *level)
+        return (*observation.cell, *level, int(observation.battery_s // 60))
+
+
+@register("observation", "local")
+@dataclass(frozen=True)
+class Local:
+    """What the drone sees around it, as numbers between 0 and 1 (the bearing: -1 and 1).
+
+    Position (believed), users attached, requests served and asked for in the footprint by service
+    (over all users), free bandwidth, time left; with a battery its charge, n_B (both over the
+    capacity), and the bearing (sine and cosine from north) and flight time (over the capacity) of
+    the nearest charging station.
+    """
+
+    def features(self, facts: Facts) -> tuple[Feature, ...]:
+        """Real numbers."""
+        names = ["x", "y"] + ["altitude"] * facts.three_d + ["attached"]
+        names += [f"served_{name}" for name in facts.services]
+        names += [f"asking_{name}" for name in facts.services]
+        names += ["bandwidth_left", "time_left"]
+        lows = dict.fromkeys(names, 0.0)
+        if facts.capacity_s is not None:
+            lows |= {"battery": 0.0, "n_b": 0.0}
+            lows |= {"bearing_sin": -1.0, "bearing_cos": -1.0, "flight_time": 0.0}
+        return tuple(Feature(name, low, 1.0, False) for name, low in lows.items())
+
+    def encode(self, observation: Observation, facts: Facts) -> tuple[float, ...]:
+        """As many numbers as features."""
+        grid, (ix, iy) = facts.grid, observation.cell
+        nx, ny = grid.cells
+        values = [(ix + 0.5) / nx, (iy + 0.5) / ny]
+        if facts.three_d:
+            values.append((observation.level + 0.5) / grid.levels_under_ceiling)
+        values.append(observation.attached_users / facts.users)
+        values += [count / facts.users for count in observation.served]
+        values += [count / facts.users for count in observation.asking]
+        values.append(1.0 - observation.bandwidth_kbps / facts.bandwidth_kbps)
+        values.append(1.0 - observation.step / observation.steps)
+        if facts.capacity_s is not None:
+            values += _way_home(observation, facts, facts.capacity_s)
+        return tuple(values)
+
+
+def _way_home(observation: Observation, facts: Facts, capacity_s: float) -> list[float]:
+    """Battery, n_B, bearing and flight time."""
+    assert observation.battery_s is not None and observation.return_s is not None
+    values = [observation.battery_s / capacity_s, min(observation.return_s / capacity_s, 1.0)]
+    if observation.station is None or observation.flight_s is None:
+        return [*values, 0.0, 0.0, 1.0]
+    station = facts.stations[observation.station]
+    cell_x, cell_y = facts.grid.cell_m
+    east = (station[0] - observation.cell[0]) * cell_x
+    north = (station[1] - observation.cell[1]) * cell_y
+    distance = math.sqrt(east * east + north * north)
+    bearing = (east / distance, north / distance) if distance > 0.0 else (0.0, 0.0)
+    return [*values, *bearing, min(observation.flight_s / capacity_s, 1.0)]

@@ -1,0 +1,141 @@
+"""What a drone is rewarded for at the end of each step: R1, R2 and R3 of the paper."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, Protocol
+
+from annotated_types import Ge, Le
+
+from desim_uav.model.rules import Mode
+from desim_uav.model.state import Facts, Observation
+from desim_uav.registry import register
+
+LANDED_OR_DOWN = frozenset({Mode.QUEUED, Mode.CHARGING, Mode.CHARGED, Mode.CRASHED})
+
+Weight = Annotated[float, Ge(0), Le(1e6)]
+Sign = Annotated[float, Ge(-1), Le(1)]
+Share = Annotated[float, Ge(0), Le(1)]
+
+
+class Reward(Protocol):
+    """Rewards a drone for the step that ends now."""
+
+    def terms(
+        self, drone: Observation, open_requests: tuple[int, ...], facts: Facts
+    ) -> dict[str, float]:
+        """What the drone gets, by name; the reward is their sum. The names never change.
+
+        ``open_requests`` counts all open requests by service, in the order of ``facts.services``.
+        """
+
+
+@register("reward", "coverage")
+@dataclass(frozen=True)
+class Coverage:
+    """R1: the drone's users over its fair share of all users, at most 1."""
+
+    def terms(
+        self, drone: Observation, open_requests: tuple[int, ...], facts: Facts
+    ) -> dict[str, float]:
+        """One term: users."""
+        idle = drone.mode in LANDED_OR_DOWN
+        return {"users": 0.0 if idle else fair_share(drone, facts)}
+
+
+@register("reward", "coverage_battery")
+@dataclass(frozen=True)
+class CoverageBattery:
+    """R2: users, weighed against the cost of the way home as the battery runs low.
+
+    ``low_battery`` is the share of the capacity (c1) under which the way home counts. ``cost_sign``
+    is -1 for a cost; the paper writes a plus.
+    """
+
+    cost_sign: Sign = -1.0
+    low_battery: Share = 0.2
+
+    def terms(
+        self, drone: Observation, open_requests: tuple[int, ...], facts: Facts
+    ) -> dict[str, float]:
+        """Two terms: users and return."""
+        if drone.mode in LANDED_OR_DOWN:
+            return {"users": 0.0, "return": 0.0}
+        service, cost = battery_weights(drone, self.low_battery)
+        return {
+            "users": service * fair_share(drone, facts),
+            "return": self.cost_sign * cost * return_cost(drone),
+        }
+
+
+@register("reward", "multi_service")
+@dataclass(frozen=True)
+class MultiService:
+    """R3: users and the share of each service's open requests the drone serves, weighed as in R2.
+
+    ``services`` weighs the services by name. A cost of charging (the paper's r_cs) is 0 here: give
+    a reward of your own another ``charging_cost``.
+    """
+
+    cost_sign: Sign = -1.0
+    low_battery: Share = 0.2
+    users: Weight = 0.5
+    services: Mapping[str, Weight] = field(
+        default_factory=lambda: {"throughput": 0.2, "edge_computing": 0.2, "data_gathering": 0.1}
+    )
+
+    def terms(
+        self, drone: Observation, open_requests: tuple[int, ...], facts: Facts
+    ) -> dict[str, float]:
+        """Terms: users, each service, return, charging."""
+        if drone.mode in LANDED_OR_DOWN:
+            return dict.fromkeys(("users", *facts.services, "return", "charging"), 0.0)
+        service, cost = battery_weights(drone, self.low_battery)
+        terms = {"users": service * self.users * fair_share(drone, facts)}
+        for name, served, asked in zip(facts.services, drone.served, open_requests, strict=True):
+            share = served / asked if asked else 0.0
+            terms[name] = service * self.services.get(name, 0.0) * share
+        terms["return"] = self.cost_sign * cost * return_cost(drone)
+        terms["charging"] = self.cost_sign * cost * self.charging_cost(drone, facts)
+        return terms
+
+    def charging_cost(self, drone: Observation, facts: Facts) -> float:
+        """The paper's r_cs."""
+        return 0.0
+
+
+def fair_share(drone: Observation, facts: Facts) -> float:
+    """r_u: the drone's users over the users a drone, at most 1."""
+    return min(1.0, drone.attached_users * facts.drones / facts.users)
+
+
+def return_cost(drone: Observation) -> float:
+    """r_c: n_B over the battery, at most 1, and 1 on an empty battery or without a way home."""
+    battery_s, return_s = drone.battery_s, drone.return_s
+    if battery_s is None or return_s is None:
+        return 0.0
+    if battery_s <= 0.0 or math.isinf(return_s):
+        return 1.0
+    return min(1.0, return_s / battery_s)
+
+
+def battery_weights(drone: Observation, low_battery: float) -> tuple[float, float]:
+    """(w_s, w_c), which sum to 1: the fuller the battery, the more service counts.
+
+    Thresholds c1 = ``low_battery`` of the capacity, each next one its predecessor over 1.5. Where
+    the battery just suffices for the way home, or not, only the way home counts.
+    """
+    battery_s, capacity_s, return_s = drone.battery_s, drone.capacity_s, drone.return_s
+    if battery_s is None or capacity_s is None or return_s is None:
+        return 1.0, 0.0
+    threshold = low_battery * capacity_s
+    if battery_s > threshold:
+        return 1.0, 0.0
+    if battery_s > return_s:
+        for service, cost in ((0.8, 0.2), (0.5, 0.5), (0.2, 0.8)):
+            threshold /= 1.5
+            if battery_s > threshold:
+                return service, cost
+    return 0.0, 1.0
