@@ -18,9 +18,10 @@ import simpy
 
 from desim_uav.engine.base import EpisodeLog
 from desim_uav.engine.des import Simulation
-from desim_uav.experiment.run import decide, run_settings
+from desim_uav.experiment.run import run_settings
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
+from desim_uav.policies.base import decide
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import find_scenario

@@ -129,7 +129,9 @@ def run(
     policy: Annotated[
         str,
         typer.Option(
-            metavar="P", help='baseline, random, hover, script:FILE.csv or "package.module:Class".'
+            metavar="P",
+            help="baseline, random, hover, policy.npz, script:FILE.csv, sb3:FILE.zip or "
+            '"package.module:Class".',
         ),
     ] = "baseline",
     seed: Annotated[
@@ -173,6 +175,7 @@ def run(
                 out=out,
                 command=["desim-uav", *sys.argv[1:]],
                 show_progress=not quiet,
+                say=_complain,
             ),
         )
     except KeyboardInterrupt:
@@ -187,6 +190,104 @@ def run(
     if done.interrupted:
         _complain(f"interrupted; the finished episodes are kept: {done.summary['run_dir']}")
         raise typer.Exit(130)
+
+
+@app.command()
+def train(
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped name: case5.")
+    ],
+    algorithm: Annotated[
+        str | None,
+        typer.Option(metavar="A", help="q_learning, sarsa, expected_sarsa or double_q."),
+    ] = None,
+    episodes: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=10**7, help="Not the scenario's.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Not the scenario's.")
+    ] = None,
+    world_seed: Annotated[
+        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Draws the world alone.")
+    ] = None,
+    overrides: Override = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Instead of runs/<name>-<algorithm>-s<seed>.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the folder's checkpoint, if it has one.")
+    ] = False,
+    checkpoint_every: Annotated[
+        int, typer.Option(metavar="N", min=1, max=10**7, help="Episodes between checkpoints.")
+    ] = 500,
+    as_json: Json = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
+) -> None:
+    """Let the drones of a scenario learn; leaves policy.npz, for run --policy."""
+    from desim_uav.experiment.train import train_to_folder
+    from desim_uav.report.text import print_training, training_bar
+    from desim_uav.scenario.load import load
+    from desim_uav.shipped import find_scenario
+
+    settings = list(overrides or [])
+    settings += [] if seed is None else [f"seed={seed}"]
+    settings += [] if world_seed is None else [f"world_seed={world_seed}"]
+    settings += [] if algorithm is None else [f'learning.algorithm="{algorithm}"']
+    settings += [] if episodes is None else [f"learning.episodes={episodes}"]
+    path = find_scenario(scenario)
+    loaded = load(path, settings)
+    with training_bar(loaded.learning.episodes, not quiet) as bar:
+        done = _located(
+            path,
+            lambda: train_to_folder(
+                loaded,
+                out=out,
+                resume=resume,
+                checkpoint_every=checkpoint_every,
+                command=["desim-uav", *sys.argv[1:]],
+                on_start=bar.start,
+                on_episode=bar.advance,
+            ),
+        )
+    if as_json:
+        print(json.dumps(done.summary, indent=1))
+    elif not quiet:
+        print_training(done.summary)
+    if done.interrupted:
+        _complain(f"interrupted after {done.summary['episodes']} episodes; --resume goes on")
+        raise typer.Exit(130)
+
+
+@app.command()
+def optimum(
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped name: case5.")
+    ],
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Not the scenario's.")
+    ] = None,
+    world_seed: Annotated[
+        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Draws the world alone.")
+    ] = None,
+    overrides: Override = None,
+    as_json: Json = False,
+) -> None:
+    """Work out how well any policy could do, where users stand still."""
+    from desim_uav.experiment.optimum import optimum as best_of
+    from desim_uav.report.text import print_optimum
+    from desim_uav.scenario.load import load
+    from desim_uav.shipped import find_scenario
+
+    settings = list(overrides or [])
+    settings += [] if seed is None else [f"seed={seed}"]
+    settings += [] if world_seed is None else [f"world_seed={world_seed}"]
+    path = find_scenario(scenario)
+    loaded = load(path, settings)
+    found = _located(path, lambda: best_of(loaded))
+    if as_json:
+        print(json.dumps(found, indent=1))
+    else:
+        print_optimum(found)
 
 
 @app.command()

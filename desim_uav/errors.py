@@ -33,3 +33,14 @@ class PolicyError(DesimError):
     """A policy or a log file is unreadable, or does not fit the scenario."""
 
     exit_code = 4
+
+
+class MissingExtraError(DesimError):
+    """Something needs packages that are not installed."""
+
+    exit_code = 5
+
+    def __init__(self, what: str, extra: str) -> None:
+        super().__init__(
+            f"{what} needs packages that are missing: pip install 'desim-uav[{extra}]'"
+        )

@@ -89,6 +89,20 @@ EVENTS = {
 }
 """Sorted by (t_us, phase, drone, user); what an event does not concern is null."""
 
+TRAINING = {
+    "episode": INT,
+    "drone": INT,
+    "reward": FLOAT,
+    "epsilon": FLOAT,
+    "alpha": FLOAT,
+    "mean_q": FLOAT,
+    "qoe1_percent": FLOAT,
+    "qoe2_iterations": FLOAT,
+    "qoe3_percent": FLOAT,
+    "crashes": INT,
+}
+"""One row a drone and episode of a training. ``reward``: the sum over the episode's steps."""
+
 
 def arrow_schema(columns: dict[str, str]) -> pa.Schema:
     """The types of a table in its Parquet file, the same whatever its rows."""

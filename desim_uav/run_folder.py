@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
@@ -13,7 +14,16 @@ from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
 from desim_uav.errors import DesimError, PolicyError, UsageError
-from desim_uav.records import EPISODES, EVENTS, REQUESTS, STEPS, USERS, arrow_schema, misfit
+from desim_uav.records import (
+    EPISODES,
+    EVENTS,
+    REQUESTS,
+    STEPS,
+    TRAINING,
+    USERS,
+    arrow_schema,
+    misfit,
+)
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -26,6 +36,7 @@ TABLES = {
     "episodes": EPISODES,
     "users": USERS,
     "events": EVENTS,
+    "training": TRAINING,
 }
 LONGEST_NAME = 200
 
@@ -38,12 +49,8 @@ class Draft:
 
     def write_table(self, name: str, frame: pd.DataFrame) -> None:
         """Write one of ``TABLES``."""
-        import pyarrow as pa
-        import pyarrow.parquet as pq
-
-        table = pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
         with self._new_file(f"{name}.parquet") as file:
-            pq.write_table(table, file)
+            file.write(parquet(name, frame))
 
     def write_text(self, name: str, text: str) -> None:
         """Write a text file."""
@@ -96,6 +103,12 @@ class Place:
         finally:
             shutil.rmtree(path, ignore_errors=True)
 
+    def vacant(self) -> Path:
+        """A folder that is not there yet, or empty."""
+        if self.out is not None:
+            return self.out
+        return next(candidate for candidate in self._candidates() if not candidate.exists())
+
     def publish(self, draft: Draft) -> Path:
         """Move a draft to its place in one step; the place. Never overwrites."""
         for candidate in self._candidates():
@@ -118,6 +131,37 @@ class Place:
         while True:
             yield self.parent / f"{self.name}-{number}"
             number += 1
+
+
+def parquet(name: str, frame: pd.DataFrame) -> bytes:
+    """One of ``TABLES`` as a Parquet file."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    table = pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
+    file = pa.BufferOutputStream()
+    pq.write_table(table, file)
+    return bytes(file.getvalue())
+
+
+def write_whole(path: Path, content: bytes) -> None:
+    """Write a file, or leave what was there: beside it first, then in its place in one step.
+
+    Raises DesimError where that fails.
+    """
+    beside = path.with_name(f".{path.name}-{uuid.uuid4().hex}")
+    try:
+        with beside.open("wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        beside.replace(path)
+    except OSError as error:
+        raise DesimError(f"cannot write {path}: {error.strerror or error}") from error
+    finally:
+        with suppress(OSError):
+            beside.unlink()
+    _sync_folder(path.parent)
 
 
 def read_table(folder: Path, name: str, columns: dict[str, str]) -> pd.DataFrame:
@@ -162,6 +206,12 @@ def world_content(world: World) -> dict[str, Any]:
         "start_cells": [list(cell) for cell in world.starts],
         "users": world.homes.tolist(),
     }
+
+
+def world_hash(world: World) -> str:
+    """SHA-256 of all that was drawn of a world."""
+    text = json.dumps(world_content(world), sort_keys=True, allow_nan=False)
+    return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _vacant(out: Path) -> Path:

@@ -339,11 +339,17 @@ class TestRun:
         assert found["scenario"] == "case8"
         assert (found["policy"], found["seed"], found["episodes"]) == ("baseline", 4, 2)
         assert found["run_dir"] == "runs/case8-baseline-s4"
-        assert found["reward_mean"] is None
+        episodes = pd.read_parquet("runs/case8-baseline-s4/episodes.parquet")
+        assert found["reward_mean"] == pytest.approx(episodes["reward"].mean())
         requests = pd.read_parquet("runs/case8-baseline-s4/requests.parquet")
         assert found["requests"] == len(requests)
         assert found["qoe1_percent"] == pytest.approx(100 * requests["qoe1"].mean())
         assert found["qoe2_iterations"] == pytest.approx(requests["qoe2_iterations"].mean())
+
+    def test_the_mean_reward(self, cli_run):
+        # Its five steps are worth 0, 0, 1/3, 2/3 and 0 (see the tables of its run).
+        found = cli_run("run", "tiny", "--episodes", 3, "--warmup", 2, "--json").json
+        assert found["reward_mean"] == pytest.approx(1.0)
 
     def test_quiet(self, cli_run):
         ended = cli_run("run", "tiny", "-q")
@@ -649,7 +655,9 @@ class TestQoe:
         assert (ended.code, ended.err) == (0, "")
         shown = dict(line.split(maxsplit=1) for line in ended.out.splitlines())
         assert set(CONTRACT) <= set(shown)
-        assert shown["reward_mean"] == "-"
+        found = cli_run("qoe", folder, "--json").json["reward_mean"]
+        assert found > 0
+        assert float(shown["reward_mean"]) == pytest.approx(found, rel=1e-5)
 
     def test_json(self, cli_run, folder):
         found = cli_run("qoe", folder, "--json").json

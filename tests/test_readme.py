@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
+import yaml
 
 from desim_uav import records
 from desim_uav.model.rules import Action
@@ -33,6 +34,16 @@ def test_the_two_commands():
 def test_the_keys_are_all_and_the_values_the_defaults():
     _, keys = blocks("yaml")
     assert to_plain(loads(keys)) == to_plain(Scenario())
+    instead_of_count_and_clusters = ["users.positions_m"]
+    assert missing(to_plain(Scenario()), yaml.safe_load(keys)) == instead_of_count_and_clusters
+
+
+def missing(known, given):
+    """Keys at any depth that are not given; a kind goes without saying, a number is a schedule."""
+    if not isinstance(known, dict) or isinstance(given, int | float):
+        return []
+    inner = [f"{key}.{k}" for key in known if key in given for k in missing(known[key], given[key])]
+    return [key for key in known if key not in given and key != "kind"] + inner
 
 
 def test_the_short_scenario_is_six_lines_and_valid():

@@ -29,15 +29,15 @@ from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 
 SMALL = ("users.count=16", "episode.steps=12", "drones.battery.autonomy_min=6")
+OF_A_RUN = ("requests", "steps", "episodes", "users", "events")
 NULLABLE = {
     "requests": {"t_first_service_s", "completion_s", "qoe1_feasible"},
-    "steps": {"battery_s", "n_b_s", "reward", "action"},
+    "steps": {"battery_s", "n_b_s", "action"},
     "episodes": {
         "qoe1_percent",
         "qoe2_iterations",
         "qoe3_active_percent",
         "qoe1_feasible_percent",
-        "reward",
         "bandwidth_percent",
         "fairness",
     },
@@ -83,12 +83,12 @@ def table(run, name):
 
 
 class TestTypes:
-    @pytest.mark.parametrize("name", TABLES)
+    @pytest.mark.parametrize("name", OF_A_RUN)
     def test_the_file_has_these_columns_and_types_whatever_its_rows(self, run, name):
         held = pq.read_schema(run / f"{name}.parquet")
         assert held.remove_metadata().equals(arrow_schema(TABLES[name]))
 
-    @pytest.mark.parametrize("name", TABLES)
+    @pytest.mark.parametrize("name", OF_A_RUN)
     def test_it_reads_back_as_these_types(self, run, name):
         frame = table(run, name)
         assert {column: str(dtype) for column, dtype in frame.dtypes.items()} == {
@@ -96,7 +96,7 @@ class TestTypes:
             for column, dtype in TABLES[name].items()
         }
 
-    @pytest.mark.parametrize("name", TABLES)
+    @pytest.mark.parametrize("name", OF_A_RUN)
     def test_only_what_can_be_missing_is_null_and_nothing_is_infinite(self, run, name):
         held = pq.read_table(run / f"{name}.parquet")
         for column in held.column_names:
@@ -105,7 +105,7 @@ class TestTypes:
                 values = held[column].drop_null().to_numpy()
                 assert np.isfinite(values).all(), column
 
-    @pytest.mark.parametrize("name", TABLES)
+    @pytest.mark.parametrize("name", OF_A_RUN)
     def test_the_warm_up_has_negative_numbers_in_every_table(self, run, name):
         if name in ("requests",) and run.name == "silent":
             assert table(run, name).empty
@@ -125,9 +125,25 @@ class TestSteps:
         assert set(steps["action_taken"]) <= {action.name.lower() for action in Action}
         assert (steps["crashed"] == (steps["mode"] == "crashed")).all()
 
-    def test_no_rewards_yet(self, run):
-        assert table(run, "steps")["reward"].isna().all()
-        assert table(run, "episodes")["reward"].isna().all()
+    def test_who_is_landed_or_down_has_no_reward(self, run):
+        steps = table(run, "steps")
+        idle = steps["mode"].isin(["queued", "charging", "charged", "crashed"])
+        assert (steps["reward"][idle] == 0).all()
+        assert steps["reward"].between(-1, 1).all()
+        assert (steps["reward"] != 0).any()
+
+    def test_the_reward_of_an_episode_is_the_mean_of_its_drones(self, run):
+        steps, episodes = table(run, "steps"), table(run, "episodes").set_index("episode")
+        of_drones = steps.groupby(["episode", "drone"])["reward"].sum()
+        mean = of_drones.groupby("episode").mean()
+        assert episodes["reward"].to_numpy() == pytest.approx(mean.loc[episodes.index].to_numpy())
+
+    def test_the_rewards_of_tiny_by_hand(self, folders):
+        # Around the edge from (120, 360): nobody at (120, 600) and (360, 600); at (600, 600) the
+        # third user, at (600, 360) the second one too, at (600, 120) nobody.
+        steps = table(folders / "unlimited", "steps")
+        assert steps["reward"].tolist() == 3 * [0.0, 0.0, 1 / 3, 2 / 3, 0.0]
+        assert table(folders / "unlimited", "episodes")["reward"].tolist() == 3 * [1.0]
 
     def test_an_unlimited_battery_has_no_charge_and_no_way_home(self, folders):
         steps = table(folders / "unlimited", "steps")
@@ -152,14 +168,14 @@ class TestSteps:
     def test_what_is_unknown_or_without_end_is_null(self, return_us, battery_us, action, expected):
         step = Step(
             *(0, 60_000_000, 0, 1.0, 2.0, 3.0, battery_us, Mode.FLYING, action, Action.HOVER),
-            *(0, 0, 96_000, return_us),
+            *(0, 0, 96_000, return_us, 0.25),
         )
         row = steps_table([EpisodeLog(0, steps=[step])]).iloc[0]
         found = [
             None if pd.isna(row[name]) else row[name] for name in ("n_b_s", "battery_s", "action")
         ]
         assert tuple(found) == expected
-        assert (row["t_s"], row["bandwidth_kbps"]) == (60.0, 96.0)
+        assert (row["t_s"], row["bandwidth_kbps"], row["reward"]) == (60.0, 96.0, 0.25)
 
     def test_bandwidth_within_the_drones(self, folders):
         assert table(folders / "busy", "steps")["bandwidth_kbps"].between(0, 5000).all()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from enum import IntEnum
 from operator import itemgetter
 from typing import NamedTuple, Protocol
 
@@ -67,7 +68,8 @@ class EpisodeLog:
 
     ``events`` is None where they are not kept; they stand in order of (t_us, phase, drone, user)
     once the episode has ended. ``attached_us`` is the integral over time of the attached users,
-    ``queueing_us`` the time between landing and charging, ``bandwidth_us_bps`` the integral of the
+    ``crashed`` names the drone of each crash, ``queueing_us`` is the time between landing and
+    charging, ``bandwidth_us_bps`` the integral of the
     bandwidth in use.
     """
 
@@ -80,9 +82,14 @@ class EpisodeLog:
     bandwidth_us_bps: int = 0
     queueing_us: int = 0
     distance_m: float = 0.0
-    crashes: int = 0
+    crashed: list[int] = field(default_factory=list)
     charges: int = 0
     suppressed: int = 0
+
+    @property
+    def crashes(self) -> int:
+        """The number of crashes."""
+        return len(self.crashed)
 
 
 class RunSettings(NamedTuple):
@@ -91,6 +98,15 @@ class RunSettings(NamedTuple):
     ceilings: tuple[bool, ...]
     carry_over: bool
     keep_events: bool = False
+
+
+class UserState(IntEnum):
+    """What a user is doing: nothing, attached without a request, waiting with one, or served."""
+
+    IDLE = 0
+    ATTACHED = 1
+    OPEN = 2
+    SERVED = 3
 
 
 class CarriedDrone(NamedTuple):
@@ -128,9 +144,12 @@ class Measures(NamedTuple):
 class Engine(Protocol):
     """Runs episodes, one decision epoch at a time."""
 
-    log: EpisodeLog
     world: World
     settings: RunSettings
+
+    @property
+    def log(self) -> EpisodeLog:
+        """What is told of the episode under way."""
 
     def reset(self, path: SamplePath) -> Snapshot:
         """Begin an episode on its sample path and run up to its first decision epoch.
@@ -159,3 +178,6 @@ class Engine(Protocol):
 
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Where drones and users truly are: (drones, 3) and (users, 3), to be drawn."""
+
+    def user_states(self) -> list[UserState]:
+        """What each user is doing, to be drawn; after an episode, what it did at its end."""

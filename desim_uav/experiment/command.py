@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -21,7 +21,7 @@ from desim_uav.errors import PolicyError
 from desim_uav.experiment.run import headline, run, run_settings
 from desim_uav.model.coverage import crossings
 from desim_uav.model.kernels import compiled_before
-from desim_uav.policies import load_policy
+from desim_uav.policies import Policy, load_policy
 from desim_uav.records import EPISODES, REQUESTS
 from desim_uav.run_folder import Place, read_table, world_content
 from desim_uav.scenario.load import dump, scenario_hash
@@ -53,6 +53,7 @@ def run_to_folder(
     out: Path | None,
     command: list[str],
     show_progress: bool,
+    say: Callable[[str], None] = lambda notice: None,
 ) -> Done:
     """Run and write the run folder. Raises the errors of its parts before anything is written.
 
@@ -62,7 +63,11 @@ def run_to_folder(
     seed = scenario.seed
     policy = load_policy(policy_name)
     place = Place(out, f"{scenario.name}-{_label(policy_name)}-s{seed}")
+    scenario = _where_it_learned(scenario, policy)
     world = build_world(scenario, scenario.effective_world_seed)
+    notice = getattr(policy, "notice", lambda world: "")(world)
+    if notice:
+        say(notice)
     started = datetime.now(UTC)
     with place.draft() as draft:
         with _progress(show_progress, warmup + episodes) as advance:
@@ -96,7 +101,7 @@ def run_to_folder(
                 "command": command,
                 "started": started.isoformat(),
                 "finished": datetime.now(UTC).isoformat(),
-                "versions": _versions(),
+                "versions": versions(),
             },
         )
         run_dir = place.publish(draft)
@@ -129,17 +134,31 @@ def _read_manifest(file: Path) -> dict[str, Any]:
     return dict(manifest)
 
 
+def _where_it_learned(scenario: Scenario, policy: Policy) -> Scenario:
+    """The scenario in the world a policy was trained in, unless it asks for one itself."""
+    world_seed = getattr(policy, "world_seed", None)
+    if scenario.world_seed is not None or world_seed is None:
+        return scenario
+    return scenario.model_copy(update={"world_seed": world_seed})
+
+
 def _label(policy_name: str) -> str:
-    """A policy's part of a folder's name: a script's file without its path."""
+    """A policy's part of a folder's name: a file without its path; policy.npz: its folder."""
     kind, _, file = policy_name.partition(":")
-    return f"script-{Path(file).stem}" if kind == "script" else policy_name
+    if kind in ("script", "sb3", "table"):
+        return f"{kind}-{Path(file).stem}"
+    if policy_name.endswith(".npz"):
+        path = Path(policy_name)
+        return path.absolute().parent.name if path.stem == "policy" else path.stem
+    return policy_name
 
 
 def _counted(requests: pd.DataFrame) -> pd.DataFrame:
     return requests[requests["episode"] >= 0]
 
 
-def _versions() -> dict[str, str]:
+def versions() -> dict[str, str]:
+    """Of Python, this package and those its figures hang on."""
     found = {"desim-uav": __version__, "python": platform.python_version()}
     return found | {name: version(name) for name in PACKAGES} | {"platform": platform.platform()}
 

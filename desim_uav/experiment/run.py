@@ -14,9 +14,8 @@ from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
-from desim_uav.model.state import Snapshot
 from desim_uav.model.streams import Purpose, Streams
-from desim_uav.policies.base import Policy
+from desim_uav.policies.base import Policy, decide
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.world import World
 
@@ -96,15 +95,6 @@ def play(
                 commands = decide(policy, shown)
             shown = engine.step(commands)
         yield engine.log, path
-
-
-def decide(policy: Policy, shown: Snapshot) -> list[int]:
-    """The policy's commands, drones in order."""
-    commands = [
-        policy.act(observation, mask)
-        for observation, mask in zip(shown.observations, shown.masks, strict=True)
-    ]
-    return [int(command) for command in commands]
 
 
 def headline(requests: pd.DataFrame, episodes: pd.DataFrame) -> dict[str, Any]:

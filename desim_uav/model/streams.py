@@ -121,3 +121,13 @@ def next_word(state: NDArray[np.uint64]) -> np.uint64:
 def next_uniform(state: NDArray[np.uint64]) -> float:
     """The next uniform number in [0, 1), with 53 bits."""
     return np.float64(next_word(state) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+
+
+@kernel
+def uniforms(states: NDArray[np.uint64], count: int) -> NDArray[np.float64]:
+    """The next ``count`` uniform numbers of each stream: (streams, count)."""
+    drawn = np.empty((len(states), count))
+    for stream in range(len(states)):
+        for k in range(count):
+            drawn[stream, k] = next_uniform(states[stream])
+    return drawn

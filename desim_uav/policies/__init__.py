@@ -2,9 +2,9 @@
 
 import sys
 
-from desim_uav.policies.base import Policy, load_policy
+from desim_uav.policies.base import JointPolicy, Policy, load_policy
 from desim_uav.registry import discover
 
 discover(sys.modules[__name__])
 
-__all__ = ["Policy", "load_policy"]
+__all__ = ["JointPolicy", "Policy", "load_policy"]

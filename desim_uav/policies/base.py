@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from desim_uav.errors import PolicyError
-from desim_uav.model.state import Observation
+from desim_uav.errors import DesimError, PolicyError
+from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Streams
 from desim_uav.registry import names, resolve
 from desim_uav.world import World
@@ -33,18 +33,41 @@ class Policy(Protocol):
         """
 
 
-def load_policy(name: str) -> Policy:
-    """A built-in name, ``script:FILE.csv``, or ``"package.module:Class"``.
+class JointPolicy(Policy, Protocol):
+    """Decides for all drones at once."""
 
-    Raises PolicyError where it cannot be read.
+    def act_jointly(
+        self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
+    ) -> Sequence[int]:
+        """The commands of all drones, in order; called instead of ``act``."""
+
+
+def decide(policy: Policy, shown: Snapshot) -> list[int]:
+    """The policy's commands, drones in order."""
+    jointly = getattr(policy, "act_jointly", None)
+    if jointly is not None:
+        commands = jointly(shown.observations, shown.masks)
+    else:
+        seen = zip(shown.observations, shown.masks, strict=True)
+        commands = [policy.act(observation, mask) for observation, mask in seen]
+    return [int(command) for command in commands]
+
+
+def load_policy(name: str) -> Policy:
+    """A policy by its name, as the command line has it.
+
+    A built-in name, a learned table's ``FILE.npz``, ``script:FILE.csv``, ``sb3:FILE.zip``, or
+    ``"package.module:Class"``. Raises PolicyError where it cannot be read.
     """
     kind, _, argument = name.partition(":")
+    if name.endswith(".npz") and kind != "table":
+        kind, argument = "table", name
     try:
         if kind in names("policy"):
             policy: Policy = resolve("policy", kind)(*[argument] if argument else [])
         else:
             policy = resolve("policy", name)()
-    except PolicyError:
+    except DesimError:
         raise
     except Exception as error:  # a user's class may raise anything
         raise PolicyError(f"policy {name!r}: {error or type(error).__name__}") from error

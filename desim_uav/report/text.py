@@ -3,14 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 from rich import box
 from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
 PIPED_WIDTH = 200
+RECENT = 50
+TRAINED = ("reward_mean", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
 MEASURES = {
     "requests": ("requests", "d"),
     "qoe1_percent": ("QoE1\n%", ".1f"),
@@ -33,11 +39,128 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
     print(f"{summary['run_dir']}")
 
 
+def print_training(summary: dict[str, Any]) -> None:
+    """What a training ends with: the means of its last episodes, and where the policy is."""
+    print(
+        "{scenario}, {algorithm}, seed {seed}: {episodes} episode(s); over the last "
+        "{over_last}:".format(**summary)
+    )
+    for name in (*TRAINED, "crashes_per_drone_episode"):
+        print(f"  {name:26s} {_shown(summary[name])}")
+    print(summary["policy"])
+
+
+class TrainingBar:
+    """The progress of a training, with reward, ε and QoE."""
+
+    def __init__(self, progress: Progress | None, episodes: int) -> None:
+        self.progress = progress
+        self.recent: deque[Sequence[Any]] = deque(maxlen=RECENT)
+        if progress is not None:
+            self.task = progress.add_task("", total=episodes, measures="")
+
+    def start(self, episode: int) -> None:
+        """The training goes on from this episode."""
+        if self.progress is not None:
+            self.progress.update(self.task, completed=episode)
+
+    def advance(self, rows: Sequence[Any]) -> None:
+        """An episode has ended: a row a drone (see ``learning.training.Progress``)."""
+        if self.progress is None:
+            return
+        self.recent.append(rows)
+        reward = sum(row.reward for rows in self.recent for row in rows)
+        reward /= sum(len(rows) for rows in self.recent)
+        qoe3 = sum(rows[0].qoe3_percent for rows in self.recent) / len(self.recent)
+        measures = f"reward {reward:.2f}  ε {rows[0].epsilon:.3f}  QoE3 {qoe3:.1f} %"
+        self.progress.update(self.task, advance=1, measures=measures)
+
+
+@contextmanager
+def training_bar(episodes: int, show: bool) -> Iterator[TrainingBar]:
+    """A bar over the episodes of a training on stderr; silent where that is no terminal."""
+    console = Console(stderr=True)
+    if not show or not console.is_terminal:
+        yield TrainingBar(None, episodes)
+        return
+    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[measures]}"))
+    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
+        yield TrainingBar(progress, episodes)
+
+
+def print_optimum(found: dict[str, Any]) -> None:
+    """How well any policy could do: a row for each optimum, and how a lone drone flies it."""
+    title = "{scenario}, world seed {world_seed}: {drones} drone(s), {users} user(s)"
+    rows = list(_optima(found))
+    table = Table(
+        title=Text(title.format(**found)),
+        box=box.SIMPLE_HEAD,
+        padding=(0, 0, 0, 1),
+        title_justify="left",
+    )
+    table.add_column("the best", no_wrap=True)
+    for heading in ("QoE3\n%", "reward\na step", "proven\nat most"):
+        table.add_column(heading, justify="right")
+    table.add_column("cells")
+    for name, qoe3, reward, at_most, cells, _ in rows:
+        table.add_row(name, qoe3, reward, at_most, cells)
+    console = Console()
+    Console(width=None if console.is_terminal else PIPED_WIDTH).print(table)
+    for name, *_, policy in rows:
+        if policy is not None:
+            print(f"{name}: {_itinerary(policy)}")
+
+
+def _optima(found: dict[str, Any]) -> Iterator[tuple[str, str, str, str, str, Any]]:
+    """Rows of that table, each with its policy, where it has one."""
+    cover, fair = found["cover"], found["fair_cover"]
+    qoe3, at_most = f"{cover['qoe3_percent']:.1f}", f"{cover['at_most_percent']:.1f} %"
+    yield "QoE3, hovering", qoe3, "", at_most, _cells(cover), None
+    if fair is not None:
+        low, high = fair["least_qoe3_percent"], f"{fair['qoe3_percent']:.1f}"
+        qoe3 = high if low is None or f"{low:.1f}" == high else f"{low:.1f}-{high}"
+        reward, at_most = f"{fair['reward_per_step']:.4f}", f"{fair['at_most_per_step']:.4f}"
+        yield "reward, hovering", qoe3, reward, at_most, _cells(fair), None
+    if found["battery"] is not None:
+        over = found["battery"]["over"]
+        for name in ("reward", "QoE3"):
+            best = found["battery"][f"best_{name.lower()}"]
+            qoe3, reward = f"{best['qoe3_percent']:.1f}", f"{best['reward_per_step']:.4f}"
+            at_most = f"{best['high']:.4f}" if name == "reward" else f"{best['high']:.1f} %"
+            yield f"{name}, {over}", qoe3, reward, at_most, "", best["policy"]
+    if found["discounted"] is not None:
+        best = found["discounted"]
+        name, value = f"return, γ = {best['gamma']:g}", f"{best['return']:.4f}"
+        yield f"{name}: {value}", "", f"{best['reward_per_step']:.4f}", "", "", best["policy"]
+
+
+def _cells(best: dict[str, Any]) -> str:
+    return " ".join(f"[{ix}, {iy}]" for ix, iy in best["cells"])
+
+
+def _itinerary(policy: dict[str, Any]) -> str:
+    """A policy in words: its actions, each with its steps and those it forces."""
+    steps, again_from = policy["steps"], policy["again_from"]
+    if again_from is None:
+        return _words(steps)
+    begin = f"{_words(steps[:again_from])}; then " if again_from else ""
+    return f"{begin}for ever: {_words(steps[again_from:])}"
+
+
+def _words(steps: list[dict[str, Any]]) -> str:
+    told: list[list[Any]] = []
+    for step in steps:
+        if told and step["action"] in (None, told[-1][0]):
+            told[-1][1] += 1
+        else:
+            told.append([step["action"], 1])
+    return ", ".join(name if count == 1 else f"{name} x {count}" for name, count in told)
+
+
 def print_summary(summary: dict[str, Any]) -> None:
     """Every measure on a line of its own."""
     for name, value in summary.items():
-        shown = f"{value:.6g}" if isinstance(value, float) else "-" if value is None else value
-        print(f"{name:22s} {shown}")
+        print(f"{name:22s} {_shown(value)}")
 
 
 def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
@@ -60,3 +183,7 @@ def _print(by: str, rows: list[dict[str, Any]], title: Text | None) -> None:
 def _cell(row: dict[str, Any], name: str, form: str) -> str:
     value = row.get(name)
     return "" if value is None or math.isnan(value) else format(value, form)
+
+
+def _shown(value: Any) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else "-" if value is None else str(value)

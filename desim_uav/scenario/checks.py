@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
 from typing import Any, NamedTuple
 
@@ -11,6 +11,7 @@ import numpy as np
 
 from desim_uav.model.grid import Cell, reachable
 from desim_uav.model.mobility import Area
+from desim_uav.model.rewards import MultiService
 from desim_uav.registry import did_you_mean
 from desim_uav.scenario.components import place_of_problem
 from desim_uav.scenario.layout import start_cells, station_cells
@@ -172,6 +173,22 @@ def the_mix_names_services(scenario: Scenario) -> Iterator[Finding]:
         yield Finding(path, "one weight at least must be above 0")
 
 
+def the_reward_names_services(scenario: Scenario) -> Iterator[Finding]:
+    """Weights of services there are not, unless they are the default."""
+    weights = getattr(scenario.reward, "services", None)
+    if not isinstance(weights, Mapping) or weights == MultiService().services:
+        return
+    known = list(scenario.services)
+    for name in weights:
+        if name not in known:
+            yield Finding(
+                ("reward", "services", name),
+                f"no such service{did_you_mean(name, known)}; "
+                f"reward.services can name {', '.join(known)}",
+                (("services",),),
+            )
+
+
 def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
     """Durations that round to nothing: time is a whole number of microseconds."""
     battery = scenario.drones.battery
@@ -213,6 +230,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     obstacles_fit_the_map,
     transits_fit_a_step,
     the_mix_names_services,
+    the_reward_names_services,
     times_are_whole_microseconds,
     components_fit_the_scenario,
 )

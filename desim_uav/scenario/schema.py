@@ -220,18 +220,26 @@ class Schedule(Section):
 
 
 def _schedule(value: Any) -> Any:
-    return {"start": value} if isinstance(value, int | float) and value is not True else value
+    if isinstance(value, bool) or not isinstance(value, int | float | Mapping | Schedule):
+        raise ValueError("must be a number, or a mapping of start, decay and end")
+    return {"start": value} if isinstance(value, int | float) else value
 
 
 class Learning(Section):
-    """How a drone learns: the algorithm, its parameters, and for how many episodes."""
+    """How a drone learns: the algorithm, its parameters, and for how many episodes.
+
+    With carry-over, every so many episodes (``restart_every``; null: never) begin at the starts.
+    """
 
     algorithm: Annotated[str, AfterValidator(_algorithm)] = "q_learning"
-    alpha: Annotated[Schedule, BeforeValidator(_schedule)] = Schedule(start=0.1)
+    alpha: Annotated[Schedule, BeforeValidator(_schedule)] = Schedule(
+        start=0.3, decay=0.9993, end=0.03
+    )
     gamma: Annotated[float, Field(ge=0, lt=1)] = 0.95
-    epsilon: Annotated[Schedule, BeforeValidator(_schedule)] = Schedule(decay=0.998, end=0.01)
+    epsilon: Annotated[Schedule, BeforeValidator(_schedule)] = Schedule(decay=0.999, end=0.02)
     initial_q: Literal["zero", "random", "max_reward", "prior"] = "zero"
-    episodes: Annotated[int, Field(ge=1, le=10**7)] = 7000
+    episodes: Annotated[int, Field(ge=1, le=10**7)] = 5000
+    restart_every: Annotated[int, Field(ge=1, le=10**7)] | None = 3
 
 
 class Scenario(Section):
@@ -271,12 +279,29 @@ class Scenario(Section):
         return self.seed if self.world_seed is None else self.world_seed
 
 
+PAPER_LEARNING: dict[str, Any] = {
+    "alpha": 1.0,
+    "gamma": 0.95,
+    "epsilon": {"start": 1.0, "decay": 0.998, "end": 0.01},
+    "initial_q": "random",
+    "episodes": 7000,
+    "restart_every": None,
+}
+"""How the paper trained."""
+
+
 def paper_preset(given: Mapping[str, Any]) -> dict[str, Any]:
     """The paper's code as defaults beneath the keys of a file: ``given`` with them filled in."""
+    filled = dict(given)
     drones = given.get("drones", {})
     if isinstance(drones, Mapping):
-        drones = _with_default(drones, "battery", BATTERY, "respawn_after_min", 0.0)
-    return _with_default(given, "demand", DEMAND, "none", 0.1) | {"drones": drones}
+        filled["drones"] = _with_default(drones, "battery", BATTERY, "respawn_after_min", 0.0)
+    filled = _with_default(filled, "demand", DEMAND, "none", 0.1)
+    filled = _with_default(filled, "reward", REWARD, "cost_sign", 1.0)
+    learning = given.get("learning", {})
+    if isinstance(learning, Mapping):
+        filled["learning"] = PAPER_LEARNING | dict(learning)
+    return filled
 
 
 def _with_default(

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import groupby, pairwise
 from operator import itemgetter
+from typing import NamedTuple
 
 from desim_uav.engine.base import EpisodeLog, Event
 from desim_uav.model.rules import Outcome, Phase
@@ -112,6 +113,43 @@ def check_log(world: World, log: EpisodeLog) -> None:
         assert request.served_us <= request.attached_us <= open_us
         assert request.served_us <= request.required_us
         assert (request.served_us == request.required_us) == (was.outcome is Outcome.COMPLETED)
+
+
+class Counts(NamedTuple):
+    """What there is at a decision epoch; by drone (and service), ``open_requests`` by service."""
+
+    attached: list[int]
+    served: list[list[int]]
+    asking: list[list[int]]
+    open_requests: list[int]
+
+
+def counts(world: World, log: EpisodeLog) -> Iterator[Counts]:
+    """Counted from the events alone at each decision epoch, before its record and commands."""
+    assert log.events is not None
+    services, drones = range(len(world.services.names)), range(world.scenario.drones.count)
+    of = {request.request_id: request.service for request in log.requests}
+    replay = Replay(world, {request.request_id: request.bandwidth_bps for request in log.requests})
+    rows = sorted(log.events, key=_as_read)
+    done = 0
+    for epoch_us in range(0, log.duration_us + 1, world.step_us):
+        while done < len(rows) and rows[done][:2] < (epoch_us, Phase.RECORD):
+            replay.apply(rows[done])
+            done += 1
+        holders = [held[0] for held in replay.attached if held is not None]
+        served = [(drone, of[request]) for request, (drone, _) in replay.running.items()]
+        asking = [
+            (drone, of[request])
+            for user, request in replay.open_of.items()
+            for drone in replay.covering[user]
+        ]
+        opened = [of[request] for request in replay.open_of.values()]
+        yield Counts(
+            [holders.count(drone) for drone in drones],
+            [[served.count((drone, service)) for service in services] for drone in drones],
+            [[asking.count((drone, service)) for service in services] for drone in drones],
+            [opened.count(service) for service in services],
+        )
 
 
 class Replay:

@@ -14,10 +14,12 @@ from desim_uav.errors import ScenarioError, UsageError
 from desim_uav.model.battery import Endurance
 from desim_uav.model.demand import Dynamic, Poisson
 from desim_uav.model.mobility import RandomWalk
+from desim_uav.model.observations import Position
+from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.model.services import PAPER
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.load import dump, from_mapping, json_schema, load, loads, scenario_hash
-from desim_uav.scenario.schema import ListedObstacles, Scenario
+from desim_uav.scenario.schema import ListedObstacles, Scenario, Schedule
 from desim_uav.scenario.yaml12 import plain_scalar
 
 HERE = Path(__file__).parent
@@ -128,6 +130,16 @@ def test_shipped_scenarios_round_trip(name: str) -> None:
     assert scenario.name == name
     assert loads(dump(scenario)) == scenario
     assert scenario_hash(loads(dump(scenario))) == scenario_hash(scenario)
+
+
+REWARDS = [Coverage()] * 3 + [CoverageBattery()] * 2 + [MultiService()] * 4
+
+
+@pytest.mark.parametrize(("number", "reward"), list(enumerate(REWARDS, start=1)))
+def test_the_nine_cases_pay_as_the_paper(number: int, reward: object) -> None:
+    scenario = load(shipped.scenario_path(f"case{number}"))
+    assert scenario.reward == reward
+    assert scenario.observation == Position()
 
 
 CASES = {  # dimensions, kbit/s, limited, drones, clusters, users, stations, demand, mobility, noise
@@ -258,6 +270,22 @@ def test_preset_lies_beneath_the_users_own_keys() -> None:
     assert own.drones.battery == Endurance(respawn_after_min=3)
 
 
+def test_preset_pays_and_learns_as_the_paper() -> None:
+    scenario = loads("preset: paper")
+    assert scenario.reward == MultiService(cost_sign=1)
+    learning = scenario.learning
+    assert (learning.alpha, learning.gamma) == (Schedule(start=1), 0.95)
+    assert learning.epsilon == Schedule(start=1, decay=0.998, end=0.01)
+    assert (learning.initial_q, learning.episodes) == ("random", 7000)
+    own = loads("{preset: paper, reward: {cost_sign: -1}, learning: {alpha: 0.2, episodes: 9}}")
+    assert own.reward == MultiService()
+    assert (own.learning.alpha, own.learning.episodes) == (Schedule(start=0.2), 9)
+    assert own.learning.epsilon == learning.epsilon
+    battery = "drones: {battery: null}, stations: {count: 0}"
+    plain = loads(f"{{preset: paper, reward: {{kind: coverage}}, {battery}}}")
+    assert plain.reward == Coverage(), "it has no sign to change"
+
+
 def test_preset_leaves_alone_what_has_no_such_parameter() -> None:
     scenario = loads(
         "{preset: paper, demand: {kind: continuous}, drones: {battery: null}, stations: {count: 0}}"
@@ -267,9 +295,44 @@ def test_preset_leaves_alone_what_has_no_such_parameter() -> None:
 
 
 def test_preset_hides_no_errors() -> None:
-    problem = refusal("{preset: paper, drones: 3, demand: dynamic}")
+    problem = refusal("{preset: paper, drones: 3, demand: dynamic, reward: 4, learning: 5}")
+    assert "reward: 4: must be a mapping with a kind" in problem
+    assert "learning: 5: must be a mapping" in problem
     assert "drones: 3: must be a mapping" in problem
     assert 'demand: "dynamic": must be a mapping' in problem
+
+
+# What drones are paid for, see and learn
+
+
+@pytest.mark.parametrize(
+    ("text", "values"),
+    [
+        ("{}", [1.0] * 3),
+        ("0.3", [0.3] * 3),
+        ("1", [1.0] * 3),
+        ("{start: 0.8}", [0.8] * 3),
+        ("{start: 0.8, decay: 0.5}", [0.8, 0.4, 0.8 / 1024]),
+        ("{start: 0.8, decay: 0.5, end: 0.5}", [0.8, 0.5, 0.5]),
+        ("{start: 0, end: 0.1}", [0.1] * 3),
+    ],
+)
+def test_schedules_over_the_episodes(text: str, values: list[float]) -> None:
+    schedule = loads(f"learning: {{epsilon: {text}}}").learning.epsilon
+    assert [schedule.at(episode) for episode in (0, 1, 10)] == pytest.approx(values)
+
+
+def test_rewards_weigh_services_there_are() -> None:
+    scenario = loads("reward: {services: {throughput: 1, edge_computing: 0}}")
+    assert scenario.reward == MultiService(services={"throughput": 1, "edge_computing": 0})
+    assert loads(dump(scenario)) == scenario
+    video = "services: {video: {duration_min: [1], bandwidth_kbps: [5]}}, demand: {mix: {video: 1}}"
+    assert loads(f"{{{video}}}").reward == MultiService(), "the default may name others"
+    own = loads(f"{{{video}, reward: {{services: {{video: 0.5}}}}}}")
+    assert own.reward.services == {"video": 0.5}
+    assert "reward.services.throughput: 1: no such service" in refusal(
+        f"{{{video}, reward: {{services: {{throughput: 1}}}}}}"
+    )
 
 
 # YAML 1.2

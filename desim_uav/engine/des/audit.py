@@ -27,6 +27,7 @@ def audit(simulation: Simulation) -> None:
     for drone in simulation.drones:
         _battery(drone)
         _bandwidth(simulation, drone)
+    _demand(simulation)
     if simulation.log.duration_us == 0:
         for request in simulation.airlink.open:
             if request is not None:
@@ -55,6 +56,18 @@ def _bandwidth(simulation: Simulation, drone: Drone) -> None:
         assert not served, f"drone {drone.index} serves while {drone.mode.name}"
         assert radio.attached_users == 0, f"drone {drone.index} holds users while {drone.mode.name}"
         assert not radio.waiting
+
+
+def _demand(simulation: Simulation) -> None:
+    """Open requests are counted, all of them and those in each footprint."""
+    airlink = simulation.airlink
+    services = range(len(airlink.open_requests))
+    opened = [request for request in airlink.open if request is not None]
+    assert airlink.open_requests == [sum(r.service == s for r in opened) for s in services]
+    for radio in airlink.radios:
+        covered = [r.service for r in opened if radio.index in airlink.covering[r.user]]
+        counted = [covered.count(service) for service in services]
+        assert radio.asking == counted, f"requests in the footprint of {radio.index}"
 
 
 def _one_state(simulation: Simulation, request: Request) -> None:

@@ -394,7 +394,7 @@ class Drone:
         self.command = None
         self.hop, self.route = None, []
         self.airlink.silence(self.radio, Phase.DEPLETION)
-        self.journal.log.crashes += 1
+        self.journal.log.crashed.append(self.index)
         self._emit(Phase.DEPLETION, "crash")
         self.process.interrupt()
 

@@ -8,7 +8,15 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import IN_ORDER, Carried, EpisodeLog, Measures, RunSettings, Step
+from desim_uav.engine.base import (
+    IN_ORDER,
+    Carried,
+    EpisodeLog,
+    Measures,
+    RunSettings,
+    Step,
+    UserState,
+)
 from desim_uav.engine.des.agenda import Agenda, Due
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.drone import Drone
@@ -89,6 +97,7 @@ class Simulation:
         self.terminated = self.truncated = False
         self._carried = None
         self._rewarded: tuple[dict[str, float], ...] = ()
+        self._last_states: list[UserState] = []
         self.agenda = Agenda()
         log = EpisodeLog(path.episode, [] if self.settings.keep_events else None)
         self.journal = Journal(self.agenda, log)
@@ -187,6 +196,7 @@ class Simulation:
             )
 
     def _end_episode(self) -> None:
+        self._last_states = self.user_states()
         self.airlink.end()
         for drone in self.drones:
             drone.count_distance()
@@ -253,3 +263,15 @@ class Simulation:
         users = self.world.homes.copy()
         users[:, :2] = all_walked(*self.path.walks, self.agenda.now)
         return np.array([drone.position_m() for drone in self.drones]), users
+
+    def user_states(self) -> list[UserState]:
+        """What each user is doing; after an episode, what it did at its end."""
+        if self._last_states:
+            return self._last_states
+        states = []
+        for request, radio in zip(self.airlink.open, self.airlink.attached, strict=True):
+            if request is not None:
+                states.append(UserState.SERVED if request.serving >= 0 else UserState.OPEN)
+            else:
+                states.append(UserState.IDLE if radio is None else UserState.ATTACHED)
+        return states

@@ -1,0 +1,21 @@
+"""Environments for reinforcement learning: PettingZoo's (an agent a drone) and Gymnasium's."""
+
+from __future__ import annotations
+
+import importlib
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from desim_uav.env.parallel import UavParallelEnv
+    from desim_uav.env.single import UavEnv
+
+_PUBLIC = {"UavEnv": "desim_uav.env.single", "UavParallelEnv": "desim_uav.env.parallel"}
+
+__all__ = ["UavEnv", "UavParallelEnv"]
+
+
+def __getattr__(name: str) -> Any:
+    """Import an environment when it is first asked for: Gymnasium imports this to register."""
+    if name in _PUBLIC:
+        return getattr(importlib.import_module(_PUBLIC[name]), name)
+    raise AttributeError(f"module 'desim_uav.env' has no attribute {name!r}")

@@ -1,0 +1,229 @@
+"""A picture of an episode at a decision epoch: the map on the left, what is going on beside it."""
+
+from __future__ import annotations
+
+from collections import Counter
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image, ImageDraw
+
+from desim_uav.engine.base import Engine, UserState
+from desim_uav.env.sprites import (
+    BLUE,
+    GREEN,
+    GREY,
+    INK,
+    ORANGE,
+    PALE,
+    SKY,
+    VERMILLION,
+    WHITE,
+    dot,
+    drone,
+    font,
+    ring,
+    station,
+    stick,
+)
+from desim_uav.model.rules import US, Mode
+from desim_uav.model.state import Observation, Snapshot
+from desim_uav.world import World
+
+WIDTH, HEIGHT, PANEL = 800, 600, 200
+LEFT = WIDTH - PANEL + 14
+RIGHT = WIDTH - 14
+LISTED = 7
+"""So many drones are listed one by one."""
+
+USERS = {
+    UserState.SERVED: ("served", GREEN, 9),
+    UserState.OPEN: ("waiting", VERMILLION, 9),
+    UserState.ATTACHED: ("attached", SKY, 7),
+    UserState.IDLE: ("idle", GREY, 5),
+}
+"""By state: its word, colour and size."""
+
+COLOURS = {Mode.FLYING: INK, Mode.RETURNING: INK, Mode.CRASHED: VERMILLION}
+
+
+class Painter:
+    """Draws frames of one world; what does not change in it is drawn once."""
+
+    def __init__(self, world: World) -> None:
+        self.world = world
+        grid = world.grid
+        self.scale = min((WIDTH - PANEL) / grid.width_m, HEIGHT / grid.depth_m)
+        size = (round(grid.width_m * self.scale), round(grid.depth_m * self.scale))
+        self.corner = ((WIDTH - PANEL - size[0]) // 2, (HEIGHT - size[1]) // 2)
+        self.map = self._drawn_map(size)
+        self.background = self._drawn_background()
+        self.footprint = ring(BLUE, world.scenario.drones.footprint_radius_m * self.scale)
+
+    def frame(self, engine: Engine, shown: Snapshot, title: str) -> NDArray[np.uint8]:
+        """The picture: (600, 800, 3). ``title`` stands under the scenario's name."""
+        drones_m, users_m = engine.positions_m()
+        states = engine.user_states()
+        picture = self.map.copy()
+        where = [self._pixel(x, y) for x, y, _ in drones_m.tolist()]
+        for seen, (x, y) in zip(shown.observations, where, strict=True):
+            if seen.mode is Mode.FLYING:
+                stick(picture, self.footprint, x, y)
+        for state, (x, y, _) in sorted(zip(states, users_m.tolist(), strict=True)):
+            _, colour, size = USERS[state]
+            stick(picture, dot(colour, size), *self._pixel(x, y))
+        self._draw_drones(picture, shown.observations, where)
+        frame = self.background.copy()
+        frame.paste(picture, self.corner)
+        draw = ImageDraw.Draw(frame)
+        self._write_time(draw, shown, title)
+        self._write_measures(draw, engine)
+        self._write_users(draw, Counter(states))
+        self._write_drones(draw, shown.observations, drones_m[:, 2].tolist())
+        return np.array(frame)
+
+    def _pixel(self, x_m: float, y_m: float) -> tuple[float, float]:
+        """Where a point of the map is in its picture."""
+        return x_m * self.scale, (self.world.grid.depth_m - y_m) * self.scale
+
+    # ---- what does not change
+
+    def _drawn_map(self, size: tuple[int, int]) -> Image.Image:
+        """Cells, buildings by height, stations."""
+        grid = self.world.grid
+        picture = Image.new("RGB", size, "#FBFBF8")
+        draw = ImageDraw.Draw(picture)
+        (nx, ny), (dx, dy) = grid.cells, grid.cell_m
+        for ix in range(nx):
+            for iy in range(ny):
+                left, top = self._pixel(ix * dx, (iy + 1) * dy)
+                right, bottom = self._pixel((ix + 1) * dx, iy * dy)
+                height_m = float(grid.height_m[ix, iy])
+                fill = self._shade(height_m) if height_m > 0.0 else None
+                draw.rectangle((left, top, right, bottom), fill=fill, outline="#E6E6E2")
+        for cell in self.world.stations:
+            stick(picture, station(), *self._pixel(*grid.centre(*cell)))
+        return picture
+
+    def _shade(self, height_m: float) -> str:
+        """The taller, the darker."""
+        light = round(222 - 110 * height_m / float(self.world.grid.height_m.max()))
+        return f"#{light:02X}{light:02X}{light:02X}"
+
+    def _drawn_background(self) -> Image.Image:
+        """The panel's lasting words and its legend."""
+        picture = Image.new("RGB", (WIDTH, HEIGHT), WHITE)
+        draw = ImageDraw.Draw(picture)
+        draw.rectangle((0, 0, WIDTH - PANEL, HEIGHT), fill="#F0F0EC")
+        draw.line((WIDTH - PANEL, 0, WIDTH - PANEL, HEIGHT), fill=PALE)
+        draw.text((LEFT, 14), _clipped(self.world.scenario.name, 17), INK, font(20))
+        for row, name in enumerate(("QoE1", "QoE2", "QoE3")):
+            draw.text((LEFT, 122 + 20 * row), name, GREY, font(14))
+        draw.text((LEFT, 194), "users", GREY, font(13))
+        for row, (word, colour, size) in enumerate(USERS.values()):
+            stick(picture, dot(colour, size), LEFT + 6, 221 + 19 * row)
+            draw.text((LEFT + 20, 213 + 19 * row), word, INK, font(13))
+        draw.text((LEFT, 300), "drones", GREY, font(13))
+        self._draw_legend(picture, draw)
+        return picture
+
+    def _draw_legend(self, picture: Image.Image, draw: ImageDraw.ImageDraw) -> None:
+        y = HEIGHT - 22
+        if self.world.stations:
+            stick(picture, station().reduce(2), LEFT + 6, y)
+            draw.text((LEFT + 20, y), "charging station", INK, font(12), anchor="lm")
+            y -= 20
+        heights_m = self.world.grid.height_m
+        if heights_m.any():
+            low_m, high_m = float(heights_m[heights_m > 0.0].min()), float(heights_m.max())
+            draw.rectangle((LEFT, y - 6, LEFT + 12, y + 6), fill=self._shade((low_m + high_m) / 2))
+            text = f"buildings, {low_m:.0f}-{high_m:.0f} m"
+            draw.text((LEFT + 20, y), text, INK, font(12), anchor="lm")
+
+    # ---- what does
+
+    def _draw_drones(
+        self,
+        picture: Image.Image,
+        seen: tuple[Observation, ...],
+        where: list[tuple[float, float]],
+    ) -> None:
+        """Each drone with its number, battery, and mode, if it is alone and not just flying."""
+        draw = ImageDraw.Draw(picture)
+        alone, beside = Counter(where), Counter[tuple[float, float]]()
+        for observation, place in zip(seen, where, strict=True):
+            x, y = place[0] + 36 * beside[place], place[1]
+            beside[place] += 1
+            stick(picture, drone(COLOURS.get(observation.mode, GREY)), x, y)
+            draw.text((x, y), str(observation.drone), WHITE, font(12), anchor="mm")
+            if observation.mode is not Mode.FLYING and alone[place] == 1:
+                _label(draw, x, y + 30, observation.mode.name.lower())
+            _draw_battery(draw, x - 14, y + 19, 28, observation)
+
+    def _write_time(self, draw: ImageDraw.ImageDraw, shown: Snapshot, title: str) -> None:
+        """The clock, and how far the episode is."""
+        draw.text((LEFT, 40), title, GREY, font(12))
+        now_s, end_s = shown.t_us // US, self.world.horizon_us // US
+        draw.text((LEFT, 64), _clock(now_s), INK, font(26))
+        draw.text((RIGHT, 74), f"of {_clock(end_s)}", GREY, font(14), anchor="ra")
+        draw.rectangle((LEFT, 101, RIGHT, 104), fill=PALE)
+        done = LEFT + (RIGHT - LEFT) * shown.t_us / self.world.horizon_us
+        draw.rectangle((LEFT, 101, done, 104), fill=BLUE)
+
+    def _write_measures(self, draw: ImageDraw.ImageDraw, engine: Engine) -> None:
+        """The quality of experience so far."""
+        qoe1, qoe2, qoe3 = engine.measures()
+        rows = ((qoe1, "{:.1f} %"), (qoe2, "{:.2f} steps"), (qoe3, "{:.1f} %"))
+        for row, (value, form) in enumerate(rows):
+            text = "-" if value is None else form.format(value)
+            draw.text((RIGHT, 122 + 20 * row), text, INK, font(14), anchor="ra")
+
+    def _write_users(self, draw: ImageDraw.ImageDraw, count: Counter[UserState]) -> None:
+        for row, state in enumerate(USERS):
+            draw.text((RIGHT, 213 + 19 * row), str(count[state]), INK, font(13), anchor="ra")
+
+    def _write_drones(
+        self, draw: ImageDraw.ImageDraw, seen: tuple[Observation, ...], altitudes_m: list[float]
+    ) -> None:
+        """A line a drone: its number, mode, altitude, users and battery."""
+        for row, observation in enumerate(seen[:LISTED]):
+            y = 319 + 30 * row
+            words = observation.mode.name.lower()
+            if self.world.facts.three_d and observation.mode in (Mode.FLYING, Mode.RETURNING):
+                words += f", {altitudes_m[row]:.0f} m"
+            draw.text((LEFT, y), str(observation.drone), GREY, font(13))
+            draw.text((LEFT + 20, y), words, INK, font(13))
+            if observation.attached_users:
+                text = f"{observation.attached_users} users"
+                draw.text((RIGHT, y), text, INK, font(13), anchor="ra")
+            _draw_battery(draw, LEFT + 20, y + 18, RIGHT - LEFT - 20, observation)
+        if len(seen) > LISTED:
+            text = f"and {len(seen) - LISTED} more"
+            draw.text((LEFT + 20, 319 + 30 * LISTED), text, GREY, font(13))
+
+
+def _draw_battery(
+    draw: ImageDraw.ImageDraw, left: float, top: float, width: float, seen: Observation
+) -> None:
+    """A bar of what the battery holds, where it is limited."""
+    if seen.battery_s is None or seen.capacity_s is None:
+        return
+    share = max(0.0, min(1.0, seen.battery_s / seen.capacity_s))
+    colour = GREEN if share > 0.5 else ORANGE if share > 0.2 else VERMILLION
+    draw.rectangle((left, top, left + width, top + 4), fill=PALE)
+    if share > 0.0:
+        draw.rectangle((left, top, left + width * share, top + 4), fill=colour)
+
+
+def _label(draw: ImageDraw.ImageDraw, x: float, y: float, text: str) -> None:
+    """Dark letters on light ground, wherever they stand."""
+    draw.text((x, y), text, INK, font(12), anchor="mm", stroke_width=2, stroke_fill=WHITE)
+
+
+def _clock(seconds: int) -> str:
+    """Minutes and seconds."""
+    return f"{seconds // 60}:{seconds % 60:02d}"
+
+
+def _clipped(text: str, length: int) -> str:
+    return text if len(text) <= length else text[: length - 1] + "…"

@@ -1,0 +1,146 @@
+"""PettingZoo's environment: each drone is an agent."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import numpy as np
+from gymnasium.spaces import Box, Dict, Discrete
+from numpy.typing import NDArray
+from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
+
+from desim_uav.env.configure import Source
+from desim_uav.env.render import RENDERING, Screen
+from desim_uav.env.session import ActionError, Session
+from desim_uav.env.spaces import features, mask_array, observation_space
+
+Seen = dict[str, NDArray[Any]]
+Infos = dict[str, dict[str, Any]]
+
+
+class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
+    """The drones of a scenario as agents, ``drone_0`` and on; a step is a decision epoch.
+
+    An agent's observation is a dict of ``observation``, the scenario's encoding (int64, or float32
+    where it has real numbers), and ``action_mask``, int8 of one entry an action, never all 0. Its
+    reward and its info are its drone's own; time, quality of experience and seeds are of all.
+    Drones that return, charge or have crashed stay agents, whose mask leaves one action. The time
+    limit truncates an episode; a crash terminates it where the scenario says so.
+    """
+
+    metadata: ClassVar[dict[str, Any]] = {**RENDERING, "name": "uav_v0", "is_parallelizable": True}
+
+    def __init__(
+        self,
+        scenario: Source,
+        config: Mapping[str, Any] | None = None,
+        render_mode: str | None = None,
+    ) -> None:
+        """``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it.
+
+        Raises ScenarioError with every problem of either, UnsupportedMode where the mode is
+        unknown or "human" has no display.
+        """
+        self.session = Session(scenario, config)
+        self.screen = Screen(self.session, render_mode)
+        self.render_mode = render_mode
+        self.possible_agents = [f"drone_{d}" for d in range(self.session.scenario.drones.count)]
+        self.agents: list[str] = []
+        shown, actions = features(self.session.world), len(self.session.world.actions)
+        self.observation_spaces = {
+            agent: Dict(
+                {
+                    "observation": observation_space(shown),
+                    "action_mask": Box(0, 1, (actions,), np.int8),
+                }
+            )
+            for agent in self.possible_agents
+        }
+        self.action_spaces = {agent: Discrete(actions) for agent in self.possible_agents}
+        self._dtype = observation_space(shown).dtype
+
+    def observation_space(self, agent: str) -> Dict:
+        """What an agent can be shown: always the same object."""
+        return self.observation_spaces[agent]
+
+    def action_space(self, agent: str) -> Discrete[Any]:
+        """What an agent can be told: always the same object."""
+        return self.action_spaces[agent]
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Seen], Infos]:
+        """Begin the next episode; with a ``seed``, the first of a new run (see ``Session``).
+
+        There are no ``options``.
+        """
+        self.session.reset(seed)
+        self.agents = self.possible_agents[:]
+        self.screen.refresh()
+        return self._told()
+
+    def step(
+        self, actions: Mapping[str, int]
+    ) -> tuple[dict[str, Seen], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
+        """One action an agent. At the episode's end ``agents`` is empty.
+
+        A masked action becomes the only allowed one, or hover. Raises ResetNeeded outside an
+        episode, ActionError for what is no action, or one too few or many.
+        """
+        agents = self.possible_agents
+        shown = self.session.step(self._in_order(actions))
+        if shown.terminated or shown.truncated:
+            self.agents = []
+        self.screen.refresh()
+        observations, infos = self._told()
+        return (
+            observations,
+            dict(zip(agents, map(float, shown.rewards), strict=True)),
+            dict.fromkeys(agents, shown.terminated),
+            dict.fromkeys(agents, shown.truncated),
+            infos,
+        )
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """The masks of all drones, one after the other: (drones * actions,)."""
+        return self.session.action_masks()
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The present frame (height, width, 3), or None where a window shows it."""
+        return self.screen.render()
+
+    def close(self) -> None:
+        """Close the window, if there is one."""
+        self.screen.close()
+
+    def _in_order(self, actions: Mapping[str, int]) -> list[int]:
+        if self.agents and actions.keys() != self.action_spaces.keys():
+            raise ActionError(f"one action for each of {self.agents}, not for {list(actions)}")
+        return [actions[agent] for agent in self.agents]
+
+    def _told(self) -> tuple[dict[str, Seen], Infos]:
+        """Observations and infos of all agents."""
+        session = self.session
+        shown, crashed = session.shown, session.engine.log.crashed
+        encoded = np.array(session.encoded(), self._dtype)
+        of_all = session.info()
+        observations, infos = {}, {}
+        for agent, row, seen, allowed, terms in zip(
+            self.possible_agents,
+            encoded,
+            shown.observations,
+            shown.masks,
+            session.reward_info(),
+            strict=True,
+        ):
+            mask = mask_array(allowed)
+            observations[agent] = {"observation": row, "action_mask": mask}
+            infos[agent] = {
+                **of_all,
+                "attached_users": seen.attached_users,
+                "crashes": crashed.count(seen.drone),
+                **terms,
+                "action_mask": mask,
+            }
+        return observations, infos

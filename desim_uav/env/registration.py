@@ -1,0 +1,66 @@
+"""Gymnasium ids of the nine cases, and one for scenarios of one's own.
+
+Nothing heavy is imported here: ``import desim_uav`` does not wait for Gymnasium.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Sequence
+from importlib.abc import MetaPathFinder
+from importlib.machinery import ModuleSpec, PathFinder
+from types import ModuleType
+
+CASES = range(1, 10)
+ENTRY_POINT = "desim_uav.env.single:UavEnv"
+REGISTRY = "gymnasium.envs.registration"
+
+
+def register_envs() -> None:
+    """Register ``desim_uav/Case1-v0`` … ``Case9-v0`` and ``desim_uav/Uav-v0``, once.
+
+    ``Uav-v0`` has to be given its ``scenario``.
+    """
+    from gymnasium.envs.registration import register, registry
+
+    cases = {f"desim_uav/Case{number}-v0": {"scenario": f"case{number}"} for number in CASES}
+    for name, parameters in {**cases, "desim_uav/Uav-v0": {}}.items():
+        if name not in registry:
+            register(name, entry_point=ENTRY_POINT, kwargs=parameters)
+
+
+def register_with_gymnasium() -> None:
+    """Register now where Gymnasium has been imported, else as soon as it is.
+
+    Gymnasium has had no plug-ins since 1.0: whoever imports the two, in whatever order, may use
+    the ids, and the command line, which needs no environments, is not slowed down.
+    """
+    if REGISTRY in sys.modules:
+        register_envs()
+    elif not any(isinstance(finder, _Awaits) for finder in sys.meta_path):
+        sys.meta_path.insert(0, _Awaits())
+
+
+class _Awaits(MetaPathFinder):
+    """Lets the first import of Gymnasium's registry end with our registration."""
+
+    def find_spec(
+        self,
+        fullname: str,
+        path: Sequence[str] | None,
+        target: ModuleType | None = None,
+    ) -> ModuleSpec | None:
+        """Gymnasium's registry as it is found without this; nothing else."""
+        if fullname != REGISTRY:
+            return None
+        sys.meta_path.remove(self)
+        spec = PathFinder.find_spec(fullname, path, target)
+        if spec is not None and spec.loader is not None:
+            execute = spec.loader.exec_module
+
+            def execute_and_register(module: ModuleType) -> None:
+                execute(module)
+                register_envs()
+
+            spec.loader.exec_module = execute_and_register  # type: ignore[method-assign]
+        return spec

@@ -1,0 +1,61 @@
+"""How an environment is looked at: frames as arrays, or a window."""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from gymnasium import error, logger
+from numpy.typing import NDArray
+
+from desim_uav.env.frame import Painter
+from desim_uav.env.session import Session
+from desim_uav.env.window import Window
+
+RENDERING: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps": 4}
+
+
+class Screen:
+    """Shows a session the way ``mode`` says: None, "rgb_array", or "human" (a window)."""
+
+    def __init__(self, session: Session, mode: str | None) -> None:
+        """Raises UnsupportedMode for another mode, and for "human" without a display."""
+        if mode not in (None, *RENDERING["render_modes"]):
+            raise error.UnsupportedMode(
+                f"render_mode {mode!r}: must be None, 'rgb_array' or 'human'"
+            )
+        self.session = session
+        self.mode = mode
+        self.window = Window(RENDERING["render_fps"]) if mode == "human" else None
+
+    def render(self) -> NDArray[np.uint8] | None:
+        """The present frame, or None once the window shows it. Raises ResetNeeded."""
+        if self.mode == "rgb_array":
+            return self._frame()
+        if self.mode is None:
+            logger.warn("render() shows nothing without a render_mode, such as 'rgb_array'")
+        self.refresh()
+        return None
+
+    def refresh(self) -> None:
+        """Let the window, if there is one, show the present state."""
+        if self.window is not None:
+            self.window.show(self._frame())
+
+    def close(self) -> None:
+        """Close the window and forget the pictures."""
+        if self.window is not None:
+            self.window.close()
+        self.__dict__.pop("_painter", None)
+
+    def _frame(self) -> NDArray[np.uint8]:
+        session = self.session
+        if self._painter.world is not session.world:
+            self.__dict__.pop("_painter")
+        title = f"episode {session.episode}, seed {session.seed}"
+        return self._painter.frame(session.engine, session.shown, title)
+
+    @cached_property
+    def _painter(self) -> Painter:
+        return Painter(self.session.world)

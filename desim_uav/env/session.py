@@ -1,0 +1,148 @@
+"""Episodes of one scenario, one after the other: what lies beneath both environments."""
+
+from __future__ import annotations
+
+import math
+import operator
+import secrets
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+from gymnasium import error
+from numpy.typing import NDArray
+
+from desim_uav.engine.base import Engine, RunSettings
+from desim_uav.engine.des import Simulation
+from desim_uav.env.configure import Source, configured
+from desim_uav.env.spaces import flat_mask
+from desim_uav.model.rules import US
+from desim_uav.model.state import Snapshot
+from desim_uav.sample_path import draw
+from desim_uav.world import World, build_world
+
+SEEDS = 2**63
+
+
+class ActionError(error.InvalidAction, ValueError):
+    """An action outside the action space (a masked one is none)."""
+
+
+class Session:
+    """A scenario under way.
+
+    ``seed`` is the run's; it draws the world too, unless the scenario has a ``world_seed``.
+    ``episode`` counts from 0, which is -1 before the first ``reset``.
+    """
+
+    world: World
+    engine: Engine
+
+    def __init__(self, scenario: Source, config: Mapping[str, Any] | None = None) -> None:
+        """On the scenario's own seed where it gives one, else on one that is drawn.
+
+        Raises ScenarioError, or UsageError for a ``config`` of another form.
+        """
+        self.scenario = configured(scenario, config)
+        given = "seed" in self.scenario.model_fields_set
+        self._start_over(self.scenario.seed if given else secrets.randbits(32))
+
+    def _start_over(self, seed: int) -> None:
+        """A new run."""
+        scenario = self.scenario
+        fixed = scenario.world_seed
+        self.world = build_world(scenario, seed if fixed is None else fixed)
+        ceilings = (True,) * scenario.drones.count
+        self.engine = Simulation(self.world, RunSettings(ceilings, scenario.episode.carry_over))
+        self.seed, self.episode = seed, -1
+        self._shown: Snapshot | None = None
+
+    @property
+    def shown(self) -> Snapshot:
+        """The state at the present decision epoch. Raises ResetNeeded before the first episode."""
+        if self._shown is None:
+            raise error.ResetNeeded("call reset first: no episode has begun")
+        return self._shown
+
+    def reset(self, seed: int | None = None) -> Snapshot:
+        """Begin the next episode; with a ``seed``, the first of a new run.
+
+        Drones go on from where an episode that ran its time has left them, where the scenario says
+        so. Raises gymnasium's Error for a seed outside 0 … 2**63 - 1.
+        """
+        if seed is not None:
+            self._start_over(_checked(seed))
+        self.episode += 1
+        shown = self.engine.reset(draw(self.world, self.seed, self.episode))
+        terms = self.scenario.reward.terms(
+            shown.observations[0], shown.open_requests, self.world.facts
+        )
+        self._term_keys = {name: f"reward_{name}" for name in terms}
+        self._shown = shown
+        return shown
+
+    def step(self, actions: Iterable[Any]) -> Snapshot:
+        """Give each drone its action and run to the next decision epoch.
+
+        Raises ResetNeeded outside an episode, ActionError for what is no action.
+        """
+        shown = self.shown
+        if shown.terminated or shown.truncated:
+            raise error.ResetNeeded("call reset first: the episode is over")
+        self._shown = self.engine.step(self._commands(actions))
+        return self._shown
+
+    def _commands(self, actions: Iterable[Any]) -> list[int]:
+        """Actions as commands, drones in order."""
+        try:
+            commands = [operator.index(action) for action in actions]
+        except TypeError as problem:
+            raise ActionError(f"actions must be whole numbers, not {actions!r}") from problem
+        drones, count = self.scenario.drones.count, len(self.world.actions)
+        if len(commands) != drones:
+            raise ActionError(f"{len(commands)} action(s) for {drones} drone(s)")
+        for drone, command in enumerate(commands):
+            if not 0 <= command < count:
+                raise ActionError(f"drone {drone}: action {command} is not one of 0 … {count - 1}")
+        return commands
+
+    # ---- what is told at a decision epoch
+
+    def encoded(self) -> list[tuple[float, ...]]:
+        """What each drone is shown, as numbers."""
+        encode, facts = self.scenario.observation.encode, self.world.facts
+        return [encode(observation, facts) for observation in self.shown.observations]
+
+    def action_masks(self) -> NDArray[np.bool_]:
+        """What each drone may be told now, one drone after the other: (drones * actions,)."""
+        return flat_mask(self.shown.masks).view(np.bool_)
+
+    def info(self) -> dict[str, float]:
+        """Time, quality of experience so far (nan where nothing was asked for), and seeds.
+
+        No key is "episode", which Gymnasium and Stable-Baselines3 keep for their statistics.
+        """
+        qoe1, qoe2, qoe3 = self.engine.measures()
+        return {
+            "sim_time_s": self.shown.t_us / US,
+            "qoe1_percent": math.nan if qoe1 is None else qoe1,
+            "qoe2_iterations": math.nan if qoe2 is None else qoe2,
+            "qoe3_percent": math.nan if qoe3 is None else qoe3,
+            "seed": self.seed,
+            "world_seed": self.world.seed,
+            "episode_number": self.episode,
+        }
+
+    def reward_info(self) -> list[dict[str, float]]:
+        """The terms of each drone's reward, 0 before the first step."""
+        keys = self._term_keys
+        told = self.shown.reward_terms
+        if not told:
+            return [dict.fromkeys(keys.values(), 0.0) for _ in self.shown.observations]
+        return [{key: float(terms[name]) for name, key in keys.items()} for terms in told]
+
+
+def _checked(seed: int) -> int:
+    if not 0 <= operator.index(seed) < SEEDS:
+        raise error.Error(f"seed {seed}: must be a whole number from 0 to 2**63 - 1")
+    return operator.index(seed)

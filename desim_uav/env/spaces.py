@@ -1,0 +1,65 @@
+"""Spaces and masks of a scenario's drones, as Gymnasium has them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from gymnasium.spaces import Box, MultiDiscrete
+from numpy.typing import NDArray
+
+from desim_uav.model.grid import altitudes
+from desim_uav.model.observations import Feature
+from desim_uav.model.state import Facts
+from desim_uav.scenario.schema import DrawnObstacles
+from desim_uav.world import World
+
+Mask = tuple[bool, ...]
+
+
+def features(world: World) -> tuple[Feature, ...]:
+    """The numbers a drone of this scenario is shown, with bounds that hold in all its worlds."""
+    return world.scenario.observation.features(_widest(world))
+
+
+def _widest(world: World) -> Facts:
+    """The facts of a world, with as many levels as any world of its scenario can have."""
+    scenario, facts = world.scenario, world.facts
+    obstacles = scenario.map.obstacles
+    if scenario.world_seed is not None or not isinstance(obstacles, DrawnObstacles):
+        return facts
+    low_m, high_m = obstacles.height_m
+    tallest_m = math.nextafter(high_m, low_m)  # heights are drawn from [low, high)
+    levels = scenario.map.levels
+    levels_m, under_ceiling = altitudes(levels.min_altitude_m, levels.step_m, tallest_m)
+    grid = replace(facts.grid, levels_m=levels_m, levels_under_ceiling=under_ceiling)
+    return facts._replace(grid=grid)
+
+
+def observation_space(shown: Iterable[Feature]) -> MultiDiscrete[Any] | Box:
+    """MultiDiscrete (int64) where all features are whole numbers, else a Box (float32)."""
+    shown = tuple(shown)
+    low, high = [feature.low for feature in shown], [feature.high for feature in shown]
+    if all(feature.whole for feature in shown):
+        start, last = np.array(low, np.int64), np.array(high, np.int64)
+        return MultiDiscrete(last - start + 1, start=start)
+    return Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
+
+
+def mask_array(mask: Mask) -> NDArray[np.int8]:
+    """A mask as an array of its own: 1 for what is allowed."""
+    return _array(mask).copy()
+
+
+def flat_mask(masks: Iterable[Mask]) -> NDArray[np.int8]:
+    """The masks of all drones, one after the other."""
+    return np.concatenate([_array(mask) for mask in masks])
+
+
+@lru_cache(maxsize=1024)
+def _array(mask: Mask) -> NDArray[np.int8]:
+    return np.array(mask, np.int8)

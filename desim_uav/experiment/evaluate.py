@@ -1,0 +1,48 @@
+"""One replication: a policy, a scenario, a seed, and the measures that come out."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from desim_uav.experiment.run import headline, run
+from desim_uav.policies import load_policy
+from desim_uav.scenario.schema import Scenario
+from desim_uav.world import build_world
+
+MEASURES = (
+    "qoe1_percent",
+    "qoe1_feasible_percent",
+    "qoe2_iterations",
+    "qoe3_percent",
+    "qoe3_active_percent",
+    "crashes_per_drone_episode",
+    "reward_mean",
+)
+
+
+def evaluate(
+    scenario: Scenario,
+    policy_name: str,
+    seed: int,
+    episodes: int,
+    warmup: int,
+    on_episode: Callable[[], None] = lambda: None,
+) -> dict[str, float | None]:
+    """The measures of ``episodes`` episodes after ``warmup``, in the world of the seed.
+
+    QoE1 and QoE2 are means over all requests, QoE3 and the reward over episodes. Raises
+    KeyboardInterrupt where it is interrupted: half a replication is none.
+    """
+    scenario = scenario.model_copy(update={"seed": seed})
+    world = build_world(scenario, scenario.effective_world_seed)
+    policy = load_policy(policy_name)
+    results, interrupted = run(
+        world, policy, policy_name, seed, episodes, warmup, on_episode=on_episode
+    )
+    if interrupted:
+        raise KeyboardInterrupt
+    measured: dict[str, Any] = headline(results.requests, results.episodes)
+    drone_episodes = episodes * scenario.drones.count
+    measured["crashes_per_drone_episode"] = measured["crashes"] / drone_episodes
+    return {name: measured[name] for name in MEASURES}

@@ -1,0 +1,174 @@
+"""What ``desim-uav optimum`` says: how well any policy could do in a scenario."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import UsageError
+from desim_uav.model.rewards import Coverage
+from desim_uav.optimum.cover import FairCover, Places, cover, fair_cover
+from desim_uav.optimum.discounted import optimal_return
+from desim_uav.optimum.gain import best_policy, long_run
+from desim_uav.optimum.graph import Forced, Graph, explore
+from desim_uav.optimum.horizon import best_episode, episode_total
+from desim_uav.optimum.itinerary import (
+    Itinerary,
+    in_an_episode,
+    in_the_long_run,
+    without_battery,
+)
+from desim_uav.optimum.process import DroneProcess
+from desim_uav.scenario.schema import Scenario
+from desim_uav.world import World, build_world
+
+Array = NDArray[np.float64]
+Brought = tuple[Array, list[Forced]]
+"""What actions bring, and which of them bring it over several steps."""
+
+LARGEST = 10**8
+"""States by steps of an episode that are looked at, at most."""
+
+
+def optimum(scenario: Scenario) -> dict[str, Any]:
+    """All that is known of the best policies, as one JSON object.
+
+    Raises UsageError, naming the key, where the scenario is none that can be solved.
+    """
+    world = build_world(scenario, scenario.effective_world_seed)
+    process = None
+    if scenario.drones.count == 1 or scenario.limited_battery:
+        process = DroneProcess(world)
+    found: dict[str, Any] = {
+        "scenario": scenario.name,
+        "seed": scenario.seed,
+        "world_seed": scenario.effective_world_seed,
+        "drones": scenario.drones.count,
+        "users": len(world.homes),
+        **_covers(world),
+        "discounted": None,
+        "battery": None,
+    }
+    if process is not None and scenario.limited_battery:
+        found["battery"] = _with_battery(world, process)
+    elif process is not None:
+        found["discounted"] = _discounted(world, process)
+    return found
+
+
+def _covers(world: World) -> dict[str, Any]:
+    """The best cells for drones that hover, by QoE3 and, where that is the reward, by R1."""
+    places, users = Places(world), len(world.homes)
+    best = cover(places)
+    fair = fair_cover(places) if type(world.scenario.reward) is Coverage else None
+    return {
+        "cover": {
+            "cells": [list(cell) for cell in best.cells],
+            "users": best.users,
+            "qoe3_percent": 100 * best.users / users,
+            "at_most_percent": 100 * best.at_most / users,
+            "exact": best.exact,
+        },
+        "fair_cover": None if fair is None else _fair(fair, users, world.scenario.drones.count),
+    }
+
+
+def _fair(fair: FairCover, users: int, drones: int) -> dict[str, Any]:
+    return {
+        "cells": [list(cell) for cell in fair.cells],
+        "reward_sum": fair.score / users,
+        "reward_per_step": fair.score / users / drones,
+        "at_most_per_step": fair.at_most / users / drones,
+        "qoe3_percent": 100 * fair.users / users,
+        "least_qoe3_percent": None if fair.least is None else 100 * fair.least / users,
+        "exact": fair.exact,
+    }
+
+
+def _discounted(world: World, process: DroneProcess) -> dict[str, Any]:
+    """One drone, no battery: the best discounted return, and how it is flown."""
+    gamma, three_d = world.scenario.learning.gamma, world.scenario.three_d
+    values, commands = optimal_return(world, gamma)
+    start = process.start[0]
+    best = float(values[start if three_d else start[:2]])
+    told = without_battery(
+        process, lambda node: world.actions[commands[node if three_d else node[:2]]]
+    )
+    return {
+        "gamma": gamma,
+        "return": best,
+        "reward_per_step": (1 - gamma) * best,
+        "policy": _told(told),
+    }
+
+
+class Solved(NamedTuple):
+    """The best of one measure, by a step, with bounds; ``beside``: the other one's value."""
+
+    best: float
+    low: float
+    high: float
+    beside: float
+    told: Itinerary
+
+
+def _with_battery(world: World, process: DroneProcess) -> dict[str, Any]:
+    """One drone with a battery: the best reward, and the best QoE3."""
+    episode = world.scenario.episode
+    if not episode.carry_over and world.on_crash == "end_episode":
+        raise UsageError(
+            "drones.battery.on_crash: the best episode is known exactly of episodes that run their "
+            "time, not with 'end_episode', unless episode.carry_over is true"
+        )
+    graph = explore(process)
+    covered = graph.attached_us * (100.0 / (world.step_us * len(world.homes)))
+    if episode.carry_over:
+        earning = _long_run(process, graph, graph.reward, covered)
+        covering = _long_run(process, graph, covered, graph.reward)
+    else:
+        earning = _episode(process, graph, (graph.reward, graph.forced), (covered, []))
+        covering = _episode(process, graph, (covered, []), (graph.reward, graph.forced))
+    return {
+        "over": "long run" if episode.carry_over else "episode",
+        "states": len(graph.states),
+        "best_reward": {
+            "reward_per_step": earning.best,
+            "low": earning.low,
+            "high": earning.high,
+            "qoe3_percent": earning.beside,
+            "policy": _told(earning.told),
+        },
+        "best_qoe3": {
+            "qoe3_percent": covering.best,
+            "low": covering.low,
+            "high": covering.high,
+            "reward_per_step": covering.beside,
+            "policy": _told(covering.told),
+        },
+    }
+
+
+def _long_run(process: DroneProcess, graph: Graph, goal: Array, other: Array) -> Solved:
+    best = best_policy(graph, goal)
+    beside = long_run(graph, other, best.choice)
+    told = in_the_long_run(process, graph, best.choice)
+    return Solved(best.gain, best.low, best.high, beside, told)
+
+
+def _episode(process: DroneProcess, graph: Graph, goal: Brought, other: Brought) -> Solved:
+    steps = process.world.scenario.episode.steps
+    if steps * len(graph.states) > LARGEST:
+        raise UsageError(
+            f"episode.steps: {steps} steps by {len(graph.states)} states are more than {LARGEST}; "
+            f"with episode.carry_over the long run can be solved"
+        )
+    best = best_episode(graph, *goal, steps)
+    beside = episode_total(graph, *other, best.choices)
+    told = in_an_episode(process, graph, best.choices, steps)
+    return Solved(best.total / steps, best.low / steps, best.high / steps, beside / steps, told)
+
+
+def _told(told: Itinerary) -> dict[str, Any]:
+    return {"steps": told.rows, "again_from": told.again_from}

@@ -1,0 +1,212 @@
+"""What ``desim-uav train`` does around a training: the folder, checkpoints, and the policy."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Callable
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+
+from desim_uav import __version__
+from desim_uav.errors import PolicyError, UsageError
+from desim_uav.experiment.command import versions
+from desim_uav.experiment.interrupt import asked_to_stop
+from desim_uav.learning import checkpoint
+from desim_uav.learning.checkpoint import Checkpoint
+from desim_uav.learning.training import Progress, Training
+from desim_uav.policies.tabular import QTable, described
+from desim_uav.records import TRAINING, to_frame
+from desim_uav.run_folder import Place, parquet, world_content, world_hash, write_whole
+from desim_uav.scenario.load import dump, scenario_hash
+from desim_uav.scenario.schema import Scenario
+from desim_uav.world import World, build_world
+
+CHECKPOINT, POLICY, MANIFEST = "checkpoint.npz", "policy.npz", "manifest.json"
+PROVENANCE = ("scenario", "scenario_hash", "algorithm", "seed", "world_seed", "episodes")
+LAST = 100
+"""Episodes whose mean a training is summed up by."""
+
+OnEpisode = Callable[[list[Progress]], None]
+
+
+@dataclass
+class Trained:
+    """A training that has ended, or was interrupted: where it stands and what it says of itself."""
+
+    summary: dict[str, Any]
+    interrupted: bool
+
+
+def train(
+    scenario: Scenario,
+    world: World,
+    on_episode: OnEpisode = lambda rows: None,
+) -> tuple[QTable, list[Progress]]:
+    """Train from beginning to end: the learned table, and a row a drone and episode."""
+    training = Training(world, scenario.seed)
+    rows: list[Progress] = []
+    while training.episode < scenario.learning.episodes:
+        rows += training.play()
+        on_episode(rows[-len(training.learners) :])
+    return table_of(training), rows
+
+
+def table_of(training: Training) -> QTable:
+    """What a training has learned so far, as a policy's table: the mean of a drone's tables."""
+    world, scenario = training.world, training.world.scenario
+    about = {
+        "features": described(training.features),
+        "actions": [action.name.lower() for action in world.actions],
+        "scenario": scenario.name,
+        "scenario_hash": scenario_hash(scenario),
+        "scenario_yaml": dump(scenario),
+        "world_seed": world.seed,
+        "world_hash": world_hash(world),
+        "seed": training.seed,
+        "algorithm": training.settings.algorithm,
+        "episodes": training.episode,
+        "versions": {
+            "desim-uav": __version__,
+            "python": platform.python_version(),
+            "numpy": np.__version__,
+        },
+    }
+    return QTable(training.q.mean(axis=1, dtype=np.float32), about)
+
+
+def train_to_folder(
+    scenario: Scenario,
+    *,
+    out: Path | None,
+    resume: bool,
+    checkpoint_every: int,
+    command: list[str],
+    on_start: Callable[[int], None] = lambda episode: None,
+    on_episode: OnEpisode = lambda rows: None,
+) -> Trained:
+    """Train and write the folder; every so many episodes a checkpoint to resume from.
+
+    Ctrl-C ends after the episode under way, with a checkpoint. Raises UsageError where the folder
+    cannot be used, PolicyError where its checkpoint cannot.
+    """
+    started = datetime.now(UTC)
+    world = build_world(scenario, scenario.effective_world_seed)
+    training = Training(world, scenario.seed)
+    folder = _folder(scenario, out, resume)
+    rows = _resumed(training, folder / CHECKPOINT)
+    first = training.episode
+    write_whole(folder / "scenario.yaml", dump(scenario).encode())
+    on_start(first)
+    with asked_to_stop() as stop:
+        while training.episode < scenario.learning.episodes and not stop():
+            rows += training.play()
+            on_episode(rows[-len(training.learners) :])
+            if training.episode % checkpoint_every == 0:
+                _save(training, rows, folder)
+        _save(training, rows, folder)
+        interrupted = training.episode < scenario.learning.episodes
+        if not interrupted:
+            _finish(training, rows, folder, first, started, command)
+    return Trained(_summary(training, rows, folder), interrupted)
+
+
+def _folder(scenario: Scenario, out: Path | None, resume: bool) -> Path:
+    """Where the training stands; without ``resume`` it must be new or empty."""
+    name = f"{scenario.name}-{scenario.learning.algorithm}-s{scenario.seed}"
+    place = Place(None if resume else out, name)
+    folder = out or place.parent / place.name if resume else place.vacant()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"cannot write to {folder}: {error.strerror}") from error
+    return folder
+
+
+def _resumed(training: Training, file: Path) -> list[Progress]:
+    """Take a checkpoint up, where there is one: the rows so far. Raises PolicyError."""
+    if not file.exists():
+        return []
+    found = checkpoint.read(file)
+    if found.identity != _identity(training):
+        raise PolicyError(
+            f"{file}: the checkpoint of another training: its scenario, seeds, or learning differ"
+        )
+    if found.memory.episode > training.settings.episodes:
+        raise PolicyError(
+            f"{file}: it has learned for {found.memory.episode} episodes already, more than "
+            f"{training.settings.episodes}"
+        )
+    try:
+        training.recall(found.memory)
+    except PolicyError as error:
+        raise PolicyError(f"{file}: {error}") from error
+    return found.rows
+
+
+def _identity(training: Training) -> str:
+    """What a checkpoint must share with a training to be its own: all but how long it goes on."""
+    scenario = training.world.scenario
+    learning = scenario.learning.model_copy(update={"episodes": 1})
+    return scenario_hash(scenario.model_copy(update={"learning": learning}))
+
+
+def _save(training: Training, rows: list[Progress], folder: Path) -> None:
+    found = Checkpoint(_identity(training), training.remember(), rows)
+    write_whole(folder / CHECKPOINT, checkpoint.to_bytes(found))
+
+
+def _finish(
+    training: Training,
+    rows: list[Progress],
+    folder: Path,
+    first: int,
+    started: datetime,
+    command: list[str],
+) -> None:
+    """Write what a finished training leaves; the manifest comes last."""
+    table = table_of(training)
+    write_whole(folder / "world.json", json.dumps(world_content(training.world)).encode())
+    write_whole(folder / "training.parquet", parquet("training", to_frame(TRAINING, rows)))
+    write_whole(folder / POLICY, table.to_bytes())
+    manifest = {key: table.about[key] for key in PROVENANCE} | {
+        "kind": "training",
+        "resumed_at": first,
+        "command": command,
+        "started": started.isoformat(),
+        "finished": datetime.now(UTC).isoformat(),
+        "versions": versions(),
+    }
+    write_whole(folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
+
+
+def _summary(training: Training, rows: list[Progress], folder: Path) -> dict[str, Any]:
+    """The means of the last episodes."""
+    last = to_frame(TRAINING, rows)
+    last = last[last["episode"] >= training.episode - LAST]
+    scenario = training.world.scenario
+    return {
+        "scenario": scenario.name,
+        "algorithm": training.settings.algorithm,
+        "seed": training.seed,
+        "world_seed": training.world.seed,
+        "episodes": training.episode,
+        "over_last": min(LAST, training.episode),
+        "reward_mean": _mean(last["reward"]),
+        "qoe1_percent": _mean(last["qoe1_percent"]),
+        "qoe2_iterations": _mean(last["qoe2_iterations"]),
+        "qoe3_percent": _mean(last["qoe3_percent"]),
+        "crashes_per_drone_episode": _mean(last["crashes"]),
+        "folder": str(folder),
+        "policy": str(folder / POLICY),
+    }
+
+
+def _mean(column: pd.Series) -> float | None:
+    there = column.dropna()
+    return float(there.mean()) if len(there) else None

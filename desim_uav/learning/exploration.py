@@ -1,0 +1,40 @@
+"""ε-greedy over the mask, from numbers drawn before the episode."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.kernels import kernel
+
+
+@kernel
+def epsilon_greedy(
+    q: NDArray[np.float32],
+    state: int,
+    allowed: NDArray[np.bool_],
+    epsilon: float,
+    explore: float,
+    which: float,
+) -> int:
+    """An allowed action: with probability ε any, else the best by the sum of the tables.
+
+    ``q`` (tables, states, actions); ``explore`` and ``which`` are uniform in [0, 1). Of equally
+    good actions the first.
+    """
+    if explore < epsilon:
+        nth = int(which * allowed.sum())
+        for action in range(len(allowed)):
+            if allowed[action]:
+                if nth == 0:
+                    return action
+                nth -= 1
+    best, best_value = -1, -np.inf
+    for action in range(len(allowed)):
+        if allowed[action]:
+            value = 0.0
+            for table in range(len(q)):
+                value += q[table, state, action]
+            if best < 0 or value > best_value:
+                best, best_value = action, value
+    return best

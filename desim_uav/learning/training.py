@@ -1,0 +1,207 @@
+"""Training: a scenario's drones learn, each by itself, episode after episode."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.engine.base import Carried, Engine, RunSettings
+from desim_uav.engine.des import Simulation
+from desim_uav.errors import PolicyError, UsageError
+from desim_uav.learning.initial_q import initial_q
+from desim_uav.learning.learner import Decision, Learner
+from desim_uav.model.observations import Feature
+from desim_uav.model.rules import Mode
+from desim_uav.model.state import Observation, Snapshot
+from desim_uav.model.streams import Purpose, Streams, uniforms
+from desim_uav.registry import resolve
+from desim_uav.sample_path import draw
+from desim_uav.world import World
+
+FIRST_PATH = 2**24
+"""Training draws its sample paths from this number on: no run under the same seed meets them."""
+
+DECIDES = frozenset({Mode.FLYING, Mode.CHARGED})
+LARGEST_TABLE = 2**29
+DRAWS = 3
+
+
+class Progress(NamedTuple):
+    """One drone in one episode of a training (see ``records.TRAINING``)."""
+
+    episode: int
+    drone: int
+    reward: float
+    epsilon: float
+    alpha: float
+    mean_q: float
+    qoe1_percent: float | None
+    qoe2_iterations: float | None
+    qoe3_percent: float | None
+    crashes: int
+
+
+class Memory(NamedTuple):
+    """All that the rest of a training depends on, between two episodes.
+
+    ``q`` (drones, tables, states, actions); ``pending`` holds for each drone the decision it still
+    has to learn from, if any: state, action, what it has gained, and the discount so far.
+    """
+
+    episode: int
+    q: NDArray[np.float32]
+    pending: tuple[Decision | None, ...]
+    carried: Carried | None
+
+
+class Training:
+    """Independent learners without communication, on one seed.
+
+    Raises UsageError where a table cannot hold what the scenario's observation says.
+    """
+
+    def __init__(self, world: World, seed: int) -> None:
+        scenario = world.scenario
+        self.world = world
+        self.seed = seed
+        self.settings = scenario.learning
+        self.features = table_features(world)
+        self.sizes = tuple(int(feature.high) + 1 for feature in self.features)
+        self.episode = 0
+        self.carries_over = scenario.episode.carry_over
+        count = scenario.drones.count
+        ceilings = RunSettings((True,) * count, self.carries_over)
+        self.engine: Engine = Simulation(world, ceilings)
+        self.encode = scenario.observation.encode
+        algorithm: Any = resolve("algorithm", self.settings.algorithm)
+        states, actions = math.prod(self.sizes), len(world.actions)
+        self.q = np.empty((count, algorithm.tables, states, actions), np.float32)
+        streams = Streams(seed, Purpose.LEARNER)
+        for drone in range(count):
+            rng = streams.generator(drone)
+            for table in self.q[drone]:
+                table[:] = initial_q(
+                    self.settings.initial_q, self.features, world.actions, world.facts, rng
+                )
+        self.learners = [Learner(algorithm, self.settings.gamma, tables) for tables in self.q]
+
+    def play(self) -> list[Progress]:
+        """Learn in the next episode; a row a drone."""
+        self.epsilon = self.settings.epsilon.at(self.episode)
+        self.alpha = self.settings.alpha.at(self.episode)
+        number = FIRST_PATH + self.episode
+        shown = self.engine.reset(draw(self.world, self.seed, number))
+        draws = self._draws(number)
+        rewards = [0.0] * len(self.learners)
+        while not (shown.terminated or shown.truncated):
+            shown = self.engine.step(self._decide(shown, draws[shown.step]))
+            for drone, reward in enumerate(shown.rewards):
+                self.learners[drone].gain(reward)
+                rewards[drone] += reward
+        self.episode += 1
+        if shown.terminated or not self._goes_on():
+            self._close(shown, draws[shown.step])
+            self.engine.carry(None)
+        return self._progress(rewards)
+
+    def _goes_on(self) -> bool:
+        """Will the next episode begin with the drones of this one?"""
+        restart_every = self.settings.restart_every
+        restarts = restart_every is not None and self.episode % restart_every == 0
+        return self.carries_over and not restarts
+
+    def remember(self) -> Memory:
+        """All that the episodes to come depend on."""
+        return Memory(
+            self.episode,
+            self.q.copy(),
+            tuple(learner.open_decision() for learner in self.learners),
+            self.engine.carried(),
+        )
+
+    def recall(self, memory: Memory) -> None:
+        """Go on from what another training of the same world and seed remembers."""
+        if memory.q.shape != self.q.shape or len(memory.pending) != len(self.learners):
+            raise PolicyError(f"a table of shape {memory.q.shape}, not {self.q.shape}")
+        self.episode = memory.episode
+        self.q[:] = memory.q
+        for learner, decision in zip(self.learners, memory.pending, strict=True):
+            learner.reopen(decision)
+        self.engine.carry(memory.carried)
+
+    def _decide(self, shown: Snapshot, draws: list[list[float]]) -> list[int]:
+        """A command for each drone: its own where it decides, else the one it is forced to."""
+        commands = []
+        for learner, seen, mask, drawn in zip(
+            self.learners, shown.observations, shown.masks, draws, strict=True
+        ):
+            if seen.mode in DECIDES:
+                state = self._state(seen)
+                commands.append(learner.act(state, mask, self.epsilon, self.alpha, drawn))
+            else:
+                commands.append(mask.index(True))
+        return commands
+
+    def _close(self, shown: Snapshot, draws: list[list[float]]) -> None:
+        """Learn from what an episode leaves open whose drones nobody carries over."""
+        for learner, seen, mask, drawn in zip(
+            self.learners, shown.observations, shown.masks, draws, strict=True
+        ):
+            if seen.mode is Mode.CRASHED or shown.terminated:
+                learner.conclude(mask, self.alpha, drawn[-1])
+            else:
+                learner.bootstrap(self._state(seen), mask, self.epsilon, self.alpha, drawn)
+
+    def _state(self, seen: Observation) -> int:
+        """The row of the table."""
+        row = 0
+        for value, size in zip(self.encode(seen, self.world.facts), self.sizes, strict=True):
+            row = row * size + int(value)
+        return row
+
+    def _draws(self, number: int) -> list[list[list[float]]]:
+        """What chance says at each decision epoch: (epochs, drones, 3), uniform in [0, 1)."""
+        count, epochs = len(self.learners), self.world.scenario.episode.steps + 1
+        states = Streams(self.seed, Purpose.LEARNER, number).states(count)
+        drawn = uniforms(states, epochs * DRAWS).reshape(count, epochs, DRAWS)
+        draws: list[list[list[float]]] = drawn.swapaxes(0, 1).tolist()
+        return draws
+
+    def _progress(self, rewards: list[float]) -> list[Progress]:
+        measures = self.engine.measures()
+        crashed = self.engine.log.crashed
+        return [
+            Progress(
+                self.episode - 1,
+                drone,
+                reward,
+                self.epsilon,
+                self.alpha,
+                float(self.q[drone].mean()),
+                *measures,
+                crashed.count(drone),
+            )
+            for drone, reward in enumerate(rewards)
+        ]
+
+
+def table_features(world: World) -> tuple[Feature, ...]:
+    """The features of a scenario whose observations are states of a table. Raises UsageError."""
+    features = world.scenario.observation.features(world.facts)
+    kind = getattr(world.scenario.observation, "kind", "it")
+    if not all(feature.whole and feature.low == 0 for feature in features):
+        raise UsageError(
+            f"observation: {kind!r} is not made of whole numbers from 0, which a table of values "
+            "needs; use {kind: position}"
+        )
+    states = math.prod(int(feature.high) + 1 for feature in features)
+    entries = states * len(world.actions) * world.scenario.drones.count
+    if entries > LARGEST_TABLE:
+        raise UsageError(
+            f"observation: {states:,} states for {world.scenario.drones.count} drones make tables "
+            f"of {entries * 4 / 2**30:.1f} GiB; at most {LARGEST_TABLE * 4 >> 30} are allowed"
+        )
+    return features

@@ -1,0 +1,1 @@
+"""How well any policy could do: best places, best returns, best long runs, each with its proof."""

@@ -1,0 +1,109 @@
+"""The largest discounted return of one drone without a battery, and what a given policy returns.
+
+Such a drone rests, at every decision, in some cell at some level, and the reward of a step is that
+of where it leads. So a policy is a table of commands, and Howard's policy iteration finds the best
+one: the value of a table is summed exactly (its rewards over 1, 2, 4, … steps, doubled until the
+discount of the rest is 0), then each state takes the command with the best value, until none is
+better.
+
+A table is indexed as the paper's state is: [cell x, cell y], in 3D [cell x, cell y, level], under
+the ceiling. Where the drone cannot be, values are NaN and commands -1.
+"""
+
+from __future__ import annotations
+
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import UsageError
+from desim_uav.model.rules import Action
+from desim_uav.optimum.footprints import flown_to
+from desim_uav.optimum.process import DroneProcess
+from desim_uav.world import World
+
+Array = NDArray[np.float64]
+Commands = NDArray[np.int64]
+T = TypeVar("T", np.float64, np.int64)
+
+TOLERANCE = 1e-12
+"""A value that is larger by less than this, beside the largest reward's, is no larger."""
+
+
+def optimal_return(world: World, gamma: float) -> tuple[Array, Commands]:
+    """(Value of each place, best command there): tables, see the module.
+
+    ``gamma`` discounts each step but the first, in [0, 1). A command is an index into
+    ``world.actions``; of those equally good it is to hover, or the first. Raises UsageError where
+    the scenario cannot be solved exactly.
+    """
+    if not 0.0 <= gamma < 1.0:
+        raise ValueError(f"gamma must be in [0, 1), not {gamma:g}")
+    process = _Places(world)
+    policy = np.zeros(len(process.nodes), np.int64)
+    while True:
+        values = process.values(policy, gamma)
+        ahead = process.reward[process.leads] + gamma * values[process.leads]
+        tolerance = TOLERANCE * process.scale(gamma)
+        stays = ahead[process.rows, policy] >= ahead.max(axis=1) - tolerance
+        better = np.where(stays, policy, ahead.argmax(axis=1))
+        if (better == policy).all():
+            break
+        policy = better
+    good = ahead >= ahead.max(axis=1)[:, None] - tolerance
+    hover = world.actions.index(Action.HOVER)
+    commands = np.where(good[:, hover], hover, good.argmax(axis=1))
+    return process.table(values, np.nan), process.table(commands, -1)
+
+
+def policy_return(world: World, gamma: float, policy: Commands) -> Array:
+    """The value of each place under a table of commands, such as a learned greedy policy."""
+    process = _Places(world)
+    commands = np.array([policy[index] for index in process.indices], np.int64)
+    return process.table(process.values(commands, gamma), np.nan)
+
+
+class _Places:
+    """Where a drone can be (``nodes``), what it gets for getting there, and where commands lead."""
+
+    def __init__(self, world: World) -> None:
+        if world.scenario.limited_battery:
+            raise UsageError(
+                "drones.battery: discounted returns are known of unlimited ones (null)"
+            )
+        drone = DroneProcess(world)
+        self.nodes = flown_to(world)
+        self.rows = np.arange(len(self.nodes))
+        number = {node: k for k, node in enumerate(self.nodes)}
+        rewards = [drone.arrival((node, 0)).reward for node in self.nodes]
+        self.reward = np.array(rewards)
+        self.leads = np.array(
+            [[number[drone.neighbour(node, a)] for a in world.actions] for node in self.nodes]
+        )
+        nx, ny = world.grid.cells
+        three_d = world.scenario.three_d
+        self.shape = (nx, ny, world.grid.levels_under_ceiling) if three_d else (nx, ny)
+        self.indices = [node if three_d else node[:2] for node in self.nodes]
+
+    def scale(self, gamma: float) -> float:
+        """What the largest reward would be worth for ever."""
+        return float(np.abs(self.reward).max()) / (1.0 - gamma)
+
+    def values(self, policy: Commands, gamma: float) -> Array:
+        """The discounted return from each node."""
+        follows = self.leads[self.rows, policy]
+        values: Array = self.reward[follows]
+        discount = gamma
+        while discount > 0.0:
+            values = values + discount * values[follows]
+            follows = follows[follows]
+            discount *= discount
+        return values
+
+    def table(self, values: NDArray[T], nowhere: float) -> NDArray[T]:
+        """Values by node as a table."""
+        table = np.full(self.shape, nowhere, values.dtype)
+        for index, value in zip(self.indices, values, strict=True):
+            table[index] = value
+        return table

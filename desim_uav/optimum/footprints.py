@@ -1,0 +1,99 @@
+"""Which users, all standing still, each cell's footprint holds, and where drones can be."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import UsageError
+from desim_uav.model.coverage import ENTERS, TIME_US, USER, crossings
+from desim_uav.model.mobility import Static
+from desim_uav.model.motion import REST, Leg
+from desim_uav.model.planner import Node
+from desim_uav.model.rules import MOVES
+from desim_uav.model.streams import Purpose, Streams
+from desim_uav.world import World
+
+LARGEST = 2 * 10**8
+"""Pairs of a cell and a user that are looked at, at most."""
+
+
+class Footprints:
+    """The footprint of a drone over users that never move, by the engine's own test.
+
+    Raises UsageError where they do move.
+    """
+
+    def __init__(self, world: World) -> None:
+        mobility = world.scenario.users.mobility
+        if type(mobility) is not Static:
+            raise UsageError(
+                f"users.mobility: the best places are known of static users only, "
+                f"not of {type(mobility).kind!r}"  # type: ignore[attr-defined]
+            )
+        homes = np.ascontiguousarray(world.homes[:, :2])
+        streams = Streams(world.seed, Purpose.MOBILITY, 0)
+        self.world = world
+        self.legs, self.offsets = mobility.walks(homes, streams, world.area, world.horizon_us)
+        self._found = np.empty((4 * len(homes) + 4, 3), np.int64)
+
+    def held(self, centre_m: tuple[float, float]) -> NDArray[np.int64]:
+        """The users in the footprint of a drone that hovers there."""
+        return self._crossings(Leg(REST, centre_m, centre_m, 0.0, 0.0), 0)[:, USER]
+
+    def attached_us(self, leg: Leg, span_us: int, until_us: int) -> int:
+        """The time users spend in a lone drone's footprint, in all.
+
+        It flies a leg of ``span_us``, and serves for the first ``until_us`` of it.
+        """
+        found = self._crossings(leg, span_us)
+        left_us = np.maximum(until_us - found[:, TIME_US], 0)
+        return int(np.where(found[:, ENTERS] != 0, left_us, -left_us).sum())
+
+    def _crossings(self, leg: Leg, span_us: int) -> NDArray[np.int64]:
+        """Entries and exits of a leg; who is inside at its start enters then."""
+        count = crossings(
+            leg.transit.profile,
+            *leg.from_m,
+            *leg.to_m,
+            0,
+            span_us,
+            self.world.scenario.drones.footprint_radius_m,
+            self.legs,
+            self.offsets,
+            True,
+            self._found,
+        )
+        if count > len(self._found):
+            self._found = np.empty((2 * count, 3), np.int64)
+            return self._crossings(leg, span_us)
+        return self._found[:count].copy()
+
+    def by_cell(self) -> NDArray[np.bool_]:
+        """(nx, ny, users): whom a drone over the middle of a cell covers."""
+        nx, ny = self.world.grid.cells
+        users = len(self.world.homes)
+        if nx * ny * users > LARGEST:
+            raise UsageError(
+                f"map.cells: {nx * ny} cells by {users} users are more pairs than {LARGEST}"
+            )
+        covered = np.zeros((nx, ny, users), np.bool_)
+        for ix in range(nx):
+            for iy in range(ny):
+                covered[ix, iy, self.held(self.world.grid.centre(ix, iy))] = True
+        return covered
+
+
+def flown_to(world: World) -> list[Node]:
+    """Where drones under the ceiling can get to from their starts, in order."""
+    grid = world.grid
+    reached = {(*cell, 0) for cell in world.starts}
+    frontier = list(reached)
+    while frontier:
+        ix, iy, level = frontier.pop()
+        for dx, dy, dz in MOVES.values():
+            there = (ix + dx, iy + dy, level + dz)
+            if there not in reached and grid.can_enter(*there):
+                reached.add(there)
+                frontier.append(there)
+    return sorted(reached)

@@ -1,0 +1,178 @@
+"""The largest average reward a step in the long run, by policy iteration, with bounds on it.
+
+Howard's policy iteration on the semi-Markov process between renewals (see ``graph``): a policy is
+worth what the cycle of renewals it ends up in brings a step (its gain), and each renewal what it
+brings more than that until then (its bias). A sweep over all states by battery then finds the
+policy that would be best with these worths after the next renewal: a larger gain first, then a
+larger bias. Where nothing gets better the policy is the best one, and a sweep proves it: with h the
+worths of the renewals and λ a gain, no policy gains more than λ + max (sweep(h) - h) / steps, the
+maximum over the renewals, and there is a step at least between two of them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import SimulationError
+from desim_uav.optimum.graph import Graph
+
+Array = NDArray[np.float64]
+
+ROUNDS = 1000
+"""Improvements of a policy, at most; it takes less than ten."""
+
+TOLERANCE = 1e-10
+"""A gain or a worth that is larger by less than this, beside the largest reward, is no larger."""
+
+
+@dataclass(frozen=True, eq=False)
+class Best:
+    """The best policy, ``choice`` (states,) of the graph's actions, and its gain from the start.
+
+    No policy's gain is above ``high``; this one's, computed in floating point, is not below
+    ``low``.
+    """
+
+    choice: NDArray[np.int64]
+    gain: float
+    low: float
+    high: float
+
+
+def best_policy(graph: Graph, brings: Array) -> Best:
+    """The policy with the largest long-run average a step of what actions bring.
+
+    ``brings`` (states, actions) is the graph's reward, or another quantity. Raises SimulationError
+    where the bounds do not close, which rounding alone could cause.
+    """
+    nothing = np.zeros(len(graph.renewals))
+    choice, _ = _sweep(graph, brings, nothing, nothing, None)
+    for _ in range(ROUNDS):
+        gains, worths = _worth(graph, brings, choice)
+        better, _ = _sweep(graph, brings, gains, worths, choice)
+        if (better == choice).all():
+            break
+        choice = better
+    gain = float(gains[0])
+    low, high = _bounds(graph, brings, gains, worths)
+    if not high - low <= 1e-9 * max(1.0, abs(gain)):
+        raise SimulationError(f"the best policy is not proven: a gain of {low:.9g} to {high:.9g}")
+    return Best(choice, gain, low, high)
+
+
+def long_run(graph: Graph, brings: Array, choice: NDArray[np.int64]) -> float:
+    """What a policy brings a step in the long run, from the start."""
+    return float(_worth(graph, brings, choice)[0][0])
+
+
+def path(graph: Graph, choice: NDArray[np.int64], renewal: int) -> list[int]:
+    """The states a policy decides in from one renewal to the next, or to the lottery."""
+    states = [int(graph.renewals[renewal])]
+    while True:
+        follows = int(graph.target[states[-1], choice[states[-1]]])
+        if follows >= len(graph.states):
+            return states
+        states.append(follows)
+
+
+def renewal_after(graph: Graph, choice: NDArray[np.int64], state: int) -> int | None:
+    """The renewal that follows the last state of a path; None: the lottery."""
+    follows = int(graph.target[state, choice[state]]) - len(graph.states)
+    return follows if follows < len(graph.renewals) else None
+
+
+def _sweep(
+    graph: Graph, brings: Array, gains: Array, worths: Array, before: NDArray[np.int64] | None
+) -> tuple[NDArray[np.int64], Array]:
+    """The best choice in each state, and its worth, given those of the renewals.
+
+    A choice of ``before`` that is as good stays.
+    """
+    count, tolerance = len(graph.states), TOLERANCE * max(1.0, float(np.abs(brings).max()))
+    gain, worth = (
+        np.array([*np.zeros(count), *known, graph.lottery @ known, -np.inf])
+        for known in (gains, worths)
+    )
+    choice = np.empty(count, np.int64)
+    for first, end in graph.layers:
+        target, rows = graph.target[first:end], np.arange(end - first)
+        to_gain = gain[target]
+        gain[first:end] = most = to_gain.max(axis=1)
+        value = brings[first:end] - most[:, None] * graph.steps[first:end] + worth[target]
+        value[to_gain < most[:, None] - tolerance] = -np.inf
+        best = value.argmax(axis=1)
+        if before is not None:
+            old = before[first:end]
+            best = np.where(value[rows, old] >= value[rows, best] - tolerance, old, best)
+        choice[first:end] = best
+        worth[first:end] = value[rows, best]
+    return choice, worth
+
+
+def _worth(graph: Graph, brings: Array, choice: NDArray[np.int64]) -> tuple[Array, Array]:
+    """(gain, bias) of each renewal under a policy."""
+    count = len(graph.renewals)
+    gained, steps, leads = np.empty(count), np.empty(count), np.zeros((count, count))
+    for renewal in range(count):
+        states = path(graph, choice, renewal)
+        gained[renewal] = math.fsum(brings[states, choice[states]].tolist())
+        steps[renewal] = graph.steps[states, choice[states]].sum()
+        follows = renewal_after(graph, choice, states[-1])
+        leads[renewal] = graph.lottery if follows is None else np.eye(count)[follows]
+    return _chain(gained, steps, leads)
+
+
+def _chain(gained: Array, steps: Array, leads: Array) -> tuple[Array, Array]:
+    """(gain, bias) of each state of a semi-Markov chain with transition probabilities ``leads``.
+
+    Within a class that is never left all have one gain: what its stationary distribution gains over
+    its steps. There the bias of the first state is 0.
+    """
+    gains, bias = np.zeros(len(gained)), np.zeros(len(gained))
+    reached = _reached(leads)
+    settled = (reached <= reached.T).all(axis=1)
+    for inside in np.unique(reached[settled], axis=0):
+        # h = gained - gain · steps + leads h, and h[0] = 0: the gain takes its place.
+        equations = np.eye(inside.sum()) - leads[np.ix_(inside, inside)]
+        equations[:, 0] = steps[inside]
+        solved = np.linalg.solve(equations, gained[inside])
+        gains[inside] = solved[0]
+        bias[inside] = [0.0, *solved[1:]]
+    left = ~settled
+    stays = np.eye(left.sum()) - leads[np.ix_(left, left)]
+    ends = leads[np.ix_(left, settled)]
+    gains[left] = np.linalg.solve(stays, ends @ gains[settled])
+    ahead = gained[left] - gains[left] * steps[left] + ends @ bias[settled]
+    bias[left] = np.linalg.solve(stays, ahead)
+    return gains, bias
+
+
+def _reached(leads: Array) -> NDArray[np.bool_]:
+    """Which states each one gets to sooner or later, itself among them."""
+    reached = (leads > 0.0) | np.eye(len(leads), dtype=np.bool_)
+    while True:
+        further = (reached.astype(float) @ reached) > 0.0
+        if (further == reached).all():
+            return reached
+        reached = further
+
+
+def _bounds(graph: Graph, brings: Array, gains: Array, bias: Array) -> tuple[float, float]:
+    """Bounds on the largest gain from the start, rounding included; see the module.
+
+    A renewal with a lower gain than the start's leads nowhere better: its worth may be set so low
+    that no policy gains by going there.
+    """
+    gain = np.full(len(gains), gains[0])
+    _, worth = _sweep(graph, brings, gain, bias, None)
+    largest = float(np.abs(worth[: len(graph.states)]).max())
+    lower = np.where(gains < gains[0] - TOLERANCE, 4.0 * largest + 1.0, 0.0)
+    _, worth = _sweep(graph, brings, gain, bias - lower, None)
+    excess = (worth[graph.renewals] - (bias - lower)).max()
+    sums = len(graph.layers) + len(gains)
+    rounding = 4.0 * sums * np.finfo(float).eps * (largest + lower.max() + abs(gains[0]))
+    return float(gains[0] - rounding), float(gains[0] + max(0.0, excess) + rounding)

@@ -1,0 +1,203 @@
+"""All states one drone with a battery can come to, as arrays, in order of their battery.
+
+A serving drone's battery falls with every step, so between two full batteries nothing comes twice:
+a sweep over the states by battery, the emptiest first, settles them all. A sweep ends in a
+*renewal*: a full battery on a station (charged), or at the start (after a crash that ends the
+episode), or nothing for ever (a crash after which nobody comes). A drone that is replaced begins
+on any of the stations, each as likely: the *lottery*.
+"""
+
+from __future__ import annotations
+
+import math
+from array import array
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import UsageError
+from desim_uav.model.planner import Node
+from desim_uav.model.rules import Action
+from desim_uav.optimum.process import DroneProcess, Flight, Outcome, State
+
+LARGEST = 10**6
+"""States that are told apart, at most."""
+
+LOTTERY, NOWHERE, RENEWAL = -1, -2, -3
+
+FORCED = (Action.GOTO_CHARGING_STATION, Action.CHARGE)
+
+Forced = tuple[int, int, list[float]]
+"""(state, action, rewards): what is told once and takes several steps, which bring so much each."""
+
+
+@dataclass(frozen=True, eq=False)
+class Graph:
+    """What each action of ``actions`` leads to in each of ``states``, and what it brings.
+
+    The first action is to hover: of equally good ones a policy takes the first.
+
+    Arrays have the shape (states, actions). ``target`` is a state; or, with n states, n + k for
+    renewal k, n + len(renewals) for the lottery, the next one for an action that is not allowed.
+    ``steps`` counts the steps until then, ``reward`` is their sum, ``attached_us`` the time users
+    were attached. ``renewals`` are states, the drone's start the first one; ``lottery`` holds the
+    probability of each. ``layers`` are ranges of states with one battery, the emptiest first.
+    ``forced`` are the actions of more than one step.
+    """
+
+    states: list[State]
+    actions: tuple[Action, ...]
+    target: NDArray[np.int64]
+    steps: NDArray[np.float64]
+    reward: NDArray[np.float64]
+    attached_us: NDArray[np.float64]
+    renewals: NDArray[np.int64]
+    lottery: NDArray[np.float64]
+    layers: list[tuple[int, int]]
+    forced: list[Forced]
+
+
+def explore(process: DroneProcess, largest: int = LARGEST) -> Graph:
+    """Find all states that can be reached from the start.
+
+    Raises UsageError where there are more than ``largest``, or where a step drains nothing.
+    """
+    return _Explorer(process, largest).graph()
+
+
+class _Explorer:
+    """States numbered as they are found, and a row for each of what its actions lead to.
+
+    A target is, as long as states are being found, a state's number, or one of these: LOTTERY,
+    NOWHERE, -3 - k for renewal k.
+    """
+
+    def __init__(self, process: DroneProcess, largest: int) -> None:
+        self.process = process
+        self.world = process.world
+        self.actions = (Action.HOVER, *(a for a in self.world.actions if a is not Action.HOVER))
+        self.largest = largest
+        self.number: dict[State, int] = {}
+        self.gained: list[float] = []
+        self.renewals: list[State] = []
+        self.flights: dict[tuple[Node, Action], Flight] = {}
+        self.target, self.steps = array("q"), array("q")
+        self.reward, self.attached_us = array("d"), array("q")
+        self.forced: list[tuple[int, list[float]]] = []
+
+    def graph(self) -> Graph:
+        """Explore everything."""
+        self._renew(self.process.start)
+        states: list[State] = []
+        while len(states) < len(self.number):
+            for state in list(self.number)[len(states) :]:
+                self._expand(state)
+                states.append(state)
+        return self._in_order(states)
+
+    def _find(self, state: State, gained: float | None = None) -> int:
+        """The number of a state, of a new one too; ``gained`` is what arriving there brings."""
+        if state not in self.number:
+            if len(self.number) == self.largest:
+                raise UsageError(
+                    f"map.cells: more than {self.largest} states (cell, level, battery); "
+                    f"the best policy is known exactly only where there are fewer"
+                )
+            self.number[state] = len(self.gained)
+            self.gained.append(self.process.arrival(state).reward if gained is None else gained)
+        return self.number[state]
+
+    def _renew(self, state: State, gained: float = 0.0) -> int:
+        """The target that a renewal is."""
+        if state not in self.renewals:
+            self.renewals.append(state)
+            self._find(state, gained)
+        return RENEWAL - self.renewals.index(state)
+
+    def _expand(self, state: State) -> None:
+        """Write the row of a state."""
+        nothing_more = state[1] < 0
+        allowed = (Action.HOVER,) if nothing_more else self.process.allowed(state)
+        for action in self.actions:
+            target, steps, reward, attached_us = NOWHERE, 1, 0.0, 0
+            if action in allowed and nothing_more:
+                target, reward = self._renew(state), self.gained[self.number[state]]
+            elif action in allowed:
+                target, steps, reward, attached_us = self._follow(state, action)
+            self.target.append(target)
+            self.steps.append(steps)
+            self.reward.append(reward)
+            self.attached_us.append(attached_us)
+
+    def _follow(self, state: State, action: Action) -> tuple[int, int, float, int]:
+        """(target, steps, reward, attached time) of an allowed action."""
+        node, battery_us = state
+        if action not in FORCED:
+            flight = self._flight(node, action)
+            if flight.drained_us < battery_us:
+                found = self._find((flight.to, battery_us - flight.drained_us))
+                return found, 1, self.gained[found], flight.attached_us
+        outcome = self.process.outcome(state, action)
+        rewards = [step.reward for step in outcome.steps]
+        if len(rewards) > 1:
+            self.forced.append((len(self.target), rewards))
+        attached_us = sum(step.attached_us for step in outcome.steps)
+        return self._after(outcome), len(rewards), math.fsum(rewards), attached_us
+
+    def _flight(self, node: Node, action: Action) -> Flight:
+        if (node, action) not in self.flights:
+            flight = self.process.flight(node, action)
+            if flight.drained_us <= 0:
+                raise UsageError(
+                    "drones.battery: a step that drains nothing goes on for ever; the best policy "
+                    "is known exactly only where the battery falls with every step"
+                )
+            self.flights[node, action] = flight
+        return self.flights[node, action]
+
+    def _after(self, outcome: Outcome) -> int:
+        """The target after a landing or a crash."""
+        if outcome.state is not None:
+            return self._renew(outcome.state)
+        if self.world.on_crash == "end_episode":
+            return self._renew(self.process.start)
+        if self.world.on_crash == "respawn":
+            for cell in self.world.stations:
+                self._renew(((*cell, 0), self.world.capacity_us))
+            return LOTTERY
+        gained = outcome.steps[-1].reward
+        known = [self.gained[self.number[state]] for state in self.renewals if state[1] < 0]
+        place = known.index(gained) if gained in known else len(known)
+        return self._renew(((place, -1, -1), -1), gained)
+
+    def _in_order(self, found: list[State]) -> Graph:
+        """The graph, its states by battery."""
+        battery_us = np.array([battery for _, battery in found], np.int64)
+        order = np.argsort(battery_us, kind="stable")
+        place = np.empty(len(found), np.int64)
+        place[order] = np.arange(len(found))
+        shape = (len(found), len(self.actions))
+        target = np.array(self.target, np.int64).reshape(shape)
+        renewals, states = len(self.renewals), len(found)
+        target = np.select(
+            [target >= 0, target == LOTTERY, target == NOWHERE],
+            [place[target], states + renewals, states + renewals + 1],
+            states + RENEWAL - target,
+        )
+        full = {(*cell, 0) for cell in self.world.stations}
+        lottery = np.array([node in full for node, _ in self.renewals], float)
+        ends = np.flatnonzero(np.diff(battery_us[order], append=-2)) + 1
+        return Graph(
+            [found[k] for k in order.tolist()],
+            self.actions,
+            target[order],
+            np.array(self.steps, float).reshape(shape)[order],
+            np.array(self.reward).reshape(shape)[order],
+            np.array(self.attached_us, float).reshape(shape)[order],
+            place[[self.number[state] for state in self.renewals]],
+            lottery / max(1.0, lottery.sum()),
+            list(pairwise([0, *ends.tolist()])),
+            [(int(place[at // shape[1]]), at % shape[1], rewards) for at, rewards in self.forced],
+        )

@@ -1,0 +1,67 @@
+"""The most one drone with a battery can gain in an episode, by backward induction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.optimum.graph import Forced, Graph
+
+Array = NDArray[np.float64]
+Choices = NDArray[np.int64]
+
+
+@dataclass(frozen=True, eq=False)
+class BestEpisode:
+    """``choices`` (steps left, states) of the graph's actions, and their expected total.
+
+    No policy's is above ``high``; this one's is not below ``low``.
+    """
+
+    choices: Choices
+    total: float
+    low: float
+    high: float
+
+
+def best_episode(graph: Graph, brings: Array, forced: list[Forced], steps: int) -> BestEpisode:
+    """The best policy over an episode of ``steps``.
+
+    What an action brings is had in its first step, but for the ``forced`` ones, which the episode's
+    end may cut short.
+    """
+    ahead, choices = _induced(graph, brings, forced, steps, None)
+    total = float(ahead[steps, len(graph.states)])
+    rounding = 4.0 * steps * np.finfo(float).eps * float(np.abs(ahead[:, :-1]).max())
+    return BestEpisode(choices, total, total - rounding, total + rounding)
+
+
+def episode_total(graph: Graph, brings: Array, forced: list[Forced], choices: Choices) -> float:
+    """What a policy's ``choices`` bring in an episode."""
+    steps = len(choices) - 1
+    ahead, _ = _induced(graph, brings, forced, steps, choices)
+    return float(ahead[steps, len(graph.states)])
+
+
+def _induced(
+    graph: Graph, brings: Array, forced: list[Forced], steps: int, choices: Choices | None
+) -> tuple[Array, Choices]:
+    """(What is still to come with so many steps left, the choices): the best ones, where None."""
+    count, renewals = len(graph.states), len(graph.renewals)
+    ahead = np.zeros((steps + 1, count + renewals + 2))
+    ahead[:, -1] = -np.inf
+    best = np.zeros((steps + 1, count), np.int64) if choices is None else choices
+    rows, length = np.arange(count), graph.steps.astype(np.int64)
+    for left in range(1, steps + 1):
+        value = brings + ahead[np.maximum(left - length, 0), graph.target]
+        for state, action, by_step in forced:
+            if len(by_step) > left:
+                value[state, action] = sum(by_step[:left])
+        if choices is None:
+            best[left] = value.argmax(axis=1)
+        ahead[left, :count] = value[rows, best[left]]
+        ahead[left, count : count + renewals] = ahead[left, graph.renewals]
+        ahead[left, count + renewals] = graph.lottery @ ahead[left, graph.renewals]
+    return ahead, best

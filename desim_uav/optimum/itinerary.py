@@ -1,0 +1,90 @@
+"""A best policy told step by step, from the drone's start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.rules import Action
+from desim_uav.optimum.gain import path, renewal_after
+from desim_uav.optimum.graph import Graph
+from desim_uav.optimum.process import DroneProcess, State, Step
+
+
+@dataclass(frozen=True)
+class Itinerary:
+    """Rows, one a step; from row ``again_from`` on they repeat for ever (None: they do not)."""
+
+    rows: list[dict[str, Any]]
+    again_from: int | None
+
+
+def in_the_long_run(process: DroneProcess, graph: Graph, choice: NDArray[np.int64]) -> Itinerary:
+    """The steps until they repeat, or until a crash after which chance decides, or nobody comes."""
+    rows: list[dict[str, Any]] = []
+    begun: dict[int | None, int] = {}
+    renewal: int | None = 0
+    while renewal not in begun and renewal is not None:
+        begun[renewal] = len(rows)
+        for number in path(graph, choice, renewal):
+            state = graph.states[number]
+            if state[1] < 0:
+                return Itinerary(rows, None)
+            rows += _decision(process, state, graph.actions[choice[number]])
+            renewal = renewal_after(graph, choice, number)
+    return Itinerary(rows, begun.get(renewal))
+
+
+def in_an_episode(
+    process: DroneProcess, graph: Graph, choices: NDArray[np.int64], steps: int
+) -> Itinerary:
+    """The steps of an episode, or until a crash after which chance decides, or nobody comes."""
+    rows: list[dict[str, Any]] = []
+    number = int(graph.renewals[0])
+    while len(rows) < steps and graph.states[number][1] >= 0:
+        column = choices[steps - len(rows), number]
+        rows += _decision(process, graph.states[number], graph.actions[column])
+        number = int(graph.target[number, column])
+        if number >= len(graph.states):
+            renewal = number - len(graph.states)
+            if renewal == len(graph.renewals):
+                break
+            number = int(graph.renewals[renewal])
+    return Itinerary(rows[:steps], None)
+
+
+def without_battery(
+    process: DroneProcess, command: Callable[[tuple[int, int, int]], Action]
+) -> Itinerary:
+    """The steps until they repeat."""
+    rows: list[dict[str, Any]] = []
+    state, begun = process.start, {}
+    while state not in begun:
+        begun[state] = len(rows)
+        action = command(state[0])
+        rows += _decision(process, state, action)
+        state = (process.neighbour(state[0], action), 0)
+    return Itinerary(rows, begun[state])
+
+
+def _decision(process: DroneProcess, state: State, action: Action) -> list[dict[str, Any]]:
+    """The rows of what follows a decision; the action stands in the first of them."""
+    steps = process.outcome(state, action).steps
+    return [_row(action if k == 0 else None, step) for k, step in enumerate(steps)]
+
+
+def _row(action: Action | None, step: Step) -> dict[str, Any]:
+    seen = step.seen
+    return {
+        "action": None if action is None else action.name.lower(),
+        "cell": list(seen.cell),
+        "level": seen.level,
+        "mode": seen.mode.name.lower(),
+        "battery_s": seen.battery_s,
+        "attached_users": seen.attached_users,
+        "reward": step.reward,
+    }

@@ -1,0 +1,334 @@
+"""One drone as a decision process: what follows a decision, exactly as in an engine.
+
+It is told what the engine's drone is told, alone in the world: nobody queues before it, and every
+user in its footprint is its own. An episode has no end here: requests stay open, and the time of
+day means nothing. What is decided in one state always leads to the same steps, except that a
+crashed drone comes back on a station that is drawn.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
+from desim_uav.errors import UsageError
+from desim_uav.model.admission import FirstCome
+from desim_uav.model.battery import charged_us, time_to_full_us
+from desim_uav.model.demand import Continuous
+from desim_uav.model.motion import REST, Leg, Transit
+from desim_uav.model.planner import Node
+from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService
+from desim_uav.model.rules import MOVES, US, Action, Mode, mask
+from desim_uav.model.state import Observation
+from desim_uav.optimum.footprints import Footprints
+from desim_uav.world import World
+
+State = tuple[Node, int]
+"""A drone that can be told something: where it rests, and its battery (0: unlimited)."""
+
+NO_REQUESTS = (Coverage, CoverageBattery)
+"""Rewards that do not depend on what users ask for."""
+
+BUILT_IN = (*NO_REQUESTS, MultiService)
+
+
+class Stage(NamedTuple):
+    """A stretch of what a drone does: a leg flown or a place kept, from ``start_us`` on."""
+
+    start_us: int
+    mode: Mode
+    node: Node
+    leg: Leg
+    battery_us: int
+
+
+class Step(NamedTuple):
+    """What a step ends with: the reward, what was seen, and the time users were attached."""
+
+    reward: float
+    seen: Observation
+    attached_us: int
+
+
+class Flight(NamedTuple):
+    """A step of serving flight that the battery outlasts."""
+
+    to: Node
+    drained_us: int
+    attached_us: int
+
+
+class Outcome(NamedTuple):
+    """What follows a decision: steps until the next one, and the state it is made in.
+
+    ``state`` is None after a crash: this drone decides nothing more. The steps are then those until
+    another one takes its place, where one does.
+    """
+
+    steps: tuple[Step, ...]
+    state: State | None
+
+
+class DroneProcess:
+    """The decisions of the one drone of a world, under the ceiling.
+
+    Raises UsageError, naming the key, where the scenario is none that can be solved exactly.
+    """
+
+    def __init__(self, world: World) -> None:
+        refuse_what_is_random(world)
+        self.world = world
+        self.energy = world.scenario.drones.battery
+        self.footprints = Footprints(world)
+        self.stations = {(*cell, 0): index for index, cell in enumerate(world.stations)}
+        self.start: State = ((*world.starts[0], 0), world.capacity_us)
+        self._attached: dict[tuple[int, int], int] = {}
+        self._masks: dict[tuple[bool, bool], tuple[Action, ...]] = {}
+
+    # ---- decisions
+
+    def allowed(self, state: State) -> tuple[Action, ...]:
+        """What the drone may be told; moves that would be blocked are left out, they are hovers."""
+        node, battery_us = state
+        limited = self.energy is not None
+        may_return = limited and battery_us <= self.world.return_below_us
+        may_charge = limited and node in self.stations and battery_us < self.world.capacity_us
+        key = may_return, may_charge
+        if key not in self._masks:
+            known = self.world.actions
+            legal = mask(known, Mode.FLYING, *key)
+            self._masks[key] = tuple(a for a, yes in zip(known, legal, strict=True) if yes)
+        return tuple(
+            action
+            for action in self._masks[key]
+            if action not in MOVES or self.neighbour(node, action) != node
+        )
+
+    def neighbour(self, node: Node, action: Action) -> Node:
+        """Where a move leads: to the same place, where it is blocked."""
+        dx, dy, dz = MOVES.get(action, (0, 0, 0))
+        there = (node[0] + dx, node[1] + dy, node[2] + dz)
+        return there if self.world.grid.can_enter(*there) else node
+
+    def outcome(self, state: State, action: Action) -> Outcome:
+        """What follows when the drone is told ``action``, one of those allowed."""
+        node, battery_us = state
+        if action is Action.GOTO_CHARGING_STATION:
+            stages = list(self._return(node, battery_us))
+        elif action is Action.CHARGE:
+            stages = list(self._charge(0, node, battery_us))
+        else:
+            stages = list(self._fly(node, battery_us, action))
+        return Outcome(tuple(self._steps(stages)), self._next(stages[-1]))
+
+    def flight(self, node: Node, action: Action) -> Flight:
+        """What a move or a hover leads to while the battery outlasts it."""
+        there, flown_us, step_us = self.neighbour(node, action), 0, self.world.step_us
+        drained_us, leg = 0, self._leg(node, node, REST)
+        if there != node:
+            leg = self._leg(node, there, self.world.epoch_transits[action])
+            flown_us = leg.transit.duration_us
+            drained_us = self._drained(leg.transit, flown_us)
+        drained_us += self._drained(REST, step_us - flown_us)
+        return Flight(there, drained_us, self.footprints.attached_us(leg, step_us, step_us))
+
+    def arrival(self, state: State) -> Step:
+        """How a step of serving flight ends in ``state`` (less the time users were attached)."""
+        node, battery_us = state
+        there = Stage(0, Mode.FLYING, node, self._leg(node, node, REST), battery_us)
+        seen = self._observe(there, 0)
+        return Step(self.reward(seen), seen, 0)
+
+    def _next(self, last: Stage) -> State | None:
+        if last.mode is Mode.CRASHED:
+            return None
+        if last.mode is Mode.FLYING:
+            left_us = self.world.step_us - last.start_us
+            return last.node, last.battery_us - self._drained(REST, left_us)
+        return last.node, last.battery_us
+
+    # ---- what a drone goes through: stages, the first one from 0
+
+    def _fly(self, node: Node, battery_us: int, action: Action) -> Iterator[Stage]:
+        """A move, or a hover, until the step ends."""
+        there, arrival_us, step_us = self.neighbour(node, action), 0, self.world.step_us
+        if there != node:
+            transit = self.world.epoch_transits[action]
+            leg, arrival_us = self._leg(node, there, transit), transit.duration_us
+            yield Stage(0, Mode.FLYING, node, leg, battery_us)
+            if self._lasts(transit, battery_us) < arrival_us:
+                yield self._crash(0, leg, battery_us)
+                return
+            battery_us -= self._drained(transit, arrival_us)
+        rest = self._leg(there, there, REST)
+        yield Stage(arrival_us, Mode.FLYING, there, rest, battery_us)
+        if self._lasts(REST, battery_us) <= step_us - arrival_us:
+            yield self._crash(arrival_us, rest, battery_us)
+
+    def _return(self, node: Node, battery_us: int) -> Iterator[Stage]:
+        """Hop by hop to the nearest station; an empty battery there is just enough."""
+        planned = None if node in self.stations else self.world.planner.plan(node)
+        now_us = 0
+        for hop in () if planned is None else planned.hops:
+            there = (node[0] + hop[0], node[1] + hop[1], node[2] + hop[2])
+            transit = self.world.fastest_transits[hop]
+            leg = self._leg(node, there, transit)
+            yield Stage(now_us, Mode.RETURNING, node, leg, battery_us)
+            if self._lasts(transit, battery_us) < transit.duration_us:
+                yield self._crash(now_us, leg, battery_us)
+                return
+            battery_us -= self._drained(transit, transit.duration_us)
+            now_us += transit.duration_us
+            node = there
+        yield from self._charge(now_us, node, battery_us)
+
+    def _charge(self, now_us: int, node: Node, battery_us: int) -> Iterator[Stage]:
+        """On a pad until full, and there until the next decision."""
+        world, leg = self.world, self._leg(node, node, REST)
+        rest_us = time_to_full_us(battery_us, world.capacity_us, world.full_charge_us)
+        yield Stage(now_us, Mode.CHARGING, node, leg, battery_us)
+        yield Stage(now_us + rest_us, Mode.CHARGED, node, leg, world.capacity_us)
+
+    def _crash(self, start_us: int, leg: Leg, battery_us: int) -> Stage:
+        """The battery is empty in the air: the drone lies where it falls."""
+        lasts_us = int(self._lasts(leg.transit, battery_us))
+        x_m, y_m, _ = leg.position_m(lasts_us / US)
+        fallen = Leg(REST, (x_m, y_m), (x_m, y_m), 0.0, 0.0)
+        node = (*self.world.grid.cell_of(x_m, y_m), 0)
+        battery_us -= self._drained(leg.transit, lasts_us)
+        return Stage(start_us + lasts_us, Mode.CRASHED, node, fallen, battery_us)
+
+    def _leg(self, node: Node, there: Node, transit: Transit) -> Leg:
+        grid = self.world.grid
+        return Leg(
+            transit,
+            grid.centre(*node[:2]),
+            grid.centre(*there[:2]),
+            grid.levels_m[node[2]],
+            grid.levels_m[there[2]],
+        )
+
+    def _drained(self, transit: Transit, elapsed_us: int) -> int:
+        return 0 if self.energy is None else self.energy.drained_us(transit, elapsed_us)
+
+    def _lasts(self, transit: Transit, battery_us: int) -> float:
+        return math.inf if self.energy is None else self.energy.lasts_us(transit, battery_us)
+
+    # ---- what is seen and earned of it
+
+    def _steps(self, stages: list[Stage]) -> Iterator[Step]:
+        """The steps from a decision to the next one."""
+        step_us, last = self.world.step_us, stages[-1]
+        count = 1 if last.mode is Mode.FLYING else max(1, -(-self._free_us(last) // step_us))
+        at = 0
+        for end_us in range(step_us, (count + 1) * step_us, step_us):
+            while at + 1 < len(stages) and stages[at + 1].start_us <= end_us:
+                at += 1
+            seen = self._observe(stages[at], end_us - stages[at].start_us)
+            attached_us = self._attached_us(stages) if end_us == step_us else 0
+            yield Step(self.reward(seen), seen, attached_us)
+
+    def _free_us(self, last: Stage) -> int:
+        """From when on a drone, or the one that replaces it, can be told something."""
+        replaced = last.mode is Mode.CRASHED and self.world.on_crash == "respawn"
+        return last.start_us + (self.world.respawn_after_us if replaced else 0)
+
+    def _attached_us(self, stages: list[Stage]) -> int:
+        """The time users are attached in the step that begins with a decision: it may serve then.
+
+        Nobody is attached in the steps that follow until the next decision.
+        """
+        first, last = stages[0], stages[-1]
+        if first.mode is not Mode.FLYING:
+            return 0
+        until_us = last.start_us if last.mode is Mode.CRASHED else self.world.step_us
+        return self.footprints.attached_us(first.leg, self.world.step_us, until_us)
+
+    def _observe(self, now: Stage, elapsed_us: int) -> Observation:
+        """What the drone knows then, as the engine shows it."""
+        world, grid, limited = self.world, self.world.grid, self.energy is not None
+        believed = now.node
+        if now.leg.transit is not REST:
+            x_m, y_m, z_m = now.leg.position_m(elapsed_us / US)
+            believed = (*grid.cell_of(x_m, y_m), grid.level_of(z_m))
+        back = world.planner.plan(believed) if limited else None
+        held = self.attached(now.node) if now.mode is Mode.FLYING else 0
+        by_service = (held, *[0] * (len(world.services.names) - 1))
+        return Observation(
+            drone=0,
+            step=0,
+            steps=world.scenario.episode.steps,
+            cell=believed[:2],
+            level=believed[2],
+            mode=now.mode,
+            battery_s=self._battery_us(now, elapsed_us) / US if limited else None,
+            capacity_s=world.capacity_us / US if limited else None,
+            return_s=(math.inf if back is None else back.drained_us / US) if limited else None,
+            attached_users=held,
+            served_requests=held,
+            bandwidth_kbps=0.0,
+            station=None if back is None else back.station,
+            flight_s=None if back is None else back.duration_us / US,
+            served=by_service,
+            asking=by_service,
+        )
+
+    def _battery_us(self, now: Stage, elapsed_us: int) -> int:
+        if now.mode in (Mode.FLYING, Mode.RETURNING):
+            return now.battery_us - self._drained(now.leg.transit, elapsed_us)
+        if now.mode is Mode.CHARGING:
+            world = self.world
+            capacity_us, full_us = world.capacity_us, world.full_charge_us
+            return charged_us(now.battery_us, elapsed_us, capacity_us, full_us)
+        return now.battery_us
+
+    def attached(self, node: Node) -> int:
+        """The users in the footprint over a cell."""
+        cell = node[:2]
+        if cell not in self._attached:
+            self._attached[cell] = len(self.footprints.held(self.world.grid.centre(*cell)))
+        return self._attached[cell]
+
+    def reward(self, seen: Observation) -> float:
+        """What the scenario's reward gives for a step that ends so, with all requests open.
+
+        Raises UsageError where it depends on the step of the episode.
+        """
+        gained = self._rewarded(seen)
+        reward = self.world.scenario.reward
+        if type(reward) not in BUILT_IN:
+            for step in (1, max(1, seen.steps - 1)):
+                if self._rewarded(seen._replace(step=step)) != gained:
+                    raise UsageError(
+                        f"reward: {type(reward).__name__} does not always give the same for the "
+                        f"same observation; the best policy is known exactly only where it does"
+                    )
+        return gained
+
+    def _rewarded(self, seen: Observation) -> float:
+        world = self.world
+        asked = (len(world.homes), *[0] * (len(world.services.names) - 1))
+        return sum(world.scenario.reward.terms(seen, asked, world.facts).values())
+
+
+def refuse_what_is_random(world: World) -> None:
+    """Raise UsageError, naming the key, unless one drone decides over what is known for certain."""
+    scenario = world.scenario
+    drones, demand, admission = scenario.drones, scenario.demand, scenario.drones.admission
+    only = "the best policy is known exactly"
+    if drones.count > 1:
+        raise UsageError(f"drones.count: {only} of one drone only, not of {drones.count}")
+    if scenario.position_noise is not None:
+        raise UsageError(f"position_noise: {only} of drones that know where they are (null)")
+    if type(scenario.reward) in NO_REQUESTS:
+        return
+    if type(demand) is not Continuous:
+        kind = type(demand).kind  # type: ignore[attr-defined]
+        raise UsageError(
+            f"demand.kind: {only} with continuous demand only, not {kind!r}, unless the reward is "
+            f"coverage or coverage_battery"
+        )
+    if type(admission) is not FirstCome:
+        kind = type(admission).kind  # type: ignore[attr-defined]
+        raise UsageError(f"drones.admission: {only} with first_come only, not {kind!r}")

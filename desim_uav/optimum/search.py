@@ -1,0 +1,252 @@
+"""The search for the best footprints: branch and bound over sets of users, as bits.
+
+``sets`` (footprints, words) holds a bit for each user. Both searches count what they look at and
+give up after ``budget`` footprints; what they have found by then stands.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.kernels import kernel
+
+
+def as_bits(rows: NDArray[np.bool_]) -> NDArray[np.uint64]:
+    """(footprints, users) as (footprints, words): a bit for each user."""
+    count, users = rows.shape
+    bytes_ = np.zeros((count, 8 * max(1, -(-users // 64))), np.uint8)
+    packed = np.packbits(rows, axis=1, bitorder="little")
+    bytes_[:, : packed.shape[1]] = packed
+    return bytes_.view(np.uint64)
+
+
+@kernel
+def _bits(word: np.uint64) -> int:
+    """The number of ones."""
+    m1, m2 = np.uint64(0x5555555555555555), np.uint64(0x3333333333333333)
+    m4, ones = np.uint64(0x0F0F0F0F0F0F0F0F), np.uint64(0x0101010101010101)
+    word = word - ((word >> np.uint64(1)) & m1)
+    word = (word & m2) + ((word >> np.uint64(2)) & m2)
+    word = (word + (word >> np.uint64(4))) & m4
+    return int((word * ones) >> np.uint64(56))
+
+
+@kernel
+def _size(one: NDArray[np.uint64]) -> int:
+    """The number of users in a set."""
+    total = 0
+    for word in one:
+        total += _bits(word)
+    return total
+
+
+@kernel
+def _gain(union: NDArray[np.uint64], one: NDArray[np.uint64]) -> int:
+    """How many users a set adds."""
+    total = 0
+    for k in range(len(one)):
+        total += _bits(one[k] & ~union[k])
+    return total
+
+
+@kernel
+def _unite(one: NDArray[np.uint64], other: NDArray[np.uint64], union: NDArray[np.uint64]) -> int:
+    """Write the union of two sets; its number of users."""
+    total = 0
+    for k in range(len(one)):
+        union[k] = one[k] | other[k]
+        total += _bits(union[k])
+    return total
+
+
+@kernel
+def sizes(sets: NDArray[np.uint64]) -> NDArray[np.int64]:
+    """The number of users in each set."""
+    counted = np.empty(len(sets), np.int64)
+    for k in range(len(sets)):
+        counted[k] = _size(sets[k])
+    return counted
+
+
+@kernel
+def undominated(sets: NDArray[np.uint64]) -> NDArray[np.bool_]:
+    """Which of the sets, all different and the largest first, lie in no other one."""
+    kept = np.ones(len(sets), np.bool_)
+    for k in range(len(sets)):
+        for larger in range(k):
+            if kept[larger] and _gain(sets[larger], sets[k]) == 0:
+                kept[k] = False
+                break
+    return kept
+
+
+@kernel
+def greedy_cover(sets: NDArray[np.uint64], drones: int) -> tuple[NDArray[np.int64], int, int]:
+    """Each drone in turn where it adds most: (the sets, users covered, a bound on the best cover).
+
+    The bound: no cover beats what is covered after any of the turns by more than the ``drones``
+    largest gains still to be had there.
+    """
+    chosen = np.zeros(drones, np.int64)
+    union = np.zeros(sets.shape[1], np.uint64)
+    gains = np.empty(len(sets), np.int64)
+    covered = 0
+    bound = np.int64(2**62)
+    for turn in range(drones + 1):
+        best = 0
+        for k in range(len(sets)):
+            gains[k] = _gain(union, sets[k])
+            if gains[k] > gains[best]:
+                best = k
+        ranked = np.sort(gains)[::-1]
+        bound = min(bound, covered + ranked[:drones].sum())
+        if turn < drones:
+            chosen[turn] = best
+            covered += gains[best]
+            union |= sets[best]
+    return chosen, int(covered), int(bound)
+
+
+@kernel
+def best_cover(
+    sets: NDArray[np.uint64], drones: int, chosen: NDArray[np.int64], covered: int, budget: int
+) -> tuple[NDArray[np.int64], int, bool]:
+    """The ``drones`` sets that cover most users: (the sets, users covered, is that proven?).
+
+    Begins from a cover known before; ``drones`` is at most the number of sets. At each depth the
+    sets that may still be taken stand by what they add, the most first; one that has been tried
+    is not tried deeper. No set is tried from which on the next in line add too little.
+    """
+    count, words = sets.shape
+    unions = np.zeros((drones, words), np.uint64)
+    line = np.empty((drones, count), np.int64)
+    gains = np.empty((drones, count), np.int64)
+    length = np.zeros(drones, np.int64)
+    at = np.zeros(drones, np.int64)
+    now = np.zeros(drones + 1, np.int64)
+    taken = np.zeros(drones, np.int64)
+    best = chosen.copy()
+    line[0], gains[0] = _ranked(sets, unions[0], np.arange(count))
+    length[0] = count
+    looked_at = depth = 0
+    while depth >= 0 and looked_at <= budget:
+        k, end = at[depth], length[depth]
+        reach = now[depth] + gains[depth, k : min(k + drones - depth, end)].sum()
+        if k == end or reach <= covered:
+            depth -= 1
+            continue
+        at[depth] += 1
+        taken[depth] = line[depth, k]
+        now[depth + 1] = now[depth] + gains[depth, k]
+        if depth + 1 == drones:
+            covered = now[drones]
+            best[:] = taken
+            continue
+        depth += 1
+        unions[depth] = unions[depth - 1] | sets[taken[depth - 1]]
+        at[depth], length[depth] = 0, end - k - 1
+        looked_at += length[depth]
+        ranked, added = _ranked(sets, unions[depth], line[depth - 1, k + 1 : end])
+        line[depth, : length[depth]], gains[depth, : length[depth]] = ranked, added
+    return best, int(covered), depth < 0
+
+
+@kernel
+def _ranked(
+    sets: NDArray[np.uint64], union: NDArray[np.uint64], line: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """(Sets, what they add), the most first."""
+    added = np.empty(len(line), np.int64)
+    for k in range(len(line)):
+        added[k] = _gain(union, sets[line[k]])
+    order = np.argsort(-added, kind="mergesort")
+    return line[order], added[order]
+
+
+@kernel
+def _shared(counted: NDArray[np.int64], drones: int, most: int) -> int:
+    """The most users that ``drones`` drones can hold, at most ``most`` each.
+
+    ``counted`` are the users in the union of each subset of the drones. Each user goes to one of
+    those that cover it; the least cut of that flow says how many can.
+    """
+    held = np.int64(2**62)
+    for subset in range(1 << drones):
+        outside = drones - _bits(np.uint64(subset))
+        held = min(held, outside * most + counted[subset])
+    return int(held)
+
+
+@kernel
+def best_shares(
+    sets: NDArray[np.uint64],
+    drones: int,
+    users: int,
+    sign: int,
+    chosen: NDArray[np.int64],
+    key: int,
+    budget: int,
+) -> tuple[NDArray[np.int64], int, bool]:
+    """The sets, largest first and any of them for several drones, with the largest key.
+
+    key = score (users + 1) + sign · users covered. The score is ``users`` times the sum over drones
+    of min(1, U_c / (users / drones)), with every user attached to the drone it serves best. With
+    q, r = divmod(users, drones), it is (drones - r) F(q) + r F(q + 1), where F(m) is the number of
+    users that can be held by drones of at most m each: one way of attaching is the best for all m.
+    Returns (sets, key, is it proven?), beginning from those known before.
+    """
+    count, words = sets.shape
+    quota, rest = users // drones, users % drones
+    unions = np.zeros((1 << drones, words), np.uint64)
+    counted = np.zeros(1 << drones, np.int64)
+    size = np.empty(count, np.int64)
+    for k in range(count):
+        size[k] = _size(sets[k])
+    first = np.zeros(drones + 1, np.int64)
+    largest_gain = np.zeros(drones + 1, np.int64)
+    largest_gain[0] = size[0] if count else 0
+    at = np.full(drones, -1, np.int64)
+    best = chosen.copy()
+    looked_at = 0
+    depth = 0
+    while depth >= 0:
+        at[depth] = first[depth] if at[depth] < 0 else at[depth] + 1
+        k = at[depth]
+        left = drones - depth
+        known = 1 << depth
+        reach = key
+        if k < count:
+            low = _shared(counted[:known], depth, quota) + left * min(quota, size[k])
+            high = _shared(counted[:known], depth, quota + 1) + left * min(quota + 1, size[k])
+            most = counted[known - 1] + left * min(largest_gain[depth], size[k])
+            low, high = min(low, most), min(high, most)
+            covers = most if sign > 0 else counted[known - 1]
+            reach = ((drones - rest) * low + rest * high) * (users + 1) + sign * covers
+        if looked_at > budget:
+            return best, key, False
+        if reach <= key:
+            at[depth] = -1
+            depth -= 1
+            continue
+        looked_at += 1
+        for subset in range(known):
+            counted[known + subset] = _unite(unions[subset], sets[k], unions[known + subset])
+        if depth + 1 == drones:
+            low = _shared(counted, drones, quota)
+            high = _shared(counted, drones, quota + 1)
+            score = (drones - rest) * low + rest * high
+            reached = score * (users + 1) + sign * counted[-1]
+            if reached > key:
+                key = reached
+                best[:] = at
+        else:
+            depth += 1
+            first[depth] = k
+            at[depth] = -1
+            largest_gain[depth] = 0
+            for later in range(k, count):
+                added = _gain(unions[2 * known - 1], sets[later])
+                largest_gain[depth] = max(largest_gain[depth], added)
+            looked_at += count - k
+    return best, key, True
