@@ -5,11 +5,16 @@ from __future__ import annotations
 import importlib
 from typing import TYPE_CHECKING, Any
 
+from desim_uav.env.registration import register_with_gymnasium
+
 __version__ = "0.1.0"
+
+register_with_gymnasium()
 
 if TYPE_CHECKING:
     from desim_uav.engine.base import RunSettings
     from desim_uav.engine.des import Simulation
+    from desim_uav.env import UavEnv, UavParallelEnv
     from desim_uav.policies import Policy, load_policy
     from desim_uav.registry import register
     from desim_uav.sample_path import draw
@@ -22,6 +27,8 @@ _PUBLIC = {
     "RunSettings": "desim_uav.engine.base",
     "Scenario": "desim_uav.scenario.schema",
     "Simulation": "desim_uav.engine.des",
+    "UavEnv": "desim_uav.env",
+    "UavParallelEnv": "desim_uav.env",
     "World": "desim_uav.world",
     "build_world": "desim_uav.world",
     "draw": "desim_uav.sample_path",
@@ -35,6 +42,8 @@ __all__ = [
     "RunSettings",
     "Scenario",
     "Simulation",
+    "UavEnv",
+    "UavParallelEnv",
     "World",
     "__version__",
     "build_world",

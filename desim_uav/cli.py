@@ -12,7 +12,7 @@ from typing import Annotated, Any, NoReturn
 import typer
 
 from desim_uav import __version__
-from desim_uav.errors import DesimError
+from desim_uav.errors import DesimError, UsageError
 
 app = typer.Typer(
     help="Exact discrete-event simulation of UAV-enabled wireless networks.",
@@ -291,6 +291,52 @@ def optimum(
 
 
 @app.command()
+def reproduce(
+    cases: Annotated[str, typer.Option(metavar="1-9", help="Which, as 1-3,8.")] = "1-9",
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10**4, help="From 0 on.")] = 10,
+    episodes: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=10**7, help="Of training.")
+    ] = None,
+    preset: Annotated[
+        str, typer.Option(metavar="default|paper|both", help="Train so, or as the paper did.")
+    ] = "default",
+    jobs: Annotated[int, typer.Option("-j", metavar="N", min=1, max=1000, help="At a time.")] = 1,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Holds what was finished before, too.")
+    ] = Path("runs/reproduce"),
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 6 where a gate does not hold.")
+    ] = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
+) -> None:
+    """Train and evaluate the paper's nine cases, beside what the paper printed."""
+    from desim_uav.errors import UsageError
+    from desim_uav.experiment import reproduce as table
+    from desim_uav.experiment.paper_table import HEADINGS, cells
+    from desim_uav.experiment.progress import progress
+    from desim_uav.report.paper import print_claims, print_paper_table
+
+    presets: dict[str, list[str | None]] = {
+        "default": [None],
+        "paper": ["paper"],
+        "both": [None, "paper"],
+    }
+    if preset not in presets:
+        raise UsageError(f"--preset {preset}: allowed: {', '.join(presets)}")
+    todo = table.jobs(table.numbers(cases), seeds, episodes, presets[preset])
+    with progress(not quiet, len(todo), "jobs") as advance:
+        rows = table.run_jobs(todo, out, jobs, advance)
+    found = table.report(rows, out, " ".join(["desim-uav", *sys.argv[1:]]))
+    if not quiet:
+        print_paper_table(HEADINGS, [cells(line) for line in found.table])
+        print_claims([(c.text, c.found, c.holds) for c in found.claims])
+        print(out / "table.md")
+    if check and found.failed:
+        _complain("\n".join(f"gate: {claim.text}: {claim.found}" for claim in found.failed))
+        raise typer.Exit(6)
+
+
+@app.command()
 def qoe(
     run_dir: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="The folder of a run.")],
     by: Annotated[
@@ -320,6 +366,99 @@ def qoe(
         print_summary(summary)
     else:
         print_groups(by, groups)
+
+
+@app.command()
+def compare(
+    context: typer.Context,
+    what: Annotated[
+        list[str],
+        typer.Argument(metavar="RUN…|SCENARIO", help="Run folders; or a scenario, and --policies."),
+    ],
+    policies: Annotated[
+        str | None,
+        typer.Option(metavar="P,Q…", help="Run these; no name can hold a comma."),
+    ] = None,
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10**6, help="How many.")] = 10,
+    first_seed: Annotated[
+        int, typer.Option(metavar="N", min=0, max=2**62, help="The others follow it.")
+    ] = 0,
+    episodes: Annotated[
+        int, typer.Option(metavar="N", min=1, max=10**6, help="Counted ones.")
+    ] = 20,
+    warmup: Annotated[
+        int, typer.Option(metavar="N", min=0, max=10**6, help="Episodes before, counted nowhere.")
+    ] = 2,
+    overrides: Override = None,
+    jobs: Annotated[
+        int, typer.Option("-j", "--jobs", metavar="N", min=1, max=1024, help="Runs at a time.")
+    ] = 1,
+    against: Annotated[
+        str | None, typer.Option(metavar="P", help="The policy of reference; else the first.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="FILE.csv", help="The values of each seed.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Compare policies on common seeds: means, 95 % intervals and paired differences."""
+    from desim_uav.experiment import compare as comparing
+    from desim_uav.experiment.progress import progress
+    from desim_uav.run_folder import write_whole
+    from desim_uav.scenario.load import load
+    from desim_uav.shipped import find_scenario
+
+    if out is not None:
+        out = comparing.csv_place(out)
+    if policies is None:
+        _refuse_how_to_run(context)
+        found = comparing.compare_runs([Path(folder) for folder in what], against)
+    else:
+        path = find_scenario(comparing.the_scenario(what))
+        loaded = load(path, overrides or [])
+        names = comparing.policy_names(policies)
+        drawn = range(first_seed, first_seed + seeds)
+        for warning in comparing.out_of_place(loaded, names, drawn):
+            _complain(warning)
+        _end_politely()
+        try:
+            with progress(True, len(names) * len(drawn), "runs") as advance:
+                found = _located(
+                    path,
+                    lambda: comparing.compare_policies(
+                        loaded,
+                        names,
+                        drawn,
+                        episodes,
+                        warmup,
+                        against=against,
+                        jobs=jobs,
+                        on_replication=advance,
+                    ),
+                )
+        except KeyboardInterrupt:
+            _complain("interrupted; no run has ended")
+            raise typer.Exit(130) from None
+    if out is not None:
+        write_whole(out, found.as_csv().encode())
+    if as_json:
+        print(json.dumps(found.content(), indent=1))
+    else:
+        from desim_uav.report.text import print_comparison
+
+        print_comparison(found.content())
+    if found.interrupted:
+        _complain("interrupted; what had ended is shown")
+        raise typer.Exit(130)
+
+
+def _refuse_how_to_run(context: typer.Context) -> None:
+    """Finished runs are as they are. Raises UsageError for an option that says how to run."""
+    for option in ("seeds", "first_seed", "episodes", "warmup", "overrides", "jobs"):
+        source = context.get_parameter_source(option)
+        if source is not None and source.name == "COMMANDLINE":
+            flag = {"overrides": "-S", "jobs": "-j"}.get(option, "--" + option.replace("_", "-"))
+            raise UsageError(f"{flag} goes with a scenario and --policies, not with finished runs")
 
 
 def _located(path: Path, action: Any) -> Any:

@@ -13,7 +13,7 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 from desim_uav.env.configure import Source
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
-from desim_uav.env.spaces import features, mask_array, observation_space
+from desim_uav.spaces import features, mask_array, observation_space
 
 Seen = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]

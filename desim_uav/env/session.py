@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import Engine, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.env.configure import Source, configured
-from desim_uav.env.spaces import flat_mask
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import draw
+from desim_uav.spaces import flat_mask
 from desim_uav.world import World, build_world
 
 SEEDS = 2**63

@@ -8,13 +8,12 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium.spaces import Discrete, MultiDiscrete
 from numpy.typing import NDArray
 
 from desim_uav.env.configure import Source
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
-from desim_uav.env.spaces import features, flat_mask, observation_space
+from desim_uav.spaces import action_space, features, flat_mask, observation_space
 
 
 class UavEnv(gymnasium.Env[NDArray[Any], Any]):
@@ -45,11 +44,9 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode
         self.drones = self.session.scenario.drones.count
-        actions = len(self.session.world.actions)
-        self.observation_space = observation_space(features(self.session.world) * self.drones)
-        self.action_space = (
-            Discrete(actions) if self.drones == 1 else MultiDiscrete([actions] * self.drones)
-        )
+        world = self.session.world
+        self.observation_space = observation_space(features(world) * self.drones)
+        self.action_space = action_space(len(world.actions), self.drones)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

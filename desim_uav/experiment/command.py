@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -13,14 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import pandas as pd
-from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
 from desim_uav import __version__, qoe
 from desim_uav.errors import PolicyError
+from desim_uav.experiment.progress import progress
 from desim_uav.experiment.run import headline, run, run_settings
-from desim_uav.model.coverage import crossings
-from desim_uav.model.kernels import compiled_before
 from desim_uav.policies import Policy, load_policy
 from desim_uav.records import EPISODES, REQUESTS
 from desim_uav.run_folder import Place, read_table, world_content
@@ -70,7 +66,7 @@ def run_to_folder(
         say(notice)
     started = datetime.now(UTC)
     with place.draft() as draft:
-        with _progress(show_progress, warmup + episodes) as advance:
+        with progress(show_progress, warmup + episodes) as advance:
             results, interrupted = run(
                 world, policy, policy_name, seed, episodes, warmup, keep_events, advance
             )
@@ -161,18 +157,3 @@ def versions() -> dict[str, str]:
     """Of Python, this package and those its figures hang on."""
     found = {"desim-uav": __version__, "python": platform.python_version()}
     return found | {name: version(name) for name in PACKAGES} | {"platform": platform.platform()}
-
-
-@contextmanager
-def _progress(show: bool, episodes: int) -> Iterator[Any]:
-    """A bar on stderr; silent where that is no terminal."""
-    console = Console(stderr=True)
-    if not show or not console.is_terminal:
-        yield lambda: None
-        return
-    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
-    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
-        first = not compiled_before(crossings)
-        about = "compiling the kernels (the first time only)" if first else "episodes"
-        task = progress.add_task(about, total=episodes)
-        yield lambda: progress.update(task, advance=1, description="episodes")

@@ -9,10 +9,10 @@ from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
 from desim_uav.model.rewards import Coverage
-from desim_uav.optimum.cover import FairCover, Places, cover, fair_cover
+from desim_uav.optimum.cover import FairCover, Places, cover, fair_cover, instant_bound
 from desim_uav.optimum.discounted import optimal_return
 from desim_uav.optimum.gain import best_policy, long_run
-from desim_uav.optimum.graph import Forced, Graph, explore
+from desim_uav.optimum.graph import Forced, Graph, explore, unlimited
 from desim_uav.optimum.horizon import best_episode, episode_total
 from desim_uav.optimum.itinerary import (
     Itinerary,
@@ -38,9 +38,8 @@ def optimum(scenario: Scenario) -> dict[str, Any]:
     Raises UsageError, naming the key, where the scenario is none that can be solved.
     """
     world = build_world(scenario, scenario.effective_world_seed)
-    process = None
-    if scenario.drones.count == 1 or scenario.limited_battery:
-        process = DroneProcess(world)
+    lone = scenario.drones.count == 1
+    process = DroneProcess(world) if lone or scenario.limited_battery else None
     found: dict[str, Any] = {
         "scenario": scenario.name,
         "seed": scenario.seed,
@@ -48,13 +47,13 @@ def optimum(scenario: Scenario) -> dict[str, Any]:
         "drones": scenario.drones.count,
         "users": len(world.homes),
         **_covers(world),
+        "one_drone": None,
         "discounted": None,
-        "battery": None,
     }
-    if process is not None and scenario.limited_battery:
-        found["battery"] = _with_battery(world, process)
-    elif process is not None:
-        found["discounted"] = _discounted(world, process)
+    if process is not None:
+        found["one_drone"] = _one_drone(world, process)
+        if not scenario.limited_battery:
+            found["discounted"] = _discounted(world, process)
     return found
 
 
@@ -71,6 +70,7 @@ def _covers(world: World) -> dict[str, Any]:
             "at_most_percent": 100 * best.at_most / users,
             "exact": best.exact,
         },
+        "instant_at_most_percent": 100 * instant_bound(places) / users,
         "fair_cover": None if fair is None else _fair(fair, users, world.scenario.drones.count),
     }
 
@@ -114,15 +114,16 @@ class Solved(NamedTuple):
     told: Itinerary
 
 
-def _with_battery(world: World, process: DroneProcess) -> dict[str, Any]:
-    """One drone with a battery: the best reward, and the best QoE3."""
+def _one_drone(world: World, process: DroneProcess) -> dict[str, Any]:
+    """The best reward and the best QoE3 of one drone."""
     episode = world.scenario.episode
-    if not episode.carry_over and world.on_crash == "end_episode":
+    limited = world.scenario.limited_battery
+    if limited and not episode.carry_over and world.on_crash == "end_episode":
         raise UsageError(
             "drones.battery.on_crash: the best episode is known exactly of episodes that run their "
             "time, not with 'end_episode', unless episode.carry_over is true"
         )
-    graph = explore(process)
+    graph = explore(process) if limited else unlimited(process)
     covered = graph.attached_us * (100.0 / (world.step_us * len(world.homes)))
     if episode.carry_over:
         earning = _long_run(process, graph, graph.reward, covered)

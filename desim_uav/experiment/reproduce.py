@@ -8,19 +8,29 @@ finished job is a file, so that nothing is lost and the same command goes on whe
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from multiprocessing import get_context
+from functools import cache
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-import pandas as pd
 
+from desim_uav.errors import UsageError
 from desim_uav.experiment.evaluate import evaluate
-from desim_uav.experiment.published import POLICIES
+from desim_uav.experiment.paper_table import (
+    Claim,
+    Line,
+    claims,
+    lines,
+    markdown,
+    rows_csv,
+    table_csv,
+)
+from desim_uav.experiment.processes import run_each
+from desim_uav.experiment.published import POLICIES, PUBLISHED
 from desim_uav.experiment.train import train
+from desim_uav.optimum.cover import Places, cover, fair_cover
 from desim_uav.run_folder import write_whole
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
@@ -30,6 +40,12 @@ from desim_uav.world import build_world
 EPISODES, WARMUP = 20, 2
 """Evaluated greedily, after so many that are not counted."""
 
+BEST_COVER = (
+    "cover_qoe3_percent",
+    "fair_reward",
+    "fair_qoe3_percent",
+    "fair_least_qoe3_percent",
+)
 LAST_EPISODE = ("qoe1_percent", "qoe2_iterations", "qoe3_percent", "reward", "crashes")
 
 
@@ -75,42 +91,59 @@ def jobs(
     return sorted(found, key=lambda job: job.policy == "baseline")
 
 
+def numbers(text: str) -> list[int]:
+    """The cases of a text such as ``1-3,8``. Raises UsageError."""
+    found: set[int] = set()
+    for part in text.split(","):
+        ends = [end.strip() for end in part.split("-")]
+        if len(ends) > 2 or not all(end.isdecimal() for end in ends):
+            raise UsageError(f"--cases {text}: write 1-9, or 1,4,8")
+        found.update(range(int(ends[0]), int(ends[-1]) + 1))
+    unknown = sorted(found - PUBLISHED.keys())
+    if unknown or not found:
+        raise UsageError(f"--cases {text}: the paper has cases 1 to 9")
+    return sorted(found)
+
+
+def report(rows: Sequence[dict[str, Any]], folder: Path, command: str) -> Report:
+    """Make the table of the rows there are, and write it: rows.csv, table.csv and table.md."""
+    rows = [row | best_cover(row["case"], row["seed"]) for row in rows]
+    table, found = lines(rows), claims(rows)
+    write_whole(folder / "rows.csv", rows_csv(rows).encode())
+    write_whole(folder / "table.csv", table_csv(table).encode())
+    write_whole(folder / "table.md", markdown(table, found, command).encode())
+    return Report(table, found, folder)
+
+
+class Report(NamedTuple):
+    """The paper's table, and what is claimed of it."""
+
+    table: list[Line]
+    claims: list[Claim]
+    folder: Path
+
+    @property
+    def failed(self) -> list[Claim]:
+        """The gates that do not hold."""
+        return [claim for claim in self.claims if claim.gate and not claim.holds]
+
+
 def run_jobs(
     todo: Sequence[Job], folder: Path, workers: int, on_job: Callable[[], None] = lambda: None
-) -> Iterator[dict[str, Any]]:
-    """The row of each job, as it ends. Those already in the folder come first."""
-    left = []
-    for job in todo:
-        row = _finished(job, folder)
-        if row is None:
-            left.append(job)
-        else:
-            on_job()
-            yield row
-    for row in _executed(left, folder, workers):
+) -> list[dict[str, Any]]:
+    """The rows of all jobs; those the folder holds already are not run again."""
+    finished = {job: _finished(job, folder) for job in todo}
+    rows = [row for row in finished.values() if row is not None]
+    for _ in rows:
         on_job()
-        yield row
 
+    def on_end(number: int, row: dict[str, Any]) -> None:
+        rows.append(row)
+        on_job()
 
-def _executed(todo: Sequence[Job], folder: Path, workers: int) -> Iterator[dict[str, Any]]:
-    if workers == 1:
-        for job in todo:
-            yield run_job(job, folder)
-        return
-    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
-        try:
-            waiting: set[Future[dict[str, Any]]] = {
-                pool.submit(run_job, job, folder) for job in todo
-            }
-            while waiting:
-                done, waiting = wait(waiting, return_when=FIRST_COMPLETED)
-                for future in done:
-                    yield future.result()
-        except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
-            for process in list(getattr(pool, "_processes", {}).values()):
-                process.terminate()
-            raise
+    left = [(job, folder) for job, row in finished.items() if row is None]
+    run_each(run_job, left, workers, on_end)
+    return rows
 
 
 def run_job(job: Job, folder: Path) -> dict[str, Any]:
@@ -131,14 +164,37 @@ def run_job(job: Job, folder: Path) -> dict[str, Any]:
         write_whole(file, table.to_bytes())
         policy = str(file)
         row["episodes"] = scenario.learning.episodes
-        last = [vars_of for vars_of in (p._asdict() for p in progress[-scenario.drones.count :])]
-        row |= {f"last_{key}": _mean([one[key] for one in last]) for key in LAST_EPISODE}
+        last = progress[-scenario.drones.count :]
+        row |= {f"last_{key}": _mean([getattr(one, key) for one in last]) for key in LAST_EPISODE}
     row |= evaluate(scenario, policy, job.seed, EPISODES, WARMUP)
     file = folder / "jobs" / f"{job.name}.json"
     file.parent.mkdir(parents=True, exist_ok=True)
     content = json.dumps({"identity": job.identity(), "row": row}, indent=1, allow_nan=False)
     write_whole(file, content.encode())
     return row
+
+
+@cache
+def best_cover(case: int, seed: int) -> dict[str, float | None]:
+    """The QoE3 that hovering for ever over the best cells would give, where users stand still.
+
+    No policy does better; with a battery none can do as well. ``fair``: the most that hovering
+    drones are rewarded by R1 for, over the steps of an episode, and the range of QoE3 it leaves.
+    """
+    scenario = load(scenario_path(f"case{case}"), [f"seed={seed}"])
+    found: dict[str, float | None] = dict.fromkeys(BEST_COVER)
+    if getattr(scenario.users.mobility, "kind", "") != "static":
+        return found
+    world = build_world(scenario, scenario.effective_world_seed)
+    places, percent = Places(world), 100 / len(world.homes)
+    found["cover_qoe3_percent"] = percent * cover(places).users
+    fair = None if scenario.limited_battery else fair_cover(places)
+    if fair is not None:
+        reward = fair.score / len(world.homes) / scenario.drones.count
+        found["fair_reward"] = reward * scenario.episode.steps
+        found["fair_qoe3_percent"] = percent * fair.users
+        found["fair_least_qoe3_percent"] = None if fair.least is None else percent * fair.least
+    return found
 
 
 def _finished(job: Job, folder: Path) -> dict[str, Any] | None:
@@ -155,11 +211,3 @@ def _finished(job: Job, folder: Path) -> dict[str, Any] | None:
 def _mean(values: Sequence[float | None]) -> float | None:
     there = [value for value in values if value is not None]
     return float(np.mean(there)) if there else None
-
-
-def rows_frame(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    """A row a job, by case, preset, policy and seed."""
-    frame = pd.DataFrame(list(rows))
-    order = pd.CategoricalDtype(list(POLICIES), ordered=True)
-    frame["policy"] = frame["policy"].astype(order)
-    return frame.sort_values(["case", "preset", "policy", "seed"], ignore_index=True)

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import io
-import json
 import math
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -11,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav import array_file
 from desim_uav.engine.base import CarriedDrone
 from desim_uav.errors import PolicyError
 from desim_uav.learning.training import Memory, Progress
@@ -37,34 +36,24 @@ def to_bytes(checkpoint: Checkpoint) -> bytes:
         "pending": memory.pending,
         "carried": memory.carried,
     }
-    file = io.BytesIO()
-    np.savez(
-        file,
-        q=memory.q,
-        rows=np.array(checkpoint.rows, np.float64).reshape(-1, len(Progress._fields)),
-        about=np.frombuffer(json.dumps(about).encode(), np.uint8),
-    )
-    return file.getvalue()
+    rows = np.array(checkpoint.rows, np.float64).reshape(-1, len(Progress._fields))
+    return array_file.pack(about, q=memory.q, rows=rows)
 
 
 def read(path: Path) -> Checkpoint:
     """Read a checkpoint. Raises PolicyError, naming the file."""
+    about, arrays = array_file.unpack(path, "checkpoint", ["q", "rows"], FORMAT)
     try:
-        with np.load(path, allow_pickle=False) as arrays:
-            about = json.loads(arrays["about"].tobytes().decode())
-            q, rows = arrays["q"], arrays["rows"]
-        if about["format"] != FORMAT:
-            raise ValueError(f"its format is {about['format']!r}; this version reads {FORMAT}")
+        carried = about["carried"]
         memory = Memory(
             int(about["episode"]),
-            q,
+            arrays["q"],
             tuple(None if p is None else (p[0], p[1], p[2], p[3]) for p in about["pending"]),
-            None if about["carried"] is None else tuple(map(_drone, about["carried"])),
+            None if carried is None else tuple(map(_drone, carried)),
         )
-        return Checkpoint(str(about["identity"]), memory, _progress(rows))
-    except Exception as error:  # zipfile, zlib, NumPy and JSON have many ways to refuse a file
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise PolicyError(f"{path}: not a readable checkpoint: {reason}") from error
+        return Checkpoint(str(about["identity"]), memory, _progress(arrays["rows"]))
+    except (KeyError, TypeError, ValueError, IndexError) as error:
+        raise PolicyError(f"{path}: not a readable checkpoint: {error!r}") from error
 
 
 def _drone(values: list[Any]) -> CarriedDrone:

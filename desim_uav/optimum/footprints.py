@@ -10,7 +10,7 @@ from desim_uav.model.coverage import ENTERS, TIME_US, USER, crossings
 from desim_uav.model.mobility import Static
 from desim_uav.model.motion import REST, Leg
 from desim_uav.model.planner import Node
-from desim_uav.model.rules import MOVES
+from desim_uav.model.rules import MOVES, Action
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.world import World
 
@@ -50,6 +50,22 @@ class Footprints:
         left_us = np.maximum(until_us - found[:, TIME_US], 0)
         return int(np.where(found[:, ENTERS] != 0, left_us, -left_us).sum())
 
+    def sets_along(self, leg: Leg, span_us: int) -> set[int]:
+        """The largest sets of users held on the way, user u as bit u of a number.
+
+        Where users enter and leave in one microsecond, all of them count as held at once.
+        """
+        found = self._crossings(leg, span_us)
+        order = np.lexsort((-found[:, ENTERS], found[:, TIME_US]))
+        held, grown, largest = 0, False, set()
+        for _, user, enters in found[order].tolist():
+            if grown and not enters:
+                largest.add(held)
+            held ^= 1 << user
+            grown = bool(enters)
+        largest.add(held)
+        return largest
+
     def _crossings(self, leg: Leg, span_us: int) -> NDArray[np.int64]:
         """Entries and exits of a leg; who is inside at its start enters then."""
         count = crossings(
@@ -82,6 +98,18 @@ class Footprints:
             for iy in range(ny):
                 covered[ix, iy, self.held(self.world.grid.centre(ix, iy))] = True
         return covered
+
+
+def moves(world: World) -> list[Leg]:
+    """The moves of serving drones under the ceiling from cell to cell, each one way."""
+    grid, found = world.grid, {}
+    for ix, iy, level in flown_to(world):
+        for action in (Action.FORWARD, Action.RIGHT):
+            dx, dy, _ = MOVES[action]
+            if grid.can_enter(ix + dx, iy + dy, level):
+                ends = grid.centre(ix, iy), grid.centre(ix + dx, iy + dy)
+                found[ends] = Leg(world.epoch_transits[action], *ends, 0.0, 0.0)
+    return list(found.values())
 
 
 def flown_to(world: World) -> list[Node]:

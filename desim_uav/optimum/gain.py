@@ -16,6 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import csr_array, eye_array  # type: ignore[import-untyped]
+from scipy.sparse.csgraph import connected_components  # type: ignore[import-untyped]
+from scipy.sparse.linalg import spsolve  # type: ignore[import-untyped]
 
 from desim_uav.errors import SimulationError
 from desim_uav.optimum.graph import Graph
@@ -116,49 +119,52 @@ def _sweep(
 def _worth(graph: Graph, brings: Array, choice: NDArray[np.int64]) -> tuple[Array, Array]:
     """(gain, bias) of each renewal under a policy."""
     count = len(graph.renewals)
-    gained, steps, leads = np.empty(count), np.empty(count), np.zeros((count, count))
+    chances = csr_array(graph.lottery[None, :])
+    gained, steps = np.empty(count), np.empty(count)
+    rows = []
     for renewal in range(count):
         states = path(graph, choice, renewal)
         gained[renewal] = math.fsum(brings[states, choice[states]].tolist())
         steps[renewal] = graph.steps[states, choice[states]].sum()
         follows = renewal_after(graph, choice, states[-1])
-        leads[renewal] = graph.lottery if follows is None else np.eye(count)[follows]
-    return _chain(gained, steps, leads)
+        rows.append((chances.indices, chances.data) if follows is None else ([follows], [1.0]))
+    ends = np.cumsum([0, *(len(columns) for columns, _ in rows)])
+    columns, chance = (np.concatenate(parts) for parts in zip(*rows, strict=True))
+    return _chain(gained, steps, csr_array((chance, columns, ends), (count, count)))
 
 
-def _chain(gained: Array, steps: Array, leads: Array) -> tuple[Array, Array]:
+def _chain(gained: Array, steps: Array, leads: csr_array) -> tuple[Array, Array]:
     """(gain, bias) of each state of a semi-Markov chain with transition probabilities ``leads``.
 
     Within a class that is never left all have one gain: what its stationary distribution gains over
-    its steps. There the bias of the first state is 0.
+    its steps. There the bias of the first state is 0. The biases solve
+    bias = gained - gain · steps + leads bias.
     """
     gains, bias = np.zeros(len(gained)), np.zeros(len(gained))
-    reached = _reached(leads)
-    settled = (reached <= reached.T).all(axis=1)
-    for inside in np.unique(reached[settled], axis=0):
-        # h = gained - gain · steps + leads h, and h[0] = 0: the gain takes its place.
-        equations = np.eye(inside.sum()) - leads[np.ix_(inside, inside)]
-        equations[:, 0] = steps[inside]
-        solved = np.linalg.solve(equations, gained[inside])
-        gains[inside] = solved[0]
-        bias[inside] = [0.0, *solved[1:]]
-    left = ~settled
-    stays = np.eye(left.sum()) - leads[np.ix_(left, left)]
-    ends = leads[np.ix_(left, settled)]
-    gains[left] = np.linalg.solve(stays, ends @ gains[settled])
-    ahead = gained[left] - gains[left] * steps[left] + ends @ bias[settled]
-    bias[left] = np.linalg.solve(stays, ahead)
+    _, class_of = connected_components(leads, connection="strong")
+    sources, to = leads.nonzero()
+    left_again = np.unique(class_of[sources[class_of[sources] != class_of[to]]])
+    settled = ~np.isin(class_of, left_again)
+    for members in _by_class(class_of, settled):
+        equations = np.eye(len(members)) - leads[members][:, members].toarray()
+        equations[:, 0] = steps[members]  # the gain takes the place of the first bias
+        solved = np.linalg.solve(equations, gained[members])
+        gains[members] = solved[0]
+        bias[members] = [0.0, *solved[1:]]
+    left = np.flatnonzero(~settled)
+    if len(left):
+        stays = eye_array(len(left), format="csc") - leads[left][:, left].tocsc()
+        ends = leads[left][:, np.flatnonzero(settled)]
+        gains[left] = spsolve(stays, ends @ gains[settled])
+        bias[left] = spsolve(stays, gained[left] - gains[left] * steps[left] + ends @ bias[settled])
     return gains, bias
 
 
-def _reached(leads: Array) -> NDArray[np.bool_]:
-    """Which states each one gets to sooner or later, itself among them."""
-    reached = (leads > 0.0) | np.eye(len(leads), dtype=np.bool_)
-    while True:
-        further = (reached.astype(float) @ reached) > 0.0
-        if (further == reached).all():
-            return reached
-        reached = further
+def _by_class(class_of: NDArray[np.int32], chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
+    """The chosen states, class by class."""
+    states = np.flatnonzero(chosen)
+    states = states[np.argsort(class_of[states], kind="stable")]
+    return np.split(states, np.flatnonzero(np.diff(class_of[states])) + 1)
 
 
 def _bounds(graph: Graph, brings: Array, gains: Array, bias: Array) -> tuple[float, float]:

@@ -1,4 +1,4 @@
-"""All states one drone with a battery can come to, as arrays, in order of their battery.
+"""All states one drone can come to, as arrays, in order of their battery.
 
 A serving drone's battery falls with every step, so between two full batteries nothing comes twice:
 a sweep over the states by battery, the emptiest first, settles them all. A sweep ends in a
@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from desim_uav.errors import UsageError
 from desim_uav.model.planner import Node
 from desim_uav.model.rules import Action
+from desim_uav.optimum.footprints import flown_to
 from desim_uav.optimum.process import DroneProcess, Flight, Outcome, State
 
 LARGEST = 10**6
@@ -67,6 +68,37 @@ def explore(process: DroneProcess, largest: int = LARGEST) -> Graph:
     return _Explorer(process, largest).graph()
 
 
+def unlimited(process: DroneProcess) -> Graph:
+    """All states of a drone without a battery, each of them a renewal: a sweep is one step."""
+    states: list[State] = [(node, 0) for node in flown_to(process.world)]
+    begin = states.index(process.start)
+    states.insert(0, states.pop(begin))
+    number = {state: k for k, state in enumerate(states)}
+    actions = _hover_first(process.world.actions)
+    shape = (len(states), len(actions))
+    target = np.full(shape, 2 * len(states) + 1)
+    reward, attached_us = np.zeros(shape), np.zeros(shape)
+    arrivals = [process.arrival(state).reward for state in states]
+    for k, state in enumerate(states):
+        allowed = process.allowed(state)
+        for column, action in enumerate(actions):
+            if action in allowed:
+                flight = process.flight(state[0], action)
+                there = number[flight.to, 0]
+                target[k, column] = len(states) + there
+                reward[k, column] = arrivals[there]
+                attached_us[k, column] = flight.attached_us
+    renewals, lottery = np.arange(len(states)), np.zeros(len(states))
+    layers = [(0, len(states))]
+    return Graph(
+        states, actions, target, np.ones(shape), reward, attached_us, renewals, lottery, layers, []
+    )
+
+
+def _hover_first(actions: tuple[Action, ...]) -> tuple[Action, ...]:
+    return (Action.HOVER, *(action for action in actions if action is not Action.HOVER))
+
+
 class _Explorer:
     """States numbered as they are found, and a row for each of what its actions lead to.
 
@@ -77,7 +109,7 @@ class _Explorer:
     def __init__(self, process: DroneProcess, largest: int) -> None:
         self.process = process
         self.world = process.world
-        self.actions = (Action.HOVER, *(a for a in self.world.actions if a is not Action.HOVER))
+        self.actions = _hover_first(self.world.actions)
         self.largest = largest
         self.number: dict[State, int] = {}
         self.gained: list[float] = []
@@ -164,9 +196,9 @@ class _Explorer:
         if self.world.on_crash == "end_episode":
             return self._renew(self.process.start)
         if self.world.on_crash == "respawn":
-            for cell in self.world.stations:
-                self._renew(((*cell, 0), self.world.capacity_us))
-            return LOTTERY
+            full_us = self.world.capacity_us
+            places = [self._renew(((*cell, 0), full_us)) for cell in self.world.stations]
+            return places[0] if len(places) == 1 else LOTTERY
         gained = outcome.steps[-1].reward
         known = [self.gained[self.number[state]] for state in self.renewals if state[1] < 0]
         place = known.index(gained) if gained in known else len(known)
@@ -183,7 +215,7 @@ class _Explorer:
         renewals, states = len(self.renewals), len(found)
         target = np.select(
             [target >= 0, target == LOTTERY, target == NOWHERE],
-            [place[target], states + renewals, states + renewals + 1],
+            [place[np.maximum(target, 0)], states + renewals, states + renewals + 1],
             states + RENEWAL - target,
         )
         full = {(*cell, 0) for cell in self.world.stations}

@@ -69,6 +69,12 @@ def sizes(sets: NDArray[np.uint64]) -> NDArray[np.int64]:
     return counted
 
 
+def union_of(sets: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """The one set of everybody in any of them."""
+    union: NDArray[np.uint64] = np.bitwise_or.reduce(sets, axis=0, keepdims=True)
+    return union
+
+
 @kernel
 def undominated(sets: NDArray[np.uint64]) -> NDArray[np.bool_]:
     """Which of the sets, all different and the largest first, lie in no other one."""

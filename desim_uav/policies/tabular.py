@@ -2,10 +2,7 @@
 
 from __future__ import annotations
 
-import io
-import json
 import math
-import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav import array_file
 from desim_uav.errors import PolicyError
 from desim_uav.model.observations import Feature
 from desim_uav.model.rules import Mode
@@ -24,8 +22,6 @@ from desim_uav.run_folder import world_hash
 from desim_uav.world import World
 
 FORMAT = 1
-LARGEST_FILE = 2**32
-MEMBERS = {"q.npy", "about.npy"}
 ABOUT: dict[str, type] = {
     "features": list,
     "actions": list,
@@ -53,40 +49,20 @@ class QTable:
 
     def to_bytes(self) -> bytes:
         """The file: the same table gives the same bytes."""
-        text = json.dumps(self.about | {"format": FORMAT}, sort_keys=True, allow_nan=False)
-        file = io.BytesIO()
-        np.savez_compressed(file, q=self.q, about=np.frombuffer(text.encode(), np.uint8))
-        return file.getvalue()
+        return array_file.pack(self.about | {"format": FORMAT}, q=self.q)
 
 
 def read_table(path: Path) -> QTable:
     """Read a table. Raises PolicyError, naming the file, where it is none."""
-    try:
-        with zipfile.ZipFile(path) as archive:
-            entries = archive.infolist()
-            if len(entries) != len(MEMBERS) or {entry.filename for entry in entries} != MEMBERS:
-                raise PolicyError(f"{path}: not a policy file: it must hold q and about, no more")
-            if sum(entry.file_size for entry in entries) > LARGEST_FILE:
-                raise PolicyError(f"{path}: larger than {LARGEST_FILE >> 30} GiB unpacked")
-        with np.load(path, allow_pickle=False) as arrays:
-            about = json.loads(arrays["about"].tobytes().decode())
-            q = arrays["q"]
-    except PolicyError:
-        raise
-    except Exception as error:  # zipfile, zlib, NumPy and JSON have many ways to refuse a file
-        reason = str(error).partition("\n")[0] or type(error).__name__
-        raise PolicyError(f"{path}: not a readable policy file: {reason}") from error
-    problem = _misfit(q, about)
+    about, arrays = array_file.unpack(path, "policy file", ["q"], FORMAT)
+    problem = _misfit(arrays["q"], about)
     if problem:
         raise PolicyError(f"{path}: {problem}")
-    return QTable(q, about)
+    return QTable(arrays["q"], about)
 
 
-def _misfit(q: Any, about: Any) -> str:
+def _misfit(q: NDArray[Any], about: dict[str, Any]) -> str:
     """What keeps the content of a file from being a table, or nothing."""
-    if not isinstance(about, dict) or about.get("format") != FORMAT:
-        found = about.get("format") if isinstance(about, dict) else None
-        return f"a policy file of format {found!r}; this version reads {FORMAT}"
     for key, of_type in ABOUT.items():
         if not isinstance(about.get(key), of_type):
             return f"it says no {key}"

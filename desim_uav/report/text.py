@@ -30,6 +30,17 @@ MEASURES = {
 }
 """Headings and formats; a table of them fits a terminal of 80 columns."""
 
+COMPARED = {
+    "qoe1_percent": ("QoE1 %", ".2f"),
+    "qoe1_feasible_percent": ("feasible QoE1 %", ".2f"),
+    "qoe2_iterations": ("QoE2 it.", ".3f"),
+    "qoe3_percent": ("QoE3 %", ".2f"),
+    "qoe3_active_percent": ("active QoE3 %", ".2f"),
+    "crashes_per_drone_episode": ("crashes/drone/ep.", ".4f"),
+    "reward_mean": ("reward", ".3f"),
+}
+"""The measures of a comparison: names and formats. Its tables fit 100 columns."""
+
 
 def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None:
     """The table a run ends with: all requests, and by service."""
@@ -113,7 +124,9 @@ def print_optimum(found: dict[str, Any]) -> None:
 
 def _optima(found: dict[str, Any]) -> Iterator[tuple[str, str, str, str, str, Any]]:
     """Rows of that table, each with its policy, where it has one."""
-    cover, fair = found["cover"], found["fair_cover"]
+    cover, fair, lone = found["cover"], found["fair_cover"], found["one_drone"]
+    at_most = f"{found['instant_at_most_percent']:.1f} %"
+    yield "QoE3, at any instant", "", "", at_most, "", None
     qoe3, at_most = f"{cover['qoe3_percent']:.1f}", f"{cover['at_most_percent']:.1f} %"
     yield "QoE3, hovering", qoe3, "", at_most, _cells(cover), None
     if fair is not None:
@@ -121,13 +134,11 @@ def _optima(found: dict[str, Any]) -> Iterator[tuple[str, str, str, str, str, An
         qoe3 = high if low is None or f"{low:.1f}" == high else f"{low:.1f}-{high}"
         reward, at_most = f"{fair['reward_per_step']:.4f}", f"{fair['at_most_per_step']:.4f}"
         yield "reward, hovering", qoe3, reward, at_most, _cells(fair), None
-    if found["battery"] is not None:
-        over = found["battery"]["over"]
-        for name in ("reward", "QoE3"):
-            best = found["battery"][f"best_{name.lower()}"]
-            qoe3, reward = f"{best['qoe3_percent']:.1f}", f"{best['reward_per_step']:.4f}"
-            at_most = f"{best['high']:.4f}" if name == "reward" else f"{best['high']:.1f} %"
-            yield f"{name}, {over}", qoe3, reward, at_most, "", best["policy"]
+    for name in ("reward", "QoE3") if lone is not None else ():
+        best = lone[f"best_{name.lower()}"]
+        qoe3, reward = f"{best['qoe3_percent']:.1f}", f"{best['reward_per_step']:.4f}"
+        at_most = f"{best['high']:.4f}" if name == "reward" else f"{best['high']:.1f} %"
+        yield f"{name}, {lone['over']}", qoe3, reward, at_most, "", best["policy"]
     if found["discounted"] is not None:
         best = found["discounted"]
         name, value = f"return, γ = {best['gamma']:g}", f"{best['return']:.4f}"
@@ -166,6 +177,51 @@ def print_summary(summary: dict[str, Any]) -> None:
 def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
     """A row for each group of requests."""
     _print(by, rows, None)
+
+
+def print_comparison(found: dict[str, Any]) -> None:
+    """What each policy achieves, and what it differs from the one of reference."""
+    title = (
+        "{scenario}, {episodes} episode(s) after {warmup} of warm-up: mean over seeds, "
+        "{confidence:.0%} t-interval"
+    )
+    _print_estimates(title.format(**found), "seeds", found["policies"])
+    if found["differences"]:
+        title = f"difference from {found['against']}, paired by seed"
+        _print_estimates(title, "pairs", found["differences"])
+    for row in found["differences"]:
+        if not row["seeds"]:
+            print(f"{row['policy']} and {row['against']} have no seed and world in common")
+    shown = found["policies"] + found["differences"]
+    if any(estimate["n"] == 1 for row in shown for estimate in row["measures"].values()):
+        print("no interval from a single seed")
+
+
+def _print_estimates(title: str, counted: str, rows: list[dict[str, Any]]) -> None:
+    """A line for each measure and policy."""
+    table = Table(title=Text(title), box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
+    table.title_justify = "left"
+    table.add_column("measure", no_wrap=True)
+    table.add_column("policy", overflow="fold", max_width=32)
+    for heading in (counted, "mean", "", "", ""):
+        table.add_column(heading, justify="right", no_wrap=True)
+    for name, (label, form) in COMPARED.items():
+        for number, row in enumerate(rows):
+            last = number == len(rows) - 1
+            cells = _estimate_cells(row["measures"][name], form)
+            table.add_row("" if number else label, Text(row["policy"]), *cells, end_section=last)
+    console = Console()
+    Console(width=None if console.is_terminal else PIPED_WIDTH).print(table)
+
+
+def _estimate_cells(found: dict[str, Any], form: str) -> tuple[str, ...]:
+    """The number of replications, mean, half-width, interval, and whether zero is outside."""
+    mean, half_width = _cell(found, "mean", form), _cell(found, "half_width", form)
+    if not half_width:
+        return str(found["n"]), mean, "", "", ""
+    interval = f"[{_cell(found, 'low', form)}, {_cell(found, 'high', form)}]"
+    outside = "≠ 0" if found.get("excludes_zero") else ""
+    return str(found["n"]), mean, f"± {half_width}", interval, outside
 
 
 def _print(by: str, rows: list[dict[str, Any]], title: Text | None) -> None:

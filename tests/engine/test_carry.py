@@ -31,10 +31,13 @@ from tests.engine.helpers import (
     Flight,
     check_log,
     column,
+    count,
+    events,
     merged,
     path_of,
     returning,
     scenarios,
+    seen,
     some_command,
     strip,
 )
@@ -82,24 +85,24 @@ def went_on(engine: Simulation, seed: int, episodes: range) -> Iterator[tuple[An
         yield snapshots, all_of(engine.log), engine.measures(), engine.carried()
 
 
-def tell(carried: Carried | None, seen: Counter[str]) -> None:
+def tell(carried: Carried | None, met: Counter[str]) -> None:
     """Note what was carried."""
-    seen["nothing"] += carried is None
+    met["nothing"] += carried is None
     for drone in carried or ():
-        seen[drone.mode.name] += 1
-        seen["mid-hop"] += drone.hop is not None and 0 < drone.age_us < 100 * US
-        seen["hops to go"] += len(drone.route) > 1
-        seen["waits"] += drone.mode is Mode.QUEUED and drone.place > 0
-        seen["long ago"] += drone.age_us > 90 * US
+        met[drone.mode.name] += 1
+        met["mid-hop"] += drone.hop is not None and 0 < drone.age_us < 100 * US
+        met["hops to go"] += len(drone.route) > 1
+        met["waits"] += drone.mode is Mode.QUEUED and drone.place > 0
+        met["long ago"] += drone.age_us > 90 * US
     queue = [d for d in carried or () if d.mode in (Mode.QUEUED, Mode.CHARGING)]
     for _, together in groupby(sorted(queue, key=itemgetter(1)), key=itemgetter(1)):
         places = [drone.place for drone in together]
         assert sorted(places) == list(range(len(places)))
-        seen["not by index"] += places != sorted(places)
+        met["not by index"] += places != sorted(places)
 
 
 def check_another_goes_on(
-    world: World, seed: int, episodes: int, seen: Counter[str], **how: Any
+    world: World, seed: int, episodes: int, met: Counter[str], **how: Any
 ) -> None:
     """After each episode a fresh engine takes over, and does what the first one itself does."""
     first = engine_on(world, **how)
@@ -107,7 +110,7 @@ def check_another_goes_on(
         commanded(first, first.reset(draw(world, seed, episode)), np.random.default_rng(seed))
         carried = first.carried()
         assert carried == first.carried(), "to ask changes nothing"
-        tell(carried, seen)
+        tell(carried, met)
         second = engine_on(world, **how)
         second.carry(pickle.loads(pickle.dumps(carried)))
         assert second.carried() == carried
@@ -124,22 +127,22 @@ def check_another_goes_on(
 
 @pytest.mark.parametrize("case", ["case4", "case8", "case9"])
 def test_another_engine_goes_on_in_a_case(case: str):
-    seen: Counter[str] = Counter()
+    met: Counter[str] = Counter()
     for seed in range(2):
         world = build_world(load(scenario_path(case)), seed)
-        check_another_goes_on(world, seed, 2, seen)
-    assert seen["nothing"] == 0
-    assert seen["FLYING"] < sum(seen[mode.name] for mode in Mode)
+        check_another_goes_on(world, seed, 2, met)
+    assert met["nothing"] == 0
+    assert met["FLYING"] < sum(met[mode.name] for mode in Mode)
 
 
 @pytest.mark.parametrize("case", ["case4", "case8", "case9"])
 def test_another_engine_goes_on_in_a_crowded_case(case: str):
-    seen: Counter[str] = Counter()
+    met: Counter[str] = Counter()
     for seed in range(6):
         world = build_world(load(scenario_path(case), CROWDED), seed)
-        check_another_goes_on(world, seed, 2, seen, check=audit)
+        check_another_goes_on(world, seed, 2, met, check=audit)
     wanted = {mode.name for mode in Mode} | {"mid-hop", "hops to go", "waits", "not by index"}
-    assert min(seen[what] for what in wanted) > 0, seen
+    assert min(met[what] for what in wanted) > 0, met
 
 
 PLACES = st.lists(st.tuples(st.integers(0, 6), st.integers(0, 6)), min_size=2, max_size=6)
@@ -162,7 +165,7 @@ def crowd(scenario: dict[str, Any], places: list[Any], steps: int) -> dict[str, 
 
 
 def test_another_engine_goes_on_in_random_scenarios():
-    seen: Counter[str] = Counter()
+    met: Counter[str] = Counter()
 
     @settings(
         max_examples=200,
@@ -187,12 +190,12 @@ def test_another_engine_goes_on_in_random_scenarios():
             assume(False)
         rng = np.random.default_rng(seed)
         ceilings = tuple(bool(rng.random() < 0.6) for _ in world.starts)
-        check_another_goes_on(world, seed, 2, seen, ceilings=ceilings)
+        check_another_goes_on(world, seed, 2, met, ceilings=ceilings)
 
     check()
     wanted = {mode.name for mode in Mode} | {"nothing", "long ago"}
     wanted |= {"mid-hop", "hops to go", "waits", "not by index"}
-    assert min(seen[what] for what in wanted) > 0, seen
+    assert min(met[what] for what in wanted) > 0, met
 
 
 # ---- when nothing is carried
@@ -259,29 +262,32 @@ def test_a_crash_that_ends_an_episode_carries_nothing():
     assert flight.engine.carried() is None
 
 
-# ---- two episodes are, to the drones, one of twice the length
+# ---- three episodes are, to the drones, one of three times the length
+
+PARTS = 3
+"""Then the same hop, charge or downtime can be carried twice."""
 
 
-def whole_and_halves(world: World, twice: World, seed: int) -> tuple[SamplePath, list[SamplePath]]:
-    """The sample path of a long episode and those of its halves, as far as drones are concerned.
+def whole_and_parts(world: World, long: World, seed: int) -> tuple[SamplePath, list[SamplePath]]:
+    """The sample path of a long episode and those of its parts, as far as drones are concerned.
 
-    The error at the end of the first half is that at the start of the second; a drone's respawns
-    all draw one station.
+    The error at the end of a part is that at the start of the next; a drone's respawns all draw
+    one station.
     """
     steps, drones = world.scenario.episode.steps, world.scenario.drones.count
     places = np.random.default_rng(seed).integers(len(world.stations), size=(drones, 1))
-    whole = draw(twice, seed, 0)
+    whole = draw(long, seed, 0)
     error = whole.position_error
-    whole = replace(whole, respawn=np.repeat(places, 2 * steps + 1, axis=1))
-    halves = [
+    whole = replace(whole, respawn=np.repeat(places, PARTS * steps + 1, axis=1))
+    parts = [
         replace(
-            draw(world, seed, half),
-            position_error=None if error is None else error[:, half * steps :][:, : steps + 1],
+            draw(world, seed, part),
+            position_error=None if error is None else error[:, part * steps :][:, : steps + 1],
             respawn=np.repeat(places, steps + 1, axis=1),
         )
-        for half in range(2)
+        for part in range(PARTS)
     ]
-    return whole, halves
+    return whole, parts
 
 
 FLOWN = {"depart", "blocked", "arrive", "land", "charge", "charged", "deplete", "crash", "respawn"}
@@ -310,8 +316,8 @@ def known(shown: Snapshot) -> list[Any]:
     ]
 
 
-def test_two_episodes_are_to_drones_one_of_twice_the_length():
-    seen: Counter[str] = Counter()
+def test_three_episodes_are_to_drones_one_of_three_times_the_length():
+    met: Counter[str] = Counter()
 
     @settings(
         max_examples=200,
@@ -322,49 +328,46 @@ def test_two_episodes_are_to_drones_one_of_twice_the_length():
     @given(
         scenario=scenarios(),
         places=PLACES,
-        steps=st.integers(1, 8),
+        steps=st.integers(1, 6),
         seed=st.integers(0, 10**6),
     )
     def check(scenario: dict[str, Any], places: list[Any], steps: int, seed: int) -> None:
         told = crowd(scenario, places, steps)
         try:
             world = build_world(from_mapping(told), seed)
-            twice = build_world(from_mapping(merged(told, {"episode": {"steps": 2 * steps}})), seed)
+            longer = merged(told, {"episode": {"steps": PARTS * steps}})
+            long = build_world(from_mapping(longer), seed)
         except ScenarioError:
             assume(False)
-        whole, halves = whole_and_halves(world, twice, seed)
-        one, rng = engine_on(twice), np.random.default_rng(seed)
+        whole, parts = whole_and_parts(world, long, seed)
+        one, rng = engine_on(long), np.random.default_rng(seed)
         shown = commanded(one, one.reset(whole), rng)
         assume(not shown[-1].terminated)
-        two, rng = engine_on(world), np.random.default_rng(seed)
-        events, records, distance_m, charges, crashed, queueing_us = [], [], 0.0, 0, [], 0
-        for half, path in enumerate(halves):
-            since_us = half * world.horizon_us
-            parts = commanded(two, two.reset(path), rng)
-            for k, part in enumerate(parts):
-                # At the seam the long one has been replaced already where the first half ends.
-                if k < steps or half == 1:
-                    assert known(part) == known(shown[k + half * steps])
-            events += flown(two.log, since_us)
-            records += [of_drone(step, half * steps, since_us) for step in two.log.steps]
-            distance_m += two.log.distance_m
-            charges += two.log.charges
-            crashed += [e for e in two.log.events or () if e[2] == "crash"]
-            queueing_us += two.log.queueing_us
-            if half == 0:
-                tell(two.carried(), seen)
-        assert events == flown(one.log)
+        other, rng = engine_on(world), np.random.default_rng(seed)
+        logs, flights, records = [], [], []
+        for part, path in enumerate(parts):
+            snapshots = commanded(other, other.reset(path), rng)
+            # Where a part ends, crashed drones of the whole have been replaced already.
+            for k, snapshot in enumerate(snapshots[:-1]):
+                assert known(snapshot) == known(shown[k + part * steps])
+            since_us = part * world.horizon_us
+            flights += flown(other.log, since_us)
+            records += [of_drone(step, part * steps, since_us) for step in other.log.steps]
+            logs.append(other.log)
+            tell(other.carried(), met)
+        assert flights == flown(one.log)
         assert records == [of_drone(step, 0, 0) for step in one.log.steps]
+        for name in ("crashes", "charges", "queueing_us"):
+            assert sum(getattr(log, name) for log in logs) == getattr(one.log, name)
+        distance_m = sum(log.distance_m for log in logs)
         assert distance_m == pytest.approx(one.log.distance_m, rel=1e-12, abs=1e-9)
-        assert (charges, len(crashed), queueing_us) == (
-            *(one.log.charges, one.log.crashes),
-            one.log.queueing_us,
-        )
+        met["charged later"] += any(log.charges and not count(log, "land") for log in logs)
+        met["replaced later"] += any(count(log, "respawn") > log.crashes for log in logs)
 
     check()
-    wanted = {mode.name for mode in Mode}
+    wanted = {mode.name for mode in Mode} | {"charged later", "replaced later"}
     wanted |= {"mid-hop", "hops to go", "waits", "not by index", "long ago"}
-    assert min(seen[what] for what in wanted) > 0, seen
+    assert min(met[what] for what in wanted) > 0, met
 
 
 # ---- by hand
@@ -411,3 +414,24 @@ def test_what_a_queue_carries_is_its_order():
         60 * US,
         60 * US,
     ]
+
+
+def test_a_battery_may_run_out_in_a_hop_that_was_carried():
+    # 61.2 s of battery for three hops: it falls 0.781326 s before the end of the second one.
+    world = column({"autonomy_min": 1.02}, steps=1)
+    flight = Flight(world, carry_over=True)
+    before = flight.episode(path_of(world), "goto")
+    after = flight.episode(path_of(world, episode=1))
+    assert seen(after, "arrive", "deplete", "crash") == events("""
+        1200000  6  deplete  0
+        1200000  6  crash    0
+    """)
+    fallen_m = 480 - 2 * 0.781326**2
+    assert after.steps[0].y_m == pytest.approx(1080 + fallen_m)
+    assert before.distance_m + after.distance_m == pytest.approx(fallen_m)
+    (drone,) = flight.engine.carried() or ()
+    assert (drone.mode, drone.node, drone.age_us) == (Mode.CRASHED, (0, 6, 0), 58_800_000)
+    assert drone.fallen_m == (120.0, after.steps[0].y_m)
+    third = flight.episode(path_of(world, episode=2))
+    assert third.steps[0].y_m == after.steps[0].y_m
+    assert third.distance_m == 0

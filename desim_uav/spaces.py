@@ -9,7 +9,7 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from gymnasium.spaces import Box, MultiDiscrete
+from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from numpy.typing import NDArray
 
 from desim_uav.model.grid import altitudes
@@ -22,15 +22,20 @@ Mask = tuple[bool, ...]
 
 
 def features(world: World) -> tuple[Feature, ...]:
-    """The numbers a drone of this scenario is shown, with bounds that hold in all its worlds."""
-    return world.scenario.observation.features(_widest(world))
+    """The numbers a drone of this scenario is shown, with bounds that hold in all its worlds.
+
+    Where the scenario has a ``world_seed``, that is this one.
+    """
+    scenario = world.scenario
+    facts = world.facts if scenario.world_seed is not None else widest(world)
+    return scenario.observation.features(facts)
 
 
-def _widest(world: World) -> Facts:
-    """The facts of a world, with as many levels as any world of its scenario can have."""
+def widest(world: World) -> Facts:
+    """The facts of a world, with as many levels as a drawn map of its scenario can have."""
     scenario, facts = world.scenario, world.facts
     obstacles = scenario.map.obstacles
-    if scenario.world_seed is not None or not isinstance(obstacles, DrawnObstacles):
+    if not isinstance(obstacles, DrawnObstacles):
         return facts
     low_m, high_m = obstacles.height_m
     tallest_m = math.nextafter(high_m, low_m)  # heights are drawn from [low, high)
@@ -48,6 +53,11 @@ def observation_space(shown: Iterable[Feature]) -> MultiDiscrete[Any] | Box:
         start, last = np.array(low, np.int64), np.array(high, np.int64)
         return MultiDiscrete(last - start + 1, start=start)
     return Box(np.array(low, np.float32), np.array(high, np.float32), dtype=np.float32)
+
+
+def action_space(actions: int, drones: int) -> Discrete[Any] | MultiDiscrete[Any]:
+    """One of so many actions for each drone; of a single drone, just it."""
+    return Discrete(actions) if drones == 1 else MultiDiscrete([actions] * drones)
 
 
 def mask_array(mask: Mask) -> NDArray[np.int8]:

@@ -1,0 +1,219 @@
+"""The paper's table made of the rows of ``reproduce``: estimates, claims, CSV and Markdown."""
+
+from __future__ import annotations
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.published import POLICIES, PUBLISHED, best_qoe3
+from desim_uav.experiment.statistics import Estimate, estimate, paired
+
+Row = dict[str, Any]
+
+LEARNED = POLICIES[1:]
+LAST = ("last_qoe1_percent", "last_qoe2_iterations", "last_qoe3_percent")
+LEAST_OF_BEST_COVER = {1: 0.99, 2: 0.97, 3: 0.93}
+MOST_CRASHES = 0.05
+MOST_CRASHES_WITH_NOISE = 0.10
+NOISY_CASE = 9
+
+
+class Line(NamedTuple):
+    """A policy in a case: its estimates over the seeds, and what the paper printed."""
+
+    case: int
+    preset: str
+    policy: str
+    estimates: dict[str, Estimate]
+    published: tuple[float, float, float]
+
+
+class Claim(NamedTuple):
+    """Something said of the results: what, how it came out, and whether it holds.
+
+    A ``gate`` must hold; what the paper claims is reported as it comes out.
+    """
+
+    text: str
+    found: str
+    holds: bool
+    gate: bool = True
+
+
+def lines(rows: Sequence[Row]) -> list[Line]:
+    """A line for each case, preset and policy there are rows of."""
+    groups: dict[tuple[int, str, int], list[Row]] = {}
+    for row in rows:
+        key = row["case"], row["preset"], POLICIES.index(row["policy"])
+        groups.setdefault(key, []).append(row)
+    bounds = (key for key in rows[0] if key.startswith(("cover_", "fair_")))
+    names = [*MEASURES, *LAST, *bounds]
+    return [
+        Line(
+            case,
+            preset,
+            POLICIES[number],
+            {name: estimate(row.get(name) for row in group) for name in names},
+            PUBLISHED[case][POLICIES[number]],
+        )
+        for (case, preset, number), group in sorted(groups.items())
+    ]
+
+
+def claims(rows: Sequence[Row]) -> list[Claim]:
+    """What is to hold of our own training (not of the paper's preset), for the cases there are."""
+    ours = [row for row in rows if row["preset"] == "default"]
+    cases = sorted({row["case"] for row in ours})
+    found = [claim for case in cases for claim in _claims_of(case, ours)]
+    if {8, 9} <= set(cases):
+        found += _claims_of_the_paper(ours)
+    return found
+
+
+def _claims_of(case: int, rows: Sequence[Row]) -> list[Claim]:
+    learned = _values(rows, case, "q_learning")
+    found = []
+    if case in LEAST_OF_BEST_COVER:
+        share = [r["qoe3_percent"] / r["cover_qoe3_percent"] for r in learned]
+        least = LEAST_OF_BEST_COVER[case]
+        reached = estimate(share)
+        text = f"case {case}: Q-learning's QoE3 is at least {least:g} of the best cover"
+        found.append(Claim(text, _shown(reached, 3), _at_least(reached.mean, least)))
+        return found
+    baseline = _values(rows, case, "baseline")
+    qoe1 = "qoe1_feasible_percent" if case >= 8 else "qoe1_percent"
+    for name, label in ((qoe1, "QoE1" if case < 8 else "feasible QoE1"), ("qoe3_percent", "QoE3")):
+        more = paired([r[name] for r in learned], [r[name] for r in baseline])
+        text = f"case {case}: Q-learning beats the baseline on {label}"
+        found.append(Claim(text, f"{_shown(more, 1)} points", (more.low or 0.0) > 0.0))
+    reached = estimate(r["qoe3_percent"] for r in learned)
+    text = f"case {case}: Q-learning reaches the best published QoE3, {best_qoe3(case):g} %"
+    found.append(Claim(text, f"{_shown(reached, 1)} %", _at_least(reached.mean, best_qoe3(case))))
+    crashes = estimate(r["crashes_per_drone_episode"] for r in learned)
+    most = MOST_CRASHES_WITH_NOISE if case == NOISY_CASE else MOST_CRASHES
+    text = f"case {case}: at most {most:g} crashes a drone and episode"
+    found.append(Claim(text, _shown(crashes, 3), crashes.mean is not None and crashes.mean <= most))
+    return found
+
+
+def _claims_of_the_paper(rows: Sequence[Row]) -> list[Claim]:
+    """Crashes rise with the position error; the baseline is the worst in QoE and the safest."""
+    found = []
+    for policy in LEARNED:
+        more = paired(
+            [r["crashes_per_drone_episode"] for r in _values(rows, 9, policy)],
+            [r["crashes_per_drone_episode"] for r in _values(rows, 8, policy)],
+        )
+        text = f"the paper: crashes rise with the position error (case 9 against 8, {policy})"
+        found.append(Claim(text, _shown(more, 3), (more.low or 0.0) > 0.0, gate=False))
+    baseline = [r for r in rows if r["policy"] == "baseline"]
+    for name, label in (
+        ("qoe3_percent", "the baseline's QoE3 is the worst"),
+        ("crashes_per_drone_episode", "the baseline is the safest"),
+    ):
+        for policy in LEARNED:
+            others = {(r["case"], r["seed"]): r[name] for r in rows if r["policy"] == policy}
+            more = paired(
+                [others[r["case"], r["seed"]] for r in baseline], [r[name] for r in baseline]
+            )
+            text = f"the paper: {label} (over all cases, against {policy})"
+            found.append(Claim(text, _shown(more, 3), (more.low or 0.0) > 0.0, gate=False))
+    return found
+
+
+def _values(rows: Sequence[Row], case: int, policy: str) -> list[Row]:
+    """The rows of a policy in a case, by seed."""
+    of_policy = [row for row in rows if row["case"] == case and row["policy"] == policy]
+    return sorted(of_policy, key=lambda row: int(row["seed"]))
+
+
+def _at_least(value: float | None, least: float) -> bool:
+    return value is not None and value >= least
+
+
+def _shown(found: Estimate, digits: int) -> str:
+    if found.mean is None:
+        return "-"
+    half = "" if found.half_width is None else f" ± {found.half_width:.{digits}f}"
+    return f"{found.mean:.{digits}f}{half}"
+
+
+def rows_csv(rows: Sequence[Row]) -> str:
+    """A row a job, by preset, case, policy and seed."""
+    ordered = sorted(
+        rows, key=lambda r: (r["preset"], r["case"], POLICIES.index(r["policy"]), r["seed"])
+    )
+    columns = list(dict.fromkeys(name for row in ordered for name in row))
+    return _csv(columns, [[row.get(name) for name in columns] for row in ordered])
+
+
+def table_csv(table: Sequence[Line]) -> str:
+    """A line for each case, preset and policy: means, half-widths, and what was published."""
+    measures = list(table[0].estimates)
+    columns = ["case", "preset", "policy", "seeds"]
+    columns += [f"{name}{part}" for name in measures for part in ("", "_half_width")]
+    columns += ["published_qoe1_percent", "published_qoe2_iterations", "published_qoe3_percent"]
+    return _csv(columns, [_cells(line, measures) for line in table])
+
+
+def _cells(line: Line, measures: Sequence[str]) -> list[Any]:
+    estimates = [line.estimates[name] for name in measures]
+    found = [value for one in estimates for value in (one.mean, one.half_width)]
+    seeds = line.estimates["qoe3_percent"].n
+    return [line.case, line.preset, line.policy, seeds, *found, *line.published]
+
+
+def _csv(columns: Sequence[str], rows: Sequence[Sequence[Any]]) -> str:
+    text = io.StringIO()
+    writer = csv.writer(text, lineterminator="\n")
+    writer.writerow(columns)
+    writer.writerows(rows)
+    return text.getvalue()
+
+
+HEADINGS = (
+    *("case", "policy", "QoE1 %", "feasible QoE1 %", "QoE2 it.", "QoE3 %", "best cover %"),
+    *("crashes", "last episode: QoE1, 2, 3", "published: QoE1, 2, 3"),
+)
+
+
+def cells(line: Line) -> list[str]:
+    """A line as text, under ``HEADINGS``."""
+    found = line.estimates
+    cover = found.get("cover_qoe3_percent", Estimate(0, None, None))
+    last = [mean for mean in (found[name].mean for name in LAST) if mean is not None]
+    return [
+        str(line.case),
+        line.policy.replace("_", "-") + (" (paper)" if line.preset == "paper" else ""),
+        _shown(found["qoe1_percent"], 1),
+        _shown(found["qoe1_feasible_percent"], 1),
+        _shown(found["qoe2_iterations"], 2),
+        _shown(found["qoe3_percent"], 1),
+        "" if cover.mean is None else f"{cover.mean:.1f}",
+        _shown(found["crashes_per_drone_episode"], 3),
+        "{:.0f}, {:.1f}, {:.0f}".format(*last) if len(last) == len(LAST) else "",
+        "{:g}, {:g}, {:g}".format(*line.published),
+    ]
+
+
+def markdown(table: Sequence[Line], found: Sequence[Claim], command: str) -> str:
+    """The table and the claims, with the command that made them."""
+    seeds = max(line.estimates["qoe3_percent"].n for line in table)
+    parts = [
+        f"`{command}`",
+        "",
+        f"Means over {seeds} seeds, each with a world of its own, ± the half-width of the 95 % "
+        "t-interval; greedy, 20 episodes after 2 of warm-up. *Last episode* is that of the "
+        "training, which is what the paper's table printed. Crashes are per drone and episode.",
+        "",
+        "| " + " | ".join(HEADINGS) + " |",
+        "| " + " | ".join("---" for _ in HEADINGS) + " |",
+    ]
+    parts += ["| " + " | ".join(cells(line)) + " |" for line in table]
+    if found:
+        parts += ["", "| claim | found | holds |", "| --- | --- | --- |"]
+        parts += [f"| {c.text} | {c.found} | {'yes' if c.holds else '**no**'} |" for c in found]
+    return "\n".join(parts) + "\n"

@@ -1,0 +1,36 @@
+"""The paper's table in the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+PIPED_WIDTH = 200
+
+
+def print_paper_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A row a case and policy; a rule between cases."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
+    for number, heading in enumerate(headings):
+        table.add_column(heading, justify="left" if number == 1 else "right")
+    for row, after in zip(rows, [*rows[1:], None], strict=True):
+        table.add_row(*row, end_section=after is None or after[0] != row[0])
+    console = Console()
+    Console(width=None if console.is_terminal else PIPED_WIDTH).print(table)
+
+
+def print_claims(claims: Sequence[tuple[str, str, bool]]) -> None:
+    """What is claimed of it, how it came out, and whether it holds."""
+    if not claims:
+        return
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
+    for heading in ("claim", "found", "holds"):
+        table.add_column(heading)
+    for text, found, holds in claims:
+        table.add_row(Text(text), Text(found), "yes" if holds else "NO")
+    console = Console()
+    Console(width=None if console.is_terminal else PIPED_WIDTH).print(table)

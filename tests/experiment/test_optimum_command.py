@@ -1,0 +1,145 @@
+"""``desim-uav optimum``: what it prints, and what it refuses."""
+
+import json
+import sys
+
+import pytest
+
+from desim_uav import cli
+
+LONE = ("case4", "-S", "drones.count=1")
+
+
+@pytest.fixture
+def told(monkeypatch, capsys):
+    """Run a command line: (exit code, what it printed, what it complained of)."""
+
+    def tell(*arguments):
+        monkeypatch.setattr(sys, "argv", ["desim-uav", "optimum", *map(str, arguments)])
+        with pytest.raises(SystemExit) as ended:
+            cli.main()
+        return ended.value.code, *capsys.readouterr()
+
+    return tell
+
+
+@pytest.fixture
+def found(told):
+    """The JSON object of a command that went well."""
+
+    def find(*arguments):
+        code, out, err = told(*arguments, "--json")
+        assert (code, err) == (0, "")
+        return json.loads(out, parse_constant=lambda _: pytest.fail("no JSON"))
+
+    return find
+
+
+KEYS = [
+    *("scenario", "seed", "world_seed", "drones", "users", "cover", "instant_at_most_percent"),
+    *("fair_cover", "one_drone", "discounted"),
+]
+
+
+def test_case_1(found):
+    best = found("case1", "--seed", 0)
+    assert list(best) == KEYS
+    assert (best["scenario"], best["drones"], best["users"]) == ("case1", 1, 14)
+    assert best["cover"] == {
+        "cells": [[6, 5]],
+        "users": 14,
+        "qoe3_percent": 100.0,
+        "at_most_percent": 100.0,
+        "exact": True,
+    }
+    assert best["fair_cover"]["reward_per_step"] == 1.0
+    assert best["one_drone"]["best_reward"]["reward_per_step"] == 1.0
+    assert best["discounted"]["gamma"] == 0.95
+    steps = best["discounted"]["policy"]["steps"]
+    paid = sum(0.95**k * step["reward"] for k, step in enumerate(steps))
+    paid += 0.95 ** len(steps) / (1 - 0.95) * steps[-1]["reward"]
+    assert best["discounted"]["return"] == pytest.approx(paid, abs=1e-9)
+
+
+def test_several_drones(found):
+    best = found("case3")
+    assert best["one_drone"] is None and best["discounted"] is None
+    assert best["cover"]["exact"] and best["fair_cover"]["exact"]
+    assert len(best["cover"]["cells"]) == 2
+    assert best["fair_cover"]["reward_sum"] == 2 * best["fair_cover"]["reward_per_step"]
+
+
+def test_a_battery(found):
+    best = found(*LONE)["one_drone"]
+    assert best["over"] == "long run"
+    earning, covering = best["best_reward"], best["best_qoe3"]
+    assert earning["low"] <= earning["reward_per_step"] <= earning["high"]
+    assert earning["high"] - earning["low"] < 1e-9
+    assert covering["reward_per_step"] <= earning["reward_per_step"]
+    assert earning["qoe3_percent"] <= covering["qoe3_percent"]
+    policy = earning["policy"]
+    cycle = policy["steps"][policy["again_from"] :]
+    mean = sum(step["reward"] for step in cycle) / len(cycle)
+    assert mean == pytest.approx(earning["reward_per_step"], abs=1e-12)
+    assert list(cycle[0]) == [
+        *("action", "cell", "level", "mode", "battery_s", "attached_users", "reward")
+    ]
+
+
+def test_an_episode(found):
+    best = found(*LONE, "-S", "episode.carry_over=false")["one_drone"]
+    assert best["over"] == "episode"
+    steps = best["best_reward"]["policy"]["steps"]
+    assert len(steps) == 30
+    total = sum(step["reward"] for step in steps)
+    assert best["best_reward"]["reward_per_step"] == pytest.approx(total / 30, abs=1e-12)
+
+
+def test_seeds(found):
+    by_seed, by_world = found("case2", "--seed", 3), found("case2", "--world-seed", 3)
+    assert (by_seed["seed"], by_world["seed"]) == (3, 0)
+    assert by_seed["world_seed"] == by_world["world_seed"] == 3
+    assert by_seed["cover"] == by_world["cover"]
+
+
+@pytest.mark.parametrize("scenario", [("case1",), ("case3",), LONE, ("tiny",)])
+def test_a_table(told, scenario):
+    code, out, err = told(*scenario)
+    assert (code, err) == (0, "")
+    assert scenario[0] in out and "hovering" in out and "at any instant" in out
+    assert ("for ever" in out) == (scenario[0] != "case3")
+
+
+def test_a_bound_where_nothing_is_proven(told):
+    many = ("-S", "drones.count=12", "-S", "drones.footprint_radius_m=250")
+    crowd = ("-S", "users.count=400", "-S", "users.clusters.count=30", "-S", "map.cells=[30,30]")
+    code, out, _ = told("case3", *many, *crowd)
+    assert code == 0 and "reward, hovering" not in out
+
+
+@pytest.mark.parametrize(
+    ("arguments", "key"),
+    [
+        (("case8",), "drones.count"),
+        (("case4",), "drones.count"),
+        (("case8", "-S", "drones.count=1"), "demand.kind"),
+        ((*LONE, "-S", "users.mobility.kind=random_walk"), "users.mobility"),
+        ((*LONE, "-S", "reward.kind=multi_service", "-S", "demand.kind=static"), "demand.kind"),
+        ((*LONE, "-S", "position_noise.sigma_cells=1"), "position_noise"),
+        (
+            (*LONE, "-S", "episode.carry_over=false", "-S", "drones.battery.on_crash=end_episode"),
+            "drones.battery.on_crash",
+        ),
+        ((*LONE, "-S", "episode.carry_over=false", "-S", "episode.steps=900000"), "episode.steps"),
+        (("case3", "-S", "users.mobility.kind=random_walk"), "users.mobility"),
+    ],
+)
+def test_what_is_not_known(told, arguments, key):
+    code, out, err = told(*arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"desim-uav: {key}: ") and err.count("\n") == 1
+
+
+def test_a_scenario_that_is_wrong(told):
+    code, out, err = told("case1", "-S", "drones.count=0")
+    assert (code, out) == (3, "") and "drones.count" in err

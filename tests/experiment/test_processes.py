@@ -1,0 +1,122 @@
+"""Tasks in processes: every result once, errors as they are, and no process left behind."""
+
+import math
+import operator
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from desim_uav.errors import SimulationError
+from desim_uav.experiment.processes import run_each
+
+ROOT = Path(__file__).parents[2]
+AWKWARD = '''
+class Awkward(Exception):
+    """Cannot be sent: it needs two words, and is sent with one."""
+
+    def __init__(self, one, other):
+        super().__init__(f"{one} and {other}")
+
+
+def fail(number):
+    raise Awkward(number, "more")
+'''
+
+
+@pytest.mark.parametrize("jobs", [1, 2, 9])
+def test_every_result_once(jobs):
+    ended = []
+    tasks = [(base, 2) for base in range(5)]
+    run_each(operator.pow, tasks, jobs, lambda *result: ended.append(result))
+    assert sorted(ended) == [(0, 0), (1, 1), (2, 4), (3, 9), (4, 16)]
+
+
+@pytest.mark.parametrize("tasks", [[], [(4,)]])
+def test_few_tasks_need_no_process(tasks):
+    here = []
+    run_each(lambda _: os.getpid(), tasks, 3, lambda _, pid: here.append(pid))
+    assert here == [os.getpid()] * len(tasks)
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_an_error_comes_as_it_is(jobs):
+    with pytest.raises(ValueError, match=r"math domain error|nonnegative"):
+        run_each(math.sqrt, [(4.0,), (-1.0,), (9.0,)], jobs, lambda *_: None)
+
+
+def test_an_error_that_cannot_be_sent_says_what_it_says(tmp_path, monkeypatch):
+    (tmp_path / "awkward.py").write_text(AWKWARD, encoding="utf-8")
+    monkeypatch.syspath_prepend(tmp_path)
+    import awkward
+
+    with pytest.raises(SimulationError, match="Awkward: 1 and more"):
+        run_each(awkward.fail, [(1,), (1,)], 2, lambda *_: None)
+
+
+def test_a_process_that_dies():
+    with pytest.raises(SimulationError, match="a process has died"):
+        run_each(os._exit, [(0,), (0,), (0,)], 2, lambda *_: None)
+
+
+def test_whoever_gets_the_results_may_stop():
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    begun = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        run_each(time.sleep, [(0,), (600,)], 2, stop)
+    assert time.monotonic() - begun < 60
+
+
+def test_signals_are_heard_again():
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [])
+    run_each(abs, [(1,), (2,)], 2, lambda *_: None)
+    assert signal.pthread_sigmask(signal.SIG_BLOCK, []) == before
+
+
+def test_nobody_outlives_a_parent_that_is_killed(tmp_path):
+    """The second task goes on for long; it writes its process down first."""
+    (tmp_path / "long.py").write_text(
+        "import os, pathlib, time\n"
+        "def wait(name):\n"
+        "    pathlib.Path(name).write_text(str(os.getpid()))\n"
+        "    time.sleep(600)\n"
+    )
+    code = (
+        "import long\n"
+        "from desim_uav.experiment.processes import run_each\n"
+        "run_each(long.wait, [('a',), ('b',)], 2, print)\n"
+    )
+    environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(ROOT), str(tmp_path)])}
+    program = [sys.executable, "-c", code]
+    process = subprocess.Popen(program, cwd=tmp_path, env=environment)
+    pids = [pid_in(tmp_path / name) for name in ("a", "b")]
+    process.kill()
+    process.wait()
+    for pid in pids:
+        until(lambda pid=pid: not is_alive(pid))
+
+
+def pid_in(file):
+    until(lambda: file.exists() and file.read_text())
+    return int(file.read_text())
+
+
+def is_alive(pid):
+    """Does it run? Where nobody fetches it, the dead stay listed."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except OSError:
+        return False
+
+
+def until(condition):
+    begun = time.monotonic()
+    while not condition():
+        assert time.monotonic() < begun + 60
+        time.sleep(0.05)
