@@ -1,4 +1,4 @@
-"""Finds the scenarios that come with the package: in the wheel, or beside it in a checkout."""
+"""Finds what comes with the package, scenarios and learned tables: in the wheel or a checkout."""
 
 from __future__ import annotations
 
@@ -41,8 +41,16 @@ def find_scenario(argument: str) -> Path:
     return scenario_path(argument)
 
 
+def find_table(argument: str) -> Path:
+    """The learned table an argument means: a file, or the name of a shipped one (``case8.npz``)."""
+    path = Path(argument)
+    shipped = _folder("policies") / argument
+    return shipped if path.name == argument and not path.exists() and shipped.exists() else path
+
+
 def _folder(name: str) -> Path:
-    inside = _PACKAGE / name
+    """Beside the package, or in it: where its own subpackage has the name, under ``shipped_``."""
+    inside = _PACKAGE / f"shipped_{name}"
     return inside if inside.is_dir() else _PACKAGE.parent / name
 
 

@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 Brought = tuple[Array, list[Forced]]
 """What actions bring, and which of them bring it over several steps."""
 
-LARGEST = 10**8
+LARGEST = 2 * 10**7
 """States by steps of an episode that are looked at, at most."""
 
 

@@ -68,8 +68,9 @@ class Job:
         """The scenario it trains and is evaluated in."""
         settings = [f"seed={self.seed}"]
         settings += [] if self.preset is None else [f"preset={self.preset}"]
-        settings += [] if self.policy == "baseline" else [f"learning.algorithm={self.policy}"]
-        settings += [] if self.episodes is None else [f"learning.episodes={self.episodes}"]
+        if self.policy != "baseline":
+            settings += [f"learning.algorithm={self.policy}"]
+            settings += [] if self.episodes is None else [f"learning.episodes={self.episodes}"]
         return load(scenario_path(f"case{self.case}"), settings)
 
     def identity(self) -> str:

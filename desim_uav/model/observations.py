@@ -23,7 +23,7 @@ class Feature(NamedTuple):
 
 
 class Encoding(Protocol):
-    """Turns what a drone knows into the numbers a learner sees."""
+    """Turns what a drone knows into the numbers a learner sees; learners fly under the ceiling."""
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """What the numbers are, in their order."""

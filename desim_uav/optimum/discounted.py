@@ -27,8 +27,11 @@ Array = NDArray[np.float64]
 Commands = NDArray[np.int64]
 T = TypeVar("T", np.float64, np.int64)
 
-TOLERANCE = 1e-12
-"""A value that is larger by less than this, beside the largest reward's, is no larger."""
+ROUNDING = 16.0 * float(np.finfo(float).eps)
+"""A value that is larger by less than this, beside the largest there could be, is no larger."""
+
+ROUNDS = 10_000
+"""Improvements of a policy, at most; it takes about as many as the way across the map has steps."""
 
 
 def optimal_return(world: World, gamma: float) -> tuple[Array, Commands]:
@@ -42,15 +45,14 @@ def optimal_return(world: World, gamma: float) -> tuple[Array, Commands]:
         raise ValueError(f"gamma must be in [0, 1), not {gamma:g}")
     process = _Places(world)
     policy = np.zeros(len(process.nodes), np.int64)
-    while True:
+    tolerance = ROUNDING * process.scale(gamma)
+    for _ in range(ROUNDS):
         values = process.values(policy, gamma)
         ahead = process.reward[process.leads] + gamma * values[process.leads]
-        tolerance = TOLERANCE * process.scale(gamma)
         stays = ahead[process.rows, policy] >= ahead.max(axis=1) - tolerance
-        better = np.where(stays, policy, ahead.argmax(axis=1))
-        if (better == policy).all():
+        if stays.all():
             break
-        policy = better
+        policy = np.where(stays, policy, ahead.argmax(axis=1))
     good = ahead >= ahead.max(axis=1)[:, None] - tolerance
     hover = world.actions.index(Action.HOVER)
     commands = np.where(good[:, hover], hover, good.argmax(axis=1))

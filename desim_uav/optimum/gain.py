@@ -25,8 +25,8 @@ from desim_uav.optimum.graph import Graph
 
 Array = NDArray[np.float64]
 
-ROUNDS = 1000
-"""Improvements of a policy, at most; it takes less than ten."""
+ROUNDS, AHEAD = 1000, 300
+"""Improvements of a policy, at most (it takes less than ten), and sweeps to find the first one."""
 
 TOLERANCE = 1e-10
 """A gain or a worth that is larger by less than this, beside the largest reward, is no larger."""
@@ -52,16 +52,20 @@ def best_policy(graph: Graph, brings: Array) -> Best:
     ``brings`` (states, actions) is the graph's reward, or another quantity. Raises SimulationError
     where the bounds do not close, which rounding alone could cause.
     """
-    nothing = np.zeros(len(graph.renewals))
-    choice, _ = _sweep(graph, brings, nothing, nothing, None)
+    tolerance = TOLERANCE * max(1.0, float(np.abs(brings).max()))
+    gains = worths = np.zeros(len(graph.renewals))
+    choice = graph.target.argmin(axis=1)
+    for _ in range(min(AHEAD, len(graph.renewals))):  # not yet by the step: somewhere to begin
+        choice, worth = _sweep(graph, brings, gains, worths, choice, tolerance)
+        worths = worth[graph.renewals] - worth[graph.renewals[0]]
     for _ in range(ROUNDS):
         gains, worths = _worth(graph, brings, choice)
-        better, _ = _sweep(graph, brings, gains, worths, choice)
+        better, _ = _sweep(graph, brings, gains, worths, choice, tolerance)
         if (better == choice).all():
             break
         choice = better
     gain = float(gains[0])
-    low, high = _bounds(graph, brings, gains, worths)
+    low, high = _bounds(graph, brings, choice, gains, worths)
     if not high - low <= 1e-9 * max(1.0, abs(gain)):
         raise SimulationError(f"the best policy is not proven: a gain of {low:.9g} to {high:.9g}")
     return Best(choice, gain, low, high)
@@ -89,13 +93,18 @@ def renewal_after(graph: Graph, choice: NDArray[np.int64], state: int) -> int | 
 
 
 def _sweep(
-    graph: Graph, brings: Array, gains: Array, worths: Array, before: NDArray[np.int64] | None
+    graph: Graph,
+    brings: Array,
+    gains: Array,
+    worths: Array,
+    before: NDArray[np.int64],
+    tolerance: float,
 ) -> tuple[NDArray[np.int64], Array]:
     """The best choice in each state, and its worth, given those of the renewals.
 
-    A choice of ``before`` that is as good stays.
+    A choice of ``before`` stays that is worse by no more than the tolerance.
     """
-    count, tolerance = len(graph.states), TOLERANCE * max(1.0, float(np.abs(brings).max()))
+    count = len(graph.states)
     gain, worth = (
         np.array([*np.zeros(count), *known, graph.lottery @ known, -np.inf])
         for known in (gains, worths)
@@ -107,10 +116,8 @@ def _sweep(
         gain[first:end] = most = to_gain.max(axis=1)
         value = brings[first:end] - most[:, None] * graph.steps[first:end] + worth[target]
         value[to_gain < most[:, None] - tolerance] = -np.inf
-        best = value.argmax(axis=1)
-        if before is not None:
-            old = before[first:end]
-            best = np.where(value[rows, old] >= value[rows, best] - tolerance, old, best)
+        best, old = value.argmax(axis=1), before[first:end]
+        best = np.where(value[rows, old] >= value[rows, best] - tolerance, old, best)
         choice[first:end] = best
         worth[first:end] = value[rows, best]
     return choice, worth
@@ -167,18 +174,23 @@ def _by_class(class_of: NDArray[np.int32], chosen: NDArray[np.bool_]) -> list[ND
     return np.split(states, np.flatnonzero(np.diff(class_of[states])) + 1)
 
 
-def _bounds(graph: Graph, brings: Array, gains: Array, bias: Array) -> tuple[float, float]:
+def _bounds(
+    graph: Graph, brings: Array, choice: NDArray[np.int64], gains: Array, bias: Array
+) -> tuple[float, float]:
     """Bounds on the largest gain from the start, rounding included; see the module.
 
-    A renewal with a lower gain than the start's leads nowhere better: its worth may be set so low
-    that no policy gains by going there.
+    What a policy's own sweep falls short of its worths by is, likewise, what its gain may fall
+    short by. A renewal with a lower gain than the start's leads nowhere better: its worth may be
+    set so low that no policy gains by going there.
     """
     gain = np.full(len(gains), gains[0])
-    _, worth = _sweep(graph, brings, gain, bias, None)
+    _, worth = _sweep(graph, brings, gain, bias, choice, np.inf)
     largest = float(np.abs(worth[: len(graph.states)]).max())
-    lower = np.where(gains < gains[0] - TOLERANCE, 4.0 * largest + 1.0, 0.0)
-    _, worth = _sweep(graph, brings, gain, bias - lower, None)
-    excess = (worth[graph.renewals] - (bias - lower)).max()
-    sums = len(graph.layers) + len(gains)
-    rounding = 4.0 * sums * np.finfo(float).eps * (largest + lower.max() + abs(gains[0]))
-    return float(gains[0] - rounding), float(gains[0] + max(0.0, excess) + rounding)
+    same = gains >= gains[0] - TOLERANCE
+    worths = np.where(same, bias, bias - 4.0 * largest - 1.0)
+    _, best = _sweep(graph, brings, gain, worths, choice, 0.0)
+    excess = max(0.0, float((best[graph.renewals] - worths).max()))
+    lack = min(0.0, float((worth[graph.renewals] - bias)[same].min()))
+    sums = len(graph.layers) + np.count_nonzero(graph.lottery) + 2
+    rounding = sums * float(np.finfo(float).eps) * (8.0 * largest + 1.0 + abs(gains[0]))
+    return float(gains[0] + lack - rounding), float(gains[0] + excess + rounding)

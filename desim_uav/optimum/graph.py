@@ -23,8 +23,8 @@ from desim_uav.model.rules import Action
 from desim_uav.optimum.footprints import flown_to
 from desim_uav.optimum.process import DroneProcess, Flight, Outcome, State
 
-LARGEST = 10**6
-"""States that are told apart, at most."""
+LARGEST, LARGEST_UNLIMITED = 10**6, 10**5
+"""States that are told apart, at most: with a battery, without."""
 
 LOTTERY, NOWHERE, RENEWAL = -1, -2, -3
 
@@ -69,8 +69,13 @@ def explore(process: DroneProcess, largest: int = LARGEST) -> Graph:
 
 
 def unlimited(process: DroneProcess) -> Graph:
-    """All states of a drone without a battery, each of them a renewal: a sweep is one step."""
+    """All states of a drone without a battery, each of them a renewal: a sweep is one step.
+
+    Raises UsageError where there are too many.
+    """
     states: list[State] = [(node, 0) for node in flown_to(process.world)]
+    if len(states) > LARGEST_UNLIMITED:
+        raise UsageError(_too_many(LARGEST_UNLIMITED))
     begin = states.index(process.start)
     states.insert(0, states.pop(begin))
     number = {state: k for k, state in enumerate(states)}
@@ -92,6 +97,13 @@ def unlimited(process: DroneProcess) -> Graph:
     layers = [(0, len(states))]
     return Graph(
         states, actions, target, np.ones(shape), reward, attached_us, renewals, lottery, layers, []
+    )
+
+
+def _too_many(largest: int) -> str:
+    return (
+        f"map.cells: more than {largest} states (cell, level, battery); "
+        f"the best policy is known exactly only where there are fewer"
     )
 
 
@@ -133,10 +145,7 @@ class _Explorer:
         """The number of a state, of a new one too; ``gained`` is what arriving there brings."""
         if state not in self.number:
             if len(self.number) == self.largest:
-                raise UsageError(
-                    f"map.cells: more than {self.largest} states (cell, level, battery); "
-                    f"the best policy is known exactly only where there are fewer"
-                )
+                raise UsageError(_too_many(self.largest))
             self.number[state] = len(self.gained)
             self.gained.append(self.process.arrival(state).reward if gained is None else gained)
         return self.number[state]

@@ -137,10 +137,10 @@ class StableBaselines:
 
 def _logits(network: Any, batch: Any) -> Any:
     """Of PPO, A2C and MaskablePPO: before the mask."""
-    shown = network.get_distribution(batch)
-    parts = getattr(shown, "distributions", shown.distribution)  # of one drone, or of several
-    torch = importlib.import_module("torch")
-    return torch.cat([p.logits for p in (parts if isinstance(parts, list) else [parts])], dim=1)
+    features = network.extract_features(batch)
+    if not network.share_features_extractor:
+        features, _ = features  # the value function's are its own
+    return network.action_net(network.mlp_extractor.forward_actor(features))
 
 
 def _q_values(network: Any, batch: Any) -> Any:
@@ -264,7 +264,7 @@ def _settings(shown: dict[str, Any]) -> dict[str, Any]:
     Raises ValueError for one that cannot, or is not known to do no harm.
     """
     pickled = {":type:", ":serialized:"}
-    return {key: _setting(key, shown[key]) for key in shown.keys() - pickled - IN_TRAINING}
+    return {key: _setting(key, shown[key]) for key in sorted(shown.keys() - pickled - IN_TRAINING)}
 
 
 def _setting(key: str, shown: Any) -> Any:

@@ -19,6 +19,7 @@ from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.registry import register
 from desim_uav.run_folder import world_hash
+from desim_uav.shipped import find_table
 from desim_uav.world import World
 
 FORMAT = 1
@@ -90,7 +91,7 @@ class Greedy:
         if not file:
             raise ValueError("a table needs its file: table:policy.npz, or just policy.npz")
         self.file = file
-        self.table = read_table(Path(file))
+        self.table = read_table(find_table(file))
         self.world_seed: int = self.table.about["world_seed"]
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:

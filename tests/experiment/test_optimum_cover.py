@@ -253,11 +253,11 @@ def test_too_large_a_map(monkeypatch):
 def test_too_many_drones_to_share():
     world = build_world(
         from_mapping(
-            dict(
-                drones={"count": 9, "battery": None},
-                stations={"count": 0},
-                users={"count": 4, "mobility": {"kind": "static"}},
-            )
+            {
+                "drones": {"count": 9, "battery": None},
+                "stations": {"count": 0},
+                "users": {"count": 4, "mobility": {"kind": "static"}},
+            }
         ),
         0,
     )

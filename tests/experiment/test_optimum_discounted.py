@@ -82,7 +82,7 @@ def test_the_equations_of_bellman(gamma, scenario, seed):
     except ScenarioError:
         return
     values, commands = optimal_return(world, gamma)
-    scale = 1e-9 / (1 - gamma)
+    scale = 1e-8 / (1 - gamma)
     known = ~np.isnan(values)
     assert (commands >= 0).tolist() == known.tolist()
     greedy = policy_return(world, gamma, commands)

@@ -3,11 +3,9 @@
 import math
 from dataclasses import dataclass
 from itertools import product
-from typing import Annotated
 
 import numpy as np
 import pytest
-from annotated_types import Gt
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -24,7 +22,7 @@ from desim_uav.optimum.process import DroneProcess
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
-from tests.engine.helpers import US, strip
+from tests.engine.helpers import strip
 from tests.experiment.test_optimum_process import lone_drones
 
 BY_R1 = {"reward": {"kind": "coverage"}}

@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from heapq import heappush
+from collections.abc import Callable, Generator
+from heapq import heappop, heappush
+from operator import attrgetter
 from typing import Any
 
 import simpy
+
+Life = Generator[simpy.Event, Any, None]
+"""What a SimPy process runs."""
 
 _PHASE, _DRONE = 1 << 48, 1 << 24
 
@@ -16,34 +20,46 @@ class Agenda(simpy.Environment):
 
     SimPy orders events of one instant by priority: ours is the key (phase, drone, user), which is
     above SimPy's own priorities, so a resource hands on its place before the next event of ours.
+    Most of what happens has nobody who waits for it: beside SimPy's events the queue holds bare
+    calls, (function, argument). ``paused`` ends a run.
     """
 
     _now: int
     _queue: list[Any]
 
-    @property
-    def now(self) -> int:
-        """The time, in microseconds since the simulation was built."""
-        return self._now
+    now = property(attrgetter("_now"), doc="Microseconds since the simulation was built.")
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.paused = False
+        self._lives: list[tuple[simpy.Process, Life]] = []
+
+    # ---- what is to come
+
+    def process(self, life: Life) -> simpy.Process:  # type: ignore[override]
+        """Start a process."""
+        process = simpy.Process(self, life)
+        self._lives.append((process, life))
+        return process
 
     def at(self, t_us: int, phase: int, drone: int = -1, user: int = -1) -> Due:
         """An event for a process to wait for."""
-        due = Due([], None)
+        due = Due()
         self.add(due, t_us, phase, drone, user)
         return due
 
     def call(
         self,
-        callback: Callable[[Due], None],
-        args: Any,
+        function: Callable[[Any], None],
+        argument: Any,
         t_us: int,
         phase: int,
         drone: int = -1,
         user: int = -1,
     ) -> None:
-        """Call ``callback`` at an instant with an event that carries ``args``."""
+        """Call ``function`` with its one argument at an instant."""
         key = phase * _PHASE + (drone + 1) * _DRONE + user + 1
-        heappush(self._queue, (t_us, key, next(self._eid), Due([callback], args)))
+        heappush(self._queue, (t_us, key, next(self._eid), (function, argument)))
 
     def add(self, event: simpy.Event, t_us: int, phase: int, drone: int, user: int) -> None:
         """Let a triggered event happen (SimPy's schedule, without its detour over a delay)."""
@@ -55,6 +71,41 @@ class Agenda(simpy.Environment):
         queue = self._queue
         return not queue or queue[0][0] > self._now or queue[0][1] > phase * _PHASE
 
+    # ---- letting it happen
+
+    def step(self) -> None:
+        """Let the next thing happen; a SimPy event by SimPy's own step."""
+        queue = self._queue
+        if queue and type(queue[0][3]) is tuple:
+            self._now, _, _, (function, argument) = heappop(queue)
+            function(argument)
+        else:
+            super().step()
+
+    def run_on(self) -> None:
+        """Step after step until somebody sets ``paused``; the loop of ``step``, written out."""
+        queue, simpy_step = self._queue, super().step
+        self.paused = False
+        while not self.paused:
+            if type(queue[0][3]) is tuple:
+                self._now, _, _, (function, argument) = heappop(queue)
+                function(argument)
+            else:
+                simpy_step()
+
+    def abandon(self) -> None:
+        """End all lives and forget what is to come.
+
+        A process that waits for an event and the event that will wake it hold each other: left to
+        themselves, hundreds of them an episode wait for Python's collector of cyclic garbage.
+        """
+        for process, life in self._lives:
+            if process.is_alive and process.target.callbacks is not None:
+                process.target.callbacks.clear()
+            life.close()
+        self._lives.clear()
+        self._queue.clear()
+
 
 class Due(simpy.Event):
     """An event that is bound to happen at its time."""
@@ -62,9 +113,8 @@ class Due(simpy.Event):
     _ok = True
     _value = None
 
-    def __init__(self, callbacks: list[Callable[[Any], None]], args: Any) -> None:
-        self.callbacks = callbacks
-        self.args = args
+    def __init__(self) -> None:
+        self.callbacks: list[Callable[[Any], None]] = []
 
 
 class Signal(simpy.Event):
@@ -76,4 +126,4 @@ class Signal(simpy.Event):
         """Wake the process in this instant, in its place in the order."""
         self._ok = True
         self._value = value
-        self.env.add(self, self.env.now, phase, drone, -1)
+        self.env.add(self, self.env._now, phase, drone, -1)

@@ -7,7 +7,8 @@ crossings, arrivals and requests are known (``_settle``).
 from __future__ import annotations
 
 from bisect import insort
-from operator import itemgetter
+from functools import reduce
+from operator import add, attrgetter, itemgetter
 
 import numpy as np
 
@@ -26,16 +27,16 @@ from desim_uav.world import World
 Sweep = tuple[Radio, int, list[list[int]]]
 """A radio, the number of its sweep, and the crossings to come in it, the next one last."""
 
+Service = tuple[Request, int]
+"""A request and its stamp while it is served."""
+
 # An enum member is looked up slowly in Python 3.11; these stand in the busiest lines.
 COMPLETION, EXIT, ENTRY = Phase.COMPLETION, Phase.EXIT, Phase.ENTRY
 REQUEST, ATTACHMENT, RECORD = Phase.REQUEST, Phase.ATTACHMENT, Phase.RECORD
 COVERAGE, ADMISSION = Phase.COVERAGE, Phase.ADMISSION
 
 _BY_TIME = itemgetter(TIME_US, ENTERS, USER)
-
-
-def _in_order(request: Request) -> tuple[int, int]:
-    return request.t_request_us, request.user
+_IN_ORDER = attrgetter("t_request_us", "user")
 
 
 def _entered_first(covering: dict[int, int]) -> int:
@@ -57,7 +58,7 @@ class AirLink:
         """Nobody covered, nothing asked."""
         self.world = world
         self.log = journal.log
-        self.emit = journal.emit
+        self.events = journal.log.events
         self.agenda = journal.agenda
         self.end_us = world.horizon_us
         self.admission = world.scenario.drones.admission
@@ -138,8 +139,7 @@ class AirLink:
                 return found
             self._found = np.empty((2 * count, 3), np.int64)
 
-    def _on_crossing(self, due: Due) -> None:
-        sweep = due.args
+    def _on_crossing(self, sweep: Sweep) -> None:
         radio, number, ahead = sweep
         if radio.sweep == number:
             now_us, user, enters = ahead.pop()
@@ -154,7 +154,8 @@ class AirLink:
 
     def _enter(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
         self.covering[user][radio.index] = now_us
-        self.emit((now_us, phase, "enter", radio.index, user, -1, -1))
+        if self.events is not None:
+            self.events.append((now_us, phase, "enter", radio.index, user, -1, -1))
         request = self.open[user]
         if request is not None:
             radio.asking[request.service] += 1
@@ -163,7 +164,8 @@ class AirLink:
 
     def _leave(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
         del self.covering[user][radio.index]
-        self.emit((now_us, phase, "exit", radio.index, user, -1, -1))
+        if self.events is not None:
+            self.events.append((now_us, phase, "exit", radio.index, user, -1, -1))
         request = self.open[user]
         if request is not None:
             radio.asking[request.service] -= 1
@@ -197,7 +199,8 @@ class AirLink:
         self.log.attached_us += now_us - self.since_us[user]
         self.attached[user] = None
         radio.attached_users -= 1
-        self.emit((now_us, phase, "detach", radio.index, user, -1, -1))
+        if self.events is not None:
+            self.events.append((now_us, phase, "detach", radio.index, user, -1, -1))
         if self.covering[user]:
             self._loose.append(user)
 
@@ -205,10 +208,11 @@ class AirLink:
         self.attached[user] = radio
         self.since_us[user] = now_us
         radio.attached_users += 1
-        self.emit((now_us, phase, "attach", radio.index, user, -1, -1))
+        if self.events is not None:
+            self.events.append((now_us, phase, "attach", radio.index, user, -1, -1))
         request = self.open[user]
         if request is not None:
-            insort(radio.waiting, request, key=_in_order)
+            insort(radio.waiting, request, key=_IN_ORDER)
             self._affected.add(radio.index)
 
     def _settle_after(self, phase: Phase, in_place: bool = True) -> None:
@@ -227,9 +231,9 @@ class AirLink:
             self._settling = True
             self.agenda.call(self._on_settle, late, self.agenda._now, settle_phase)
 
-    def _on_settle(self, due: Due) -> None:
+    def _on_settle(self, late: bool) -> None:
         self._settling = False
-        self._settle(due.args)
+        self._settle(late)
 
     def _settle(self, late: bool) -> None:
         """Attach whoever is loose, to the drone entered first; then scan the affected queues."""
@@ -266,7 +270,8 @@ class AirLink:
         radio.served[request.service] += 1
         radio.used_bps += request.bandwidth_bps
         request.start(radio.index, now_us)
-        self.emit((now_us, phase, "serve", radio.index, request.user, request.request_id, -1))
+        if self.events is not None:
+            self.events.append((now_us, phase, "serve", radio.index, request.user, request.request_id, -1))
         done_us = now_us + request.required_us - request.served_us
         if done_us <= self.end_us:
             self.agenda.call(
@@ -285,33 +290,42 @@ class AirLink:
         radio.free_bps += request.bandwidth_bps
         radio.used_bps -= request.bandwidth_bps
         radio.served[request.service] -= 1
-        self.emit((now_us, phase, "stop", radio.index, request.user, request.request_id, -1))
+        if self.events is not None:
+            self.events.append((now_us, phase, "stop", radio.index, request.user, request.request_id, -1))
 
     # ---- requests
 
     def ask(
-        self, user: int, service: int, required_us: int, bandwidth_bps: int, think: bool
-    ) -> Request:
-        """A user's request opens now. ``think``: somebody waits for its end."""
+        self,
+        user: int,
+        service: int,
+        required_us: int,
+        bandwidth_bps: int,
+        think_us: int | None = None,
+    ) -> Due:
+        """A user's request opens now. The event happens ``think_us`` after its end, if ever."""
         now_us = self.agenda._now
-        closed = self.agenda.event() if think else None
-        request = Request(self.opened, user, service, now_us, required_us, bandwidth_bps, closed)
+        again = Due()
+        request = Request(
+            self.opened, user, service, now_us, required_us, bandwidth_bps, think_us, again
+        )
         self.opened += 1
         self.open[user] = request
         self.open_requests[service] += 1
         for index in self.covering[user]:
             self.radios[index].asking[service] += 1
-        self.emit((now_us, REQUEST, "request", -1, user, request.request_id, -1))
+        if self.events is not None:
+            self.events.append((now_us, REQUEST, "request", -1, user, request.request_id, -1))
         radio = self.attached[user]
         if radio is not None:
-            insort(radio.waiting, request, key=_in_order)
+            insort(radio.waiting, request, key=_IN_ORDER)
             self._affected.add(radio.index)
             # Only a user who waits for the end of this request cannot ask again in this instant.
-            self._settle_after(REQUEST, in_place=think)
-        return request
+            self._settle_after(REQUEST, in_place=think_us is not None)
+        return again
 
-    def _on_completion(self, due: Due) -> None:
-        request, stamp = due.args
+    def _on_completion(self, service: Service) -> None:
+        request, stamp = service
         if request.stamp == stamp:
             now_us = self.agenda._now
             radio = self.radios[request.serving]
@@ -334,9 +348,11 @@ class AirLink:
             self.radios[index].asking[request.service] -= 1
         self.log.requests.append(request)
         holder = -1 if radio is None else radio.index
-        self.emit((now_us, phase, kind, holder, request.user, request.request_id, -1))
-        if request.closed is not None and phase != RECORD:
-            request.closed.succeed()
+        if self.events is not None:
+            self.events.append((now_us, phase, kind, holder, request.user, request.request_id, -1))
+        if request.think_us is not None and now_us + request.think_us < self.end_us:
+            again_us = now_us + request.think_us
+            self.agenda.add(request.again, again_us, REQUEST, -1, request.user)
 
     def _count_attached(self, request: Request, now_us: int) -> None:
         since_us = max(self.since_us[request.user], request.t_request_us)

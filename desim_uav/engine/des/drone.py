@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Mapping
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 import simpy
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import CarriedDrone
-from desim_uav.engine.des.agenda import Due, Signal
+from desim_uav.engine.des.agenda import Life, Signal
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
@@ -22,8 +21,6 @@ from desim_uav.model.planner import Node, Return
 from desim_uav.model.rules import AIRBORNE, MOVES, US, Action, Mode, Phase
 from desim_uav.model.state import Observation
 from desim_uav.world import World
-
-Life = Generator[simpy.Event, Any, None]
 
 
 class Drone:
@@ -379,8 +376,8 @@ class Drone:
         self.leg_number += 1
         self.mode = mode
 
-    def _on_depletion(self, due: Due) -> None:
-        if due.args == self.leg_number:
+    def _on_depletion(self, leg_number: int) -> None:
+        if leg_number == self.leg_number:
             self._crash()
 
     def _crash(self) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 from desim_uav.engine.base import EpisodeLog, Event
 from desim_uav.engine.des.agenda import Agenda
 
@@ -14,8 +12,8 @@ class Journal:
     def __init__(self, agenda: Agenda, log: EpisodeLog) -> None:
         self.agenda = agenda
         self.log = log
-        self.emit: Callable[[Event], None] = _forget if log.events is None else log.events.append
 
-
-def _forget(event: Event) -> None:
-    """Where events are not kept."""
+    def emit(self, event: Event) -> None:
+        """Keep an event, where events are kept."""
+        if self.log.events is not None:
+            self.log.events.append(event)

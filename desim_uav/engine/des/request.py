@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import simpy
-
+from desim_uav.engine.des.agenda import Due
 from desim_uav.model.rules import Outcome
 
 
@@ -12,7 +11,8 @@ class Request:
 
     ``serving`` is the drone that serves it now (-1: none), since ``started_us``; ``stopped_us``
     the end of the last service of more than 0 µs. ``stamp`` changes with every start and stop, so
-    that a completion foreseen before then is known to be stale.
+    a completion foreseen before then is known to be stale. ``again`` is what its user waits for,
+    to ask again ``think_us`` after its end (None: nobody waits).
     """
 
     served_us = 0
@@ -34,7 +34,8 @@ class Request:
         t_request_us: int,
         required_us: int,
         bandwidth_bps: int,
-        closed: simpy.Event | None,
+        think_us: int | None,
+        again: Due,
     ) -> None:
         self.request_id = request_id
         self.user = user
@@ -42,7 +43,8 @@ class Request:
         self.t_request_us = t_request_us
         self.required_us = required_us
         self.bandwidth_bps = bandwidth_bps
-        self.closed = closed
+        self.think_us = think_us
+        self.again = again
         self.drones: list[int] = []
 
     def start(self, drone: int, t_us: int) -> None:

@@ -17,7 +17,7 @@ from desim_uav.engine.base import (
     Step,
     UserState,
 )
-from desim_uav.engine.des.agenda import Agenda, Due
+from desim_uav.engine.des.agenda import Agenda
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.drone import Drone
 from desim_uav.engine.des.journal import Journal
@@ -92,6 +92,8 @@ class Simulation:
     def _build(self, path: SamplePath, carried: Carried | None) -> None:
         """Put everything where it is before an episode."""
         world = self.world
+        if self.shown is not None:
+            self.agenda.abandon()
         self.path = path
         self.epoch = 0
         self.terminated = self.truncated = False
@@ -139,19 +141,17 @@ class Simulation:
     def _run(self) -> Snapshot:
         """Let events happen until one of them shows a decision epoch."""
         self.shown = None
-        next_event = self.agenda.step if self.audit is None else self._audited_event
+        if self.audit is None:
+            self.agenda.run_on()
         while self.shown is None:
-            next_event()
+            self.agenda.step()
+            if self.audit is not None:
+                self.audit(self)
         return self.shown
-
-    def _audited_event(self) -> None:
-        self.agenda.step()
-        if self.audit is not None:
-            self.audit(self)
 
     # ---- what happens at a decision epoch
 
-    def _record(self, due: Due) -> None:
+    def _record(self, _: None) -> None:
         """Phase 8: the step's record, its reward, and the end of the episode."""
         self.epoch += 1
         self._orient(self.drones)
@@ -206,7 +206,7 @@ class Simulation:
         if self.log.events is not None:
             self.log.events.sort(key=IN_ORDER)
 
-    def _respawn(self, due: Due) -> None:
+    def _respawn(self, _: None) -> None:
         """Phase 9: crashed drones come back after their downtime; then commands are due."""
         if self.epoch == 0:
             self._observe()
@@ -235,8 +235,9 @@ class Simulation:
         """Note what each drone knows."""
         self.observations = tuple(drone.observe(self.epoch) for drone in self.drones)
 
-    def _show(self, due: Due | None = None) -> None:
+    def _show(self, _: None = None) -> None:
         """The state as policies see it; it ends the run to this decision epoch."""
+        self.agenda.paused = True
         self.shown = Snapshot(
             self.epoch,
             self.agenda.now,
