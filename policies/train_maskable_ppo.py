@@ -44,8 +44,8 @@ def train(scenario, steps, seed):
     model = MaskablePPO(
         "MlpPolicy",
         make_vec_env(lambda: Restarts(UavEnv(scenario)), ENVS),
-        n_steps=64,
-        batch_size=128,
+        n_steps=50,
+        batch_size=100,
         n_epochs=5,
         learning_rate=1e-3,
         gamma=scenario.learning.gamma,

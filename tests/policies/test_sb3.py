@@ -594,7 +594,7 @@ def test_the_recipe(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     from policies.train_maskable_ppo import main
 
     file = tmp_path / "model.zip"
-    main(["case8", str(file), "--steps", "64", "--seed", "4"])
+    main(["case8", str(file), "--steps", "400", "--seed", "4"])
     assert f"desim-uav run case8 --seed 4 --policy sb3:{file}" in capsys.readouterr().out
     world = build_world(configured("case8", {"seed": 4}), 4)
     ((log, _),) = play(world, Lawful(load_policy(f"sb3:{file}")), "mine", 4)
