@@ -54,7 +54,7 @@ def best_policy(graph: Graph, brings: Array) -> Best:
     """
     tolerance = TOLERANCE * max(1.0, float(np.abs(brings).max()))
     gains = worths = np.zeros(len(graph.renewals))
-    choice = graph.target.argmin(axis=1)
+    choice = np.zeros(len(graph.states), np.int64)  # to hover is always allowed
     for _ in range(min(AHEAD, len(graph.renewals))):  # not yet by the step: somewhere to begin
         choice, worth = _sweep(graph, brings, gains, worths, choice, tolerance)
         worths = worth[graph.renewals] - worth[graph.renewals[0]]
@@ -65,7 +65,7 @@ def best_policy(graph: Graph, brings: Array) -> Best:
             break
         choice = better
     gain = float(gains[0])
-    low, high = _bounds(graph, brings, choice, gains, worths)
+    low, high = _bounds(graph, brings, choice, gains, worths, tolerance)
     if not high - low <= 1e-9 * max(1.0, abs(gain)):
         raise SimulationError(f"the best policy is not proven: a gain of {low:.9g} to {high:.9g}")
     return Best(choice, gain, low, high)
@@ -175,7 +175,12 @@ def _by_class(class_of: NDArray[np.int32], chosen: NDArray[np.bool_]) -> list[ND
 
 
 def _bounds(
-    graph: Graph, brings: Array, choice: NDArray[np.int64], gains: Array, bias: Array
+    graph: Graph,
+    brings: Array,
+    choice: NDArray[np.int64],
+    gains: Array,
+    bias: Array,
+    tolerance: float,
 ) -> tuple[float, float]:
     """Bounds on the largest gain from the start, rounding included; see the module.
 
@@ -186,7 +191,7 @@ def _bounds(
     gain = np.full(len(gains), gains[0])
     _, worth = _sweep(graph, brings, gain, bias, choice, np.inf)
     largest = float(np.abs(worth[: len(graph.states)]).max())
-    same = gains >= gains[0] - TOLERANCE
+    same = gains >= gains[0] - tolerance
     worths = np.where(same, bias, bias - 4.0 * largest - 1.0)
     _, best = _sweep(graph, brings, gain, worths, choice, 0.0)
     excess = max(0.0, float((best[graph.renewals] - worths).max()))

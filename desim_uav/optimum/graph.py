@@ -114,8 +114,8 @@ def _hover_first(actions: tuple[Action, ...]) -> tuple[Action, ...]:
 class _Explorer:
     """States numbered as they are found, and a row for each of what its actions lead to.
 
-    A target is, as long as states are being found, a state's number, or one of these: LOTTERY,
-    NOWHERE, -3 - k for renewal k.
+    Until all are found a target is a state's number, LOTTERY, NOWHERE, or RENEWAL - k for renewal
+    k. A drone that is never replaced is in a state with a battery below 0.
     """
 
     def __init__(self, process: DroneProcess, largest: int) -> None:

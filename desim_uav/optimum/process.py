@@ -81,7 +81,7 @@ class DroneProcess:
         self.world = world
         self.energy = world.scenario.drones.battery
         self.footprints = Footprints(world)
-        self.stations = {(*cell, 0): index for index, cell in enumerate(world.stations)}
+        self.stations = {(*cell, 0) for cell in world.stations}
         self.start: State = ((*world.starts[0], 0), world.capacity_us)
         self._attached: dict[tuple[int, int], int] = {}
         self._masks: dict[tuple[bool, bool], tuple[Action, ...]] = {}

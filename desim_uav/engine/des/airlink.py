@@ -8,23 +8,21 @@ from __future__ import annotations
 
 from bisect import insort
 from functools import reduce
-from operator import add, attrgetter, itemgetter
-
-import numpy as np
+from operator import add, attrgetter
 
 from desim_uav.engine.base import Measures
 from desim_uav.engine.des.agenda import Due
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.radio import Radio
 from desim_uav.engine.des.request import Request
+from desim_uav.engine.des.sweep import Crossing, Crossings
 from desim_uav.errors import SimulationError
-from desim_uav.model.coverage import ENTERS, TIME_US, USER, crossings
 from desim_uav.model.motion import Leg
 from desim_uav.model.rules import Phase
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
-Sweep = tuple[Radio, int, list[list[int]]]
+Sweep = tuple[Radio, int, list[Crossing]]
 """A radio, the number of its sweep, and the crossings to come in it, the next one last."""
 
 Service = tuple[Request, int]
@@ -35,7 +33,6 @@ COMPLETION, EXIT, ENTRY = Phase.COMPLETION, Phase.EXIT, Phase.ENTRY
 REQUEST, ATTACHMENT, RECORD = Phase.REQUEST, Phase.ATTACHMENT, Phase.RECORD
 COVERAGE, ADMISSION = Phase.COVERAGE, Phase.ADMISSION
 
-_BY_TIME = itemgetter(TIME_US, ENTERS, USER)
 _IN_ORDER = attrgetter("t_request_us", "user")
 
 
@@ -54,7 +51,9 @@ class AirLink:
     ``open_requests`` counts these by service.
     """
 
-    def __init__(self, world: World, journal: Journal, path: SamplePath) -> None:
+    def __init__(
+        self, world: World, journal: Journal, path: SamplePath, crossings: Crossings
+    ) -> None:
         """Nobody covered, nothing asked."""
         self.world = world
         self.log = journal.log
@@ -62,8 +61,8 @@ class AirLink:
         self.agenda = journal.agenda
         self.end_us = world.horizon_us
         self.admission = world.scenario.drones.admission
-        self.radius_m = world.scenario.drones.footprint_radius_m
-        self.legs, self.offsets = path.walks
+        self.crossings = crossings
+        crossings.begin(path.walks)
         services, users = len(world.services.names), len(world.homes)
         drones = range(world.scenario.drones.count)
         self.radios = [Radio(drone, world.bandwidth_bps, services) for drone in drones]
@@ -74,11 +73,12 @@ class AirLink:
         self.open_requests = [0] * services
         self.opened = 0
         self._closed_qoe1 = 0.0
-        self._closed_unserved_us = 0
         self._loose: list[int] = []
         self._affected: set[int] = set()
         self._settling = False
-        self._found = np.empty((256, 3), np.int64)
+        self._open_us = self._served_us = self._attached_since_us = 0
+        self._in_service: dict[int, Request] = {}
+        self._shares = [0.0] * users
 
     # ---- coverage
 
@@ -90,7 +90,7 @@ class AirLink:
         """
         radio.sweep += 1
         now_us = self.agenda._now
-        found = self._crossings(radio, flight, now_us, now_us + span_us)
+        found = self.crossings.of(flight, now_us, span_us, fresh=not radio.on)
         radio.on = True
         while found and found[-1][0] == now_us:
             _, user, enters = found.pop()
@@ -113,31 +113,6 @@ class AirLink:
             radio.index,
             user,
         )
-
-    def _crossings(self, radio: Radio, flight: Leg, start_us: int, end_us: int) -> list[list[int]]:
-        """Rows (time, user, enters) of a leg, the last one first: at a time exits, by user.
-
-        A drone that begins to serve enters the users it finds in its footprint.
-        """
-        fresh = not radio.on
-        while True:
-            count = crossings(
-                flight.transit.profile,
-                *flight.from_m,
-                *flight.to_m,
-                start_us,
-                end_us,
-                self.radius_m,
-                self.legs,
-                self.offsets,
-                fresh,
-                self._found,
-            )
-            if count <= len(self._found):
-                found: list[list[int]] = self._found[:count].tolist()
-                found.sort(key=_BY_TIME, reverse=True)
-                return found
-            self._found = np.empty((2 * count, 3), np.int64)
 
     def _on_crossing(self, sweep: Sweep) -> None:
         radio, number, ahead = sweep
@@ -196,7 +171,9 @@ class AirLink:
                 self._stop(request, now_us, phase)
                 if radio.waiting:
                     self._affected.add(radio.index)
-        self.log.attached_us += now_us - self.since_us[user]
+        since_us = self.since_us[user]
+        self.log.attached_us += now_us - since_us
+        self._attached_since_us -= since_us
         self.attached[user] = None
         radio.attached_users -= 1
         if self.events is not None:
@@ -207,6 +184,7 @@ class AirLink:
     def _attach(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
         self.attached[user] = radio
         self.since_us[user] = now_us
+        self._attached_since_us += now_us
         radio.attached_users += 1
         if self.events is not None:
             self.events.append((now_us, phase, "attach", radio.index, user, -1, -1))
@@ -270,6 +248,8 @@ class AirLink:
         radio.served[request.service] += 1
         radio.used_bps += request.bandwidth_bps
         request.start(radio.index, now_us)
+        self._in_service[request.user] = request
+        self._served_us -= now_us
         if self.events is not None:
             self.events.append((now_us, phase, "serve", radio.index, request.user, request.request_id, -1))
         done_us = now_us + request.required_us - request.served_us
@@ -286,6 +266,9 @@ class AirLink:
     def _stop(self, request: Request, now_us: int, phase: Phase) -> None:
         radio = self.radios[request.serving]
         elapsed_us = request.stop(now_us)
+        del self._in_service[request.user]
+        self._served_us += now_us
+        self._shares[request.user] = request.served_us / request.required_us
         self.log.bandwidth_us_bps += elapsed_us * request.bandwidth_bps
         radio.free_bps += request.bandwidth_bps
         radio.used_bps -= request.bandwidth_bps
@@ -312,6 +295,7 @@ class AirLink:
         self.opened += 1
         self.open[user] = request
         self.open_requests[service] += 1
+        self._open_us -= now_us
         for index in self.covering[user]:
             self.radios[index].asking[service] += 1
         if self.events is not None:
@@ -341,7 +325,8 @@ class AirLink:
             self._count_attached(request, now_us)
         request.close(now_us)
         self._closed_qoe1 += request.served_us / request.required_us
-        self._closed_unserved_us += now_us - request.t_request_us - request.served_us
+        self._shares[request.user] = 0.0
+        self._open_us += now_us
         self.open[request.user] = None
         self.open_requests[request.service] -= 1
         for index in self.covering[request.user]:
@@ -359,24 +344,25 @@ class AirLink:
         request.attached_us += now_us - since_us
 
     def measures(self) -> Measures:
-        """The quality of experience so far, open requests by what they have had so far."""
+        """The quality of experience so far, open requests by what they have had so far.
+
+        The time for which n of something lasted is n * now, less the sum of their beginnings, plus
+        that of their ends. The shares are added in the order of their users: a sum of floats is
+        another in another order.
+        """
         now_us = self.agenda._now
-        qoe1, unserved_us = self._closed_qoe1, self._closed_unserved_us
-        for request in self.open:
-            if request is not None:
-                served_us = request.served_us
-                if request.serving >= 0:
-                    served_us += now_us - request.started_us
-                qoe1 += served_us / request.required_us
-                unserved_us += now_us - request.t_request_us - served_us
-        attached_us = self.log.attached_us
-        for radio, since_us in zip(self.attached, self.since_us, strict=True):
-            if radio is not None:
-                attached_us += now_us - since_us
+        for user, request in self._in_service.items():
+            served_us = request.served_us + now_us - request.started_us
+            self._shares[user] = served_us / request.required_us
+        qoe1 = reduce(add, self._shares, self._closed_qoe1)
+        open_us = self._open_us + sum(self.open_requests) * now_us
+        served_us = self._served_us + len(self._in_service) * now_us
+        attached = sum([radio.attached_users for radio in self.radios])
+        attached_us = self.log.attached_us + attached * now_us - self._attached_since_us
         lasted_us = len(self.open) * now_us
         return Measures(
             100 * qoe1 / self.opened if self.opened else None,
-            unserved_us / self.world.step_us / self.opened if self.opened else None,
+            (open_us - served_us) / self.world.step_us / self.opened if self.opened else None,
             100 * attached_us / lasted_us if lasted_us else None,
         )
 

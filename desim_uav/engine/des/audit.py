@@ -90,7 +90,8 @@ def _geometry(simulation: Simulation) -> None:
     """Coverage is what the distances say; an attached user is inside its one drone's footprint."""
     airlink = simulation.airlink
     now_us = simulation.agenda.now
-    users = all_walked(airlink.legs, airlink.offsets, now_us)
+    radius_m = simulation.world.scenario.drones.footprint_radius_m
+    users = all_walked(*simulation.path.walks, now_us)
     held = [0] * len(simulation.drones)
     for user, radio in enumerate(airlink.attached):
         if radio is not None:
@@ -104,6 +105,6 @@ def _geometry(simulation: Simulation) -> None:
             continue
         x, y, _ = drone.position_m()
         distance_m = np.hypot(users[:, 0] - x, users[:, 1] - y)
-        far = np.abs(distance_m - airlink.radius_m) > TOLERANCE_M
-        wrong = far & (covered != (distance_m < airlink.radius_m))
+        far = np.abs(distance_m - radius_m) > TOLERANCE_M
+        wrong = far & (covered != (distance_m < radius_m))
         assert not wrong.any(), f"coverage by {drone.index} of users {np.flatnonzero(wrong)}"

@@ -12,15 +12,23 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import CarriedDrone
 from desim_uav.engine.des.agenda import Life, Signal
 from desim_uav.engine.des.airlink import AirLink
+from desim_uav.engine.des.flights import Flights, neighbour
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
 from desim_uav.model.battery import charged_us, time_to_full_us
 from desim_uav.model.grid import Cell
-from desim_uav.model.motion import REST, Leg, Transit, travelled
+from desim_uav.model.motion import REST, Leg, travelled
 from desim_uav.model.planner import Node, Return
-from desim_uav.model.rules import AIRBORNE, MOVES, US, Action, Mode, Phase
+from desim_uav.model.rules import US, Action, Mode, Phase
 from desim_uav.model.state import Observation
 from desim_uav.world import World
+
+# An enum member is looked up slowly in Python 3.11.
+FLYING, RETURNING, QUEUED = Mode.FLYING, Mode.RETURNING, Mode.QUEUED
+CHARGING, CHARGED, CRASHED = Mode.CHARGING, Mode.CHARGED, Mode.CRASHED
+ARRIVAL, DEPLETION, RESPAWN = Phase.ARRIVAL, Phase.DEPLETION, Phase.RESPAWN
+COMMAND, COVERAGE = Phase.COMMAND, Phase.COVERAGE
+HOVER, GOTO, CHARGE = Action.HOVER, Action.GOTO_CHARGING_STATION, Action.CHARGE
 
 
 class Drone:
@@ -41,6 +49,7 @@ class Drone:
         stations: Mapping[Node, Station],
         index: int,
         ceiling: bool,
+        flights: Flights,
         carried: CarriedDrone | None = None,
     ) -> None:
         self.world = world
@@ -52,6 +61,7 @@ class Drone:
         self.stations = stations
         self.index = index
         self.ceiling = ceiling
+        self.flights = flights
         self.leg_number = 0
         self.respawns = 0
         self.command: Signal | None = None
@@ -66,18 +76,18 @@ class Drone:
 
     def start(self) -> None:
         """Begin to live. Who began to queue in an episode before is in its place from the start."""
-        if self.mode in (Mode.QUEUED, Mode.CHARGING):
+        if self.mode in (QUEUED, CHARGING):
             self.pad = self.stations[self.node].pads.request()
         self.process = self.agenda.process(self._life())
 
     def _appear(self, cell: Cell) -> None:
         """Airborne at the lowest level, full battery, holding no pad."""
-        self.mode = Mode.FLYING
+        self.mode = FLYING
         self.battery_us = self.world.capacity_us
         self.since_us = self.agenda.now
         self.counted_m = 0.0
         self.node: Node = (*cell, 0)
-        self.leg = self._leg_to(self.node, REST)
+        self.leg = self.flights.hover(self.node)
 
     # ---- from one episode to the next
 
@@ -92,7 +102,7 @@ class Drone:
             tuple(self.route),
             self.counted_m,
             0 if self.pad is None else self.stations[self.node].place(self.pad),
-            self.leg.from_m if self.mode is Mode.CRASHED else None,
+            self.leg.from_m if self.mode is CRASHED else None,
         )
 
     def _go_on(self, carried: CarriedDrone) -> None:
@@ -107,11 +117,10 @@ class Drone:
         if carried.fallen_m is not None:
             self.leg = Leg(REST, carried.fallen_m, carried.fallen_m, 0.0, 0.0)
         elif carried.hop is not None:
-            transit = self.world.fastest_transits[carried.hop]
-            self.leg = self._leg_to(self._neighbour(carried.hop), transit)
-            self._foresee_depletion(transit, transit.duration_us)
+            self.leg = self.flights.hop(self.node, carried.hop)
+            self._foresee_depletion(self.leg.transit.duration_us)
         else:
-            self.leg = self._leg_to(self.node, REST)
+            self.leg = self.flights.hover(self.node)
 
     # ---- the life of a drone
 
@@ -127,19 +136,19 @@ class Drone:
 
     def _unfinished(self) -> Life:
         """What the drone was about in the episode before, if it was."""
-        if self.mode is Mode.RETURNING:
-            return self._go_home(Phase.ARRIVAL)
-        if self.mode in (Mode.QUEUED, Mode.CHARGING):
-            return self._queue_and_charge(Phase.ARRIVAL)
-        if self.mode is Mode.CRASHED:
+        if self.mode is RETURNING:
+            return self._go_home(ARRIVAL)
+        if self.mode in (QUEUED, CHARGING):
+            return self._queue_and_charge(ARRIVAL)
+        if self.mode is CRASHED:
             return self._lie()
         return self._rest()
 
     def _obey(self, action: Action) -> Life:
-        if action is Action.GOTO_CHARGING_STATION:
+        if action is GOTO:
             return self._return()
-        if action is Action.CHARGE:
-            return self._land(Phase.COMMAND)
+        if action is CHARGE:
+            return self._land(COMMAND)
         return self._fly(action)
 
     def _rest(self) -> Life:
@@ -152,21 +161,24 @@ class Drone:
 
     def _fly(self, action: Action) -> Life:
         """A step of serving flight: a move to the next cell, or a hover."""
-        target, transit = self.node, REST
-        if action is not Action.HOVER:
-            there = self._neighbour(MOVES[action])
-            if self.world.grid.can_enter(*there, self.ceiling):
-                target, transit = there, self.world.epoch_transits[action]
-            else:
-                self._emit(Phase.COMMAND, "blocked")
         step_us = self.world.step_us
-        self._begin(Mode.FLYING, target, transit, step_us)
-        self.airlink.track(self.radio, self.leg, step_us, Phase.COVERAGE)
-        if transit is not REST:
-            self._emit(Phase.COMMAND, "depart")
-            yield self.agenda.at(self.since_us + transit.duration_us, Phase.ARRIVAL, self.index)
-            self._arrive(target)
-            self._begin(Mode.FLYING, target, REST, step_us - transit.duration_us)
+        move = None
+        if action is not HOVER:
+            move = self.flights.move(self.node, action, self.ceiling)
+            if move is None:
+                self._emit(COMMAND, "blocked")
+        if move is None:
+            self._begin(FLYING, self.flights.hover(self.node), step_us)
+            self.airlink.track(self.radio, self.leg, step_us, COVERAGE)
+            return
+        target, leg = move
+        self._begin(FLYING, leg, step_us)
+        self.airlink.track(self.radio, leg, step_us, COVERAGE)
+        self._emit(COMMAND, "depart")
+        duration_us = leg.transit.duration_us
+        yield self.agenda.at(self.since_us + duration_us, ARRIVAL, self.index)
+        self._arrive(target)
+        self._foresee_depletion(step_us - duration_us)
 
     def _return(self) -> Life:
         """Fly back by A* without stopping for decisions; land and queue at once.
@@ -174,11 +186,11 @@ class Drone:
         The first path is planned from where the drone believes it is and flown as relative hops; a
         path that ends away from a station is followed by one from where it is.
         """
-        self._change_mode(Mode.RETURNING)
-        self.airlink.silence(self.radio, Phase.COVERAGE)
+        self._change_mode(RETURNING)
+        self.airlink.silence(self.radio, COVERAGE)
         if self.node not in self.stations and self.way_back is not None:
             self.route = list(self.way_back.hops)
-        yield from self._go_home(Phase.COMMAND)
+        yield from self._go_home(COMMAND)
 
     def _go_home(self, phase: Phase) -> Life:
         """Fly the hop under way, then hop by hop to a station, and land."""
@@ -187,10 +199,10 @@ class Drone:
                 self._next_hop(phase)
             if self.hop is not None:
                 yield self.agenda.at(
-                    self.since_us + self.leg.transit.duration_us, Phase.ARRIVAL, self.index
+                    self.since_us + self.leg.transit.duration_us, ARRIVAL, self.index
                 )
-                phase = Phase.ARRIVAL
-                self._arrive(self._neighbour(self.hop))
+                phase = ARRIVAL
+                self._arrive(neighbour(self.node, self.hop))
                 self.hop = None
         yield from self._land(phase)
 
@@ -201,21 +213,20 @@ class Drone:
             assert again is not None, "a world's stations can be reached from wherever one can fly"
             self.route = list(again.hops)
         hop = self.route.pop(0)
-        target = self._neighbour(hop)
-        if not self.world.grid.can_enter(*target, self.ceiling):
+        if not self.world.grid.can_enter(*neighbour(self.node, hop), self.ceiling):
             self._emit(phase, "blocked")
             self.route = []
             return
-        transit = self.world.fastest_transits[hop]
-        self._begin(Mode.RETURNING, target, transit, transit.duration_us)
+        leg = self.flights.hop(self.node, hop)
+        self._begin(RETURNING, leg, leg.transit.duration_us)
         self._emit(phase, "depart")
         self.hop = hop
 
     def _land(self, phase: Phase) -> Life:
         """Land, wait for a pad, charge until full; wait there, landed, for the next command."""
-        self.airlink.silence(self.radio, Phase.COVERAGE)
-        self._change_mode(Mode.QUEUED)
-        self.leg = self._leg_to(self.node, REST)
+        self.airlink.silence(self.radio, COVERAGE)
+        self._change_mode(QUEUED)
+        self.leg = self.flights.hover(self.node)
         self._emit(phase, "land", self.stations[self.node].index)
         yield from self._queue_and_charge(phase)
 
@@ -225,19 +236,19 @@ class Drone:
             self.pad = station.pads.request()
         with self.pad:
             yield self.pad
-            if self.mode is Mode.QUEUED:
+            if self.mode is QUEUED:
                 self.count_queueing()
                 if self.agenda.now > self.since_us:
-                    phase = Phase.ARRIVAL
-                self._change_mode(Mode.CHARGING)
+                    phase = ARRIVAL
+                self._change_mode(CHARGING)
                 self._emit(phase, "charge", station.index)
             rest_us = time_to_full_us(
                 self.battery_us, self.world.capacity_us, self.world.full_charge_us
             )
             if rest_us > 0:
-                phase = Phase.ARRIVAL
+                phase = ARRIVAL
                 yield self.agenda.at(self.since_us + rest_us, phase, self.index)
-            self._change_mode(Mode.CHARGED)
+            self._change_mode(CHARGED)
             self._emit(phase, "charged", station.index)
             self.journal.log.charges += 1
         self.pad = None
@@ -248,36 +259,19 @@ class Drone:
 
     # ---- legs
 
-    def _neighbour(self, hop: Node) -> Node:
-        return self.node[0] + hop[0], self.node[1] + hop[1], self.node[2] + hop[2]
-
-    def _leg_to(self, target: Node, transit: Transit) -> Leg:
-        grid = self.world.grid
-        here, there = self.node, target
-        return Leg(
-            transit,
-            grid.centre(here[0], here[1]),
-            grid.centre(there[0], there[1]),
-            grid.levels_m[here[2]],
-            grid.levels_m[there[2]],
-        )
-
-    def _begin(self, mode: Mode, target: Node, transit: Transit, span_us: int) -> None:
+    def _begin(self, mode: Mode, leg: Leg, span_us: int) -> None:
         """Begin a leg of ``span_us``, and foresee whether the battery lasts it out."""
         self._change_mode(mode)
-        self.leg = self._leg_to(target, transit)
-        self._foresee_depletion(transit, span_us)
+        self.leg = leg
+        self._foresee_depletion(span_us)
 
-    def _foresee_depletion(self, transit: Transit, span_us: int) -> None:
+    def _foresee_depletion(self, span_us: int) -> None:
         if self.energy is not None:
-            lasts_us = self.energy.lasts_us(transit, self.battery_us)
+            lasts_us = self.energy.lasts_us(self.leg.transit, self.battery_us)
             if lasts_us <= span_us:
+                depleted_us = self.since_us + lasts_us
                 self.agenda.call(
-                    self._on_depletion,
-                    self.leg_number,
-                    self.since_us + lasts_us,
-                    Phase.DEPLETION,
-                    self.index,
+                    self._on_depletion, self.leg_number, depleted_us, DEPLETION, self.index
                 )
 
     def count_distance(self) -> None:
@@ -287,10 +281,12 @@ class Drone:
         self.counted_m = flown_m
 
     def _arrive(self, target: Node) -> None:
+        """End a leg; the drone hovers where it has led."""
         self.journal.log.distance_m += self.leg.transit.distance_m - self.counted_m
         self._change_mode(self.mode)
         self.node = target
-        self._emit(Phase.ARRIVAL, "arrive")
+        self.leg = self.flights.hover(target)
+        self._emit(ARRIVAL, "arrive")
 
     def position_m(self) -> tuple[float, float, float]:
         """Where the drone is now: x, y, z."""
@@ -300,19 +296,20 @@ class Drone:
 
     def observe(self, step: int) -> Observation:
         """What it knows at a decision epoch, once it has taken its bearings."""
-        radio, back = self.radio, self.way_back
+        radio, back, world = self.radio, self.way_back, self.world
         limited = self.energy is not None
+        self.battery_seen_us = self.battery_now_us()
         return_us = self.return_us()
         ix, iy, level = self.belief
         return Observation(
             self.index,
             step,
-            self.world.scenario.episode.steps,
+            world.scenario.episode.steps,
             (ix, iy),
             level,
             self.mode,
-            self.battery_now_us() / US if limited else None,
-            self.world.capacity_us / US if limited else None,
+            self.battery_seen_us / US if limited else None,
+            world.capacity_us / US if limited else None,
             None if return_us is None else return_us / US,
             radio.attached_users,
             sum(radio.served),
@@ -323,13 +320,15 @@ class Drone:
             tuple(radio.asking),
         )
 
-    def may_return(self) -> bool:
-        """Is the battery low enough for a return?"""
-        return self.battery_now_us() <= self.world.return_below_us
+    def may(self) -> tuple[Mode, bool, bool]:
+        """What its mask depends on, as it was observed last: its mode, and two questions.
 
-    def may_charge(self) -> bool:
-        """Is it on a station, at its landing level, and not full?"""
-        return self.node in self.stations and self.battery_now_us() < self.world.capacity_us
+        Is the battery low enough for a return? Is the drone on a station, at its landing level,
+        and not full?
+        """
+        battery_us, world = self.battery_seen_us, self.world
+        may_charge = battery_us < world.capacity_us and self.node in self.stations
+        return self.mode, battery_us <= world.return_below_us, may_charge
 
     def orient(self, error_cells: NDArray[np.float64] | None) -> None:
         """Take bearings at a decision epoch: where it believes it is, and its way back from there.
@@ -358,12 +357,14 @@ class Drone:
 
     def battery_now_us(self) -> int:
         """What the battery holds now."""
-        if self.energy is None:
+        energy = self.energy
+        if energy is None:
             return 0
-        elapsed_us = self.agenda.now - self.since_us
-        if self.mode in AIRBORNE:
-            return self.battery_us - self.energy.drained_us(self.leg.transit, elapsed_us)
-        if self.mode is Mode.CHARGING:
+        elapsed_us = self.agenda._now - self.since_us
+        mode = self.mode
+        if mode is FLYING or mode is RETURNING:
+            return self.battery_us - energy.drained_us(self.leg.transit, elapsed_us)
+        if mode is CHARGING:
             world = self.world
             return charged_us(self.battery_us, elapsed_us, world.capacity_us, world.full_charge_us)
         return self.battery_us
@@ -371,7 +372,7 @@ class Drone:
     def _change_mode(self, mode: Mode) -> None:
         """Book what the battery has lost or won so far; from now on another leg or mode counts."""
         self.battery_us = self.battery_now_us()
-        self.since_us = self.agenda.now
+        self.since_us = self.agenda._now
         self.counted_m = 0.0
         self.leg_number += 1
         self.mode = mode
@@ -382,17 +383,17 @@ class Drone:
 
     def _crash(self) -> None:
         """The battery is empty in the air: the drone falls where it is, its users are dropped."""
-        self._emit(Phase.DEPLETION, "deplete")
+        self._emit(DEPLETION, "deplete")
         x_m, y_m, _ = self.position_m()
         self.count_distance()
-        self._change_mode(Mode.CRASHED)
+        self._change_mode(CRASHED)
         self.node = (*self.world.grid.cell_of(x_m, y_m), 0)
         self.leg = Leg(REST, (x_m, y_m), (x_m, y_m), 0.0, 0.0)
         self.command = None
         self.hop, self.route = None, []
-        self.airlink.silence(self.radio, Phase.DEPLETION)
+        self.airlink.silence(self.radio, DEPLETION)
         self.journal.log.crashed.append(self.index)
-        self._emit(Phase.DEPLETION, "crash")
+        self._emit(DEPLETION, "crash")
         self.process.interrupt()
 
     def down_us(self) -> int:
@@ -402,8 +403,9 @@ class Drone:
     def respawn(self, station: int) -> None:
         """A new drone takes its place, on a station."""
         self._appear(self.world.stations[station])
-        self._emit(Phase.RESPAWN, "respawn", station)
-        self.revival.give(None, Phase.RESPAWN, self.index)
+        self._emit(RESPAWN, "respawn", station)
+        self.revival.give(None, RESPAWN, self.index)
 
     def _emit(self, phase: Phase, kind: str, station: int = -1) -> None:
-        self.journal.emit((self.agenda.now, phase, kind, self.index, -1, -1, station))
+        if self.journal.log.events is not None:
+            self.journal.emit((self.agenda._now, phase, kind, self.index, -1, -1, station))

@@ -20,8 +20,10 @@ from desim_uav.engine.base import (
 from desim_uav.engine.des.agenda import Agenda
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.drone import Drone
+from desim_uav.engine.des.flights import Flights
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
+from desim_uav.engine.des.sweep import Crossings
 from desim_uav.engine.des.users import start_asking
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
@@ -30,6 +32,8 @@ from desim_uav.model.rules import Action, Mode, Phase, mask, obeyed
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
+
+CRASHED = Mode.CRASHED
 
 
 class Simulation:
@@ -51,6 +55,8 @@ class Simulation:
         self.shown: Snapshot | None = None
         self.terminated = self.truncated = False
         self._carried: Carried | None = None
+        self._flights = Flights(world)
+        self._crossings = Crossings(world.scenario.drones.footprint_radius_m)
         self._masks = {
             (mode, may_return, may_charge): mask(world.actions, mode, may_return, may_charge)
             for mode, may_return, may_charge in product(Mode, (False, True), (False, True))
@@ -98,12 +104,13 @@ class Simulation:
         self.epoch = 0
         self.terminated = self.truncated = False
         self._carried = None
-        self._rewarded: tuple[dict[str, float], ...] = ()
+        self._terms: tuple[dict[str, float], ...] = ()
+        self._rewards: tuple[float, ...] = ()
         self._last_states: list[UserState] = []
         self.agenda = Agenda()
         log = EpisodeLog(path.episode, [] if self.settings.keep_events else None)
         self.journal = Journal(self.agenda, log)
-        self.airlink = AirLink(world, self.journal, path)
+        self.airlink = AirLink(world, self.journal, path, self._crossings)
         pads = world.scenario.stations.pads
         self.stations: dict[Node, Station] = {
             (*cell, 0): Station(self.agenda, index, cell, pads)
@@ -112,7 +119,16 @@ class Simulation:
         count = len(self.settings.ceilings)
         before = carried or (None,) * count
         self.drones = [
-            Drone(world, self.journal, self.airlink, self.stations, index, ceiling, before[index])
+            Drone(
+                world,
+                self.journal,
+                self.airlink,
+                self.stations,
+                index,
+                ceiling,
+                self._flights,
+                before[index],
+            )
             for index, ceiling in enumerate(self.settings.ceilings)
         ]
         places = [0 if drone is None else drone.place for drone in before]
@@ -156,34 +172,38 @@ class Simulation:
         self.epoch += 1
         self._orient(self.drones)
         self._observe()
-        self._rewarded = self._reward()
+        self._reward()
         self._log_steps()
-        crashed = any(drone.mode is Mode.CRASHED for drone in self.drones)
-        self.terminated = self.world.on_crash == "end_episode" and crashed
+        crashed = any([drone.mode is CRASHED for drone in self.drones])
+        self.terminated = crashed and self.world.on_crash == "end_episode"
         self.truncated = self.epoch == self.steps
         if self.terminated or self.truncated:
             self._show()
             self._end_episode()
-        else:
+        elif crashed:
             self.agenda.call(self._respawn, None, self.agenda.now, Phase.RESPAWN)
+        else:
+            self._show()
 
-    def _reward(self) -> tuple[dict[str, float], ...]:
-        """What each drone is rewarded for."""
+    def _reward(self) -> None:
+        """Note what each drone is rewarded for."""
         terms, facts = self.world.scenario.reward.terms, self.world.facts
         asked = tuple(self.airlink.open_requests)
-        return tuple(terms(observation, asked, facts) for observation in self.observations)
+        self._terms = tuple([terms(seen, asked, facts) for seen in self.observations])
+        self._rewards = tuple([sum(terms.values()) for terms in self._terms])
 
     def _log_steps(self) -> None:
         """One record a drone."""
-        rows = zip(self.drones, self.commanded, self.observations, self._rewarded, strict=True)
-        for drone, (action, taken), seen, terms in rows:
+        t_us, step = self.agenda._now, self.epoch - 1
+        rows = zip(self.drones, self.commanded, self.observations, self._rewards, strict=True)
+        for drone, (action, taken), seen, reward in rows:
             self.log.steps.append(
                 Step(
-                    self.epoch - 1,
-                    self.agenda.now,
+                    step,
+                    t_us,
                     drone.index,
                     *drone.position_m(),
-                    None if drone.energy is None else drone.battery_now_us(),
+                    None if drone.energy is None else drone.battery_seen_us,
                     drone.mode,
                     action,
                     taken,
@@ -191,7 +211,7 @@ class Simulation:
                     seen.served_requests,
                     drone.radio.used_bps,
                     drone.return_us(),
-                    sum(terms.values()),
+                    reward,
                 )
             )
 
@@ -221,7 +241,7 @@ class Simulation:
         self.agenda.call(self._show, None, self.agenda.now, Phase.RESPAWN, len(self.drones))
 
     def _is_due(self, drone: Drone) -> bool:
-        return drone.mode is Mode.CRASHED and drone.down_us() >= self.world.respawn_after_us
+        return drone.mode is CRASHED and drone.down_us() >= self.world.respawn_after_us
 
     # ---- what policies are shown
 
@@ -233,7 +253,7 @@ class Simulation:
 
     def _observe(self) -> None:
         """Note what each drone knows."""
-        self.observations = tuple(drone.observe(self.epoch) for drone in self.drones)
+        self.observations = tuple([drone.observe(self.epoch) for drone in self.drones])
 
     def _show(self, _: None = None) -> None:
         """The state as policies see it; it ends the run to this decision epoch."""
@@ -244,13 +264,10 @@ class Simulation:
             self.terminated,
             self.truncated,
             self.observations,
-            tuple(
-                self._masks[drone.mode, drone.may_return(), drone.may_charge()]
-                for drone in self.drones
-            ),
+            tuple([self._masks[drone.may()] for drone in self.drones]),
             tuple(self.airlink.open_requests),
-            tuple(sum(terms.values()) for terms in self._rewarded),
-            self._rewarded,
+            self._rewards,
+            self._terms,
         )
 
     # ---- what can be asked in between
