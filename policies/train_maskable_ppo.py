@@ -7,6 +7,7 @@ desim-uav run case1 --seed 0 --policy sb3:model.zip
 import argparse
 
 import gymnasium
+import torch
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.env_util import make_vec_env
 
@@ -64,6 +65,7 @@ def main(arguments=None):
     parser.add_argument("--steps", type=int, default=100_000, help="of all drones together")
     parser.add_argument("--seed", type=int, default=0)
     asked = parser.parse_args(arguments)
+    torch.set_num_threads(1)  # on several, networks as small as these only wait for each other
     train(asked.scenario, asked.steps, asked.seed).save(asked.file)
     print(f"desim-uav run {asked.scenario} --seed {asked.seed} --policy sb3:{asked.file}")
 

@@ -82,6 +82,38 @@ def test_the_python_example(monkeypatch):
     assert names["engine"].log.attached_us >= 0
 
 
+def test_the_environment_example():
+    (example,) = [block for block in blocks("python") if "UavParallelEnv" in block]
+    names = {}
+    exec(example, names)
+    assert names["env"].agents == [] and all(names["truncations"].values())
+    assert set(names["rewards"]) == {"drone_0", "drone_1"}
+
+
+def test_the_columns_of_a_training():
+    (columns,) = re.findall(r"`training.parquet` \(`(episode, [^`]*)`\)", README)
+    assert columns.replace("\n", " ").split(", ") == list(records.TRAINING)
+
+
+def test_the_presets_values_are_those_said():
+    said = re.search(r"`preset: paper` puts.*?\n\n", README, re.DOTALL).group(0)
+    preset = loads("preset: paper")
+    assert "`respawn_after_min: 0`" in said and preset.drones.battery.respawn_after_min == 0
+    assert "`demand.none: 0.1`" in said and preset.demand.none == 0.1
+    assert "`reward.cost_sign: 1`" in said and preset.reward.cost_sign == 1
+    learning = re.sub(r"\s+", " ", said.partition("of learning:")[2].strip())
+    keys = {key: yaml.safe_load(value) for key, value in re.findall(r"`(\w+): ([^`]*)`", learning)}
+    assert loads(yaml.safe_dump({"learning": keys})).learning == preset.learning
+
+
+def test_the_commands_are_those_there_are():
+    from desim_uav.cli import app
+
+    there = {command.name or command.callback.__name__ for command in app.registered_commands}
+    said = set(re.findall(r"^desim-uav (\w+) ", README, re.MULTILINE))
+    assert said == there
+
+
 def test_the_picture_stands_beside_its_command():
     assert (ROOT / "docs" / "case8.png").is_file()
     assert "analysis/case_picture.py runs/picture docs/case8.png 0 20" in README

@@ -109,19 +109,24 @@ def _claims_of_the_paper(rows: Sequence[Row]) -> list[Claim]:
         )
         text = f"the paper: crashes rise with the position error (case 9 against 8, {policy})"
         found.append(Claim(text, _shown(more, 3), (more.low or 0.0) > 0.0, gate=False))
-    baseline = [r for r in rows if r["policy"] == "baseline"]
     for name, label in (
         ("qoe3_percent", "the baseline's QoE3 is the worst"),
         ("crashes_per_drone_episode", "the baseline is the safest"),
     ):
         for policy in LEARNED:
-            others = {(r["case"], r["seed"]): r[name] for r in rows if r["policy"] == policy}
-            more = paired(
-                [others[r["case"], r["seed"]] for r in baseline], [r[name] for r in baseline]
-            )
-            text = f"the paper: {label} (over all cases, against {policy})"
+            more = paired(_over_cases(rows, policy, name), _over_cases(rows, "baseline", name))
+            text = f"the paper: {label} (mean over the cases, against {policy})"
             found.append(Claim(text, _shown(more, 3), (more.low or 0.0) > 0.0, gate=False))
     return found
+
+
+def _over_cases(rows: Sequence[Row], policy: str, name: str) -> list[float]:
+    """A policy's mean over all cases, seed by seed: the seed is the replication, not the case."""
+    by_seed: dict[int, list[float]] = {}
+    for row in rows:
+        if row["policy"] == policy:
+            by_seed.setdefault(row["seed"], []).append(row[name])
+    return [sum(values) / len(values) for _, values in sorted(by_seed.items())]
 
 
 def _values(rows: Sequence[Row], case: int, policy: str) -> list[Row]:

@@ -272,12 +272,7 @@ def _setting(key: str, shown: Any) -> Any:
         name = re.fullmatch(r"<class 'torch\.nn\.modules\.activation\.(\w+)'>", str(shown))
         if name and name[1] in ACTIVATIONS:
             return getattr(importlib.import_module("torch.nn"), name[1])
-    known = {
-        "net_arch": _is_architecture,
-        "n_quantiles": _is_width,
-        "share_features_extractor": lambda value: isinstance(value, bool),
-    }
-    if key in known and known[key](shown):
+    if key in SETTINGS and SETTINGS[key](shown):
         return shown
     raise ValueError(f"policy_kwargs: {key}: {str(shown)[:80]} cannot be read without unpickling")
 
@@ -295,3 +290,15 @@ def _are_widths(value: Any) -> bool:
 
 def _is_width(value: Any) -> bool:
     return type(value) is int and 1 <= value <= WIDEST
+
+
+def _is_bool(value: Any) -> bool:
+    return isinstance(value, bool)
+
+
+SETTINGS: dict[str, Callable[[Any], bool]] = {
+    "n_quantiles": _is_width,
+    "net_arch": _is_architecture,
+    "share_features_extractor": _is_bool,
+}
+"""The settings that are taken over, beside the activation, and how they must look."""
