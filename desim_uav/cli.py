@@ -157,9 +157,7 @@ def run(
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
 
-    settings = list(overrides or [])
-    settings += [] if seed is None else [f"seed={seed}"]
-    settings += [] if world_seed is None else [f"world_seed={world_seed}"]
+    settings = _settings(overrides, seed, world_seed)
     path = find_scenario(scenario)
     loaded = load(path, settings)
     _end_politely()
@@ -229,9 +227,7 @@ def train(
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
 
-    settings = list(overrides or [])
-    settings += [] if seed is None else [f"seed={seed}"]
-    settings += [] if world_seed is None else [f"world_seed={world_seed}"]
+    settings = _settings(overrides, seed, world_seed)
     settings += [] if algorithm is None else [f'learning.algorithm="{algorithm}"']
     settings += [] if episodes is None else [f"learning.episodes={episodes}"]
     path = find_scenario(scenario)
@@ -278,9 +274,7 @@ def optimum(
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
 
-    settings = list(overrides or [])
-    settings += [] if seed is None else [f"seed={seed}"]
-    settings += [] if world_seed is None else [f"world_seed={world_seed}"]
+    settings = _settings(overrides, seed, world_seed)
     path = find_scenario(scenario)
     loaded = load(path, settings)
     found = _located(path, lambda: best_of(loaded))
@@ -459,6 +453,14 @@ def _refuse_how_to_run(context: typer.Context) -> None:
         if source is not None and source.name == "COMMANDLINE":
             flag = {"overrides": "-S", "jobs": "-j"}.get(option, "--" + option.replace("_", "-"))
             raise UsageError(f"{flag} goes with a scenario and --policies, not with finished runs")
+
+
+def _settings(overrides: list[str] | None, seed: int | None, world_seed: int | None) -> list[str]:
+    """What the command line sets of a scenario."""
+    settings = list(overrides or [])
+    settings += [] if seed is None else [f"seed={seed}"]
+    settings += [] if world_seed is None else [f"world_seed={world_seed}"]
+    return settings
 
 
 def _located(path: Path, action: Any) -> Any:

@@ -126,20 +126,13 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         encoded = np.array(session.encoded(), self._dtype)
         of_all = session.info()
         observations, infos = {}, {}
-        for agent, row, seen, allowed, terms in zip(
-            self.possible_agents,
-            encoded,
-            shown.observations,
-            shown.masks,
-            session.reward_info(),
-            strict=True,
-        ):
-            mask = mask_array(allowed)
-            observations[agent] = {"observation": row, "action_mask": mask}
+        for drone, terms in enumerate(session.reward_info()):
+            agent, mask = self.possible_agents[drone], mask_array(shown.masks[drone])
+            observations[agent] = {"observation": encoded[drone], "action_mask": mask}
             infos[agent] = {
                 **of_all,
-                "attached_users": seen.attached_users,
-                "crashes": crashed.count(seen.drone),
+                "attached_users": shown.observations[drone].attached_users,
+                "crashes": crashed.count(drone),
                 **terms,
                 "action_mask": mask,
             }

@@ -95,12 +95,14 @@ class Session:
     def _commands(self, actions: Iterable[Any]) -> list[int]:
         """Actions as commands, drones in order."""
         try:
-            commands = [operator.index(action) for action in actions]
+            commands = list(map(operator.index, actions))
         except TypeError as problem:
             raise ActionError(f"actions must be whole numbers, not {actions!r}") from problem
         drones, count = self.scenario.drones.count, len(self.world.actions)
         if len(commands) != drones:
             raise ActionError(f"{len(commands)} action(s) for {drones} drone(s)")
+        if min(commands) >= 0 and max(commands) < count:
+            return commands
         for drone, command in enumerate(commands):
             if not 0 <= command < count:
                 raise ActionError(f"drone {drone}: action {command} is not one of 0 … {count - 1}")

@@ -145,7 +145,7 @@ def _label(policy_name: str) -> str:
         return f"{kind}-{Path(file).stem}"
     if policy_name.endswith(".npz"):
         path = Path(policy_name)
-        return path.absolute().parent.name if path.stem == "policy" else path.stem
+        return f"table-{path.absolute().parent.name if path.stem == 'policy' else path.stem}"
     return policy_name
 
 

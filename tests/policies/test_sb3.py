@@ -92,7 +92,11 @@ class Lawful:
 @pytest.fixture(scope="module", autouse=True)
 def one_thread() -> Iterator[None]:
     """These networks are too small for more."""
-    torch = pytest.importorskip("torch")
+    try:
+        import torch
+    except ModuleNotFoundError:
+        yield
+        return
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     yield

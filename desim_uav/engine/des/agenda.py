@@ -100,8 +100,9 @@ class Agenda(simpy.Environment):
         themselves, hundreds of them an episode wait for Python's collector of cyclic garbage.
         """
         for process, life in self._lives:
-            if process.is_alive and process.target.callbacks is not None:
-                process.target.callbacks.clear()
+            awaited = process.target
+            if awaited is not None and awaited.callbacks is not None:
+                awaited.callbacks.clear()
             life.close()
         self._lives.clear()
         self._queue.clear()

@@ -163,15 +163,15 @@ class AirLink:
 
     def _detach(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
         request = self.open[user]
+        since_us = self.since_us[user]
         if request is not None:
-            self._count_attached(request, now_us)
+            request.count_attached(since_us, now_us)
             if request.serving < 0:
                 radio.waiting.remove(request)
             else:
                 self._stop(request, now_us, phase)
                 if radio.waiting:
                     self._affected.add(radio.index)
-        since_us = self.since_us[user]
         self.log.attached_us += now_us - since_us
         self._attached_since_us -= since_us
         self.attached[user] = None
@@ -218,12 +218,13 @@ class AirLink:
         now_us = self.agenda._now
         attach_phase = COVERAGE if late else ATTACHMENT
         admit_phase = ADMISSION if late else ATTACHMENT
-        for user in self._loose:
-            covering = self.covering[user]
-            if covering and self.attached[user] is None:
-                index = _entered_first(covering)
-                self._attach(self.radios[index], user, now_us, attach_phase)
-        self._loose.clear()
+        if self._loose:
+            for user in self._loose:
+                covering = self.covering[user]
+                if covering and self.attached[user] is None:
+                    index = _entered_first(covering)
+                    self._attach(self.radios[index], user, now_us, attach_phase)
+            self._loose.clear()
         if self._affected:
             for index in sorted(self._affected):
                 self._scan(self.radios[index], now_us, admit_phase)
@@ -231,27 +232,29 @@ class AirLink:
 
     def _scan(self, radio: Radio, now_us: int, phase: Phase) -> None:
         """One admission scan of a drone's queue."""
-        served, refused = self.admission.scan(tuple(radio.waiting), radio.free_bps)
+        waiting = radio.waiting
+        served, refused = self.admission.scan(tuple(waiting), radio.free_bps)
         for request in served:
-            radio.waiting.remove(request)
+            waiting.remove(request)
             self._serve(radio, request, now_us, phase)
         for request in refused:
-            radio.waiting.remove(request)
+            waiting.remove(request)
             self._close(request, now_us, phase, "refuse")
 
     def _serve(self, radio: Radio, request: Request, now_us: int, phase: Phase) -> None:
-        if request.bandwidth_bps > radio.free_bps:
+        user, bandwidth_bps = request.user, request.bandwidth_bps
+        if bandwidth_bps > radio.free_bps:
             raise SimulationError(
                 f"admission {type(self.admission).__name__!r} served more than a drone's bandwidth"
             )
-        radio.free_bps -= request.bandwidth_bps
+        radio.free_bps -= bandwidth_bps
         radio.served[request.service] += 1
-        radio.used_bps += request.bandwidth_bps
+        radio.used_bps += bandwidth_bps
         request.start(radio.index, now_us)
-        self._in_service[request.user] = request
+        self._in_service[user] = request
         self._served_us -= now_us
         if self.events is not None:
-            self.events.append((now_us, phase, "serve", radio.index, request.user, request.request_id, -1))
+            self.events.append((now_us, phase, "serve", radio.index, user, request.request_id, -1))
         done_us = now_us + request.required_us - request.served_us
         if done_us <= self.end_us:
             self.agenda.call(
@@ -260,21 +263,22 @@ class AirLink:
                 done_us,
                 COMPLETION,
                 radio.index,
-                request.user,
+                user,
             )
 
     def _stop(self, request: Request, now_us: int, phase: Phase) -> None:
         radio = self.radios[request.serving]
+        user, bandwidth_bps = request.user, request.bandwidth_bps
         elapsed_us = request.stop(now_us)
-        del self._in_service[request.user]
+        del self._in_service[user]
         self._served_us += now_us
-        self._shares[request.user] = request.served_us / request.required_us
-        self.log.bandwidth_us_bps += elapsed_us * request.bandwidth_bps
-        radio.free_bps += request.bandwidth_bps
-        radio.used_bps -= request.bandwidth_bps
+        self._shares[user] = request.served_us / request.required_us
+        self.log.bandwidth_us_bps += elapsed_us * bandwidth_bps
+        radio.free_bps += bandwidth_bps
+        radio.used_bps -= bandwidth_bps
         radio.served[request.service] -= 1
         if self.events is not None:
-            self.events.append((now_us, phase, "stop", radio.index, request.user, request.request_id, -1))
+            self.events.append((now_us, phase, "stop", radio.index, user, request.request_id, -1))
 
     # ---- requests
 
@@ -284,11 +288,11 @@ class AirLink:
         service: int,
         required_us: int,
         bandwidth_bps: int,
-        think_us: int | None = None,
-    ) -> Due:
-        """A user's request opens now. The event happens ``think_us`` after its end, if ever."""
+        think_us: int = 0,
+        again: Due | None = None,
+    ) -> None:
+        """A user's request opens now. ``again`` will happen ``think_us`` after its end, if ever."""
         now_us = self.agenda._now
-        again = Due()
         request = Request(
             self.opened, user, service, now_us, required_us, bandwidth_bps, think_us, again
         )
@@ -305,8 +309,7 @@ class AirLink:
             insort(radio.waiting, request, key=_IN_ORDER)
             self._affected.add(radio.index)
             # Only a user who waits for the end of this request cannot ask again in this instant.
-            self._settle_after(REQUEST, in_place=think_us is not None)
-        return again
+            self._settle_after(REQUEST, in_place=again is not None)
 
     def _on_completion(self, service: Service) -> None:
         request, stamp = service
@@ -320,28 +323,26 @@ class AirLink:
                 self._settle_after(COMPLETION)
 
     def _close(self, request: Request, now_us: int, phase: Phase, kind: str) -> None:
-        radio = self.attached[request.user]
+        user = request.user
+        radio = self.attached[user]
         if radio is not None:
-            self._count_attached(request, now_us)
+            request.count_attached(self.since_us[user], now_us)
         request.close(now_us)
         self._closed_qoe1 += request.served_us / request.required_us
-        self._shares[request.user] = 0.0
+        self._shares[user] = 0.0
         self._open_us += now_us
-        self.open[request.user] = None
+        self.open[user] = None
         self.open_requests[request.service] -= 1
-        for index in self.covering[request.user]:
+        for index in self.covering[user]:
             self.radios[index].asking[request.service] -= 1
         self.log.requests.append(request)
         holder = -1 if radio is None else radio.index
         if self.events is not None:
-            self.events.append((now_us, phase, kind, holder, request.user, request.request_id, -1))
-        if request.think_us is not None and now_us + request.think_us < self.end_us:
+            self.events.append((now_us, phase, kind, holder, user, request.request_id, -1))
+        if request.again is not None:
             again_us = now_us + request.think_us
-            self.agenda.add(request.again, again_us, REQUEST, -1, request.user)
-
-    def _count_attached(self, request: Request, now_us: int) -> None:
-        since_us = max(self.since_us[request.user], request.t_request_us)
-        request.attached_us += now_us - since_us
+            if again_us < self.end_us:
+                self.agenda.add(request.again, again_us, REQUEST, -1, user)
 
     def measures(self) -> Measures:
         """The quality of experience so far, open requests by what they have had so far.
@@ -380,4 +381,4 @@ class AirLink:
         for radio in self.radios:
             radio.waiting.clear()
             radio.on = False
-        self.log.requests.sort(key=lambda request: request.request_id)
+        self.log.requests.sort(key=attrgetter("request_id"))

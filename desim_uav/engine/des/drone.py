@@ -66,6 +66,7 @@ class Drone:
         self.respawns = 0
         self.command: Signal | None = None
         self.way_back: Return | None = None
+        self.return_us: float | None = None
         self.hop: Node | None = None
         self.route: list[Node] = []
         self.pad: simpy.resources.resource.Request | None = None
@@ -290,7 +291,10 @@ class Drone:
 
     def position_m(self) -> tuple[float, float, float]:
         """Where the drone is now: x, y, z."""
-        return self.leg.position_m((self.agenda.now - self.since_us) / US)
+        leg = self.leg
+        if leg.transit is REST:
+            return (*leg.from_m, leg.from_z_m)
+        return leg.position_m((self.agenda.now - self.since_us) / US)
 
     # ---- what the drone knows
 
@@ -299,7 +303,7 @@ class Drone:
         radio, back, world = self.radio, self.way_back, self.world
         limited = self.energy is not None
         self.battery_seen_us = self.battery_now_us()
-        return_us = self.return_us()
+        return_us = self.return_us
         ix, iy, level = self.belief
         return Observation(
             self.index,
@@ -333,7 +337,8 @@ class Drone:
     def orient(self, error_cells: NDArray[np.float64] | None) -> None:
         """Take bearings at a decision epoch: where it believes it is, and its way back from there.
 
-        ``error_cells``: by how much it mistakes x and y. It knows its altitude.
+        ``error_cells``: by how much it mistakes x and y. It knows its altitude. ``return_us`` is
+        n_B, the battery the way back takes.
         """
         grid = self.world.grid
         if error_cells is None and self.leg.transit is REST:
@@ -345,13 +350,8 @@ class Drone:
                 y += float(error_cells[1]) * grid.cell_m[1]
             self.belief = (*grid.cell_of(x, y), grid.level_of(z))
         if self.energy is not None:
-            self.way_back = self.world.planner.plan(self.belief, self.ceiling)
-
-    def return_us(self) -> float | None:
-        """n_B: the battery a return takes from where the drone believes it is."""
-        if self.energy is None:
-            return None
-        return math.inf if self.way_back is None else self.way_back.drained_us
+            back = self.way_back = self.world.planner.plan(self.belief, self.ceiling)
+            self.return_us = math.inf if back is None else back.drained_us
 
     # ---- battery
 

@@ -11,8 +11,8 @@ class Request:
 
     ``serving`` is the drone that serves it now (-1: none), since ``started_us``; ``stopped_us``
     the end of the last service of more than 0 µs. ``stamp`` changes with every start and stop, so
-    a completion foreseen before then is known to be stale. ``again`` is what its user waits for,
-    to ask again ``think_us`` after its end (None: nobody waits).
+    that a completion foreseen before then is known to be stale. ``again`` is what its user waits
+    for, to ask again, ``think_us`` after its end (None: nobody waits).
     """
 
     served_us = 0
@@ -34,8 +34,8 @@ class Request:
         t_request_us: int,
         required_us: int,
         bandwidth_bps: int,
-        think_us: int | None,
-        again: Due,
+        think_us: int,
+        again: Due | None,
     ) -> None:
         self.request_id = request_id
         self.user = user
@@ -68,6 +68,11 @@ class Request:
                 self.drones.append(drone)
             self.stopped_us = t_us
         return elapsed_us
+
+    def count_attached(self, since_us: int, t_us: int) -> None:
+        """Its user was attached from ``since_us`` until now; while it is open, that counts."""
+        asked_us = self.t_request_us
+        self.attached_us += t_us - (since_us if since_us > asked_us else asked_us)
 
     def close(self, t_us: int) -> None:
         """The request ends, served or not."""

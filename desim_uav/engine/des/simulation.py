@@ -194,10 +194,10 @@ class Simulation:
 
     def _log_steps(self) -> None:
         """One record a drone."""
-        t_us, step = self.agenda._now, self.epoch - 1
+        t_us, step, keep = self.agenda._now, self.epoch - 1, self.log.steps.append
         rows = zip(self.drones, self.commanded, self.observations, self._rewards, strict=True)
         for drone, (action, taken), seen, reward in rows:
-            self.log.steps.append(
+            keep(
                 Step(
                     step,
                     t_us,
@@ -210,7 +210,7 @@ class Simulation:
                     seen.attached_users,
                     seen.served_requests,
                     drone.radio.used_bps,
-                    drone.return_us(),
+                    drone.return_us,
                     reward,
                 )
             )

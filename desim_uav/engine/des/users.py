@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from desim_uav.engine.des.agenda import Agenda, Life
+from desim_uav.engine.des.agenda import Agenda, Due, Life
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.model.demand import Requests
 from desim_uav.model.rules import Phase
@@ -55,7 +55,9 @@ def _ask_and_think(
         return
     yield agenda.at(agenda.now + think_us, Phase.REQUEST, user=user)
     for (_, service, required_us, bandwidth_bps), (think_us, *_) in pairwise(rows):
-        yield airlink.ask(user, service, required_us, bandwidth_bps, think_us)
+        again = Due()
+        airlink.ask(user, service, required_us, bandwidth_bps, think_us, again)
+        yield again
     _, service, required_us, bandwidth_bps = rows[-1]
     airlink.ask(user, service, required_us, bandwidth_bps)
 
