@@ -7,7 +7,8 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.observations import Feature
+from desim_uav.errors import UsageError
+from desim_uav.model.observations import Feature, table_sizes
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.model.state import Facts
 
@@ -22,8 +23,11 @@ def initial_q(
     facts: Facts,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """A table (states, actions): zero, random in [0, 1), the maximum reward, or prior knowledge."""
-    sizes = tuple(int(feature.high) + 1 for feature in features)
+    """A table (states, actions): zero, random in [0, 1), the maximum reward, or prior knowledge.
+
+    Raises UsageError where there is nothing to know beforehand.
+    """
+    sizes = table_sizes(features)
     shape = (math.prod(sizes), len(actions))
     if kind == "random":
         return rng.random(shape, np.float32)
@@ -40,6 +44,11 @@ def _prior(
 ) -> NDArray[np.float32]:
     """1 - distance from the next cell to the nearest cluster's cell, over the map's diagonal."""
     names = [feature.name for feature in features]
+    if not {"cell_x", "cell_y"} <= set(names) or len(facts.clusters) == 0:
+        raise UsageError(
+            "learning.initial_q: prior knowledge is of clusters of users (users.clusters), and of "
+            "states that have a cell_x and a cell_y"
+        )
     places = np.indices(sizes).reshape(len(sizes), -1)
     x, y = places[names.index("cell_x")], places[names.index("cell_y")]
     grid = facts.grid

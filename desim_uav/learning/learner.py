@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cache
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.errors import ScenarioError
 from desim_uav.learning.exploration import epsilon_greedy
+from desim_uav.registry import resolve
 
 
 class Algorithm(Protocol):
@@ -23,6 +25,28 @@ class Algorithm(Protocol):
 
     tables: int
     update: Any
+
+
+def load_algorithm(name: str) -> Algorithm:
+    """A built-in, or a class ``"package.module:Class"``.
+
+    Raises ScenarioError where there is none, or it is no algorithm.
+    """
+    try:
+        algorithm: Any = resolve("algorithm", name)
+    except ValueError as error:
+        raise ScenarioError(f"learning.algorithm: {error}") from error
+    tables = getattr(algorithm, "tables", None)
+    if (
+        not isinstance(tables, int)
+        or tables < 1
+        or not callable(getattr(algorithm, "update", None))
+    ):
+        raise ScenarioError(
+            f"learning.algorithm: {name!r} is no algorithm: it needs 'tables', their number, and "
+            "'update', a function"
+        )
+    return cast(Algorithm, algorithm)
 
 
 Decision = tuple[int, int, float, float]

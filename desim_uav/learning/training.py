@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,19 +12,17 @@ from desim_uav.engine.base import Carried, Engine, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.learning.initial_q import initial_q
-from desim_uav.learning.learner import Decision, Learner
-from desim_uav.model.observations import Feature
-from desim_uav.model.rules import Mode
+from desim_uav.learning.learner import Decision, Learner, load_algorithm
+from desim_uav.model.observations import Feature, table_row, table_sizes
+from desim_uav.model.rules import DECIDES, Mode
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Purpose, Streams, uniforms
-from desim_uav.registry import resolve
 from desim_uav.sample_path import draw
 from desim_uav.world import World
 
 FIRST_PATH = 2**24
 """Training draws its sample paths from this number on: no run under the same seed meets them."""
 
-DECIDES = frozenset({Mode.FLYING, Mode.CHARGED})
 LARGEST_TABLE = 2**29
 DRAWS = 3
 
@@ -69,14 +67,14 @@ class Training:
         self.seed = seed
         self.settings = scenario.learning
         self.features = table_features(world)
-        self.sizes = tuple(int(feature.high) + 1 for feature in self.features)
+        self.sizes = table_sizes(self.features)
         self.episode = 0
         self.carries_over = scenario.episode.carry_over
         count = scenario.drones.count
         ceilings = RunSettings((True,) * count, self.carries_over)
         self.engine: Engine = Simulation(world, ceilings)
         self.encode = scenario.observation.encode
-        algorithm: Any = resolve("algorithm", self.settings.algorithm)
+        algorithm = load_algorithm(self.settings.algorithm)
         states, actions = math.prod(self.sizes), len(world.actions)
         self.q = np.empty((count, algorithm.tables, states, actions), np.float32)
         streams = Streams(seed, Purpose.LEARNER)
@@ -156,11 +154,7 @@ class Training:
                 learner.bootstrap(self._state(seen), mask, self.epsilon, self.alpha, drawn)
 
     def _state(self, seen: Observation) -> int:
-        """The row of the table."""
-        row = 0
-        for value, size in zip(self.encode(seen, self.world.facts), self.sizes, strict=True):
-            row = row * size + int(value)
-        return row
+        return table_row(self.encode(seen, self.world.facts), self.sizes)
 
     def _draws(self, number: int) -> list[list[list[float]]]:
         """What chance says at each decision epoch: (epochs, drones, 3), uniform in [0, 1)."""
@@ -197,7 +191,7 @@ def table_features(world: World) -> tuple[Feature, ...]:
             f"observation: {kind!r} is not made of whole numbers from 0, which a table of values "
             "needs; use {kind: position}"
         )
-    states = math.prod(int(feature.high) + 1 for feature in features)
+    states = math.prod(table_sizes(features))
     entries = states * len(world.actions) * world.scenario.drones.count
     if entries > LARGEST_TABLE:
         raise UsageError(

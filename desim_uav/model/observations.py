@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
@@ -30,6 +31,19 @@ class Encoding(Protocol):
 
     def encode(self, observation: Observation, facts: Facts) -> tuple[float, ...]:
         """The numbers, each within its feature's bounds."""
+
+
+def table_sizes(features: Sequence[Feature]) -> tuple[int, ...]:
+    """How many values each feature of a table's states has; they begin at 0."""
+    return tuple(int(feature.high) + 1 for feature in features)
+
+
+def table_row(code: Sequence[float], sizes: Sequence[int]) -> int:
+    """The row of a state in a table: the first feature is the most significant."""
+    row = 0
+    for value, size in zip(code, sizes, strict=True):
+        row = row * size + int(value)
+    return row
 
 
 @register("observation", "position")

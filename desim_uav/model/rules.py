@@ -72,6 +72,9 @@ class Outcome(StrEnum):
 
 AIRBORNE = frozenset({Mode.FLYING, Mode.RETURNING})
 
+DECIDES = frozenset({Mode.FLYING, Mode.CHARGED})
+"""In every other mode a drone's mask leaves one action."""
+
 
 @cache
 def actions(three_d: bool, limited_battery: bool) -> tuple[Action, ...]:

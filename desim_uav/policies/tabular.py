@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from desim_uav import array_file
 from desim_uav.errors import PolicyError
-from desim_uav.model.observations import Feature
-from desim_uav.model.rules import Mode
+from desim_uav.model.observations import Feature, table_row, table_sizes
+from desim_uav.model.rules import DECIDES
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.registry import register
@@ -96,14 +96,14 @@ class Greedy:
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Raises PolicyError where the table does not fit the scenario."""
-        self._world = world
+        self._facts = world.facts
         self._encode = world.scenario.observation.encode
         features = world.scenario.observation.features(world.facts)
         about = self.table.about
         self._require("drones", len(self.table.q), world.scenario.drones.count)
         self._require("actions", about["actions"], [a.name.lower() for a in world.actions])
         self._require("states", about["features"], described(features))
-        self._sizes = [high + 1 for _, high in about["features"]]
+        self._sizes = table_sizes(features)
 
     def _require(self, what: str, learned: Any, here: Any) -> None:
         if learned != here:
@@ -121,17 +121,10 @@ class Greedy:
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
         """What is forced, else the best."""
-        if observation.mode not in (Mode.FLYING, Mode.CHARGED):
+        if observation.mode not in DECIDES:
             return list(mask).index(True)
-        values = self.table.q[observation.drone, self._state(observation)]
-        return int(np.where(mask, values, -np.inf).argmax())
-
-    def _state(self, observation: Observation) -> int:
-        row = 0
-        code = self._encode(observation, self._world.facts)
-        for value, size in zip(code, self._sizes, strict=True):
-            row = row * size + int(value)
-        return row
+        row = table_row(self._encode(observation, self._facts), self._sizes)
+        return int(np.where(mask, self.table.q[observation.drone, row], -np.inf).argmax())
 
 
 def described(features: Sequence[Feature]) -> list[list[Any]]:

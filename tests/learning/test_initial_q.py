@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from desim_uav.errors import UsageError
 from desim_uav.learning.initial_q import initial_q
 from desim_uav.model.rules import Action
 from desim_uav.scenario.load import from_mapping
@@ -71,3 +72,9 @@ def test_prior_knowledge_of_the_nearest_cluster_at_every_battery_and_level(world
     homes = [world.grid.cell_of(x, y) for x, y, _ in world.clusters]
     best = {tuple(place) for place in np.argwhere(table[:, :, 0, 0, hover] == 1.0).tolist()}
     assert best == set(homes)
+
+
+def test_prior_knowledge_of_nothing():
+    scenario = from_mapping({"users": {"positions_m": [[100, 100]]}})
+    with pytest.raises(UsageError, match=r"learning\.initial_q: prior knowledge is of clusters"):
+        made("prior", build_world(scenario, 0))

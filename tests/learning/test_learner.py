@@ -1,9 +1,12 @@
 """What a drone learns from: decisions, with all that is forced in between."""
 
+import sys
+
 import numpy as np
 import pytest
 
-from desim_uav.learning.learner import Learner
+from desim_uav.errors import ScenarioError
+from desim_uav.learning.learner import Learner, load_algorithm
 from desim_uav.learning.q_learning import QLearning
 
 GAMMA = 0.9
@@ -79,3 +82,30 @@ def test_an_open_decision_can_be_handed_on():
         pupil.gain(0.25)
         greedy(pupil, 2)
     assert (one.q == other.q).all() and one.q[0, 0, 0] > 1
+
+
+class Halving:
+    """An algorithm of one's own: half of what was gained."""
+
+    tables = 1
+
+    @staticmethod
+    def update(q, state, action, gained, *rest) -> None:
+        q[0, state, action] = gained / 2
+
+
+class Nothing:
+    """No algorithm."""
+
+
+def test_an_algorithm_of_ones_own(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "mine", sys.modules[__name__])
+    pupil = Learner(load_algorithm("mine:Halving"), GAMMA, np.zeros((1, 3, 2), np.float32))
+    greedy(pupil, 0)
+    pupil.gain(3.0)
+    greedy(pupil, 1)
+    assert pupil.q[0, 0, 0] == 1.5
+    with pytest.raises(ScenarioError, match=r"learning\.algorithm: 'mine:Nothing' is no algorithm"):
+        load_algorithm("mine:Nothing")
+    with pytest.raises(ScenarioError, match=r"learning\.algorithm: cannot import 'mine:Other'"):
+        load_algorithm("mine:Other")
