@@ -123,16 +123,16 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         """Observations and infos of all agents."""
         session = self.session
         shown, crashed = session.shown, session.engine.log.crashed
-        encoded = np.array(session.encoded(), self._dtype)
+        rows = np.array(session.encoded(), self._dtype)
         of_all = session.info()
         observations, infos = {}, {}
         for drone, terms in enumerate(session.reward_info()):
             agent, mask = self.possible_agents[drone], mask_array(shown.masks[drone])
-            observations[agent] = {"observation": encoded[drone], "action_mask": mask}
+            observations[agent] = {"observation": rows[drone], "action_mask": mask}
             infos[agent] = {
                 **of_all,
                 "attached_users": shown.observations[drone].attached_users,
-                "crashes": crashed.count(drone),
+                "crashes": crashed.count(drone) if crashed else 0,
                 **terms,
                 "action_mask": mask,
             }

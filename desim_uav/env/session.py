@@ -89,8 +89,8 @@ class Session:
         shown = self.shown
         if shown.terminated or shown.truncated:
             raise error.ResetNeeded("call reset first: the episode is over")
-        self._shown = self.engine.step(self._commands(actions))
-        return self._shown
+        shown = self._shown = self.engine.step(self._commands(actions))
+        return shown
 
     def _commands(self, actions: Iterable[Any]) -> list[int]:
         """Actions as commands, drones in order."""
@@ -137,11 +137,13 @@ class Session:
 
     def reward_info(self) -> list[dict[str, float]]:
         """The terms of each drone's reward, 0 before the first step."""
-        keys = self._term_keys
-        told = self.shown.reward_terms
-        if not told:
-            return [dict.fromkeys(keys.values(), 0.0) for _ in self.shown.observations]
-        return [{key: float(terms[name]) for name, key in keys.items()} for terms in told]
+        shown, keys = self.shown, self._term_keys
+        if not shown.reward_terms:
+            return [dict.fromkeys(keys.values(), 0.0) for _ in shown.observations]
+        return [
+            dict(zip(keys.values(), map(float, map(terms.__getitem__, keys)), strict=True))
+            for terms in shown.reward_terms
+        ]
 
 
 def _checked(seed: int) -> int:

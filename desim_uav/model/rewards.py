@@ -94,11 +94,13 @@ class MultiService:
             return dict.fromkeys(("users", *facts.services, "return", "charging"), 0.0)
         service, cost = battery_weights(drone, self.low_battery)
         terms = {"users": service * self.users * fair_share(drone, facts)}
+        weights = self.services
         for name, served, asked in zip(facts.services, drone.served, open_requests, strict=True):
-            share = served / asked if asked else 0.0
-            terms[name] = service * self.services.get(name, 0.0) * share
-        terms["return"] = self.cost_sign * cost * return_cost(drone)
-        terms["charging"] = self.cost_sign * cost * self.charging_cost(drone, facts)
+            share = served / asked if served and asked else 0.0
+            terms[name] = service * weights.get(name, 0.0) * share
+        signed = self.cost_sign * cost
+        terms["return"] = signed * (return_cost(drone) if cost else 0.0)
+        terms["charging"] = signed * self.charging_cost(drone, facts)
         return terms
 
     def charging_cost(self, drone: Observation, facts: Facts) -> float:
@@ -108,7 +110,8 @@ class MultiService:
 
 def fair_share(drone: Observation, facts: Facts) -> float:
     """r_u: the drone's users over the users a drone, at most 1."""
-    return min(1.0, drone.attached_users * facts.drones / facts.users)
+    share = drone.attached_users * facts.drones / facts.users
+    return share if share < 1.0 else 1.0
 
 
 def return_cost(drone: Observation) -> float:
@@ -127,11 +130,14 @@ def battery_weights(drone: Observation, low_battery: float) -> tuple[float, floa
     Thresholds c1 = ``low_battery`` of the capacity, each next one its predecessor over 1.5. Where
     the battery just suffices for the way home, or not, only the way home counts.
     """
-    battery_s, capacity_s, return_s = drone.battery_s, drone.capacity_s, drone.return_s
-    if battery_s is None or capacity_s is None or return_s is None:
+    battery_s, capacity_s = drone.battery_s, drone.capacity_s
+    if battery_s is None or capacity_s is None:
         return 1.0, 0.0
     threshold = low_battery * capacity_s
     if battery_s > threshold:
+        return 1.0, 0.0
+    return_s = drone.return_s
+    if return_s is None:
         return 1.0, 0.0
     if battery_s > return_s:
         for service, cost in ((0.8, 0.2), (0.5, 0.5), (0.2, 0.8)):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator
 from heapq import heappop, heappush
-from operator import attrgetter
 from typing import Any
 
 import simpy
@@ -13,6 +12,11 @@ Life = Generator[simpy.Event, Any, None]
 """What a SimPy process runs."""
 
 _PHASE, _DRONE = 1 << 48, 1 << 24
+
+
+def key(phase: int, drone: int = -1, user: int = -1) -> int:
+    """The place within an instant: by phase, drone, user (-1: none, first); users are adjacent."""
+    return phase * _PHASE + (drone + 1) * _DRONE + user + 1
 
 
 class Agenda(simpy.Environment):
@@ -27,16 +31,19 @@ class Agenda(simpy.Environment):
     _now: int
     _queue: list[Any]
 
-    now = property(attrgetter("_now"), doc="Microseconds since the simulation was built.")
-
     def __init__(self) -> None:
         super().__init__()
         self.paused = False
         self._lives: list[tuple[simpy.Process, Life]] = []
 
+    @property
+    def now(self) -> int:
+        """The time, in microseconds since the simulation was built."""
+        return self._now
+
     # ---- what is to come
 
-    def process(self, life: Life) -> simpy.Process:  # type: ignore[override]
+    def process(self, life: Life) -> simpy.Process:
         """Start a process."""
         process = simpy.Process(self, life)
         self._lives.append((process, life))
@@ -45,31 +52,21 @@ class Agenda(simpy.Environment):
     def at(self, t_us: int, phase: int, drone: int = -1, user: int = -1) -> Due:
         """An event for a process to wait for."""
         due = Due()
-        self.add(due, t_us, phase, drone, user)
+        self.add(due, t_us, key(phase, drone, user))
         return due
 
-    def call(
-        self,
-        function: Callable[[Any], None],
-        argument: Any,
-        t_us: int,
-        phase: int,
-        drone: int = -1,
-        user: int = -1,
-    ) -> None:
-        """Call ``function`` with its one argument at an instant."""
-        key = phase * _PHASE + (drone + 1) * _DRONE + user + 1
+    def call(self, function: Callable[[Any], None], argument: Any, t_us: int, key: int) -> None:
+        """Call ``function`` with its one argument at an instant, in its place there."""
         heappush(self._queue, (t_us, key, next(self._eid), (function, argument)))
 
-    def add(self, event: simpy.Event, t_us: int, phase: int, drone: int, user: int) -> None:
+    def add(self, event: simpy.Event, t_us: int, key: int) -> None:
         """Let a triggered event happen (SimPy's schedule, without its detour over a delay)."""
-        key = phase * _PHASE + (drone + 1) * _DRONE + user + 1
         heappush(self._queue, (t_us, key, next(self._eid), event))
 
-    def is_next(self, phase: int) -> bool:
-        """Would an event of this instant and phase, without drone and user, be the next one?"""
+    def is_next(self, key: int) -> bool:
+        """Would an event of this instant, in this place, be the next one?"""
         queue = self._queue
-        return not queue or queue[0][0] > self._now or queue[0][1] > phase * _PHASE
+        return not queue or queue[0][0] > self._now or queue[0][1] >= key
 
     # ---- letting it happen
 
@@ -123,8 +120,8 @@ class Signal(simpy.Event):
 
     env: Agenda
 
-    def give(self, value: Any, phase: int, drone: int) -> None:
+    def give(self, value: Any, key: int) -> None:
         """Wake the process in this instant, in its place in the order."""
         self._ok = True
         self._value = value
-        self.env.add(self, self.env._now, phase, drone, -1)
+        self.env.add(self, self.env._now, key)

@@ -11,11 +11,11 @@ from functools import reduce
 from operator import add, attrgetter
 
 from desim_uav.engine.base import Measures
-from desim_uav.engine.des.agenda import Due
+from desim_uav.engine.des.agenda import Due, key
+from desim_uav.engine.des.crossings import Crossing, Crossings
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.radio import Radio
 from desim_uav.engine.des.request import Request
-from desim_uav.engine.des.sweep import Crossing, Crossings
 from desim_uav.errors import SimulationError
 from desim_uav.model.motion import Leg
 from desim_uav.model.rules import Phase
@@ -32,6 +32,8 @@ Service = tuple[Request, int]
 COMPLETION, EXIT, ENTRY = Phase.COMPLETION, Phase.EXIT, Phase.ENTRY
 REQUEST, ATTACHMENT, RECORD = Phase.REQUEST, Phase.ATTACHMENT, Phase.RECORD
 COVERAGE, ADMISSION = Phase.COVERAGE, Phase.ADMISSION
+
+REQUEST_KEY, SETTLE_KEY, LATE_KEY = key(REQUEST, user=0), key(ATTACHMENT), key(COVERAGE)
 
 _IN_ORDER = attrgetter("t_request_us", "user")
 
@@ -105,14 +107,8 @@ class AirLink:
     def _await_next(self, sweep: Sweep) -> None:
         radio, _, ahead = sweep
         t_us, user, enters = ahead[-1]
-        self.agenda.call(
-            self._on_crossing,
-            sweep,
-            t_us,
-            ENTRY if enters else EXIT,
-            radio.index,
-            user,
-        )
+        place = (radio.entry_key if enters else radio.exit_key) + user
+        self.agenda.call(self._on_crossing, sweep, t_us, place)
 
     def _on_crossing(self, sweep: Sweep) -> None:
         radio, number, ahead = sweep
@@ -202,12 +198,12 @@ class AirLink:
         if self._settling or not (self._loose or self._affected):
             return
         late = phase > ATTACHMENT
-        settle_phase = COVERAGE if late else ATTACHMENT
-        if in_place and self.agenda.is_next(settle_phase):
+        place = LATE_KEY if late else SETTLE_KEY
+        if in_place and self.agenda.is_next(place):
             self._settle(late)
         else:
             self._settling = True
-            self.agenda.call(self._on_settle, late, self.agenda._now, settle_phase)
+            self.agenda.call(self._on_settle, late, self.agenda._now, place)
 
     def _on_settle(self, late: bool) -> None:
         self._settling = False
@@ -216,18 +212,17 @@ class AirLink:
     def _settle(self, late: bool) -> None:
         """Attach whoever is loose, to the drone entered first; then scan the affected queues."""
         now_us = self.agenda._now
-        attach_phase = COVERAGE if late else ATTACHMENT
-        admit_phase = ADMISSION if late else ATTACHMENT
         if self._loose:
+            phase = COVERAGE if late else ATTACHMENT
             for user in self._loose:
                 covering = self.covering[user]
                 if covering and self.attached[user] is None:
-                    index = _entered_first(covering)
-                    self._attach(self.radios[index], user, now_us, attach_phase)
+                    self._attach(self.radios[_entered_first(covering)], user, now_us, phase)
             self._loose.clear()
         if self._affected:
+            phase = ADMISSION if late else ATTACHMENT
             for index in sorted(self._affected):
-                self._scan(self.radios[index], now_us, admit_phase)
+                self._scan(self.radios[index], now_us, phase)
             self._affected.clear()
 
     def _scan(self, radio: Radio, now_us: int, phase: Phase) -> None:
@@ -257,14 +252,8 @@ class AirLink:
             self.events.append((now_us, phase, "serve", radio.index, user, request.request_id, -1))
         done_us = now_us + request.required_us - request.served_us
         if done_us <= self.end_us:
-            self.agenda.call(
-                self._on_completion,
-                (request, request.stamp),
-                done_us,
-                COMPLETION,
-                radio.index,
-                user,
-            )
+            done = (request, request.stamp)
+            self.agenda.call(self._on_completion, done, done_us, radio.completion_key + user)
 
     def _stop(self, request: Request, now_us: int, phase: Phase) -> None:
         radio = self.radios[request.serving]
@@ -342,7 +331,8 @@ class AirLink:
         if request.again is not None:
             again_us = now_us + request.think_us
             if again_us < self.end_us:
-                self.agenda.add(request.again, again_us, REQUEST, -1, user)
+                self.agenda.add(request.again, again_us, REQUEST_KEY + user)
+            request.again = None
 
     def measures(self) -> Measures:
         """The quality of experience so far, open requests by what they have had so far.

@@ -10,7 +10,7 @@ import simpy
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import CarriedDrone
-from desim_uav.engine.des.agenda import Life, Signal
+from desim_uav.engine.des.agenda import Life, Signal, key
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.flights import Flights, neighbour
 from desim_uav.engine.des.journal import Journal
@@ -62,6 +62,7 @@ class Drone:
         self.index = index
         self.ceiling = ceiling
         self.flights = flights
+        self._command_key = key(COMMAND, index)
         self.leg_number = 0
         self.respawns = 0
         self.command: Signal | None = None
@@ -85,7 +86,7 @@ class Drone:
         """Airborne at the lowest level, full battery, holding no pad."""
         self.mode = FLYING
         self.battery_us = self.world.capacity_us
-        self.since_us = self.agenda.now
+        self.since_us = self.agenda._now
         self.counted_m = 0.0
         self.node: Node = (*cell, 0)
         self.leg = self.flights.hover(self.node)
@@ -98,7 +99,7 @@ class Drone:
             self.mode,
             self.node,
             self.battery_us,
-            self.agenda.now - self.since_us,
+            self.agenda._now - self.since_us,
             self.hop,
             tuple(self.route),
             self.counted_m,
@@ -134,6 +135,13 @@ class Drone:
                 doing = self._obey((yield self.command))
             except simpy.Interrupt:
                 doing = self._lie()
+
+    def be_told(self, action: Action) -> None:
+        """Take a command, which it waits for."""
+        assert self.command is not None
+        self._emit(COMMAND, "decide")
+        self.command.give(action, self._command_key)
+        self.command = None
 
     def _unfinished(self) -> Life:
         """What the drone was about in the episode before, if it was."""
@@ -239,7 +247,7 @@ class Drone:
             yield self.pad
             if self.mode is QUEUED:
                 self.count_queueing()
-                if self.agenda.now > self.since_us:
+                if self.agenda._now > self.since_us:
                     phase = ARRIVAL
                 self._change_mode(CHARGING)
                 self._emit(phase, "charge", station.index)
@@ -256,7 +264,7 @@ class Drone:
 
     def count_queueing(self) -> None:
         """Count what a queued drone has waited for a pad in this episode."""
-        self.journal.log.queueing_us += self.agenda.now - max(self.since_us, 0)
+        self.journal.log.queueing_us += self.agenda._now - max(self.since_us, 0)
 
     # ---- legs
 
@@ -271,13 +279,12 @@ class Drone:
             lasts_us = self.energy.lasts_us(self.leg.transit, self.battery_us)
             if lasts_us <= span_us:
                 depleted_us = self.since_us + lasts_us
-                self.agenda.call(
-                    self._on_depletion, self.leg_number, depleted_us, DEPLETION, self.index
-                )
+                place = key(DEPLETION, self.index)
+                self.agenda.call(self._on_depletion, self.leg_number, depleted_us, place)
 
     def count_distance(self) -> None:
         """Count what the drone has flown of its leg, and not counted before."""
-        flown_m = travelled(self.leg.transit.profile, (self.agenda.now - self.since_us) / US)
+        flown_m = travelled(self.leg.transit.profile, (self.agenda._now - self.since_us) / US)
         self.journal.log.distance_m += flown_m - self.counted_m
         self.counted_m = flown_m
 
@@ -294,7 +301,7 @@ class Drone:
         leg = self.leg
         if leg.transit is REST:
             return (*leg.from_m, leg.from_z_m)
-        return leg.position_m((self.agenda.now - self.since_us) / US)
+        return leg.position_m((self.agenda._now - self.since_us) / US)
 
     # ---- what the drone knows
 
@@ -398,13 +405,13 @@ class Drone:
 
     def down_us(self) -> int:
         """How long a crashed drone has been down."""
-        return self.agenda.now - self.since_us
+        return self.agenda._now - self.since_us
 
     def respawn(self, station: int) -> None:
         """A new drone takes its place, on a station."""
         self._appear(self.world.stations[station])
         self._emit(RESPAWN, "respawn", station)
-        self.revival.give(None, RESPAWN, self.index)
+        self.revival.give(None, key(RESPAWN, self.index))
 
     def _emit(self, phase: Phase, kind: str, station: int = -1) -> None:
         if self.journal.log.events is not None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from desim_uav.engine.des.agenda import key
 from desim_uav.engine.des.request import Request
+from desim_uav.model.rules import Phase
 
 
 class Radio:
@@ -12,11 +14,14 @@ class Radio:
     off, so that crossings foreseen for an earlier leg are known to be stale. ``waiting`` holds the
     open requests of attached users that are not served, in order of (request time, user).
     ``served`` and ``asking`` count, by service, the requests it serves and the open requests of
-    all users it covers.
+    all users it covers. The keys are those of user 0 on the agenda.
     """
 
     def __init__(self, index: int, bandwidth_bps: float, services: int) -> None:
         self.index = index
+        self.entry_key = key(Phase.ENTRY, index, 0)
+        self.exit_key = key(Phase.EXIT, index, 0)
+        self.completion_key = key(Phase.COMPLETION, index, 0)
         self.on = False
         self.sweep = 0
         self.free_bps = bandwidth_bps

@@ -17,13 +17,13 @@ from desim_uav.engine.base import (
     Step,
     UserState,
 )
-from desim_uav.engine.des.agenda import Agenda
+from desim_uav.engine.des.agenda import Agenda, key
 from desim_uav.engine.des.airlink import AirLink
+from desim_uav.engine.des.crossings import Crossings
 from desim_uav.engine.des.drone import Drone
 from desim_uav.engine.des.flights import Flights
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
-from desim_uav.engine.des.sweep import Crossings
 from desim_uav.engine.des.users import start_asking
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
@@ -33,7 +33,9 @@ from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
+# An enum member is looked up slowly in Python 3.11.
 CRASHED = Mode.CRASHED
+RECORD_KEY, RESPAWN_KEY = key(Phase.RECORD), key(Phase.RESPAWN)
 
 
 class Simulation:
@@ -52,6 +54,7 @@ class Simulation:
         self.settings = settings
         self.audit = audit
         self.steps = world.scenario.episode.steps
+        self.agenda = Agenda()
         self.shown: Snapshot | None = None
         self.terminated = self.truncated = False
         self._carried: Carried | None = None
@@ -80,7 +83,7 @@ class Simulation:
                 self.airlink.track(drone.radio, drone.leg, 0, Phase.ENTRY)
         self._orient(self.drones)
         start_asking(self.agenda, self.airlink, path.requests, self.world.horizon_us)
-        self.agenda.call(self._respawn, None, 0, Phase.RESPAWN)
+        self.agenda.call(self._respawn, None, 0, RESPAWN_KEY)
         return self._run()
 
     def carried(self) -> Carried | None:
@@ -98,8 +101,7 @@ class Simulation:
     def _build(self, path: SamplePath, carried: Carried | None) -> None:
         """Put everything where it is before an episode."""
         world = self.world
-        if self.shown is not None:
-            self.agenda.abandon()
+        self.agenda.abandon()
         self.path = path
         self.epoch = 0
         self.terminated = self.truncated = False
@@ -146,12 +148,9 @@ class Simulation:
             known = 0 <= command < len(actions)
             self.commanded.append((actions[command] if known else None, taken))
             if drone.command is not None:
-                t_us = self.agenda.now
-                self.journal.emit((t_us, Phase.COMMAND, "decide", drone.index, -1, -1, -1))
-                drone.command.give(taken, Phase.COMMAND, drone.index)
-                drone.command = None
-        end_us = self.agenda.now + self.world.step_us
-        self.agenda.call(self._record, None, end_us, Phase.RECORD)
+                drone.be_told(taken)
+        end_us = self.agenda._now + self.world.step_us
+        self.agenda.call(self._record, None, end_us, RECORD_KEY)
         return self._run()
 
     def _run(self) -> Snapshot:
@@ -174,14 +173,14 @@ class Simulation:
         self._observe()
         self._reward()
         self._log_steps()
-        crashed = any([drone.mode is CRASHED for drone in self.drones])
+        crashed = CRASHED in [drone.mode for drone in self.drones]
         self.terminated = crashed and self.world.on_crash == "end_episode"
         self.truncated = self.epoch == self.steps
         if self.terminated or self.truncated:
             self._show()
             self._end_episode()
         elif crashed:
-            self.agenda.call(self._respawn, None, self.agenda.now, Phase.RESPAWN)
+            self.agenda.call(self._respawn, None, self.agenda._now, RESPAWN_KEY)
         else:
             self._show()
 
@@ -222,7 +221,7 @@ class Simulation:
             drone.count_distance()
             if drone.mode is Mode.QUEUED:
                 drone.count_queueing()
-        self.log.duration_us = self.agenda.now
+        self.log.duration_us = self.agenda._now
         if self.log.events is not None:
             self.log.events.sort(key=IN_ORDER)
 
@@ -238,7 +237,8 @@ class Simulation:
             if back:
                 self._orient(back)
                 self._observe()
-        self.agenda.call(self._show, None, self.agenda.now, Phase.RESPAWN, len(self.drones))
+        after = key(Phase.RESPAWN, len(self.drones))
+        self.agenda.call(self._show, None, self.agenda._now, after)
 
     def _is_due(self, drone: Drone) -> bool:
         return drone.mode is CRASHED and drone.down_us() >= self.world.respawn_after_us
@@ -260,7 +260,7 @@ class Simulation:
         self.agenda.paused = True
         self.shown = Snapshot(
             self.epoch,
-            self.agenda.now,
+            self.agenda._now,
             self.terminated,
             self.truncated,
             self.observations,
@@ -279,7 +279,7 @@ class Simulation:
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Where drones and users truly are: (drones, 3) and (users, 3)."""
         users = self.world.homes.copy()
-        users[:, :2] = all_walked(*self.path.walks, self.agenda.now)
+        users[:, :2] = all_walked(*self.path.walks, self.agenda._now)
         return np.array([drone.position_m() for drone in self.drones]), users
 
     def user_states(self) -> list[UserState]:

@@ -1,10 +1,10 @@
-"""Users: each a SimPy process that asks, waits for the end of its request, thinks, asks again."""
+"""Users: each who may ask more than once is a SimPy process: it asks, waits, thinks, asks again."""
 
 from __future__ import annotations
 
 from itertools import pairwise
 
-from desim_uav.engine.des.agenda import Agenda, Due, Life
+from desim_uav.engine.des.agenda import Agenda, Due, Life, key
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.model.demand import Requests
 from desim_uav.model.rules import Phase
@@ -17,7 +17,7 @@ def start_asking(agenda: Agenda, airlink: AirLink, requests: Requests, horizon_u
     """Let all users begin who ask for something in this episode."""
     rows = requests.rows.tolist()
     offsets = requests.offsets.tolist()
-    own_rows = [rows[first:last] for first, last in zip(offsets, offsets[1:], strict=False)]
+    own_rows = [rows[first:last] for first, last in pairwise(offsets)]
     if requests.after_previous and max(map(len, own_rows)) <= 1:
         _ask_once(agenda, airlink, own_rows, horizon_us)
         return
@@ -42,7 +42,7 @@ def _ask_once(
             airlink.ask(user, service, required_us, bandwidth_bps)
 
     for due_us, at_once in asks.items():
-        agenda.call(ask, at_once, agenda.now + due_us, Phase.REQUEST)
+        agenda.call(ask, at_once, agenda.now + due_us, key(Phase.REQUEST))
 
 
 def _ask_and_think(
