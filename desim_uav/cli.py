@@ -222,8 +222,9 @@ def train(
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
 ) -> None:
     """Let the drones of a scenario learn; leaves policy.npz, for run --policy."""
+    from desim_uav.experiment.progress import training_progress
     from desim_uav.experiment.train import train_to_folder
-    from desim_uav.report.text import print_training, training_bar
+    from desim_uav.report.text import print_training
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
 
@@ -232,7 +233,7 @@ def train(
     settings += [] if episodes is None else [f"learning.episodes={episodes}"]
     path = find_scenario(scenario)
     loaded = load(path, settings)
-    with training_bar(loaded.learning.episodes, not quiet) as bar:
+    with training_progress(not quiet, loaded.learning.episodes) as bar:
         done = _located(
             path,
             lambda: train_to_folder(
@@ -317,6 +318,8 @@ def reproduce(
     }
     if preset not in presets:
         raise UsageError(f"--preset {preset}: allowed: {', '.join(presets)}")
+    if check and preset == "paper":
+        raise UsageError("--check: the gates are of the default training, not of the paper's")
     todo = table.jobs(table.numbers(cases), seeds, episodes, presets[preset])
     with progress(not quiet, len(todo), "jobs") as advance:
         rows = table.run_jobs(todo, out, jobs, advance)
@@ -409,6 +412,8 @@ def compare(
         found = comparing.compare_runs([Path(folder) for folder in what], against)
     else:
         path = find_scenario(comparing.the_scenario(what))
+        if any(override.startswith("seed=") for override in overrides or []):
+            raise UsageError("-S seed: each replication has its own; say --first-seed and --seeds")
         loaded = load(path, overrides or [])
         names = comparing.policy_names(policies)
         drawn = range(first_seed, first_seed + seeds)
@@ -416,6 +421,7 @@ def compare(
             _complain(warning)
         _end_politely()
         try:
+            _located(path, lambda: comparing.try_on(loaded, names, drawn))
             with progress(True, len(names) * len(drawn), "runs") as advance:
                 found = _located(
                     path,

@@ -10,6 +10,7 @@ import shutil
 import uuid
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from itertools import takewhile
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -108,6 +109,10 @@ class Place:
         if self.out is not None:
             return self.out
         return next(candidate for candidate in self._candidates() if not candidate.exists())
+
+    def taken(self) -> list[Path]:
+        """The folders that stand where it could: the first, the second …."""
+        return list(takewhile(Path.exists, self._candidates()))
 
     def publish(self, draft: Draft) -> Path:
         """Move a draft to its place in one step; the place. Never overwrites."""

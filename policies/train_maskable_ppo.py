@@ -7,6 +7,7 @@ desim-uav run case1 --seed 0 --policy sb3:model.zip
 import argparse
 
 import gymnasium
+import numpy as np
 import torch
 from sb3_contrib import MaskablePPO
 from stable_baselines3.common.env_util import make_vec_env
@@ -32,8 +33,10 @@ class Restarts(gymnasium.Wrapper):
 
     def reset(self, *, seed=None, options=None):
         """Begin the next episode, or a new run."""
-        if seed is None and self.every and self.begun % self.every == 0:
-            seed = int(self.np_random.integers(2**32))
+        if seed is not None:
+            self.np_random = np.random.default_rng(seed)
+        if self.begun == 0 or (self.every and self.begun % self.every == 0):
+            seed = int(self.np_random.integers(2**32, 2**48))  # no run of one's own begins there
         self.begun += 1
         return self.env.reset(seed=seed, options=options)
 

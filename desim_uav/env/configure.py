@@ -22,6 +22,8 @@ def configured(source: Source, config: Mapping[str, Any] | None = None) -> Scena
     component with its ``kind`` replaces the one that stands there; whatever else is not mentioned
     stays. Raises ScenarioError with every problem found, UsageError for a key that is no path.
     """
+    if config is not None and not isinstance(config, Mapping):
+        raise ScenarioError(f"config: must be a mapping of keys to values, not {config!r}")
     overrides = list(_overrides("", config or {}))
     if isinstance(source, Scenario):
         return from_mapping(_given(source), overrides=overrides) if overrides else source

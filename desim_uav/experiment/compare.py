@@ -19,12 +19,14 @@ from desim_uav.experiment.command import read_counted
 from desim_uav.experiment.evaluate import MEASURES, evaluate
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate, paired
+from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.records import EPISODES
 from desim_uav.registry import did_you_mean
 from desim_uav.run_folder import read_table
 from desim_uav.scenario.load import load, scenario_hash, to_plain
 from desim_uav.scenario.schema import Scenario
+from desim_uav.world import build_world
 
 Measures = dict[str, float | None]
 
@@ -196,6 +198,13 @@ def csv_place(out: Path) -> Path:
     return place
 
 
+def try_on(scenario: Scenario, policies: Sequence[str], seeds: range) -> None:
+    """Let each policy begin once, before anything is run. Raises PolicyError for a misfit."""
+    world = build_world(scenario, _world_seed(scenario, seeds[0]))
+    for name in policies:
+        load_policy(name).begin(world, Streams(seeds[0], Purpose.LEARNER), False)
+
+
 def out_of_place(scenario: Scenario, policies: Sequence[str], seeds: range) -> list[str]:
     """What to warn of: policies that know a world other than those they are compared in."""
     worlds = {_world_seed(scenario, seed) for seed in seeds}
@@ -204,7 +213,10 @@ def out_of_place(scenario: Scenario, policies: Sequence[str], seeds: range) -> l
         known = getattr(load_policy(name), "world_seed", None)
         if known is not None and worlds != {known}:
             where = f"world {min(worlds)}" if len(worlds) == 1 else "a world for each seed"
-            warnings.append(f"{name} knows world {known} and is compared in {where}")
+            warnings.append(
+                f"{name} was learned in world {known} and is compared in {where}; "
+                f"-S world_seed={known} compares it there"
+            )
     return warnings
 
 

@@ -39,7 +39,7 @@ def optimum(scenario: Scenario) -> dict[str, Any]:
     """
     world = build_world(scenario, scenario.effective_world_seed)
     lone = scenario.drones.count == 1
-    process = DroneProcess(world) if lone or scenario.limited_battery else None
+    process = DroneProcess(world) if lone else None
     found: dict[str, Any] = {
         "scenario": scenario.name,
         "seed": scenario.seed,

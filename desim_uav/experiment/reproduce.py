@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from desim_uav import __version__
 from desim_uav.errors import UsageError
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.paper_table import (
@@ -40,6 +41,7 @@ from desim_uav.world import build_world
 EPISODES, WARMUP = 20, 2
 """Evaluated greedily, after so many that are not counted."""
 
+CASES = [str(case) for case in PUBLISHED]
 BEST_COVER = (
     "cover_qoe3_percent",
     "fair_reward",
@@ -75,7 +77,8 @@ class Job:
 
     def identity(self) -> str:
         """What a finished job must share with this one to stand for it."""
-        return f"{scenario_hash(self.scenario())}/{self.policy}/{EPISODES}+{WARMUP}"
+        scenario = scenario_hash(self.scenario())
+        return f"{__version__}/{scenario}/{self.policy}/{EPISODES}+{WARMUP}"
 
 
 def jobs(
@@ -97,13 +100,19 @@ def numbers(text: str) -> list[int]:
     found: set[int] = set()
     for part in text.split(","):
         ends = [end.strip() for end in part.split("-")]
-        if len(ends) > 2 or not all(end.isdecimal() for end in ends):
-            raise UsageError(f"--cases {text}: write 1-9, or 1,4,8")
+        if len(ends) > 2 or not all(end in CASES for end in ends) or ends[0] > ends[-1]:
+            raise UsageError(f"--cases {text}: write 1-9, or 1,4,8; the paper has cases 1 to 9")
         found.update(range(int(ends[0]), int(ends[-1]) + 1))
-    unknown = sorted(found - PUBLISHED.keys())
-    if unknown or not found:
-        raise UsageError(f"--cases {text}: the paper has cases 1 to 9")
     return sorted(found)
+
+
+def open_folder(folder: Path) -> None:
+    """Make the folder of a table before anything is trained. Raises UsageError."""
+    try:
+        for name in ("jobs", "policies"):
+            (folder / name).mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise UsageError(f"--out {folder}: {error.strerror}") from error
 
 
 def report(rows: Sequence[dict[str, Any]], folder: Path, command: str) -> Report:
@@ -132,7 +141,11 @@ class Report(NamedTuple):
 def run_jobs(
     todo: Sequence[Job], folder: Path, workers: int, on_job: Callable[[], None] = lambda: None
 ) -> list[dict[str, Any]]:
-    """The rows of all jobs; those the folder holds already are not run again."""
+    """The rows of all jobs; those the folder holds already are not run again.
+
+    Raises UsageError where nothing can be written to the folder.
+    """
+    open_folder(folder)
     finished = {job: _finished(job, folder) for job in todo}
     rows = [row for row in finished.values() if row is not None]
     for _ in rows:
@@ -161,7 +174,6 @@ def run_job(job: Job, folder: Path) -> dict[str, Any]:
     if policy != "baseline":
         table, progress = train(scenario, build_world(scenario, scenario.effective_world_seed))
         file = folder / "policies" / f"{job.name}.npz"
-        file.parent.mkdir(parents=True, exist_ok=True)
         write_whole(file, table.to_bytes())
         policy = str(file)
         row["episodes"] = scenario.learning.episodes
@@ -169,7 +181,6 @@ def run_job(job: Job, folder: Path) -> dict[str, Any]:
         row |= {f"last_{key}": _mean([getattr(one, key) for one in last]) for key in LAST_EPISODE}
     row |= evaluate(scenario, policy, job.seed, EPISODES, WARMUP)
     file = folder / "jobs" / f"{job.name}.json"
-    file.parent.mkdir(parents=True, exist_ok=True)
     content = json.dumps({"identity": job.identity(), "row": row}, indent=1, allow_nan=False)
     write_whole(file, content.encode())
     return row
@@ -188,7 +199,8 @@ def best_cover(case: int, seed: int) -> dict[str, float | None]:
         return found
     world = build_world(scenario, scenario.effective_world_seed)
     places, percent = Places(world), 100 / len(world.homes)
-    found["cover_qoe3_percent"] = percent * cover(places).users
+    best = cover(places)
+    found["cover_qoe3_percent"] = percent * best.users if best.exact else None
     fair = None if scenario.limited_battery else fair_cover(places)
     if fair is not None:
         reward = fair.score / len(world.homes) / scenario.drones.count

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from desim_uav import __version__
-from desim_uav.errors import PolicyError, UsageError
+from desim_uav.errors import PolicyError, SimulationError, UsageError
 from desim_uav.experiment.command import versions
 from desim_uav.experiment.interrupt import asked_to_stop
 from desim_uav.learning import checkpoint
@@ -98,9 +98,11 @@ def train_to_folder(
     started = datetime.now(UTC)
     world = build_world(scenario, scenario.effective_world_seed)
     training = Training(world, scenario.seed)
-    folder = _folder(scenario, out, resume)
+    folder = _resumable(scenario, out) if resume else _new(scenario, out)
     rows = _resumed(training, folder / CHECKPOINT)
     first = training.episode
+    if not (folder / CHECKPOINT).exists():
+        _save(training, rows, folder)  # before anything else: a folder to be resumed has one
     write_whole(folder / "scenario.yaml", dump(scenario).encode())
     on_start(first)
     with asked_to_stop() as stop:
@@ -116,16 +118,49 @@ def train_to_folder(
     return Trained(_summary(training, rows, folder), interrupted)
 
 
-def _folder(scenario: Scenario, out: Path | None, resume: bool) -> Path:
-    """Where the training stands; without ``resume`` it must be new or empty."""
-    name = f"{scenario.name}-{scenario.learning.algorithm}-s{scenario.seed}"
-    place = Place(None if resume else out, name)
-    folder = out or place.parent / place.name if resume else place.vacant()
+def _place(scenario: Scenario, out: Path | None) -> Place:
+    return Place(out, f"{scenario.name}-{scenario.learning.algorithm}-s{scenario.seed}")
+
+
+def _new(scenario: Scenario, out: Path | None) -> Path:
+    """A new folder, or an empty one that was asked for. Raises UsageError."""
+    folder = _place(scenario, out).vacant()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        folder.mkdir(parents=True, exist_ok=out is not None)
     except OSError as error:
         raise UsageError(f"cannot write to {folder}: {error.strerror}") from error
     return folder
+
+
+def _resumable(scenario: Scenario, out: Path | None) -> Path:
+    """The folder of this training, or a new one where there is none.
+
+    Without ``out`` it is the last of its name that holds this training, an unfinished one before
+    a finished one. Raises UsageError for a folder that holds something else.
+    """
+    if out is not None:
+        return out if _is_begun(out) else _new(scenario, out)
+    mine = [folder for folder in _place(scenario, None).taken() if _is_of(scenario, folder)]
+    mine.sort(key=lambda folder: not (folder / MANIFEST).exists())
+    return mine[-1] if mine else _new(scenario, None)
+
+
+def _is_begun(folder: Path) -> bool:
+    """Is there a checkpoint, or nothing but the beginning of one that was killed?"""
+    if (folder / CHECKPOINT).is_file():
+        return True
+    left = list(folder.iterdir()) if folder.is_dir() else []
+    return bool(left) and all(path.name.startswith(f".{CHECKPOINT}-") for path in left)
+
+
+def _is_of(scenario: Scenario, folder: Path) -> bool:
+    """Does this folder hold a checkpoint of this training? An unreadable one is looked at later."""
+    if not (folder / CHECKPOINT).is_file():
+        return False
+    try:
+        return checkpoint.read(folder / CHECKPOINT).identity == _identity(scenario)
+    except PolicyError:
+        return True
 
 
 def _resumed(training: Training, file: Path) -> list[Progress]:
@@ -133,7 +168,7 @@ def _resumed(training: Training, file: Path) -> list[Progress]:
     if not file.exists():
         return []
     found = checkpoint.read(file)
-    if found.identity != _identity(training):
+    if found.identity != _identity(training.world.scenario):
         raise PolicyError(
             f"{file}: the checkpoint of another training: its scenario, seeds, or learning differ"
         )
@@ -149,15 +184,14 @@ def _resumed(training: Training, file: Path) -> list[Progress]:
     return found.rows
 
 
-def _identity(training: Training) -> str:
+def _identity(scenario: Scenario) -> str:
     """What a checkpoint must share with a training to be its own: all but how long it goes on."""
-    scenario = training.world.scenario
     learning = scenario.learning.model_copy(update={"episodes": 1})
-    return scenario_hash(scenario.model_copy(update={"learning": learning}))
+    return f"{__version__}/{scenario_hash(scenario.model_copy(update={'learning': learning}))}"
 
 
 def _save(training: Training, rows: list[Progress], folder: Path) -> None:
-    found = Checkpoint(_identity(training), training.remember(), rows)
+    found = Checkpoint(_identity(training.world.scenario), training.remember(), rows)
     write_whole(folder / CHECKPOINT, checkpoint.to_bytes(found))
 
 
@@ -170,6 +204,11 @@ def _finish(
     command: list[str],
 ) -> None:
     """Write what a finished training leaves; the manifest comes last."""
+    if not np.isfinite(training.q).all():
+        raise SimulationError(
+            f"learning.algorithm: {training.settings.algorithm!r} has learned values that are not "
+            "finite"
+        )
     table = table_of(training)
     write_whole(folder / "world.json", json.dumps(world_content(training.world)).encode())
     write_whole(folder / "training.parquet", parquet("training", to_frame(TRAINING, rows)))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Sequence
 from functools import cache
 from typing import Any, Protocol, cast
@@ -12,6 +13,12 @@ from numpy.typing import NDArray
 from desim_uav.errors import ScenarioError
 from desim_uav.learning.exploration import epsilon_greedy
 from desim_uav.registry import resolve
+
+UPDATE = (
+    *("q", "state", "action", "gained", "discount", "next_state", "allowed", "next_action"),
+    *("epsilon", "alpha", "coin"),
+)
+MOST_TABLES = 16
 
 
 class Algorithm(Protocol):
@@ -28,24 +35,23 @@ class Algorithm(Protocol):
 
 
 def load_algorithm(name: str) -> Algorithm:
-    """A built-in, or a class ``"package.module:Class"``.
-
-    Raises ScenarioError where there is none, or it is no algorithm.
-    """
+    """A built-in, or a class ``"package.module:Class"``. Raises ScenarioError."""
     try:
         algorithm: Any = resolve("algorithm", name)
     except ValueError as error:
         raise ScenarioError(f"learning.algorithm: {error}") from error
-    tables = getattr(algorithm, "tables", None)
-    if (
-        not isinstance(tables, int)
-        or tables < 1
-        or not callable(getattr(algorithm, "update", None))
-    ):
+    tables, update = getattr(algorithm, "tables", 0), getattr(algorithm, "update", None)
+    if type(tables) is not int or not 1 <= tables <= MOST_TABLES or not callable(update):
         raise ScenarioError(
-            f"learning.algorithm: {name!r} is no algorithm: it needs 'tables', their number, and "
-            "'update', a function"
+            f"learning.algorithm: {name!r} is no algorithm: it needs 'tables', their number (at "
+            f"most {MOST_TABLES}), and 'update', a function"
         )
+    try:
+        inspect.signature(update).bind(*UPDATE)
+    except TypeError as error:
+        raise ScenarioError(
+            f"learning.algorithm: {name!r}: its 'update' must take {', '.join(UPDATE)} ({error})"
+        ) from error
     return cast(Algorithm, algorithm)
 
 

@@ -66,7 +66,8 @@ class Training:
         self.world = world
         self.seed = seed
         self.settings = scenario.learning
-        self.features = table_features(world)
+        algorithm = load_algorithm(self.settings.algorithm)
+        self.features = table_features(world, algorithm.tables)
         self.sizes = table_sizes(self.features)
         self.episode = 0
         self.carries_over = scenario.episode.carry_over
@@ -74,7 +75,6 @@ class Training:
         ceilings = RunSettings((True,) * count, self.carries_over)
         self.engine: Engine = Simulation(world, ceilings)
         self.encode = scenario.observation.encode
-        algorithm = load_algorithm(self.settings.algorithm)
         states, actions = math.prod(self.sizes), len(world.actions)
         self.q = np.empty((count, algorithm.tables, states, actions), np.float32)
         streams = Streams(seed, Purpose.LEARNER)
@@ -124,6 +124,12 @@ class Training:
         """Go on from what another training of the same world and seed remembers."""
         if memory.q.shape != self.q.shape or len(memory.pending) != len(self.learners):
             raise PolicyError(f"a table of shape {memory.q.shape}, not {self.q.shape}")
+        states, actions = self.q.shape[2:]
+        for decision in memory.pending:
+            if decision is not None and not (
+                0 <= decision[0] < states and 0 <= decision[1] < actions
+            ):
+                raise PolicyError(f"a decision {decision[:2]} that the table does not have")
         self.episode = memory.episode
         self.q[:] = memory.q
         for learner, decision in zip(self.learners, memory.pending, strict=True):
@@ -141,17 +147,29 @@ class Training:
                 commands.append(learner.act(state, mask, self.epsilon, self.alpha, drawn))
             else:
                 commands.append(mask.index(True))
+                if self._is_lost(seen):
+                    learner.conclude(mask, self.alpha, drawn[-1])
         return commands
 
+    def _is_lost(self, seen: Observation) -> bool:
+        """Has this drone crashed for ever?"""
+        return seen.mode is Mode.CRASHED and self.world.on_crash == "remove"
+
     def _close(self, shown: Snapshot, draws: list[list[float]]) -> None:
-        """Learn from what an episode leaves open whose drones nobody carries over."""
+        """Learn from what an episode leaves open whose drones nobody carries over.
+
+        A drone that decides is cut off where it is. Of one on its way home, on a pad or waiting to
+        be replaced nobody knows what its decision will have been worth: nothing is learned from it.
+        """
         for learner, seen, mask, drawn in zip(
             self.learners, shown.observations, shown.masks, draws, strict=True
         ):
-            if seen.mode is Mode.CRASHED or shown.terminated:
+            if shown.terminated or self._is_lost(seen):
                 learner.conclude(mask, self.alpha, drawn[-1])
-            else:
+            elif seen.mode in DECIDES:
                 learner.bootstrap(self._state(seen), mask, self.epsilon, self.alpha, drawn)
+            else:
+                learner.forget()
 
     def _state(self, seen: Observation) -> int:
         return table_row(self.encode(seen, self.world.facts), self.sizes)
@@ -182,8 +200,11 @@ class Training:
         ]
 
 
-def table_features(world: World) -> tuple[Feature, ...]:
-    """The features of a scenario whose observations are states of a table. Raises UsageError."""
+def table_features(world: World, tables: int = 1) -> tuple[Feature, ...]:
+    """The features of a scenario whose observations are states of a table. Raises UsageError.
+
+    ``tables`` of a drone are held in memory at once.
+    """
     features = world.scenario.observation.features(world.facts)
     kind = getattr(world.scenario.observation, "kind", "it")
     if not all(feature.whole and feature.low == 0 for feature in features):
@@ -192,7 +213,7 @@ def table_features(world: World) -> tuple[Feature, ...]:
             "needs; use {kind: position}"
         )
     states = math.prod(table_sizes(features))
-    entries = states * len(world.actions) * world.scenario.drones.count
+    entries = states * len(world.actions) * world.scenario.drones.count * tables
     if entries > LARGEST_TABLE:
         raise UsageError(
             f"observation: {states:,} states for {world.scenario.drones.count} drones make tables "

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple, Protocol
 
+from desim_uav.errors import SimulationError
 from desim_uav.model.state import Facts, Observation
 from desim_uav.registry import register
 
@@ -39,9 +40,17 @@ def table_sizes(features: Sequence[Feature]) -> tuple[int, ...]:
 
 
 def table_row(code: Sequence[float], sizes: Sequence[int]) -> int:
-    """The row of a state in a table: the first feature is the most significant."""
+    """The row of a state in a table: the first feature is the most significant.
+
+    Raises SimulationError for a state the table does not have.
+    """
     row = 0
     for value, size in zip(code, sizes, strict=True):
+        if not 0 <= value < size:
+            raise SimulationError(
+                f"observation: {tuple(code)} is outside its features, which have {tuple(sizes)} "
+                "values from 0"
+            )
         row = row * size + int(value)
     return row
 

@@ -3,19 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections import deque
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Iterator
 from typing import Any
 
 from rich import box
 from rich.console import Console
-from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 from rich.text import Text
 
 PIPED_WIDTH = 200
-RECENT = 50
 TRAINED = ("reward_mean", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
 MEASURES = {
     "requests": ("requests", "d"),
@@ -59,44 +55,6 @@ def print_training(summary: dict[str, Any]) -> None:
     for name in (*TRAINED, "crashes_per_drone_episode"):
         print(f"  {name:26s} {_shown(summary[name])}")
     print(summary["policy"])
-
-
-class TrainingBar:
-    """The progress of a training, with reward, ε and QoE."""
-
-    def __init__(self, progress: Progress | None, episodes: int) -> None:
-        self.progress = progress
-        self.recent: deque[Sequence[Any]] = deque(maxlen=RECENT)
-        if progress is not None:
-            self.task = progress.add_task("", total=episodes, measures="")
-
-    def start(self, episode: int) -> None:
-        """The training goes on from this episode."""
-        if self.progress is not None:
-            self.progress.update(self.task, completed=episode)
-
-    def advance(self, rows: Sequence[Any]) -> None:
-        """An episode has ended: a row a drone (see ``learning.training.Progress``)."""
-        if self.progress is None:
-            return
-        self.recent.append(rows)
-        reward = sum(row.reward for rows in self.recent for row in rows)
-        reward /= sum(len(rows) for rows in self.recent)
-        qoe3 = sum(rows[0].qoe3_percent for rows in self.recent) / len(self.recent)
-        measures = f"reward {reward:.2f}  ε {rows[0].epsilon:.3f}  QoE3 {qoe3:.1f} %"
-        self.progress.update(self.task, advance=1, measures=measures)
-
-
-@contextmanager
-def training_bar(episodes: int, show: bool) -> Iterator[TrainingBar]:
-    """A bar over the episodes of a training on stderr; silent where that is no terminal."""
-    console = Console(stderr=True)
-    if not show or not console.is_terminal:
-        yield TrainingBar(None, episodes)
-        return
-    columns = (BarColumn(), MofNCompleteColumn(), TextColumn("{task.fields[measures]}"))
-    with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
-        yield TrainingBar(progress, episodes)
 
 
 def print_optimum(found: dict[str, Any]) -> None:

@@ -225,6 +225,19 @@ def _schedule(value: Any) -> Any:
     return {"start": value} if isinstance(value, int | float) else value
 
 
+def _over(default: Schedule) -> BeforeValidator:
+    """A number is a constant; of a mapping, what is not given is as by default."""
+
+    def filled(value: Any) -> Any:
+        return default.model_dump() | value if isinstance(value, dict) else _schedule(value)
+
+    return BeforeValidator(filled)
+
+
+ALPHA = Schedule(start=0.3, decay=0.9993, end=0.03)
+EPSILON = Schedule(start=1.0, decay=0.999, end=0.02)
+
+
 class Learning(Section):
     """How a drone learns: the algorithm, its parameters, and for how many episodes.
 
@@ -232,11 +245,9 @@ class Learning(Section):
     """
 
     algorithm: Annotated[str, AfterValidator(_algorithm)] = "q_learning"
-    alpha: Annotated[Schedule, BeforeValidator(_schedule)] = Schedule(
-        start=0.3, decay=0.9993, end=0.03
-    )
+    alpha: Annotated[Schedule, _over(ALPHA)] = ALPHA
     gamma: Annotated[float, Field(ge=0, lt=1)] = 0.95
-    epsilon: Annotated[Schedule, BeforeValidator(_schedule)] = Schedule(decay=0.999, end=0.02)
+    epsilon: Annotated[Schedule, _over(EPSILON)] = EPSILON
     initial_q: Literal["zero", "random", "max_reward", "prior"] = "zero"
     episodes: Annotated[int, Field(ge=1, le=10**7)] = 5000
     restart_every: Annotated[int, Field(ge=1, le=10**7)] | None = 3
@@ -280,7 +291,7 @@ class Scenario(Section):
 
 
 PAPER_LEARNING: dict[str, Any] = {
-    "alpha": 1.0,
+    "alpha": {"start": 1.0, "decay": 1.0, "end": 0.0},
     "gamma": 0.95,
     "epsilon": {"start": 1.0, "decay": 0.998, "end": 0.01},
     "initial_q": "random",
@@ -301,6 +312,9 @@ def paper_preset(given: Mapping[str, Any]) -> dict[str, Any]:
     learning = given.get("learning", {})
     if isinstance(learning, Mapping):
         filled["learning"] = PAPER_LEARNING | dict(learning)
+        for key in ("alpha", "epsilon"):
+            if isinstance(learning.get(key), Mapping):
+                filled["learning"][key] = PAPER_LEARNING[key] | dict(learning[key])
     return filled
 
 

@@ -457,11 +457,12 @@ class TestAnotherWorld:
         flags = ("--policies", "hover,compared:Trained", "--seeds", 3, *SMALL, *SHORT, "--json")
         ended = cli_run("compare", "case8", *flags)
         assert ended.err == (
-            "desim-uav: compared:Trained knows world 7 and is compared in a world for each seed\n"
+            "desim-uav: compared:Trained was learned in world 7 and is compared in a world for "
+            "each seed; -S world_seed=7 compares it there\n"
         )
         assert len(ended.json["replications"]) == 6
         ended = cli_run("compare", "case8", *flags, "-S", "world_seed=5")
-        assert "knows world 7 and is compared in world 5" in ended.err
+        assert "was learned in world 7 and is compared in world 5" in ended.err
 
     def test_its_own_is_not(self, cli_run):
         flags = ("--policies", "hover,compared:Trained", "--seeds", 2, *SMALL, *SHORT)

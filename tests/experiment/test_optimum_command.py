@@ -120,8 +120,7 @@ def test_a_bound_where_nothing_is_proven(told):
 @pytest.mark.parametrize(
     ("arguments", "key"),
     [
-        (("case8",), "drones.count"),
-        (("case4",), "drones.count"),
+        (("case8",), "users.mobility"),
         (("case8", "-S", "drones.count=1"), "demand.kind"),
         ((*LONE, "-S", "users.mobility.kind=random_walk"), "users.mobility"),
         ((*LONE, "-S", "reward.kind=multi_service", "-S", "demand.kind=static"), "demand.kind"),

@@ -37,7 +37,9 @@ def test_cases_are_written_as_people_write_them():
     assert numbers("1-3, 8,2") == [1, 2, 3, 8]
 
 
-@pytest.mark.parametrize("text", ["", "0", "10", "1-10", "one", "1-2-3", "3-1", "1,,2", "-1"])
+@pytest.mark.parametrize(
+    "text", ["", "0", "10", "1-10", "one", "1-2-3", "3-1", "1,,2", "-1", "1-99999999999", "\uff11"]
+)
 def test_other_cases_are_refused(text: str):
     with pytest.raises(UsageError, match="--cases"):
         numbers(text)
@@ -124,14 +126,35 @@ def test_the_command_writes_the_table(folder: Path, monkeypatch: pytest.MonkeyPa
 
 def test_a_gate_that_does_not_hold(folder: Path):
     """A hardly trained drone is not at 0.99 of the best cover."""
-    command = ("reproduce", "--cases", 1, "--seeds", 2, "--episodes", 20, "--out", folder)
-    result = run_cli(*command, "--check", "-q")
-    shares = [
-        json.loads(file.read_text())["row"]["qoe3_percent"] / 100
+    reached = [
+        json.loads(file.read_text())["row"]["qoe3_percent"]
         for file in (folder / "jobs").glob("*q_learning*")
     ]
-    assert best_cover(1, 0)["cover_qoe3_percent"] == best_cover(1, 1)["cover_qoe3_percent"] == 100
-    assert (result.exit_code == 6) == (sum(shares) / 2 < 0.99)
+    assert sum(reached) / 2 < 99 and best_cover(1, 0)["cover_qoe3_percent"] == 100
+    command = ("reproduce", "--cases", 1, "--seeds", 2, "--episodes", 20, "--out", folder)
+    failed = run_cli(*command, "--check", "-q")
+    assert failed.exit_code == 6
+    assert "gate: case 1: Q-learning's QoE3 is at least 0.99" in failed.stderr
+    assert run_cli(*command, "-q").exit_code == 0, "it is asked for"
+
+
+def test_gates_that_hold(folder: Path, tmp_path: Path):
+    for file in (folder / "jobs").glob("*.json"):
+        content = json.loads(file.read_text())
+        content["row"]["qoe3_percent"] = 100.0
+        (tmp_path / "jobs").mkdir(exist_ok=True)
+        (tmp_path / "jobs" / file.name).write_text(json.dumps(content))
+    command = ("reproduce", "--cases", 1, "--seeds", 2, "--episodes", 20, "--out", tmp_path)
+    assert run_cli(*command, "--check", "-q").exit_code == 0
+
+
+def test_nothing_is_trained_for_a_folder_that_cannot_be(tmp_path: Path, monkeypatch):
+    (tmp_path / "file").write_text("mine")
+    monkeypatch.setattr(reproduce, "run_job", lambda *_: pytest.fail("trained"))
+    with pytest.raises(UsageError, match="--out"):
+        run_jobs(jobs([1], 1, 20, [None]), tmp_path / "file", 1)
+    result = run_cli("reproduce", "--preset", "paper", "--check", "--out", tmp_path / "new")
+    assert isinstance(result.exception, UsageError) and not (tmp_path / "new").exists()
 
 
 # ---- what is claimed
@@ -197,10 +220,28 @@ def test_the_published_floor_and_crashes():
 
 
 def test_what_the_paper_claims_is_reported_and_no_gate():
-    calm, wild = {"crashes_per_drone_episode": 0.01}, {"crashes_per_drone_episode": 0.5}
-    worst = {"qoe3_percent": 20.0, "crashes_per_drone_episode": -0.1}
+    calm = {"crashes_per_drone_episode": 0.01, "qoe1_percent": 95.0}
+    wild = {"crashes_per_drone_episode": 0.5, "qoe1_percent": 95.0}
+    worst = {"qoe3_percent": 20.0, "crashes_per_drone_episode": 0.0, "qoe1_percent": 50.0}
     found = [c for c in claims(made(8, calm, worst) + made(9, wild, worst)) if not c.gate]
-    assert len(found) == 6 and all(claim.holds for claim in found)
+    assert len(found) == 8 and all(claim.holds for claim in found)
+
+
+def test_what_the_paper_claims_can_be_wrong():
+    calm = {"crashes_per_drone_episode": 0.01, "qoe1_percent": 50.0, "qoe3_percent": 20.0}
+    best = {"qoe3_percent": 60.0, "crashes_per_drone_episode": 0.5, "qoe1_percent": 95.0}
+    found = [c for c in claims(made(8, calm, best) + made(9, calm, best)) if not c.gate]
+    assert len(found) == 8 and not any(claim.holds for claim in found)
+
+
+def test_safety_is_of_the_cases_with_batteries():
+    """Cases 1-3 have nothing to crash for: they would only water the difference down."""
+    rows = made(1, {}, {}) + made(8, {"crashes_per_drone_episode": 0.4}, {}) + made(9, {}, {})
+    for row in rows:
+        row["fair_reward"] = None
+    text = "the paper: the baseline is the safest (mean over cases 4-9, against sarsa)"
+    (claim,) = [claim for claim in claims(rows) if claim.text == text]
+    assert claim.found.startswith("0.250"), "the mean of 0.5 and 0, on the seeds' mean"
 
 
 def test_the_paper_preset_is_shown_and_not_judged():

@@ -11,9 +11,11 @@ import pandas as pd
 import pytest
 from typer.testing import CliRunner
 
+from desim_uav import array_file
 from desim_uav.cli import app
-from desim_uav.errors import DesimError, PolicyError, UsageError
+from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
 from desim_uav.experiment.train import train, train_to_folder
+from desim_uav.model.observations import Feature
 from desim_uav.records import TRAINING
 from desim_uav.run_folder import read_table
 from desim_uav.scenario.load import from_mapping, load
@@ -273,7 +275,84 @@ def test_trainings_that_cannot_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert not (tmp_path / "runs").exists()
 
 
-def test_nan_is_null_in_the_table():
-    row = dict.fromkeys(TRAINING, 0) | {"qoe1_percent": None}
-    frame = pd.DataFrame([row]).astype(TRAINING)
-    assert frame["qoe1_percent"].isna().all()
+def test_what_nobody_asked_for_is_null_in_the_table(tmp_path: Path):
+    quiet = small(demand={"kind": "poisson", "rate_per_hour": 0.001})
+    trained(tmp_path / "t", quiet)
+    rows = pd.read_parquet(tmp_path / "t" / "training.parquet")
+    assert rows["qoe1_percent"].isna().any() and rows["qoe3_percent"].notna().all()
+
+
+# ---- resuming, where something else stands
+
+
+def test_resuming_does_not_touch_what_is_no_training(tmp_path: Path):
+    (tmp_path / "mine").mkdir()
+    (tmp_path / "mine" / "scenario.yaml").write_text("name: mine")
+    with pytest.raises(UsageError, match="not empty"):
+        trained(tmp_path / "mine", resume=True)
+    assert (tmp_path / "mine" / "scenario.yaml").read_text() == "name: mine"
+    assert len(list((tmp_path / "mine").iterdir())) == 1
+
+
+def test_resuming_without_a_folder_finds_the_unfinished_one(tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    trained(None)
+    trained(None)
+    unfinished = Path("runs/small-q_learning-s0-2")
+    for name in ("manifest.json", "policy.npz", "training.parquet"):
+        (unfinished / name).unlink()
+    done = trained(None, resume=True)
+    assert done.summary["folder"] == str(unfinished) and (unfinished / "policy.npz").exists()
+    other = trained(None, small(seed=1), resume=True)
+    assert other.summary["folder"] == "runs/small-q_learning-s1", "nothing of its own to resume"
+    longer = small(learning={**SMALL["learning"], "episodes": 70})
+    assert trained(None, longer, resume=True).summary["folder"] == str(unfinished)
+
+
+def test_a_checkpoint_with_a_decision_there_is_not(tmp_path: Path):
+    trained(tmp_path / "t", small(learning={**SMALL["learning"], "episodes": 11}))
+    file = tmp_path / "t" / "checkpoint.npz"
+    about, arrays = array_file.unpack(file, "checkpoint", ["q", "rows"], 1)
+    about["pending"] = [[10**7, 0, 0.0, 1.0], None]
+    file.write_bytes(array_file.pack(about, **arrays))
+    with pytest.raises(PolicyError, match="decision"):
+        trained(tmp_path / "t", resume=True)
+
+
+class Astray:
+    """An encoding that leaves its features."""
+
+    def features(self, facts: Any) -> Any:
+        return (Feature("place", 0, 1, True),)
+
+    def encode(self, observation: Any, facts: Any) -> Any:
+        return (10**6,)
+
+
+class Endless:
+    """An algorithm that learns what is no number."""
+
+    tables = 1
+
+    @staticmethod
+    def update(q, state, action, gained, discount, next_state, allowed, next_action, *rest) -> None:
+        q[0, state, action] = np.nan
+
+
+class Single:
+    """A reward in the precision networks like."""
+
+    def terms(self, drone: Any, open_requests: Any, facts: Any) -> Any:
+        return {"users": np.float32(drone.attached_users)}
+
+
+def test_components_of_ones_own_that_go_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "wrong", sys.modules[__name__])
+    astray = small(observation={"kind": "wrong:Astray"})
+    with pytest.raises(SimulationError, match="outside its features"):
+        trained(tmp_path / "a", astray)
+    endless = small(learning={**SMALL["learning"], "algorithm": "wrong:Endless"})
+    with pytest.raises(SimulationError, match="not finite"):
+        trained(tmp_path / "e", endless)
+    assert not (tmp_path / "e" / "policy.npz").exists()
+    trained(tmp_path / "s", small(reward={"kind": "wrong:Single"}))

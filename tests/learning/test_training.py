@@ -173,6 +173,36 @@ def test_going_home_gets_its_value_through_the_forced_steps():
     assert (q[2, 0, 1].argmax(), q[2, 0, 1, home] > 0) == (home, True)
 
 
+@pytest.mark.parametrize("restart_every", [1, 3, None])
+def test_a_way_home_that_is_cut_off_teaches_nothing_wrong(restart_every: int | None):
+    """A slow charge is often cut off by a restart; what is learned is still γ^k of what follows."""
+    base = {**CHARGER, "stations": {**CHARGER["stations"], "full_charge_min": 8}}
+    learner = training(
+        base=base,
+        alpha={"start": 0.5, "decay": 0.999, "end": 0.05},
+        epsilon={"start": 1, "decay": 0.998, "end": 0.3},
+        restart_every=restart_every,
+    )
+    played(learner, 2500)
+    q = learner.q[0, 0].reshape(3, 1, 9, -1)
+    home = learner.world.actions.index(Action.GOTO_CHARGING_STATION)
+    full = q[1, 0, 8].max()
+    for battery in (3, 4):
+        k = int(np.ceil(31 / 60 + (8 - (battery - 31 / 60))))
+        assert q[2, 0, battery, home] == pytest.approx(0.95**k * full, rel=0.04)
+
+
+def test_a_drone_that_is_removed_has_nothing_to_come():
+    battery = {"autonomy_min": 8, "return_below": 0.001, "on_crash": "remove"}
+    base = {**CHARGER, "drones": {**CHARGER["drones"], "battery": battery}}
+    learner = training(base=base, alpha=0.5, epsilon=1.0, restart_every=2)
+    played(learner, 400)
+    q = learner.q[0, 0].reshape(3, 1, 9, -1)
+    hover = learner.world.actions.index(Action.HOVER)
+    assert (q[2, 0, 1, :4] == 0).all(), "the last minute ends in a crash"
+    assert q[2, 0, 2, hover] == pytest.approx(1.0, abs=1e-2)
+
+
 def test_a_crash_that_ends_everything_is_worth_what_came_before():
     base = {
         **CHARGER,

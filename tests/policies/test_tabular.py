@@ -211,3 +211,16 @@ def test_shipped_tables_fit_their_cases(case: int):
     world = build_world(scenario, 0)
     assert policy.notice(world) == ""
     policy.begin(world, Streams(0, Purpose.LEARNER))
+
+
+def test_the_shipped_table_does_what_the_readme_says():
+    from desim_uav.experiment.run import headline, run
+    from desim_uav.scenario.load import load
+    from desim_uav.shipped import scenario_path
+
+    world = build_world(load(scenario_path("case8")), 0)
+    results, _ = run(world, Greedy("case8.npz"), "case8.npz", 0)
+    told = headline(results.requests, results.episodes)
+    readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
+    qoe1, qoe3 = (f"to {told[name]:.1f} %" for name in ("qoe1_percent", "qoe3_percent"))
+    assert f"from 79.4 % {qoe1} and QoE3 from 51.9 % {qoe3}" in " ".join(readme.split())

@@ -308,11 +308,11 @@ def test_preset_hides_no_errors() -> None:
 @pytest.mark.parametrize(
     ("text", "values"),
     [
-        ("{}", [1.0] * 3),
+        ("{}", [1.0, 0.999, 0.999**10]),
         ("0.3", [0.3] * 3),
         ("1", [1.0] * 3),
-        ("{start: 0.8}", [0.8] * 3),
-        ("{start: 0.8, decay: 0.5}", [0.8, 0.4, 0.8 / 1024]),
+        ("{start: 0.8, decay: 1}", [0.8] * 3),
+        ("{start: 0.8, decay: 0.5, end: 0}", [0.8, 0.4, 0.8 / 1024]),
         ("{start: 0.8, decay: 0.5, end: 0.5}", [0.8, 0.5, 0.5]),
         ("{start: 0, end: 0.1}", [0.1] * 3),
     ],
@@ -567,3 +567,26 @@ def test_any_override_is_a_scenario_or_an_error(path: str, value: object) -> Non
             loads("name: x", overrides=[override])
         except (ScenarioError, UsageError) as error:
             assert str(error)
+
+
+@pytest.mark.parametrize(
+    ("text", "alpha", "epsilon"),
+    [
+        ("{}", (0.3, 0.9993, 0.03), (1, 0.999, 0.02)),
+        ("{alpha: 0.1, epsilon: 0.2}", (0.1, 1, 0), (0.2, 1, 0)),
+        ("{alpha: {start: 0.5}, epsilon: {end: 0.05}}", (0.5, 0.9993, 0.03), (1, 0.999, 0.05)),
+    ],
+)
+def test_what_a_schedule_does_not_say_is_as_by_default(text: str, alpha, epsilon) -> None:
+    learning = loads(f"learning: {text}").learning
+    assert (learning.alpha.start, learning.alpha.decay, learning.alpha.end) == alpha
+    assert (learning.epsilon.start, learning.epsilon.decay, learning.epsilon.end) == epsilon
+
+
+def test_the_papers_schedules_are_the_defaults_of_its_preset() -> None:
+    given = "preset: paper\nlearning: {epsilon: {end: 0.05}, alpha: {decay: 0.9}}"
+    learning = loads(given).learning
+    epsilon = learning.epsilon
+    assert (epsilon.start, epsilon.decay, epsilon.end) == (1, 0.998, 0.05)
+    assert (learning.alpha.start, learning.alpha.decay, learning.alpha.end) == (1, 0.9, 0)
+    assert loads("preset: paper\nlearning: {alpha: 0.2}").learning.alpha.start == 0.2

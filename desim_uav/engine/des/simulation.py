@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import product
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -189,7 +190,10 @@ class Simulation:
         terms, facts = self.world.scenario.reward.terms, self.world.facts
         asked = tuple(self.airlink.open_requests)
         self._terms = tuple([terms(seen, asked, facts) for seen in self.observations])
-        self._rewards = tuple([sum(terms.values()) for terms in self._terms])
+        self._rewards = tuple([float(sum(terms.values())) for terms in self._terms])
+        if not all(map(isfinite, self._rewards)):
+            kind = type(self.world.scenario.reward).__name__
+            raise SimulationError(f"reward {kind!r}: {self._terms} is not a number for each term")
 
     def _log_steps(self) -> None:
         """One record a drone."""
