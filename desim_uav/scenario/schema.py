@@ -234,8 +234,8 @@ def _over(default: Schedule) -> BeforeValidator:
     return BeforeValidator(filled)
 
 
-ALPHA = Schedule(start=0.3, decay=0.9993, end=0.03)
-EPSILON = Schedule(start=1.0, decay=0.999, end=0.02)
+ALPHA = Schedule(start=0.3, decay=0.9993, end=0.1)
+EPSILON = Schedule(start=1.0, decay=0.9993, end=0.02)
 
 
 class Learning(Section):
