@@ -1,0 +1,33 @@
+"""The nine cases in nine rows: python analysis/short_paper_table.py analysis/paper/table.csv.
+
+Of the table that ``desim-uav reproduce`` writes: QoE1 / QoE2 / QoE3 of each policy, and as printed.
+"""
+
+import sys
+
+import pandas as pd
+
+POLICIES = {"baseline": "baseline", "q_learning": "Q-learning", "sarsa": "SARSA"}
+MEASURES = ("qoe1_percent", "qoe2_iterations", "qoe3_percent")
+
+
+def triple(row: pd.Series, prefix: str, form: str) -> str:
+    """QoE1 / QoE2 / QoE3."""
+    return " / ".join(form.format(row[f"{prefix}{name}"]) for name in MEASURES)
+
+
+def main(file: str, preset: str = "default") -> None:
+    """Print it as Markdown."""
+    table = pd.read_csv(file)
+    table = table[table["preset"] == preset]
+    headings = ["case", *POLICIES.values(), *(f"printed: {name}" for name in POLICIES.values())]
+    print("| " + " | ".join(headings) + " |")
+    print("|" + " --- |" * len(headings))
+    for case, rows in table.set_index("policy").groupby("case"):
+        ours = [triple(rows.loc[policy], "", "{:.1f}") for policy in POLICIES]
+        printed = [triple(rows.loc[policy], "published_", "{:g}") for policy in POLICIES]
+        print("| " + " | ".join([str(case), *ours, *printed]) + " |")
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])
