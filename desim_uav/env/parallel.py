@@ -76,6 +76,8 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         There are no ``options``.
         """
         self.session.reset(seed)
+        keys = (*self.session.info(), "attached_users", "crashes", *self.session.term_keys.values())
+        self._info_keys: dict[str, Any] = {**dict.fromkeys(keys, 0.0), "action_mask": None}
         self.agents = self.possible_agents[:]
         self.screen.refresh()
         return self._told()
@@ -124,16 +126,16 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         session = self.session
         shown, crashed = session.shown, session.engine.log.crashed
         rows = np.array(session.encoded(), self._dtype)
-        of_all = session.info()
+        told = self._info_keys | session.info()
+        term_keys = session.term_keys.items() if shown.rewards else ()
         observations, infos = {}, {}
-        for drone, terms in enumerate(session.reward_info()):
-            agent, mask = self.possible_agents[drone], mask_array(shown.masks[drone])
+        for drone, agent in enumerate(self.possible_agents):
+            mask = mask_array(shown.masks[drone])
             observations[agent] = {"observation": rows[drone], "action_mask": mask}
-            infos[agent] = {
-                **of_all,
-                "attached_users": shown.observations[drone].attached_users,
-                "crashes": crashed.count(drone) if crashed else 0,
-                **terms,
-                "action_mask": mask,
-            }
+            info = infos[agent] = told.copy()  # cheaper than to put its keys together once more
+            info["attached_users"] = shown.observations[drone].attached_users
+            info["crashes"] = crashed.count(drone) if crashed else 0
+            for name, key in term_keys:
+                info[key] = float(shown.reward_terms[drone][name])
+            info["action_mask"] = mask
         return observations, infos

@@ -77,7 +77,7 @@ class Session:
         terms = self.scenario.reward.terms(
             shown.observations[0], shown.open_requests, self.world.facts
         )
-        self._term_keys = {name: f"reward_{name}" for name in terms}
+        self.term_keys = {name: f"reward_{name}" for name in terms}
         self._shown = shown
         return shown
 
@@ -137,11 +137,11 @@ class Session:
 
     def reward_info(self) -> list[dict[str, float]]:
         """The terms of each drone's reward, 0 before the first step."""
-        shown, keys = self.shown, self._term_keys
+        shown, keys = self.shown, self.term_keys
         if not shown.reward_terms:
             return [dict.fromkeys(keys.values(), 0.0) for _ in shown.observations]
         return [
-            dict(zip(keys.values(), map(float, map(terms.__getitem__, keys)), strict=True))
+            {told: float(terms[name]) for name, told in keys.items()}
             for terms in shown.reward_terms
         ]
 

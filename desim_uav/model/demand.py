@@ -187,11 +187,12 @@ def _drawn(
     states = streams.states(users)
     offsets = np.zeros(users + 1, np.int64)
     law = (services.share, services.sizes, services.durations_us, services.bandwidths_bps)
-    none_of = np.empty((0, 4), np.int64)
-    count = _draw(*law, states.copy(), process, none, mean_s, horizon_us, offsets, none_of)
-    rows = np.empty((count, 4), np.int64)
-    _draw(*law, states, process, none, mean_s, horizon_us, offsets, rows)
-    return Requests(rows, offsets, after_previous=process != _ARRIVALS)
+    rows = np.empty((16 * users, 4), np.int64)
+    count = _draw(*law, states.copy(), process, none, mean_s, horizon_us, offsets, rows)
+    if count > len(rows):
+        rows = np.empty((count, 4), np.int64)
+        _draw(*law, states, process, none, mean_s, horizon_us, offsets, rows)
+    return Requests(rows[:count], offsets, after_previous=process != _ARRIVALS)
 
 
 @kernel
@@ -208,7 +209,7 @@ def _draw(
     offsets: NDArray[np.int64],
     rows: NDArray[np.int64],
 ) -> int:
-    """Write all users' requests (or only count them, where ``rows`` is empty); their number.
+    """Write all users' requests; their number. What does not fit ``rows`` is not written.
 
     Five uniform numbers a draw, whatever comes of them: nothing or something, service, duration,
     bandwidth, and the time to the next draw.
@@ -228,7 +229,7 @@ def _draw(
             bandwidth = bandwidths_bps[service, int(next_uniform(state) * sizes[service, 1])]
             gap = _exponential_us(next_uniform(state), mean_s)
             if asks:
-                if len(rows) > 0:
+                if count < len(rows):
                     rows[count, DUE_US] = due
                     rows[count, SERVICE] = service
                     rows[count, REQUIRED_US] = duration

@@ -77,10 +77,12 @@ class RandomWalk:
         offsets = np.zeros(len(homes) + 1, np.int64)
         states = streams.states(len(homes))
         law = (size, self.speed_mps, leg_us, horizon_us)
-        count = _random_walk(homes, states.copy(), *law, offsets, np.empty((0, 5)))
-        legs = np.empty((count, 5))
-        _random_walk(homes, states, *law, offsets, legs)
-        return Walks(legs, offsets)
+        legs = np.empty((len(homes) * (horizon_us // leg_us + 8), 5))
+        count = _random_walk(homes, states.copy(), *law, offsets, legs)
+        if count > len(legs):
+            legs = np.empty((count, 5))
+            _random_walk(homes, states, *law, offsets, legs)
+        return Walks(legs[:count], offsets)
 
 
 @register("mobility", "trace")
@@ -154,7 +156,7 @@ def _random_walk(
     offsets: NDArray[np.int64],
     legs: NDArray[np.float64],
 ) -> int:
-    """Write all users' legs (or only count them, where ``legs`` is empty); their number."""
+    """Write all users' legs; their number. What does not fit ``legs`` is not written."""
     count = 0
     position = np.empty(2)
     velocity = np.empty(2)
@@ -177,7 +179,7 @@ def _random_walk(
                         if hit < stop_us - t_us:
                             stop_us = t_us + max(int(np.rint(hit)), 1)
                             mirrored = axis
-                if len(legs) > 0:
+                if count < len(legs):
                     legs[count, T0_US] = t_us
                     legs[count, X0], legs[count, Y0] = position
                     legs[count, VX], legs[count, VY] = velocity

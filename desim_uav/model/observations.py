@@ -72,10 +72,12 @@ class Position:
 
     def encode(self, observation: Observation, facts: Facts) -> tuple[float, ...]:
         """As many whole numbers as features."""
-        level = (observation.level,) if facts.three_d else ()
-        if observation.battery_s is None:
-            return (*observation.cell, *level)
-        return (*observation.cell, *level, int(observation.battery_s // 60))
+        ix, iy = observation.cell
+        battery_s = observation.battery_s
+        if battery_s is None:
+            return (ix, iy, observation.level) if facts.three_d else (ix, iy)
+        minutes = int(battery_s // 60)
+        return (ix, iy, observation.level, minutes) if facts.three_d else (ix, iy, minutes)
 
 
 @register("observation", "local")

@@ -96,10 +96,12 @@ class MultiService:
         terms = {"users": service * self.users * fair_share(drone, facts)}
         weights = self.services
         for name, served, asked in zip(facts.services, drone.served, open_requests, strict=True):
-            share = served / asked if served and asked else 0.0
-            terms[name] = service * weights.get(name, 0.0) * share
+            if served and asked:
+                terms[name] = service * weights.get(name, 0.0) * (served / asked)
+            else:
+                terms[name] = 0.0
         signed = self.cost_sign * cost
-        terms["return"] = signed * (return_cost(drone) if cost else 0.0)
+        terms["return"] = signed * return_cost(drone) if cost else signed * 0.0
         terms["charging"] = signed * self.charging_cost(drone, facts)
         return terms
 

@@ -24,8 +24,8 @@ class Agenda(simpy.Environment):
 
     SimPy orders events of one instant by priority: ours is the key (phase, drone, user), which is
     above SimPy's own priorities, so a resource hands on its place before the next event of ours.
-    Most of what happens has nobody who waits for it: beside SimPy's events the queue holds bare
-    calls, (function, argument). ``paused`` ends a run.
+    Most of what happens has nobody who waits for it: beside SimPy's rows (time, key, number, event)
+    the queue holds bare calls, (time, key, number, function, argument). ``paused`` ends a run.
     """
 
     _now: int
@@ -52,12 +52,12 @@ class Agenda(simpy.Environment):
     def at(self, t_us: int, phase: int, drone: int = -1, user: int = -1) -> Due:
         """An event for a process to wait for."""
         due = Due()
-        self.add(due, t_us, key(phase, drone, user))
+        heappush(self._queue, (t_us, key(phase, drone, user), next(self._eid), due))
         return due
 
     def call(self, function: Callable[[Any], None], argument: Any, t_us: int, key: int) -> None:
         """Call ``function`` with its one argument at an instant, in its place there."""
-        heappush(self._queue, (t_us, key, next(self._eid), (function, argument)))
+        heappush(self._queue, (t_us, key, next(self._eid), function, argument))
 
     def add(self, event: simpy.Event, t_us: int, key: int) -> None:
         """Let a triggered event happen (SimPy's schedule, without its detour over a delay)."""
@@ -68,13 +68,18 @@ class Agenda(simpy.Environment):
         queue = self._queue
         return not queue or queue[0][0] > self._now or queue[0][1] >= key
 
+    def run_before(self, key: int) -> None:
+        """Let all happen that comes before this place in this instant."""
+        while not self.is_next(key):
+            self.step()
+
     # ---- letting it happen
 
     def step(self) -> None:
         """Let the next thing happen; a SimPy event by SimPy's own step."""
         queue = self._queue
-        if queue and type(queue[0][3]) is tuple:
-            self._now, _, _, (function, argument) = heappop(queue)
+        if queue and len(queue[0]) == 5:
+            self._now, _, _, function, argument = heappop(queue)
             function(argument)
         else:
             super().step()
@@ -84,8 +89,8 @@ class Agenda(simpy.Environment):
         queue, simpy_step = self._queue, super().step
         self.paused = False
         while not self.paused:
-            if type(queue[0][3]) is tuple:
-                self._now, _, _, (function, argument) = heappop(queue)
+            if len(queue[0]) == 5:
+                self._now, _, _, function, argument = heappop(queue)
                 function(argument)
             else:
                 simpy_step()
@@ -125,3 +130,11 @@ class Signal(simpy.Event):
         self._ok = True
         self._value = value
         self.env.add(self, self.env._now, key)
+
+    def give_now(self, value: Any) -> None:
+        """Wake the process before anything else happens, as SimPy's step would."""
+        self._ok = True
+        self._value = value
+        callbacks, self.callbacks = self.callbacks, None  # type: ignore[assignment]
+        for callback in callbacks:
+            callback(self)

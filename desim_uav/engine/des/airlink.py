@@ -6,12 +6,12 @@ crossings, arrivals and requests are known (``_settle``).
 
 from __future__ import annotations
 
-from bisect import insort
+from collections.abc import Callable
 from functools import reduce
 from operator import add, attrgetter
 
 from desim_uav.engine.base import Measures
-from desim_uav.engine.des.agenda import Due, key
+from desim_uav.engine.des.agenda import key
 from desim_uav.engine.des.crossings import Crossing, Crossings
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.radio import Radio
@@ -35,13 +35,9 @@ COVERAGE, ADMISSION = Phase.COVERAGE, Phase.ADMISSION
 
 REQUEST_KEY, SETTLE_KEY, LATE_KEY = key(REQUEST, user=0), key(ATTACHMENT), key(COVERAGE)
 
-_IN_ORDER = attrgetter("t_request_us", "user")
-
 
 def _entered_first(covering: dict[int, int]) -> int:
     """The drone whose footprint was entered first; ties: the lowest index."""
-    if len(covering) == 1:
-        return next(iter(covering))
     return min(covering, key=lambda drone: (covering[drone], drone))
 
 
@@ -120,8 +116,7 @@ class AirLink:
                 self._enter(radio, user, now_us, ENTRY)
             else:
                 self._leave(radio, user, now_us, EXIT)
-            if self._loose or self._affected:
-                self._settle_after(ENTRY)
+            self._settle_after(ENTRY)
 
     def _enter(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
         self.covering[user][radio.index] = now_us
@@ -186,48 +181,52 @@ class AirLink:
             self.events.append((now_us, phase, "attach", radio.index, user, -1, -1))
         request = self.open[user]
         if request is not None:
-            insort(radio.waiting, request, key=_IN_ORDER)
+            radio.queue_up(request)
             self._affected.add(radio.index)
 
-    def _settle_after(self, phase: Phase, in_place: bool = True) -> None:
+    def _settle_after(self, phase: Phase) -> None:
         """See to it that whoever is loose gets attached, and affected queues get scanned.
 
-        That is the matter of the attachment phase, or, where commands are the cause, of the
-        phases after them; at once, if nothing else of this instant comes before.
+        That is the matter of the attachment phase; at once, if nothing else of this instant comes
+        before. Where commands are the cause, ``settle_commanded`` does it after all of them.
         """
-        if self._settling or not (self._loose or self._affected):
-            return
-        late = phase > ATTACHMENT
-        place = LATE_KEY if late else SETTLE_KEY
-        if in_place and self.agenda.is_next(place):
-            self._settle(late)
-        else:
-            self._settling = True
-            self.agenda.call(self._on_settle, late, self.agenda._now, place)
+        if (self._loose or self._affected) and not self._settling and phase <= ATTACHMENT:
+            if self.agenda.is_next(SETTLE_KEY):
+                self._settle(ATTACHMENT, ATTACHMENT)
+            else:
+                self._settling = True
+                self.agenda.call(self._on_settle, None, self.agenda._now, SETTLE_KEY)
 
-    def _on_settle(self, late: bool) -> None:
+    def _on_settle(self, _: None) -> None:
         self._settling = False
-        self._settle(late)
+        self._settle(ATTACHMENT, ATTACHMENT)
 
-    def _settle(self, late: bool) -> None:
+    def settle_commanded(self) -> None:
+        """All commands of this instant are given: coverage, then admission, follow them."""
+        if self._loose or self._affected:
+            self._settle(COVERAGE, ADMISSION)
+
+    def _settle(self, attachment: Phase, admission: Phase) -> None:
         """Attach whoever is loose, to the drone entered first; then scan the affected queues."""
         now_us = self.agenda._now
         if self._loose:
-            phase = COVERAGE if late else ATTACHMENT
             for user in self._loose:
                 covering = self.covering[user]
                 if covering and self.attached[user] is None:
-                    self._attach(self.radios[_entered_first(covering)], user, now_us, phase)
+                    first = _entered_first(covering) if len(covering) > 1 else next(iter(covering))
+                    self._attach(self.radios[first], user, now_us, attachment)
             self._loose.clear()
         if self._affected:
-            phase = ADMISSION if late else ATTACHMENT
-            for index in sorted(self._affected):
-                self._scan(self.radios[index], now_us, phase)
+            affected = sorted(self._affected) if len(self._affected) > 1 else self._affected
+            for index in affected:
+                self._scan(self.radios[index], now_us, admission)
             self._affected.clear()
 
     def _scan(self, radio: Radio, now_us: int, phase: Phase) -> None:
         """One admission scan of a drone's queue."""
         waiting = radio.waiting
+        if not waiting:
+            return
         served, refused = self.admission.scan(tuple(waiting), radio.free_bps)
         for request in served:
             waiting.remove(request)
@@ -278,9 +277,12 @@ class AirLink:
         required_us: int,
         bandwidth_bps: int,
         think_us: int = 0,
-        again: Due | None = None,
+        again: Callable[[int], None] | None = None,
     ) -> None:
-        """A user's request opens now. ``again`` will happen ``think_us`` after its end, if ever."""
+        """A user's request opens now; ``settle_asked`` is to follow.
+
+        ``again`` will be called with the user, ``think_us`` after the end, if ever.
+        """
         now_us = self.agenda._now
         request = Request(
             self.opened, user, service, now_us, required_us, bandwidth_bps, think_us, again
@@ -295,10 +297,12 @@ class AirLink:
             self.events.append((now_us, REQUEST, "request", -1, user, request.request_id, -1))
         radio = self.attached[user]
         if radio is not None:
-            insort(radio.waiting, request, key=_IN_ORDER)
+            radio.queue_up(request)
             self._affected.add(radio.index)
-            # Only a user who waits for the end of this request cannot ask again in this instant.
-            self._settle_after(REQUEST, in_place=again is not None)
+
+    def settle_asked(self) -> None:
+        """Whoever asks in one call has done so."""
+        self._settle_after(REQUEST)
 
     def _on_completion(self, service: Service) -> None:
         request, stamp = service
@@ -331,7 +335,7 @@ class AirLink:
         if request.again is not None:
             again_us = now_us + request.think_us
             if again_us < self.end_us:
-                self.agenda.add(request.again, again_us, REQUEST_KEY + user)
+                self.agenda.call(request.again, user, again_us, REQUEST_KEY + user)
             request.again = None
 
     def measures(self) -> Measures:
@@ -341,11 +345,11 @@ class AirLink:
         that of their ends. The shares are added in the order of their users: a sum of floats is
         another in another order.
         """
-        now_us = self.agenda._now
+        now_us, shares = self.agenda._now, self._shares
         for user, request in self._in_service.items():
             served_us = request.served_us + now_us - request.started_us
-            self._shares[user] = served_us / request.required_us
-        qoe1 = reduce(add, self._shares, self._closed_qoe1)
+            shares[user] = served_us / request.required_us
+        qoe1 = reduce(add, filter(None, shares), self._closed_qoe1)
         open_us = self._open_us + sum(self.open_requests) * now_us
         served_us = self._served_us + len(self._in_service) * now_us
         attached = sum([radio.attached_users for radio in self.radios])

@@ -33,9 +33,10 @@ class Crossings:
 
     def begin(self, walks: Walks) -> None:
         """An episode begins."""
-        if not np.array_equal(walks.legs, self.walks.legs):
+        standing = len(walks.legs) < len(walks.offsets) and not walks.legs[:, VX : VY + 1].any()
+        if not standing or not np.array_equal(walks.legs, self.walks.legs):
             self._kept.clear()
-        self._still = len(walks.legs) < len(walks.offsets) and not walks.legs[:, [VX, VY]].any()
+        self._still = standing
         self.walks = walks
 
     def of(self, flight: Leg, start_us: int, span_us: int, fresh: bool) -> list[Crossing]:
@@ -52,17 +53,12 @@ class Crossings:
         return [[start_us + t_us, user, enters] for t_us, user, enters in kept]
 
     def _find(self, flight: Leg, start_us: int, span_us: int, fresh: bool) -> list[Crossing]:
+        (transit, (x0, y0), (x1, y1), _, _), (legs, offsets) = flight, self.walks
+        end_us, radius_m, profile = start_us + span_us, self.radius_m, transit.profile
         while True:
+            out = self._found
             count = crossings(
-                flight.transit.profile,
-                *flight.from_m,
-                *flight.to_m,
-                start_us,
-                start_us + span_us,
-                self.radius_m,
-                *self.walks,
-                fresh,
-                self._found,
+                profile, x0, y0, x1, y1, start_us, end_us, radius_m, legs, offsets, fresh, out
             )
             if count <= len(self._found):
                 found: list[Crossing] = self._found[:count].tolist()

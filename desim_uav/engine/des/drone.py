@@ -53,6 +53,7 @@ class Drone:
         carried: CarriedDrone | None = None,
     ) -> None:
         self.world = world
+        self._facts = world.facts
         self.energy = world.scenario.drones.battery
         self.journal = journal
         self.agenda = journal.agenda
@@ -62,7 +63,6 @@ class Drone:
         self.index = index
         self.ceiling = ceiling
         self.flights = flights
-        self._command_key = key(COMMAND, index)
         self.leg_number = 0
         self.respawns = 0
         self.command: Signal | None = None
@@ -137,11 +137,10 @@ class Drone:
                 doing = self._lie()
 
     def be_told(self, action: Action) -> None:
-        """Take a command, which it waits for."""
+        """Take a command, which it waits for, and act on it at once."""
         assert self.command is not None
-        self._emit(COMMAND, "decide")
-        self.command.give(action, self._command_key)
-        self.command = None
+        told, self.command = self.command, None
+        told.give_now(action)
 
     def _unfinished(self) -> Life:
         """What the drone was about in the episode before, if it was."""
@@ -175,7 +174,7 @@ class Drone:
         if action is not HOVER:
             move = self.flights.move(self.node, action, self.ceiling)
             if move is None:
-                self._emit(COMMAND, "blocked")
+                self.emit(COMMAND, "blocked")
         if move is None:
             self._begin(FLYING, self.flights.hover(self.node), step_us)
             self.airlink.track(self.radio, self.leg, step_us, COVERAGE)
@@ -183,7 +182,7 @@ class Drone:
         target, leg = move
         self._begin(FLYING, leg, step_us)
         self.airlink.track(self.radio, leg, step_us, COVERAGE)
-        self._emit(COMMAND, "depart")
+        self.emit(COMMAND, "depart")
         duration_us = leg.transit.duration_us
         yield self.agenda.at(self.since_us + duration_us, ARRIVAL, self.index)
         self._arrive(target)
@@ -223,12 +222,12 @@ class Drone:
             self.route = list(again.hops)
         hop = self.route.pop(0)
         if not self.world.grid.can_enter(*neighbour(self.node, hop), self.ceiling):
-            self._emit(phase, "blocked")
+            self.emit(phase, "blocked")
             self.route = []
             return
         leg = self.flights.hop(self.node, hop)
         self._begin(RETURNING, leg, leg.transit.duration_us)
-        self._emit(phase, "depart")
+        self.emit(phase, "depart")
         self.hop = hop
 
     def _land(self, phase: Phase) -> Life:
@@ -236,7 +235,7 @@ class Drone:
         self.airlink.silence(self.radio, COVERAGE)
         self._change_mode(QUEUED)
         self.leg = self.flights.hover(self.node)
-        self._emit(phase, "land", self.stations[self.node].index)
+        self.emit(phase, "land", self.stations[self.node].index)
         yield from self._queue_and_charge(phase)
 
     def _queue_and_charge(self, phase: Phase) -> Life:
@@ -250,7 +249,7 @@ class Drone:
                 if self.agenda._now > self.since_us:
                     phase = ARRIVAL
                 self._change_mode(CHARGING)
-                self._emit(phase, "charge", station.index)
+                self.emit(phase, "charge", station.index)
             rest_us = time_to_full_us(
                 self.battery_us, self.world.capacity_us, self.world.full_charge_us
             )
@@ -258,7 +257,7 @@ class Drone:
                 phase = ARRIVAL
                 yield self.agenda.at(self.since_us + rest_us, phase, self.index)
             self._change_mode(CHARGED)
-            self._emit(phase, "charged", station.index)
+            self.emit(phase, "charged", station.index)
             self.journal.log.charges += 1
         self.pad = None
 
@@ -294,40 +293,40 @@ class Drone:
         self._change_mode(self.mode)
         self.node = target
         self.leg = self.flights.hover(target)
-        self._emit(ARRIVAL, "arrive")
+        self.emit(ARRIVAL, "arrive")
 
     def position_m(self) -> tuple[float, float, float]:
         """Where the drone is now: x, y, z."""
         leg = self.leg
         if leg.transit is REST:
-            return (*leg.from_m, leg.from_z_m)
+            x_m, y_m = leg.from_m
+            return x_m, y_m, leg.from_z_m
         return leg.position_m((self.agenda._now - self.since_us) / US)
 
     # ---- what the drone knows
 
     def observe(self, step: int) -> Observation:
         """What it knows at a decision epoch, once it has taken its bearings."""
-        radio, back, world = self.radio, self.way_back, self.world
-        limited = self.energy is not None
-        self.battery_seen_us = self.battery_now_us()
-        return_us = self.return_us
+        radio, back, capacity_s = self.radio, self.way_back, self._facts.capacity_s
+        battery_us = self.battery_seen_us = self.battery_now_us()
         ix, iy, level = self.belief
+        served = tuple(radio.served)
         return Observation(
             self.index,
             step,
-            world.scenario.episode.steps,
+            self._facts.steps,
             (ix, iy),
             level,
             self.mode,
-            self.battery_seen_us / US if limited else None,
-            world.capacity_us / US if limited else None,
-            None if return_us is None else return_us / US,
+            None if capacity_s is None else battery_us / US,
+            capacity_s,
+            None if self.return_us is None else self.return_us / US,
             radio.attached_users,
-            sum(radio.served),
+            sum(served),
             radio.used_bps / 1000,
             None if back is None else back.station,
             None if back is None else back.duration_us / US,
-            tuple(radio.served),
+            served,
             tuple(radio.asking),
         )
 
@@ -390,7 +389,7 @@ class Drone:
 
     def _crash(self) -> None:
         """The battery is empty in the air: the drone falls where it is, its users are dropped."""
-        self._emit(DEPLETION, "deplete")
+        self.emit(DEPLETION, "deplete")
         x_m, y_m, _ = self.position_m()
         self.count_distance()
         self._change_mode(CRASHED)
@@ -400,7 +399,7 @@ class Drone:
         self.hop, self.route = None, []
         self.airlink.silence(self.radio, DEPLETION)
         self.journal.log.crashed.append(self.index)
-        self._emit(DEPLETION, "crash")
+        self.emit(DEPLETION, "crash")
         self.process.interrupt()
 
     def down_us(self) -> int:
@@ -410,9 +409,10 @@ class Drone:
     def respawn(self, station: int) -> None:
         """A new drone takes its place, on a station."""
         self._appear(self.world.stations[station])
-        self._emit(RESPAWN, "respawn", station)
+        self.emit(RESPAWN, "respawn", station)
         self.revival.give(None, key(RESPAWN, self.index))
 
-    def _emit(self, phase: Phase, kind: str, station: int = -1) -> None:
+    def emit(self, phase: Phase, kind: str, station: int = -1) -> None:
+        """Write to the log, where events are kept, what happens to it."""
         if self.journal.log.events is not None:
             self.journal.emit((self.agenda._now, phase, kind, self.index, -1, -1, station))

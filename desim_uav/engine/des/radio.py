@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+from bisect import insort
+from operator import attrgetter
+
 from desim_uav.engine.des.agenda import key
 from desim_uav.engine.des.request import Request
 from desim_uav.model.rules import Phase
+
+_IN_ORDER = attrgetter("t_request_us", "user")
 
 
 class Radio:
@@ -30,3 +35,10 @@ class Radio:
         self.served = [0] * services
         self.asking = [0] * services
         self.waiting: list[Request] = []
+
+    def queue_up(self, request: Request) -> None:
+        """A request waits, in its place."""
+        if self.waiting:
+            insort(self.waiting, request, key=_IN_ORDER)
+        else:
+            self.waiting.append(request)

@@ -19,13 +19,13 @@ from desim_uav.engine.base import (
     UserState,
 )
 from desim_uav.engine.des.agenda import Agenda, key
-from desim_uav.engine.des.airlink import AirLink
+from desim_uav.engine.des.airlink import LATE_KEY, AirLink
 from desim_uav.engine.des.crossings import Crossings
 from desim_uav.engine.des.drone import Drone
 from desim_uav.engine.des.flights import Flights
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
-from desim_uav.engine.des.users import start_asking
+from desim_uav.engine.des.users import Users
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.planner import Node
@@ -36,6 +36,7 @@ from desim_uav.world import World
 
 # An enum member is looked up slowly in Python 3.11.
 CRASHED = Mode.CRASHED
+COMMAND = Phase.COMMAND
 RECORD_KEY, RESPAWN_KEY = key(Phase.RECORD), key(Phase.RESPAWN)
 
 
@@ -83,7 +84,7 @@ class Simulation:
             if drone.mode is Mode.FLYING:
                 self.airlink.track(drone.radio, drone.leg, 0, Phase.ENTRY)
         self._orient(self.drones)
-        start_asking(self.agenda, self.airlink, path.requests, self.world.horizon_us)
+        Users(self.agenda, self.airlink, path.requests, self.world.horizon_us).start()
         self.agenda.call(self._respawn, None, 0, RESPAWN_KEY)
         return self._run()
 
@@ -143,13 +144,24 @@ class Simulation:
         if self.shown is None or self.terminated or self.truncated:
             raise SimulationError("step: the episode is over, or none has begun; call reset first")
         self.commanded: list[tuple[Action | None, Action]] = []
+        told = []
         actions = self.world.actions
         for drone, command, legal in zip(self.drones, commands, self.shown.masks, strict=True):
             taken = obeyed(command, legal, actions)
             known = 0 <= command < len(actions)
             self.commanded.append((actions[command] if known else None, taken))
             if drone.command is not None:
-                drone.be_told(taken)
+                drone.emit(COMMAND, "decide")
+                told.append((drone, taken))
+        # Commands are all that is left to happen in this instant before coverage changes. They
+        # come in the order of drones, each with what SimPy makes of it (a pad that is handed on),
+        # so no queue need sort them.
+        for drone, taken in told:
+            drone.be_told(taken)
+            self.agenda.run_before(LATE_KEY)
+        self.airlink.settle_commanded()
+        if self.audit is not None:
+            self.audit(self)
         end_us = self.agenda._now + self.world.step_us
         self.agenda.call(self._record, None, end_us, RECORD_KEY)
         return self._run()
@@ -187,9 +199,9 @@ class Simulation:
 
     def _reward(self) -> None:
         """Note what each drone is rewarded for."""
-        terms, facts = self.world.scenario.reward.terms, self.world.facts
+        terms_of, facts = self.world.scenario.reward.terms, self.world.facts
         asked = tuple(self.airlink.open_requests)
-        self._terms = tuple([terms(seen, asked, facts) for seen in self.observations])
+        self._terms = tuple([terms_of(seen, asked, facts) for seen in self.observations])
         self._rewards = tuple([float(sum(terms.values())) for terms in self._terms])
         if not all(map(isfinite, self._rewards)):
             kind = type(self.world.scenario.reward).__name__
@@ -198,15 +210,19 @@ class Simulation:
     def _log_steps(self) -> None:
         """One record a drone."""
         t_us, step, keep = self.agenda._now, self.epoch - 1, self.log.steps.append
+        limited = self.world.facts.capacity_s is not None
         rows = zip(self.drones, self.commanded, self.observations, self._rewards, strict=True)
         for drone, (action, taken), seen, reward in rows:
+            x_m, y_m, z_m = drone.position_m()
             keep(
                 Step(
                     step,
                     t_us,
                     drone.index,
-                    *drone.position_m(),
-                    None if drone.energy is None else drone.battery_seen_us,
+                    x_m,
+                    y_m,
+                    z_m,
+                    drone.battery_seen_us if limited else None,
                     drone.mode,
                     action,
                     taken,
