@@ -2,6 +2,7 @@
 
 import csv
 import json
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -107,6 +108,7 @@ def test_any_number_of_processes_gives_the_same(folder: Path, tmp_path: Path):
 
 def test_the_command_writes_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr(sys, "argv", ["desim-uav", "reproduce", "--cases", "1"])
     result = run_cli("reproduce", "--cases", 1, "--seeds", 2, "--episodes", 20, "--out", folder)
     assert result.exit_code == 0, result.output
     assert "75, 0, 100" in result.stdout and "best cover" in result.stdout
@@ -121,7 +123,7 @@ def test_the_command_writes_the_table(folder: Path, monkeypatch: pytest.MonkeyPa
     assert float(table["sarsa"]["qoe3_percent"]) == pytest.approx(mean)
     assert table["q_learning"]["published_qoe3_percent"] == "100"
     text = (folder / "table.md").read_text()
-    assert text.startswith("`desim-uav ") and "| 1 | q-learning |" in text
+    assert text.startswith("`desim-uav reproduce --cases 1`\n") and "| 1 | q-learning |" in text
 
 
 def test_a_gate_that_does_not_hold(folder: Path):
