@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from rich import box
-from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
-PIPED_WIDTH = 200
+from desim_uav.report.text import print_table
 
 
 def print_paper_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
@@ -19,8 +18,7 @@ def print_paper_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) ->
         table.add_column(heading, justify="left" if number == 1 else "right")
     for row, after in zip(rows, [*rows[1:], None], strict=True):
         table.add_row(*row, end_section=after is None or after[0] != row[0])
-    console = Console()
-    Console(width=None if console.is_terminal else PIPED_WIDTH).print(table)
+    print_table(table)
 
 
 def print_claims(claims: Sequence[tuple[str, str, bool]]) -> None:
@@ -32,5 +30,4 @@ def print_claims(claims: Sequence[tuple[str, str, bool]]) -> None:
         table.add_column(heading)
     for text, found, holds in claims:
         table.add_row(Text(text), Text(found), "yes" if holds else "NO")
-    console = Console()
-    Console(width=None if console.is_terminal else PIPED_WIDTH).print(table)
+    print_table(table)

@@ -38,6 +38,12 @@ COMPARED = {
 """The measures of a comparison: names and formats. Its tables fit 100 columns."""
 
 
+def print_table(table: Table) -> None:
+    """Print a table: as wide as the terminal, and wide enough for a file."""
+    width = None if Console().is_terminal else PIPED_WIDTH
+    Console(width=width).print(table)
+
+
 def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None:
     """The table a run ends with: all requests, and by service."""
     rows = [{"service": "all"} | summary, *by_service]
@@ -73,8 +79,7 @@ def print_optimum(found: dict[str, Any]) -> None:
     table.add_column("cells")
     for name, qoe3, reward, at_most, cells, _ in rows:
         table.add_row(name, qoe3, reward, at_most, cells)
-    console = Console()
-    Console(width=None if console.is_terminal else PIPED_WIDTH).print(table)
+    print_table(table)
     for name, *_, policy in rows:
         if policy is not None:
             print(f"{name}: {_itinerary(policy)}")
@@ -168,8 +173,7 @@ def _print_estimates(title: str, counted: str, rows: list[dict[str, Any]]) -> No
             last = number == len(rows) - 1
             cells = _estimate_cells(row["measures"][name], form)
             table.add_row("" if number else label, Text(row["policy"]), *cells, end_section=last)
-    console = Console()
-    Console(width=None if console.is_terminal else PIPED_WIDTH).print(table)
+    print_table(table)
 
 
 def _estimate_cells(found: dict[str, Any], form: str) -> tuple[str, ...]:
@@ -190,8 +194,7 @@ def _print(by: str, rows: list[dict[str, Any]], title: Text | None) -> None:
         table.add_column(heading, justify="right")
     for row in rows:
         table.add_row(str(row[by]), *(_cell(row, name, look[1]) for name, look in shown.items()))
-    console = Console()
-    Console(width=None if console.is_terminal else PIPED_WIDTH).print(table)
+    print_table(table)
 
 
 def _cell(row: dict[str, Any], name: str, form: str) -> str:
