@@ -24,8 +24,9 @@ class Agenda(simpy.Environment):
 
     SimPy orders events of one instant by priority: ours is the key (phase, drone, user), which is
     above SimPy's own priorities, so a resource hands on its place before the next event of ours.
-    Most of what happens has nobody who waits for it: beside SimPy's rows (time, key, number, event)
-    the queue holds bare calls, (time, key, number, function, argument). ``paused`` ends a run.
+    Crossings, completions and records have nobody who waits for them: beside SimPy's rows (time,
+    key, number, event) the queue holds bare calls, (time, key, number, function, argument).
+    ``paused`` ends a run.
     """
 
     _now: int
@@ -43,9 +44,9 @@ class Agenda(simpy.Environment):
 
     # ---- what is to come
 
-    def process(self, life: Life) -> simpy.Process:
-        """Start a process."""
-        process = simpy.Process(self, life)
+    def process(self, life: Life, begins: Due | None = None) -> simpy.Process:
+        """Start a process: before anything else happens, or when ``begins`` does."""
+        process = simpy.Process(self, life) if begins is None else Later(self, life, begins)
         self._lives.append((process, life))
         return process
 
@@ -108,6 +109,17 @@ class Agenda(simpy.Environment):
             life.close()
         self._lives.clear()
         self._queue.clear()
+
+
+class Later(simpy.Process):
+    """A process that begins with an event, where SimPy's own begins with one it makes for that."""
+
+    def __init__(self, agenda: Agenda, life: Life, begins: Due) -> None:
+        self.env = agenda
+        self.callbacks = []
+        self._generator = life
+        self._target = begins
+        begins.callbacks.append(self._resume)
 
 
 class Due(simpy.Event):

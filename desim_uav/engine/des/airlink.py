@@ -6,12 +6,11 @@ crossings, arrivals and requests are known (``_settle``).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import reduce
 from operator import add, attrgetter
 
 from desim_uav.engine.base import Measures
-from desim_uav.engine.des.agenda import key
+from desim_uav.engine.des.agenda import Due, key
 from desim_uav.engine.des.crossings import Crossing, Crossings
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.radio import Radio
@@ -277,12 +276,9 @@ class AirLink:
         required_us: int,
         bandwidth_bps: int,
         think_us: int = 0,
-        again: Callable[[int], None] | None = None,
+        again: Due | None = None,
     ) -> None:
-        """A user's request opens now; ``settle_asked`` is to follow.
-
-        ``again`` will be called with the user, ``think_us`` after the end, if ever.
-        """
+        """A user's request opens now; ``again`` will happen ``think_us`` after its end, if ever."""
         now_us = self.agenda._now
         request = Request(
             self.opened, user, service, now_us, required_us, bandwidth_bps, think_us, again
@@ -299,10 +295,7 @@ class AirLink:
         if radio is not None:
             radio.queue_up(request)
             self._affected.add(radio.index)
-
-    def settle_asked(self) -> None:
-        """Whoever asks in one call has done so."""
-        self._settle_after(REQUEST)
+            self._settle_after(REQUEST)
 
     def _on_completion(self, service: Service) -> None:
         request, stamp = service
@@ -335,7 +328,7 @@ class AirLink:
         if request.again is not None:
             again_us = now_us + request.think_us
             if again_us < self.end_us:
-                self.agenda.call(request.again, user, again_us, REQUEST_KEY + user)
+                self.agenda.add(request.again, again_us, REQUEST_KEY + user)
             request.again = None
 
     def measures(self) -> Measures:

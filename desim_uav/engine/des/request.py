@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
+from desim_uav.engine.des.agenda import Due
 from desim_uav.model.rules import Outcome
 
 # An enum member is looked up slowly in Python 3.11.
@@ -15,8 +14,8 @@ class Request:
 
     ``serving`` is the drone that serves it now (-1: none), since ``started_us``; ``stopped_us``
     the end of the last service of more than 0 µs. ``stamp`` changes with every start and stop, so
-    that a completion foreseen before then is known to be stale. ``again`` is called with the user,
-    to ask again, ``think_us`` after its end (None: it does not).
+    that a completion foreseen before then is known to be stale. ``again`` lets its user go on,
+    ``think_us`` after the end (None: that was its last).
     """
 
     def __init__(
@@ -28,7 +27,7 @@ class Request:
         required_us: int,
         bandwidth_bps: int,
         think_us: int,
-        again: Callable[[int], None] | None,
+        again: Due | None,
     ) -> None:
         self.request_id = request_id
         self.user = user

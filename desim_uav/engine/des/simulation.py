@@ -25,7 +25,7 @@ from desim_uav.engine.des.drone import Drone
 from desim_uav.engine.des.flights import Flights
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
-from desim_uav.engine.des.users import Users
+from desim_uav.engine.des.users import start_asking
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.planner import Node
@@ -84,7 +84,7 @@ class Simulation:
             if drone.mode is Mode.FLYING:
                 self.airlink.track(drone.radio, drone.leg, 0, Phase.ENTRY)
         self._orient(self.drones)
-        Users(self.agenda, self.airlink, path.requests, self.world.horizon_us).start()
+        start_asking(self.agenda, self.airlink, path.requests, self.world.horizon_us)
         self.agenda.call(self._respawn, None, 0, RESPAWN_KEY)
         return self._run()
 
