@@ -93,11 +93,15 @@ class EpisodeLog:
 
 
 class RunSettings(NamedTuple):
-    """What a run adds to its world; ``ceilings``: is a drone bound by the tallest building?"""
+    """What a run adds to its world; ``ceilings``: is a drone bound by the tallest building?
+
+    Of events and steps, the log holds what is kept.
+    """
 
     ceilings: tuple[bool, ...]
     carry_over: bool
     keep_events: bool = False
+    keep_steps: bool = True
 
 
 class UserState(IntEnum):

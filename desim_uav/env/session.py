@@ -53,7 +53,8 @@ class Session:
         fixed = scenario.world_seed
         self.world = build_world(scenario, seed if fixed is None else fixed)
         ceilings = (True,) * scenario.drones.count
-        self.engine = Simulation(self.world, RunSettings(ceilings, scenario.episode.carry_over))
+        settings = RunSettings(ceilings, scenario.episode.carry_over, keep_steps=False)
+        self.engine = Simulation(self.world, settings)
         self.seed, self.episode = seed, -1
         self._shown: Snapshot | None = None
 

@@ -17,15 +17,18 @@ MAX_REWARD = 1.0
 
 
 def initial_q(
-    kind: str,
+    kind: str | float,
     features: tuple[Feature, ...],
     actions: tuple[Action, ...],
     facts: Facts,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """A table (states, actions): zero, random in [0, 1), the maximum reward, or prior knowledge.
+    """A table (states, actions) of one number, or random in [0, 1), or of prior knowledge.
 
-    Raises UsageError where there is nothing to know beforehand.
+    ``kind`` is that number, ``zero`` or ``max_reward``. A number above what a drone comes to earn
+    is optimistic: what it has not tried looks better than what it has, so it tries everything
+    (Sutton and Barto, 2018, section 2.6). Raises UsageError where there is nothing to know
+    beforehand.
     """
     sizes = table_sizes(features)
     shape = (math.prod(sizes), len(actions))
@@ -33,7 +36,9 @@ def initial_q(
         return rng.random(shape, np.float32)
     if kind == "prior":
         return _prior(features, sizes, actions, facts)
-    return np.full(shape, MAX_REWARD if kind == "max_reward" else 0.0, np.float32)
+    if isinstance(kind, str):
+        kind = MAX_REWARD if kind == "max_reward" else 0.0
+    return np.full(shape, kind, np.float32)
 
 
 def _prior(

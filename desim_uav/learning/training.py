@@ -72,8 +72,8 @@ class Training:
         self.episode = 0
         self.carries_over = scenario.episode.carry_over
         count = scenario.drones.count
-        ceilings = RunSettings((True,) * count, self.carries_over)
-        self.engine: Engine = Simulation(world, ceilings)
+        settings = RunSettings((True,) * count, self.carries_over, keep_steps=False)
+        self.engine: Engine = Simulation(world, settings)
         self.encode = scenario.observation.encode
         states, actions = math.prod(self.sizes), len(world.actions)
         self.q = np.empty((count, algorithm.tables, states, actions), np.float32)

@@ -234,8 +234,26 @@ def _over(default: Schedule) -> BeforeValidator:
     return BeforeValidator(filled)
 
 
-ALPHA = Schedule(start=0.3, decay=0.9993, end=0.1)
-EPSILON = Schedule(start=1.0, decay=0.9993, end=0.02)
+ALPHA = Schedule(start=1.0, decay=0.9995, end=0.1)
+EPSILON = Schedule(start=0.4, decay=0.9995, end=0.02)
+
+
+LARGEST_Q = 1e6
+InitialQ = (
+    Literal["zero", "random", "max_reward", "prior"]
+    | Annotated[float, Field(ge=-LARGEST_Q, le=LARGEST_Q)]
+)
+INITIAL_Q = ("zero", "random", "max_reward", "prior")
+
+
+def _initial_q(value: Any) -> Any:
+    number = isinstance(value, int | float) and not isinstance(value, bool)
+    if number and abs(value) <= LARGEST_Q:
+        return value
+    if value not in INITIAL_Q:
+        near = registry.did_you_mean(value, INITIAL_Q) if isinstance(value, str) else ""
+        raise ValueError(f"must be {', '.join(INITIAL_Q)}, or a number from -1e6 to 1e6{near}")
+    return value
 
 
 class Learning(Section):
@@ -248,8 +266,8 @@ class Learning(Section):
     alpha: Annotated[Schedule, _over(ALPHA)] = ALPHA
     gamma: Annotated[float, Field(ge=0, lt=1)] = 0.95
     epsilon: Annotated[Schedule, _over(EPSILON)] = EPSILON
-    initial_q: Literal["zero", "random", "max_reward", "prior"] = "zero"
-    episodes: Annotated[int, Field(ge=1, le=10**7)] = 5000
+    initial_q: Annotated[InitialQ, BeforeValidator(_initial_q)] = 3.0
+    episodes: Annotated[int, Field(ge=1, le=10**7)] = 10_000
     restart_every: Annotated[int, Field(ge=1, le=10**7)] | None = 3
 
 

@@ -10,7 +10,7 @@ from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
 
 
-def made(kind: str, world: World, seed: int = 0) -> np.ndarray:
+def made(kind: str | float, world: World, seed: int = 0) -> np.ndarray:
     features = world.scenario.observation.features(world.facts)
     return initial_q(kind, features, world.actions, world.facts, np.random.default_rng(seed))
 
@@ -22,9 +22,9 @@ def world() -> World:
     )
 
 
-def test_zero_and_the_maximum_reward(world: World):
+def test_zero_the_maximum_reward_and_a_number(world: World):
     states = 10 * 10 * world.grid.levels_under_ceiling * 31
-    for kind, value in (("zero", 0.0), ("max_reward", 1.0)):
+    for kind, value in (("zero", 0.0), ("max_reward", 1.0), (2.5, 2.5)):
         table = made(kind, world)
         assert table.shape == (states, 9) and table.dtype == np.float32
         assert (table == value).all()

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from desim_uav.engine.des import Simulation
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.learning.checkpoint import Checkpoint, read, to_bytes
 from desim_uav.learning.training import FIRST_PATH, Training, table_features
@@ -30,8 +31,15 @@ SMALL: dict[str, Any] = {
 
 
 def training(seed: int = 0, base: dict[str, Any] = SMALL, **learning: Any) -> Training:
-    scenario = from_mapping({**base, "seed": seed, "learning": {"episodes": 50, **learning}})
+    settings = {"episodes": 50, "initial_q": "zero", **learning}
+    scenario = from_mapping({**base, "seed": seed, "learning": settings})
     return Training(build_world(scenario, seed), seed)
+
+
+def logged(learner: Training) -> Training:
+    """A training whose engine keeps its steps."""
+    learner.engine = Simulation(learner.world, learner.engine.settings._replace(keep_steps=True))
+    return learner
 
 
 def played(learner: Training, episodes: int) -> list[Any]:
@@ -115,7 +123,7 @@ def test_paths_are_not_those_of_a_run():
 
 
 def test_rows_say_what_happened():
-    learner = training(epsilon={"start": 0.5, "decay": 0.5, "end": 0.2}, alpha=0.25)
+    learner = logged(training(epsilon={"start": 0.5, "decay": 0.5, "end": 0.2}, alpha=0.25))
     rows = played(learner, 4)
     assert [(row.episode, row.drone) for row in rows] == [(e, d) for e in range(4) for d in (0, 1)]
     assert [row.epsilon for row in rows[::2]] == [0.5, 0.25, 0.2, 0.2]
@@ -212,7 +220,7 @@ def test_a_crash_that_ends_everything_is_worth_what_came_before():
         },
         "reward": {"kind": "coverage"},
     }
-    learner = training(base=base, alpha=0.5, epsilon=1.0)
+    learner = logged(training(base=base, alpha=0.5, epsilon=1.0))
     crashes = 0
     for _ in range(300):
         (row,) = learner.play()

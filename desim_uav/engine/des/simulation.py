@@ -185,7 +185,8 @@ class Simulation:
         self._orient(self.drones)
         self._observe()
         self._reward()
-        self._log_steps()
+        if self.settings.keep_steps:
+            self._log_steps()
         crashed = CRASHED in [drone.mode for drone in self.drones]
         self.terminated = crashed and self.world.on_crash == "end_episode"
         self.truncated = self.epoch == self.steps
