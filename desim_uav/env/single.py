@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from desim_uav.env.configure import Source
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
+from desim_uav.model.sums import in_order
 from desim_uav.spaces import action_space, features, flat_mask, observation_space
 
 
@@ -68,7 +69,7 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
         """
         shown = self.session.step([action] if self.drones == 1 else _each(action))
         self.screen.refresh()
-        reward = float(sum(shown.rewards)) / self.drones
+        reward = in_order(shown.rewards) / self.drones
         return self._observation(), reward, shown.terminated, shown.truncated, self._info()
 
     def action_masks(self) -> NDArray[np.bool_]:
@@ -94,7 +95,7 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
             **session.info(),
             "attached_users": sum(seen.attached_users for seen in shown.observations),
             "crashes": session.engine.log.crashes,
-            **{key: sum(terms[key] for terms in rewards) / drones for key in rewards[0]},
+            **{key: in_order(terms[key] for terms in rewards) / drones for key in rewards[0]},
             "action_mask": flat_mask(shown.masks),
         }
 

@@ -17,6 +17,7 @@ from desim_uav import qoe
 from desim_uav.engine.base import EpisodeLog
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import US, Mode
+from desim_uav.model.sums import in_order
 from desim_uav.records import EPISODES, EVENTS, REQUESTS, STEPS, USERS, to_frame
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
@@ -99,7 +100,7 @@ def _episode_row(log: EpisodeLog, world: World, measured: dict[str, Any]) -> tup
         "episode": log.episode,
         "qoe3_percent": 100 * log.attached_us / (log.duration_us * len(world.homes)),
         "crashes": log.crashes,
-        "reward": sum(step.reward for step in log.steps) / world.scenario.drones.count,
+        "reward": in_order(step.reward for step in log.steps) / world.scenario.drones.count,
         "suppressed": log.suppressed,
         "charges": log.charges,
         "queueing_s": log.queueing_us / US,

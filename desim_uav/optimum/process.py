@@ -21,6 +21,7 @@ from desim_uav.model.planner import Node
 from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.model.rules import MOVES, US, Action, Mode, mask
 from desim_uav.model.state import Observation
+from desim_uav.model.sums import in_order
 from desim_uav.optimum.footprints import Footprints
 from desim_uav.world import World
 
@@ -309,7 +310,7 @@ class DroneProcess:
     def _rewarded(self, seen: Observation) -> float:
         world = self.world
         asked = (len(world.homes), *[0] * (len(world.services.names) - 1))
-        return sum(world.scenario.reward.terms(seen, asked, world.facts).values())
+        return in_order(world.scenario.reward.terms(seen, asked, world.facts).values())
 
 
 def refuse_what_is_random(world: World) -> None:

@@ -31,6 +31,7 @@ from desim_uav.model.coverage import all_walked
 from desim_uav.model.planner import Node
 from desim_uav.model.rules import Action, Mode, Phase, mask, obeyed
 from desim_uav.model.state import Snapshot
+from desim_uav.model.sums import in_order
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -203,7 +204,7 @@ class Simulation:
         terms_of, facts = self.world.scenario.reward.terms, self.world.facts
         asked = tuple(self.airlink.open_requests)
         self._terms = tuple([terms_of(seen, asked, facts) for seen in self.observations])
-        self._rewards = tuple([float(sum(terms.values())) for terms in self._terms])
+        self._rewards = tuple([in_order(terms.values()) for terms in self._terms])
         if not all(map(isfinite, self._rewards)):
             kind = type(self.world.scenario.reward).__name__
             raise SimulationError(f"reward {kind!r}: {self._terms} is not a number for each term")
