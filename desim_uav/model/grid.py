@@ -8,6 +8,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.kernels import kernel
+
 Cell = tuple[int, int]
 
 
@@ -72,12 +74,23 @@ class Grid:
     def cell_of(self, x_m: float, y_m: float) -> Cell:
         """The cell that holds a point, clipped to the map."""
         (nx, ny), (dx, dy) = self.cells, self.cell_m
-        return min(max(int(x_m // dx), 0), nx - 1), min(max(int(y_m // dy), 0), ny - 1)
+        return cell_index(x_m, dx, nx), cell_index(y_m, dy, ny)
 
     def level_of(self, z_m: float) -> int:
         """The level nearest to an altitude."""
-        level = round((z_m - self.levels_m[0]) / self.level_step_m)
-        return min(max(level, 0), len(self.levels_m) - 1)
+        return level_index(z_m, self.levels_m[0], self.level_step_m, len(self.levels_m))
+
+
+@kernel
+def cell_index(at_m: float, cell_m: float, cells: int) -> int:
+    """The cell along one axis that holds a coordinate, clipped to the map."""
+    return int(min(max(int(at_m // cell_m), 0), cells - 1))
+
+
+@kernel
+def level_index(z_m: float, lowest_m: float, step_m: float, levels: int) -> int:
+    """The level nearest to an altitude, half-way to the even one."""
+    return int(min(max(int(np.rint((z_m - lowest_m) / step_m)), 0), levels - 1))
 
 
 def altitudes(

@@ -1,0 +1,63 @@
+"""The decorators of the compiled engine, whose kernels call kernels of other files."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+from typing import Any, TypeVar, cast
+
+import numba
+from numba import types
+
+from desim_uav.model import kernels as model_kernels
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+SOURCES = ("model", "engine/batch", "learning")
+
+
+def inner(function: F) -> F:
+    """A kernel that other kernels call and Python does not: part of their machine code.
+
+    It is compiled once for all whole numbers; left to itself, Numba compiles it for each constant
+    it is called with.
+    """
+    compiled: Any = numba.njit(
+        nogil=True,
+        fastmath=False,
+        error_model="numpy",
+        no_cpython_wrapper=True,
+        no_cfunc_wrapper=True,
+    )(function)
+    template = compiled.get_call_template
+
+    def for_any_number(args: Any, kws: Any) -> Any:
+        named = {name: types.unliteral(kind) for name, kind in kws.items()}
+        return template(tuple(map(types.unliteral, args)), named)
+
+    compiled.get_call_template = for_any_number
+    return cast(F, compiled)
+
+
+def kernel(function: F) -> F:
+    """A kernel that Python calls: cached as the model's are, with all that it calls.
+
+    Numba looks at a function's own file to see whether machine code on disk is stale, which is not
+    enough here: it is, when any source of a kernel has changed.
+    """
+    compiled: Any = model_kernels.kernel(function)
+    compiled._cache._cache_file._source_stamp = digest()
+    return cast(F, compiled)
+
+
+@cache
+def digest() -> str:
+    """What all sources of kernels say."""
+    package = Path(__file__).parents[2]
+    found = hashlib.sha256()
+    for folder in SOURCES:
+        for file in sorted((package / folder).glob("*.py")):
+            found.update(file.read_bytes())
+    return found.hexdigest()

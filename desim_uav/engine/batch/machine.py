@@ -1,0 +1,458 @@
+"""One decision step of one environment, as ``engine.des.simulation`` has it."""
+
+from __future__ import annotations
+
+from desim_uav.engine.batch.access import (
+    asking_of,
+    covering_of,
+    drone_of,
+    mask_of,
+    move_of,
+    record_of,
+    request_of,
+    seen_of,
+    served_of,
+    spot_of,
+    station_of,
+    transit_of,
+    user_of,
+)
+from desim_uav.engine.batch.airlink import (
+    ask_slot,
+    end_all,
+    note,
+    on_completion,
+    on_crossing,
+    on_request,
+    settle,
+    track,
+)
+from desim_uav.engine.batch.drones import (
+    CHARGE,
+    CHARGING,
+    CRASHED,
+    FLYING,
+    GOTO,
+    HOVER,
+    QUEUED,
+    RETURNING,
+    appear,
+    arrival_slot,
+    at_station,
+    await_full,
+    battery_now,
+    count_distance,
+    count_queueing,
+    go_home,
+    grant,
+    obey,
+    on_arrival,
+    on_depletion,
+    orient,
+    position,
+    respawn,
+)
+from desim_uav.engine.batch.kernels import inner, kernel
+from desim_uav.engine.batch.memory import (
+    ACTIONS,
+    AT_AFFECTED,
+    AT_ASKED,
+    AT_HEAP,
+    AT_OPEN_REQUESTS,
+    AT_RESPAWN,
+    AT_ROW_OFFSETS,
+    AT_SHARES,
+    AT_SLOT_KEY,
+    AT_SLOT_TIME,
+    AT_STARTS,
+    AT_STATES,
+    ATTACHED_USERS,
+    BACK,
+    BANDWIDTH_BPS,
+    BATTERY_US,
+    CAPACITY_US,
+    CLOSED,
+    CLOSED_QOE1,
+    COUNTERS,
+    CROSSINGS,
+    DISTANCE_M,
+    DRONES,
+    DURATION_US,
+    EPOCH,
+    EVENTS,
+    FREE_BPS,
+    HANDOVERS,
+    HEAPED,
+    HOLDER,
+    HOPPING,
+    HORIZON_US,
+    K_DECIDE,
+    LANDED_IN,
+    LIMITED,
+    MODE,
+    MOVE_ACTION,
+    NEXT_ROW,
+    NOW,
+    NX,
+    NY,
+    ON_CRASH,
+    ON_CRASH_END,
+    ON_CRASH_REMOVE,
+    QUEUED_UP,
+    R_ATTACHED,
+    R_BACK,
+    R_BATTERY_US,
+    R_MODE,
+    R_SERVED,
+    R_USED_BPS,
+    RADIO,
+    REQUEST,
+    RESPAWN_AFTER_US,
+    RESPAWNS,
+    RESPAWNS_DRAWN,
+    RETURN_BELOW_US,
+    S_ATTACHED,
+    S_BACK,
+    S_BATTERY_US,
+    S_LEVEL,
+    S_MODE,
+    S_USED_BPS,
+    S_X,
+    S_Y,
+    SEEN_US,
+    SEEN_X_M,
+    SEEN_Y_M,
+    SEEN_Z_M,
+    SERVICES,
+    SERVING,
+    SINCE_US,
+    STATIONS,
+    STEP_US,
+    STEPS,
+    TAKEN,
+    TERMINATED,
+    TOLD,
+    TRANSIT,
+    TRUNCATED,
+    USED_BPS,
+    USERS,
+    WAITS,
+    Fixed,
+    Ints,
+    Path,
+    State,
+)
+from desim_uav.engine.batch.queue import (
+    ADMISSION,
+    ARRIVAL,
+    ATTACHMENT,
+    COMMAND,
+    COVERAGE,
+    DEPLETION,
+    ENTRY,
+    RECORD,
+    RESPAWN,
+    clear_all,
+    due,
+    key,
+    undo,
+)
+from desim_uav.engine.batch.queue import REQUEST as REQUEST_PHASE
+from desim_uav.engine.batch.rewards import S_COUNTS, reward
+from desim_uav.model.demand import DUE_US
+
+IDLE, ATTACHED, OPEN, SERVED = range(4)
+"""See ``UserState``."""
+
+
+# ---- an episode
+
+
+@kernel
+def start_afresh(w: Fixed, s: State) -> None:
+    """Put the drones at their starts."""
+    s.i[NOW] = 0
+    for d in range(w.i[DRONES]):
+        appear(w, s, d, w.i[w.i[AT_STARTS] + 2 * d], w.i[w.i[AT_STARTS] + 2 * d + 1])
+        drone_of(s, d)[HOPPING] = 0
+    for station in range(w.i[STATIONS]):
+        station_of(s, station)[0] = 0
+
+
+@kernel
+def reset(w: Fixed, p: Path, s: State) -> None:
+    """Begin an episode with the drones as they are, and run up to its first decision epoch."""
+    _forget(w, s)
+    drones = w.i[DRONES]
+    for d in range(drones):
+        drone = drone_of(s, d)
+        if drone[MODE] == FLYING:
+            track(w, p, s, d, 0, ENTRY)
+        orient(w, p, s, d, 0)
+    for user in range(w.i[USERS]):
+        row = p.i[p.i[AT_ROW_OFFSETS] + user]
+        user_of(s, user)[NEXT_ROW] = row
+        if row < p.i[p.i[AT_ROW_OFFSETS] + user + 1]:
+            due_us = request_of(p, row)[DUE_US]
+            if due_us < w.i[HORIZON_US]:
+                due(s, ask_slot(w, user), due_us, key(REQUEST_PHASE, -1, user))
+    for d in range(drones):
+        _take_up(w, s, d)
+    for station in range(w.i[STATIONS]):
+        grant(w, s, station)
+    _run_before(w, p, s, 0, key(RESPAWN, -1, -1))
+    _observe(w, s)
+    _respawn(w, p, s)
+    _show(w, s)
+
+
+@inner
+def _forget(w: Fixed, s: State) -> None:
+    """Users, requests and measures begin anew; what drones do is as long ago as it was."""
+    ended_us = s.i[NOW]
+    s.i[:COUNTERS] = 0
+    s.f[CLOSED_QOE1] = s.f[DISTANCE_M] = 0.0
+    for d in range(w.i[DRONES]):
+        drone = drone_of(s, d)
+        drone[SINCE_US] -= ended_us
+        drone[RESPAWNS] = drone[WAITS] = drone[RADIO] = drone[CROSSINGS] = 0
+        drone[FREE_BPS] = w.i[BANDWIDTH_BPS]
+        drone[USED_BPS] = drone[ATTACHED_USERS] = drone[QUEUED_UP] = 0
+        served_of(s, d)[:] = 0
+        asking_of(s, d)[:] = 0
+        s.i[s.i[AT_AFFECTED] + d] = 0
+    for user in range(w.i[USERS]):
+        u = user_of(s, user)
+        u[HOLDER] = u[REQUEST] = u[SERVING] = -1
+        s.f[s.i[AT_SHARES] + user] = 0.0
+        covering_of(s, user)[:] = -1
+    for service in range(w.i[SERVICES]):
+        s.i[s.i[AT_OPEN_REQUESTS] + service] = 0
+    clear_all(s)
+
+
+@inner
+def _take_up(w: Fixed, s: State, d: int) -> None:
+    """Go on with what the drone was about in the episode before."""
+    drone = drone_of(s, d)
+    mode = drone[MODE]
+    if mode == RETURNING:
+        if drone[HOPPING]:
+            duration_us = transit_of(w, drone[TRANSIT])[DURATION_US]
+            due(s, arrival_slot(w, d), drone[SINCE_US] + duration_us, key(ARRIVAL, d, -1))
+            _foresee(w, s, d, duration_us)
+        else:
+            go_home(w, s, d, ARRIVAL)
+    elif mode == QUEUED:
+        drone[LANDED_IN] = ARRIVAL
+    elif mode == CHARGING:
+        await_full(w, s, d)
+    elif mode != CRASHED:
+        drone[WAITS] = 1
+
+
+@inner
+def _foresee(w: Fixed, s: State, d: int, span_us: int) -> None:
+    drone = drone_of(s, d)
+    if w.i[LIMITED] and drone[BATTERY_US] <= span_us:
+        depleted_us = drone[SINCE_US] + drone[BATTERY_US]
+        slot = 2 * w.i[USERS] + 2 * w.i[DRONES] + d
+        due(s, slot, depleted_us, key(DEPLETION, d, -1))
+
+
+# ---- a step
+
+
+@kernel
+def step(w: Fixed, p: Path, s: State, commands: Ints) -> None:
+    """Give each drone its command (an index of an action) and run to the next decision epoch."""
+    s.i[EVENTS] = s.i[CLOSED] = s.i[HANDOVERS] = 0
+    for d in range(w.i[DRONES]):
+        drone = drone_of(s, d)
+        told = commands[d]
+        drone[TOLD] = told if 0 <= told < w.i[ACTIONS] else -1
+        drone[TAKEN] = _obeyed(w, s, d, drone[TOLD])
+        if drone[WAITS]:
+            note(s, COMMAND, K_DECIDE, d, -1, -1, -1)
+    for d in range(w.i[DRONES]):
+        if drone_of(s, d)[WAITS]:
+            obey(w, p, s, d, drone_of(s, d)[TAKEN])
+    settle(w, s, COVERAGE, ADMISSION)
+    end_us = s.i[NOW] + w.i[STEP_US]
+    _run_before(w, p, s, end_us, key(RECORD, -1, -1))
+    s.i[NOW] = end_us
+    _record(w, p, s)
+
+
+@inner
+def _obeyed(w: Fixed, s: State, d: int, told: int) -> int:
+    """The index of the action a command leads to: itself, else the mask's only one, else hover."""
+    mask = mask_of(s, d)
+    if told >= 0 and mask[told]:
+        return int(told)
+    allowed, only = 0, 0
+    for k in range(len(mask)):
+        if mask[k]:
+            allowed += 1
+            only = k
+    if allowed == 1:
+        return only
+    for k in range(len(mask)):
+        if move_of(w, k)[MOVE_ACTION] == HOVER:
+            return k
+    return 0
+
+
+@inner
+def _run_before(w: Fixed, p: Path, s: State, end_us: int, end_key: int) -> None:
+    """Let everything happen that comes before a place in an instant."""
+    users, drones = w.i[USERS], w.i[DRONES]
+    while s.i[HEAPED] > 0:
+        slot = s.i[s.i[AT_HEAP] + 0]
+        t_us = s.i[s.i[AT_SLOT_TIME] + slot]
+        if t_us > end_us or (t_us == end_us and s.i[s.i[AT_SLOT_KEY] + slot] >= end_key):
+            return
+        undo(s, slot)
+        s.i[NOW] = t_us
+        if slot < users:
+            on_completion(w, p, s, slot)
+        elif slot < 2 * users:
+            on_request(w, p, s, slot - users)
+        else:
+            slot -= 2 * users
+            if slot < drones:
+                on_crossing(w, s, slot)
+            elif slot < 2 * drones:
+                on_arrival(w, s, slot - drones)
+            elif slot < 3 * drones:
+                on_depletion(w, s, slot - 2 * drones)
+            else:
+                settle(w, s, ATTACHMENT, ATTACHMENT)
+
+
+# ---- a decision epoch
+
+
+@inner
+def _record(w: Fixed, p: Path, s: State) -> None:
+    """Phase 8: the step's record, its reward, and the end of the episode; then respawns."""
+    whole = s.i
+    whole[EPOCH] += 1
+    crashed = False
+    for d in range(w.i[DRONES]):
+        orient(w, p, s, d, whole[EPOCH])
+        crashed = crashed or drone_of(s, d)[MODE] == CRASHED
+    _observe(w, s)
+    for d in range(w.i[DRONES]):
+        reward(w, s, d)
+        _write_record(w, s, d)
+    whole[TERMINATED] = crashed and w.i[ON_CRASH] == ON_CRASH_END
+    whole[TRUNCATED] = whole[EPOCH] == w.i[STEPS]
+    if whole[TERMINATED] or whole[TRUNCATED]:
+        _show(w, s)
+        _end_episode(w, p, s)
+        return
+    if crashed:
+        _respawn(w, p, s)
+    _show(w, s)
+
+
+@inner
+def _write_record(w: Fixed, s: State, d: int) -> None:
+    seen, record = seen_of(s, d), record_of(s, d)
+    record[R_BATTERY_US] = seen[S_BATTERY_US]
+    record[R_MODE] = seen[S_MODE]
+    record[R_ATTACHED] = seen[S_ATTACHED]
+    record[R_USED_BPS] = seen[S_USED_BPS]
+    record[R_BACK] = seen[S_BACK]
+    record[R_SERVED] = 0
+    for k in range(w.i[SERVICES]):
+        record[R_SERVED] += seen[S_COUNTS + k]
+    x_m, y_m, z_m = position(w, s, d)
+    spot_of(s, d)[SEEN_X_M], spot_of(s, d)[SEEN_Y_M], spot_of(s, d)[SEEN_Z_M] = x_m, y_m, z_m
+
+
+@inner
+def _end_episode(w: Fixed, p: Path, s: State) -> None:
+    for user in range(w.i[USERS]):
+        s.i[s.i[AT_STATES] + user] = user_state(s, user)
+    end_all(w, p, s)
+    for d in range(w.i[DRONES]):
+        count_distance(w, s, d)
+        if drone_of(s, d)[MODE] == QUEUED:
+            count_queueing(s, d)
+
+
+@kernel
+def user_state(s: State, user: int) -> int:
+    """What a user is doing (see ``UserState``)."""
+    u = user_of(s, user)
+    if u[REQUEST] >= 0:
+        return SERVED if u[SERVING] >= 0 else OPEN
+    return IDLE if u[HOLDER] < 0 else ATTACHED
+
+
+@inner
+def _respawn(w: Fixed, p: Path, s: State) -> None:
+    """Phase 9: crashed drones come back after their downtime."""
+    if w.i[ON_CRASH] == ON_CRASH_REMOVE:
+        return
+    back = False
+    for d in range(w.i[DRONES]):
+        drone = drone_of(s, d)
+        down_us = s.i[NOW] - drone[SINCE_US]
+        if drone[MODE] == CRASHED and down_us >= w.i[RESPAWN_AFTER_US]:
+            respawn(w, s, d, p.i[p.i[AT_RESPAWN] + d * p.i[RESPAWNS_DRAWN] + drone[RESPAWNS]])
+            drone[RESPAWNS] += 1
+            orient(w, p, s, d, s.i[EPOCH])
+            back = True
+    if back:
+        _observe(w, s)
+
+
+@inner
+def _observe(w: Fixed, s: State) -> None:
+    """Note what each drone knows, once it has taken its bearings."""
+    services = w.i[SERVICES]
+    nx, ny = w.i[NX], w.i[NY]
+    for d in range(w.i[DRONES]):
+        drone, seen = drone_of(s, d), seen_of(s, d)
+        drone[SEEN_US] = battery_now(w, s, d)
+        seen[S_MODE] = drone[MODE]
+        seen[S_X] = drone[BACK] // ny % nx
+        seen[S_Y] = drone[BACK] % ny
+        seen[S_LEVEL] = drone[BACK] // (nx * ny)
+        seen[S_BATTERY_US] = drone[SEEN_US]
+        seen[S_BACK] = drone[BACK]
+        seen[S_ATTACHED] = drone[ATTACHED_USERS]
+        seen[S_USED_BPS] = drone[USED_BPS]
+        for k in range(services):
+            seen[S_COUNTS + k] = served_of(s, d)[k]
+            seen[S_COUNTS + services + k] = asking_of(s, d)[k]
+    for k in range(services):
+        s.i[s.i[AT_ASKED] + k] = s.i[s.i[AT_OPEN_REQUESTS] + k]
+
+
+@inner
+def _show(w: Fixed, s: State) -> None:
+    """What each drone may be told now; never nothing."""
+    for d in range(w.i[DRONES]):
+        drone, mask = drone_of(s, d), mask_of(s, d)
+        mode = drone[MODE]
+        low = drone[SEEN_US] <= w.i[RETURN_BELOW_US]
+        not_full = drone[SEEN_US] < w.i[CAPACITY_US]
+        for k in range(len(mask)):
+            action = move_of(w, k)[MOVE_ACTION]
+            if mode == RETURNING:
+                legal = action == GOTO
+            elif mode in (QUEUED, CHARGING):
+                legal = action == CHARGE
+            elif mode == CRASHED:
+                legal = action == HOVER
+            elif action == GOTO:
+                legal = low
+            elif action == CHARGE:
+                legal = not_full and at_station(w, s, d) >= 0
+            else:
+                legal = True
+            mask[k] = legal

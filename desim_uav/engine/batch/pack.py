@@ -1,0 +1,164 @@
+"""A world and its run settings as the compiled engine takes them."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.batch.memory import (
+    ON_CRASH_END,
+    ON_CRASH_REMOVE,
+    ON_CRASH_RESPAWN,
+    PROFILE_ROWS,
+    REWARD_BATTERY,
+    REWARD_COVERAGE,
+    REWARD_SERVICES,
+    Fixed,
+    Ints,
+)
+from desim_uav.errors import ScenarioError
+from desim_uav.model.admission import FirstCome
+from desim_uav.model.battery import Endurance
+from desim_uav.model.motion import REST, Transit
+from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService
+from desim_uav.model.rules import MOVES
+from desim_uav.world import World
+
+REWARDS = {
+    Coverage: REWARD_COVERAGE,
+    CoverageBattery: REWARD_BATTERY,
+    MultiService: REWARD_SERVICES,
+}
+CRASHES = {"respawn": ON_CRASH_RESPAWN, "remove": ON_CRASH_REMOVE, "end_episode": ON_CRASH_END}
+AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
+
+
+def refused(world: World) -> list[str]:
+    """What keeps a world out of the compiled engine: components that have no kernel."""
+    scenario = world.scenario
+    chosen = {
+        "drones.battery": (scenario.drones.battery, (Endurance, type(None))),
+        "drones.admission": (scenario.drones.admission, (FirstCome,)),
+        "reward": (scenario.reward, tuple(REWARDS)),
+    }
+    problems = [
+        f"{key}: {type(component).__name__!r} has no kernel; --engine des runs it"
+        for key, (component, known) in chosen.items()
+        if type(component) not in known
+    ]
+    if world.capacity_us * max(world.full_charge_us, world.capacity_us) >= 2**62:
+        problems.append("drones.battery: too large for --engine batch; --engine des runs it")
+    return problems
+
+
+def pack(world: World, settings: RunSettings) -> Fixed:
+    """The arrays. Raises ScenarioError for components that have no kernel."""
+    problems = refused(world)
+    if problems:
+        raise ScenarioError("\n".join(problems))
+    scenario, grid, reward = world.scenario, world.grid, world.scenario.reward
+    transits = [REST, *world.epoch_transits.values()]
+    moving = {action: 1 + k for k, action in enumerate(world.epoch_transits)}
+    hop_transits = [len(transits) + k for k in range(3)]
+    transits += [world.fastest_transits[axis] for axis in AXES]
+    moves = [
+        (*MOVES.get(action, (0, 0, 0)), moving.get(action, 0), int(action))
+        for action in world.actions
+    ]
+    station_at = np.full(grid.cells, -1, np.int64)
+    for index, cell in enumerate(world.stations):
+        station_at[cell] = index
+    plans, hops = _plans(world, settings)
+    weights = getattr(reward, "services", {})
+    profiles = _stacked(transits)
+    whole_sections = [
+        np.array(world.stations),
+        station_at,
+        np.array(world.starts),
+        np.array(settings.ceilings),
+        np.array(moves),
+        np.array([(t.duration_us, len(t.profile)) for t in transits]),
+        np.array(hop_transits),
+        plans,
+        hops,
+        grid.blocked,
+    ]
+    real_sections = [
+        np.array(grid.levels_m),
+        profiles,
+        np.array([t.distance_m for t in transits]),
+        np.array([weights.get(name, 0.0) for name in world.services.names]),
+    ]
+    real = [
+        *grid.cell_m,
+        grid.levels_m[0],
+        grid.level_step_m,
+        scenario.drones.footprint_radius_m,
+        getattr(reward, "cost_sign", 0.0),
+        getattr(reward, "low_battery", 0.0),
+        getattr(reward, "users", 0.0),
+    ]
+    whole = [
+        scenario.drones.count,
+        len(world.homes),
+        len(world.stations),
+        len(world.services.names),
+        scenario.episode.steps,
+        world.step_us,
+        world.horizon_us,
+        scenario.limited_battery,
+        world.capacity_us,
+        world.full_charge_us,
+        world.return_below_us,
+        world.respawn_after_us,
+        CRASHES[world.on_crash],
+        scenario.stations.pads,
+        -1 if math.isinf(world.bandwidth_bps) else world.bandwidth_bps,
+        grid.levels_under_ceiling,
+        REWARDS[type(reward)],
+        *grid.cells,
+        len(grid.levels_m),
+        len(world.actions),
+    ]
+    whole += _starts(PROFILE_ROWS + 1, whole_sections)
+    whole += _starts(len(real), real_sections)
+    whole.append(profiles.shape[1])
+    return Fixed(
+        np.concatenate([np.array(whole), *map(np.ravel, whole_sections)]).astype(np.int64),
+        np.concatenate([np.array(real), *map(np.ravel, real_sections)]).astype(np.float64),
+    )
+
+
+def _starts(first: int, sections: list[Any]) -> list[int]:
+    """Where sections begin, one after the other."""
+    sizes = [first, *(section.size for section in sections[:-1])]
+    return [int(at) for at in np.cumsum(sizes)]
+
+
+def _stacked(transits: list[Transit]) -> np.ndarray[tuple[int, ...], np.dtype[np.float64]]:
+    profiles = np.zeros((len(transits), max(len(t.profile) for t in transits), 4))
+    for k, transit in enumerate(transits):
+        profiles[k, : len(transit.profile)] = transit.profile
+    return profiles
+
+
+def _plans(world: World, settings: RunSettings) -> tuple[Ints, Ints]:
+    """The way back from every node, under the ceiling and without one, where it is needed."""
+    nx, ny = world.grid.cells
+    plans = np.full((2, len(world.grid.levels_m) * nx * ny, 5), -1, np.int64)
+    hops: list[tuple[int, int, int]] = []
+    if world.scenario.limited_battery:
+        for ceiling in set(settings.ceilings):
+            for level, x, y in np.ndindex(world.grid.levels(ceiling), nx, ny):
+                back = world.planner.plan((x, y, level), ceiling)
+                if back is not None:
+                    first = len(hops)
+                    hops += back.hops
+                    plans[int(ceiling), (level * nx + x) * ny + y] = (
+                        *(back.station, back.duration_us, back.drained_us),
+                        *(first, len(hops)),
+                    )
+    return plans, np.array(hops, np.int64).reshape(-1, 3)

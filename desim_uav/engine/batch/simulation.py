@@ -1,0 +1,452 @@
+"""The compiled engine as an ``Engine``: the same snapshots and logs as the SimPy engine's."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.engine.base import (
+    IN_ORDER,
+    Carried,
+    CarriedDrone,
+    EpisodeLog,
+    Measures,
+    RunSettings,
+    Step,
+    UserState,
+)
+from desim_uav.engine.batch import machine
+from desim_uav.engine.batch.airlink import measures
+from desim_uav.engine.batch.drones import position, queue_up
+from desim_uav.engine.batch.memory import (
+    AT_BLOCKED,
+    AT_HOP_TRANSITS,
+    AT_HOPS,
+    AT_PLANS,
+    ATTACHED_US,
+    BANDWIDTH_US_BPS,
+    BATTERY_US,
+    CHARGES,
+    CLOSED,
+    COUNTED_M,
+    CRASHES,
+    DISTANCE_M,
+    EPOCH,
+    EVENTS,
+    FALLEN,
+    FALLEN_X_M,
+    FALLEN_Y_M,
+    FULL,
+    HANDOVERS,
+    HOPPING,
+    KINDS,
+    LEVEL,
+    MODE,
+    NOW,
+    QUEUEING_US,
+    ROUTE,
+    ROUTE_END,
+    SINCE_US,
+    SUPPRESSED,
+    TAKEN,
+    TERMINATED,
+    TO_LEVEL,
+    TO_X,
+    TO_Y,
+    TOLD,
+    TRANSIT,
+    TRUNCATED,
+    Ints,
+    X,
+    Y,
+    path_of,
+    state_of,
+    views,
+)
+from desim_uav.engine.batch.pack import pack
+from desim_uav.errors import SimulationError
+from desim_uav.model.coverage import all_walked
+from desim_uav.model.rewards import Coverage, CoverageBattery
+from desim_uav.model.rules import US, Mode, Outcome, Phase
+from desim_uav.model.state import Observation, Snapshot
+from desim_uav.sample_path import SamplePath
+from desim_uav.world import World
+
+MODES = tuple(Mode)
+PHASES = (None, *Phase)
+STATES = tuple(UserState)
+ROOM = 256
+
+
+@dataclass(slots=True)
+class ClosedRequest:
+    """A request that has ended (see ``engine.base.ClosedRequest``)."""
+
+    request_id: int
+    user: int
+    service: int
+    bandwidth_bps: int
+    required_us: int
+    served_us: int
+    attached_us: int
+    t_request_us: int
+    t_first_us: int | None
+    t_end_us: int
+    interruptions: int
+    drones: list[int]
+    outcome: Outcome
+
+
+class BatchSimulation:
+    """The compiled engine (see ``Engine``).
+
+    Raises ScenarioError where a component of the scenario has no kernel.
+    """
+
+    def __init__(self, world: World, settings: RunSettings) -> None:
+        self.world = world
+        self.settings = settings
+        self.fixed = pack(world, settings)
+        self.shown: Snapshot | None = None
+        self.log = EpisodeLog(0)
+        self.room, self.crossing_room = ROOM, 4 * len(world.homes) + 16
+        self._hops = self._section(AT_HOPS, AT_BLOCKED).reshape(-1, 3)
+        self._plans = self._section(AT_PLANS, AT_HOPS).reshape(2, -1, 5)
+        self._make_room()
+        self._carried: Carried | None = None
+        self._flown = False
+        self._names = self._term_names()
+
+    def _section(self, first: int, after: int) -> Ints:
+        fixed = self.fixed.i
+        return fixed[fixed[first] : fixed[after]]
+
+    def _make_room(self) -> None:
+        world = self.world
+        self.state = state_of(
+            world.scenario.drones.count,
+            len(world.homes),
+            len(world.stations),
+            len(world.services.names),
+            world.scenario.episode.steps,
+            len(world.actions),
+            events=self.room if self.settings.keep_events else 0,
+            requests=self.room if self.settings.keep_steps else 0,
+            crossings=self.crossing_room,
+        )
+        self.views = views(self.state)
+
+    def _term_names(self) -> tuple[str, ...]:
+        reward = self.world.scenario.reward
+        if isinstance(reward, Coverage):
+            return ("users",)
+        if isinstance(reward, CoverageBattery):
+            return ("users", "return")
+        return ("users", *self.world.services.names, "return", "charging")
+
+    # ---- episodes
+
+    @property
+    def terminated(self) -> bool:
+        """Has a crash ended the episode?"""
+        return self.shown is not None and self.shown.terminated
+
+    @property
+    def truncated(self) -> bool:
+        """Is the episode's time up?"""
+        return self.shown is not None and self.shown.truncated
+
+    def reset(self, path: SamplePath) -> Snapshot:
+        """Begin an episode and run up to its first decision epoch."""
+        self._began_with = self.carried()
+        self._path, self._packed = path, path_of(path)
+        self._commands: list[Ints] = []
+        self._begin()
+        return self._show()
+
+    def step(self, commands: Sequence[int]) -> Snapshot:
+        """Give the commands and run to the next decision epoch, or to the episode's end."""
+        if self.shown is None or self.shown.terminated or self.shown.truncated:
+            raise SimulationError("step: the episode is over, or none has begun; call reset first")
+        count = len(self.world.actions)
+        told = np.array([c if 0 <= c < count else -1 for c in commands], np.int64)
+        if len(told) != len(self.views.drone):
+            raise ValueError(f"{len(told)} commands for {len(self.views.drone)} drones")
+        self._commands.append(told)
+        machine.step(self.fixed, self._packed, self.state, told)
+        self._drain()
+        return self._show()
+
+    def _begin(self) -> None:
+        self._load(self._began_with)
+        self._carried = None
+        self.log = EpisodeLog(self._path.episode, [] if self.settings.keep_events else None)
+        machine.reset(self.fixed, self._packed, self.state)
+        self._drain()
+
+    def _drain(self) -> None:
+        """Move what has happened into the log; where it did not fit, make room and play again."""
+        if self.state.i[FULL]:
+            self.room *= 2
+            self.crossing_room *= 2
+            self._make_room()
+            self._begin()
+            for told in self._commands:
+                machine.step(self.fixed, self._packed, self.state, told)
+                self._drain()
+                if self.state.i[EPOCH] == len(self._commands):
+                    return
+            return
+        self._drain_log()
+
+    def _drain_log(self) -> None:
+        state, log = self.state, self.log
+        whole = state.i
+        if whole[CRASHES] > len(log.crashed):
+            log.crashed[:] = self.views.crashed[: whole[CRASHES]].tolist()
+        if self.settings.keep_steps:
+            self._log_requests()
+            if whole[EPOCH]:
+                self._log_steps()
+        if log.events is not None:
+            log.events += [
+                (t_us, PHASES[phase], KINDS[kind], *rest)
+                for t_us, phase, kind, *rest in self.views.events[: whole[EVENTS]].tolist()
+            ]
+        if whole[TERMINATED] or whole[TRUNCATED]:
+            self._end_log()
+
+    def _end_log(self) -> None:
+        whole, log = self.state.i, self.log
+        log.duration_us = int(whole[NOW])
+        log.attached_us = int(whole[ATTACHED_US])
+        log.bandwidth_us_bps = int(whole[BANDWIDTH_US_BPS])
+        log.queueing_us = int(whole[QUEUEING_US])
+        log.distance_m = float(self.state.f[DISTANCE_M])
+        log.charges = int(whole[CHARGES])
+        log.suppressed = int(whole[SUPPRESSED])
+        log.requests.sort(key=lambda request: request.request_id)
+        if log.events is not None:
+            log.events.sort(key=IN_ORDER)
+
+    def _log_requests(self) -> None:
+        whole, state = self.state.i, self.views
+        for request, d in state.handovers[: whole[HANDOVERS]].tolist():
+            self._drones.setdefault(request, []).append(d)
+        for row in state.closed[: whole[CLOSED]].tolist():
+            request_id, user, service, bps, required, served, attached, asked, *rest = row
+            t_first, t_end, interruptions = rest
+            outcome = Outcome.UNFINISHED if served else Outcome.NEVER_SERVED
+            self.log.requests.append(
+                ClosedRequest(
+                    request_id,
+                    user,
+                    service,
+                    bps,
+                    required,
+                    served,
+                    attached,
+                    asked,
+                    None if t_first < 0 else t_first,
+                    t_end,
+                    interruptions,
+                    self._drones.pop(request_id, []),
+                    Outcome.COMPLETED if served == required else outcome,
+                )
+            )
+
+    def _log_steps(self) -> None:
+        state, actions = self.views, self.world.actions
+        whole = self.state.i
+        limited = self.world.facts.capacity_s is not None
+        rows = zip(
+            state.record.tolist(),
+            state.place.tolist(),
+            state.drone[:, [TOLD, TAKEN]].tolist(),
+            state.rewards.tolist(),
+            strict=True,
+        )
+        for d, (record, place, (told, taken), reward) in enumerate(rows):
+            battery_us, mode, attached, served, used_bps, back = record
+            self.log.steps.append(
+                Step(
+                    int(whole[EPOCH]) - 1,
+                    int(whole[NOW]),
+                    d,
+                    *place[3:6],
+                    battery_us if limited else None,
+                    MODES[mode],
+                    None if told < 0 else actions[told],
+                    actions[taken],
+                    attached,
+                    served,
+                    used_bps,
+                    self._plan(d, back)[2],
+                    reward,
+                )
+            )
+
+    def _plan(self, d: int, node: int) -> tuple[int | None, float | None, float | None]:
+        """(station, duration in s, n_B in µs) of the way back from a node."""
+        if self.world.facts.capacity_s is None:
+            return None, None, None
+        ceiling = int(self.settings.ceilings[d])
+        station, duration_us, drained_us, _, _ = self._plans[ceiling, node].tolist()
+        if station < 0:
+            return None, None, math.inf
+        return station, duration_us / US, drained_us
+
+    # ---- from one episode to the next
+
+    def carried(self) -> Carried | None:
+        """What the next episode's drones begin with; None where they start afresh."""
+        if self.truncated and not self.terminated and self.settings.carry_over:
+            return self._drones_now()
+        return self._carried
+
+    def carry(self, drones: Carried | None) -> None:
+        """Let the next episode begin with these drones."""
+        self.shown = None
+        self._carried = drones
+
+    def _drones_now(self) -> Carried:
+        state = self.views
+        now_us = int(self.state.i[NOW])
+        order = [row[1 : 1 + row[0]] for row in state.station.tolist()]
+        places = {d: place for there in order for place, d in enumerate(there)}
+        found = []
+        for d, (row, real) in enumerate(
+            zip(state.drone.tolist(), state.place.tolist(), strict=True)
+        ):
+            x, y, level = row[X], row[Y], row[LEVEL]
+            hop = (row[TO_X] - x, row[TO_Y] - y, row[TO_LEVEL] - level)
+            route = self._hops[row[ROUTE] : row[ROUTE_END]].tolist()
+            fallen = (real[FALLEN_X_M], real[FALLEN_Y_M])
+            found.append(
+                CarriedDrone(
+                    MODES[row[MODE]],
+                    (x, y, level),
+                    row[BATTERY_US],
+                    now_us - row[SINCE_US],
+                    hop if row[HOPPING] else None,
+                    tuple((dx, dy, dz) for dx, dy, dz in route),
+                    real[COUNTED_M],
+                    places.get(d, 0),
+                    fallen if row[FALLEN] else None,
+                )
+            )
+        return tuple(found)
+
+    def _load(self, carried: Carried | None) -> None:
+        """Put the drones where they are before an episode."""
+        self._drones: dict[int, list[int]] = {}
+        machine.start_afresh(self.fixed, self.state)
+        state = self.views
+        for d, one in enumerate(carried or ()):
+            row = state.drone[d]
+            x, y, level = one.node
+            row[[MODE, BATTERY_US, SINCE_US]] = one.mode, one.battery_us, -one.age_us
+            row[[X, Y, LEVEL]] = row[[TO_X, TO_Y, TO_LEVEL]] = x, y, level
+            row[[ROUTE, ROUTE_END]] = self._route(one.route)
+            state.place[d, COUNTED_M] = one.counted_m
+            if one.hop is not None:
+                row[[TO_X, TO_Y, TO_LEVEL]] = np.add(one.node, one.hop)
+                axis = next(k for k in range(3) if one.hop[k])
+                row[TRANSIT], row[HOPPING] = self.fixed.i[self.fixed.i[AT_HOP_TRANSITS] + axis], 1
+            if one.fallen_m is not None:
+                row[FALLEN] = 1
+                state.place[d, [FALLEN_X_M, FALLEN_Y_M]] = one.fallen_m
+        landed = [
+            (one.place, d, self.world.stations.index(one.node[:2]))
+            for d, one in enumerate(carried or ())
+            if one.mode in (Mode.QUEUED, Mode.CHARGING)
+        ]
+        for _, d, station in sorted(landed):
+            queue_up(self.state, d, station)
+
+    def _route(self, route: tuple[tuple[int, int, int], ...]) -> tuple[int, int]:
+        """Where the hops of a route stand: it is the end of some way back."""
+        if not route:
+            return 0, 0
+        wanted, hops = np.array(route, np.int64), self._hops
+        starts = np.flatnonzero((hops[: len(hops) - len(wanted) + 1] == wanted[0]).all(axis=1))
+        for first in starts.tolist():
+            if (hops[first : first + len(wanted)] == wanted).all():
+                return first, first + len(wanted)
+        raise SimulationError(f"carry: {route} is no way back of this world")
+
+    # ---- what policies are shown
+
+    def _show(self) -> Snapshot:
+        state, whole, facts = self.views, self.state.i, self.world.facts
+        epoch, now_us = int(whole[EPOCH]), int(whole[NOW])
+        services, capacity_s = len(facts.services), facts.capacity_s
+        seen = []
+        for d, row in enumerate(state.seen.tolist()):
+            mode, x, y, level, battery_us, back, attached, used_bps, *counts = row
+            station, duration_s, drained_us = self._plan(d, back)
+            served = tuple(counts[:services])
+            seen.append(
+                Observation(
+                    d,
+                    epoch,
+                    facts.steps,
+                    (x, y),
+                    level,
+                    MODES[mode],
+                    None if capacity_s is None else battery_us / US,
+                    capacity_s,
+                    None if drained_us is None else drained_us / US,
+                    attached,
+                    sum(served),
+                    used_bps / 1000,
+                    station,
+                    duration_s,
+                    served,
+                    tuple(counts[services:]),
+                )
+            )
+        rewards: tuple[float, ...] = ()
+        terms: tuple[dict[str, float], ...] = ()
+        if epoch:
+            rewards = tuple(state.rewards.tolist())
+            terms = tuple(dict(zip(self._names, row, strict=False)) for row in state.terms.tolist())
+        self.shown = Snapshot(
+            epoch,
+            now_us,
+            bool(whole[TERMINATED]),
+            bool(whole[TRUNCATED]),
+            tuple(seen),
+            tuple(tuple(map(bool, row)) for row in state.masks.tolist()),
+            tuple(state.asked.tolist()),
+            rewards,
+            terms,
+        )
+        return self.shown
+
+    # ---- what can be asked in between
+
+    def measures(self) -> Measures:
+        """The quality of experience so far, open requests by what they have had so far."""
+        found = measures(self.fixed, self.state)
+        return Measures(*(None if math.isnan(value) else value for value in found))
+
+    def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where drones and users truly are: (drones, 3) and (users, 3)."""
+        users = self.world.homes.copy()
+        users[:, :2] = all_walked(*self._path.walks, int(self.state.i[NOW]))
+        count = len(self.views.drone)
+        drones = [position(self.fixed, self.state, d) for d in range(count)]
+        return np.array(drones), users
+
+    def user_states(self) -> list[UserState]:
+        """What each user is doing; after an episode, what it did at its end."""
+        state = self.state
+        if state.i[TERMINATED] or state.i[TRUNCATED]:
+            return [STATES[kind] for kind in self.views.states.tolist()]
+        users = range(len(self.views.user))
+        return [STATES[machine.user_state(state, user)] for user in users]
