@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 
 from desim_uav import __version__
+from desim_uav.engine.batch.pack import refused
 from desim_uav.errors import PolicyError, SimulationError, UsageError
 from desim_uav.experiment.command import versions
 from desim_uav.experiment.interrupt import asked_to_stop
@@ -47,14 +48,23 @@ def train(
     scenario: Scenario,
     world: World,
     on_episode: OnEpisode = lambda rows: None,
+    engine: str = "des",
 ) -> tuple[QTable, list[Progress]]:
     """Train from beginning to end: the learned table, and a row a drone and episode."""
-    training = Training(world, scenario.seed)
+    training = Training(world, scenario.seed, engine)
     rows: list[Progress] = []
     while training.episode < scenario.learning.episodes:
         rows += training.play()
         on_episode(rows[-len(training.learners) :])
     return table_of(training), rows
+
+
+def engine_for(world: World) -> str:
+    """The compiled engine where every component has a kernel, else the SimPy engine.
+
+    Their numbers are the same.
+    """
+    return "des" if refused(world) else "batch"
 
 
 def table_of(training: Training) -> QTable:

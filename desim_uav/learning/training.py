@@ -9,11 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import Carried, Engine, RunSettings
+from desim_uav.engine.batch import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import PolicyError, UsageError
+from desim_uav.learning import fused
 from desim_uav.learning.initial_q import initial_q
 from desim_uav.learning.learner import Decision, Learner, load_algorithm
-from desim_uav.model.observations import Feature, table_row, table_sizes
+from desim_uav.model.observations import Feature, Position, table_row, table_sizes
 from desim_uav.model.rules import DECIDES, Mode
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Purpose, Streams, uniforms
@@ -61,7 +63,7 @@ class Training:
     Raises UsageError where a table cannot hold what the scenario's observation says.
     """
 
-    def __init__(self, world: World, seed: int) -> None:
+    def __init__(self, world: World, seed: int, engine: str = "des") -> None:
         scenario = world.scenario
         self.world = world
         self.seed = seed
@@ -73,7 +75,8 @@ class Training:
         self.carries_over = scenario.episode.carry_over
         count = scenario.drones.count
         settings = RunSettings((True,) * count, self.carries_over, keep_steps=False)
-        self.engine: Engine = Simulation(world, settings)
+        kind = BatchSimulation if engine == "batch" else Simulation
+        self.engine: Engine = kind(world, settings)
         self.encode = scenario.observation.encode
         states, actions = math.prod(self.sizes), len(world.actions)
         self.q = np.empty((count, algorithm.tables, states, actions), np.float32)
@@ -85,11 +88,18 @@ class Training:
                     self.settings.initial_q, self.features, world.actions, world.facts, rng
                 )
         self.learners = [Learner(algorithm, self.settings.gamma, tables) for tables in self.q]
+        self.fuses = (
+            isinstance(self.engine, BatchSimulation)
+            and self.settings.algorithm in fused.ALGORITHMS
+            and type(scenario.observation) is Position
+        )
 
     def play(self) -> list[Progress]:
         """Learn in the next episode; a row a drone."""
         self.epsilon = self.settings.epsilon.at(self.episode)
         self.alpha = self.settings.alpha.at(self.episode)
+        if self.fuses:
+            return self._play_fused()
         number = FIRST_PATH + self.episode
         shown = self.engine.reset(draw(self.world, self.seed, number))
         draws = self._draws(number)
@@ -104,6 +114,47 @@ class Training:
             self._close(shown, draws[shown.step])
             self.engine.carry(None)
         return self._progress(rewards)
+
+    def _play_fused(self) -> list[Progress]:
+        """The same without Python in between."""
+        engine = self.engine
+        assert isinstance(engine, BatchSimulation)
+        number = FIRST_PATH + self.episode
+        packed = engine.prepare(draw(self.world, self.seed, number))
+        draws = self._drawn(number)
+        waiting = [learner.open_decision() or (-1, -1, 0.0, 1.0) for learner in self.learners]
+        pending = np.array([decision[:2] for decision in waiting], np.int64)
+        due = np.array([decision[2:] for decision in waiting])
+        rewards = np.zeros(len(waiting))
+        self.episode += 1
+        fused.play(
+            engine.fixed,
+            packed,
+            engine.state,
+            fused.ALGORITHMS.index(self.settings.algorithm),
+            self.q,
+            self._sizes(),
+            self.epsilon,
+            self.alpha,
+            self.settings.gamma,
+            draws,
+            pending,
+            due,
+            not self._goes_on(),
+            rewards,
+        )
+        engine.check()
+        for learner, decision, worth in zip(self.learners, pending, due, strict=True):
+            state, action = decision.tolist()
+            learner.reopen(None if state < 0 else (state, action, *worth.tolist()))
+        if engine.terminated or not self._goes_on():
+            engine.carry(None)
+        return self._progress(rewards.tolist())
+
+    def _sizes(self) -> NDArray[np.int64]:
+        """How many levels and minutes the paper's state has (0: it does not have them)."""
+        sizes = {feature.name: int(feature.high) + 1 for feature in self.features}
+        return np.array([sizes.get("level", 0), sizes.get("battery_min", 0)])
 
     def _goes_on(self) -> bool:
         """Will the next episode begin with the drones of this one?"""
@@ -176,11 +227,14 @@ class Training:
 
     def _draws(self, number: int) -> list[list[list[float]]]:
         """What chance says at each decision epoch: (epochs, drones, 3), uniform in [0, 1)."""
+        draws: list[list[list[float]]] = self._drawn(number).swapaxes(0, 1).tolist()
+        return draws
+
+    def _drawn(self, number: int) -> NDArray[np.float64]:
+        """The same as an array: (drones, epochs, 3)."""
         count, epochs = len(self.learners), self.world.scenario.episode.steps + 1
         states = Streams(self.seed, Purpose.LEARNER, number).states(count)
-        drawn = uniforms(states, epochs * DRAWS).reshape(count, epochs, DRAWS)
-        draws: list[list[list[float]]] = drawn.swapaxes(0, 1).tolist()
-        return draws
+        return uniforms(states, epochs * DRAWS).reshape(count, epochs, DRAWS)
 
     def _progress(self, rewards: list[float]) -> list[Progress]:
         measures = self.engine.measures()

@@ -234,8 +234,8 @@ def _over(default: Schedule) -> BeforeValidator:
     return BeforeValidator(filled)
 
 
-ALPHA = Schedule(start=1.0, decay=0.9995, end=0.1)
-EPSILON = Schedule(start=0.4, decay=0.9995, end=0.02)
+ALPHA = Schedule(start=1.0, decay=0.9996, end=0.1)
+EPSILON = Schedule(start=0.4, decay=0.9996, end=0.02)
 
 
 LARGEST_Q = 1e6
@@ -267,7 +267,7 @@ class Learning(Section):
     gamma: Annotated[float, Field(ge=0, lt=1)] = 0.95
     epsilon: Annotated[Schedule, _over(EPSILON)] = EPSILON
     initial_q: Annotated[InitialQ, BeforeValidator(_initial_q)] = 3.0
-    episodes: Annotated[int, Field(ge=1, le=10**7)] = 10_000
+    episodes: Annotated[int, Field(ge=1, le=10**7)] = 12_000
     restart_every: Annotated[int, Field(ge=1, le=10**7)] | None = 3
 
 

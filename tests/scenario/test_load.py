@@ -308,7 +308,7 @@ def test_preset_hides_no_errors() -> None:
 @pytest.mark.parametrize(
     ("text", "values"),
     [
-        ("{}", [0.4, 0.4 * 0.9995, 0.4 * 0.9995**10]),
+        ("{}", [0.4, 0.4 * 0.9996, 0.4 * 0.9996**10]),
         ("0.3", [0.3] * 3),
         ("1", [1.0] * 3),
         ("{start: 0.8, decay: 1}", [0.8] * 3),
@@ -572,9 +572,9 @@ def test_any_override_is_a_scenario_or_an_error(path: str, value: object) -> Non
 @pytest.mark.parametrize(
     ("text", "alpha", "epsilon"),
     [
-        ("{}", (1, 0.9995, 0.1), (0.4, 0.9995, 0.02)),
+        ("{}", (1, 0.9996, 0.1), (0.4, 0.9996, 0.02)),
         ("{alpha: 0.1, epsilon: 0.2}", (0.1, 1, 0), (0.2, 1, 0)),
-        ("{alpha: {start: 0.5}, epsilon: {end: 0.05}}", (0.5, 0.9995, 0.1), (0.4, 0.9995, 0.05)),
+        ("{alpha: {start: 0.5}, epsilon: {end: 0.05}}", (0.5, 0.9996, 0.1), (0.4, 0.9996, 0.05)),
     ],
 )
 def test_what_a_schedule_does_not_say_is_as_by_default(text: str, alpha, epsilon) -> None:

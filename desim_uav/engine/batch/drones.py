@@ -144,7 +144,7 @@ def _can_enter(w: Fixed, d: int, x: int, y: int, level: int) -> bool:
     levels = w.i[LEVELS_UNDER_CEILING] if w.i[w.i[AT_CEILINGS] + d] else w.i[LEVELS]
     if not (0 <= x < nx and 0 <= y < ny and 0 <= level < levels):
         return False
-    return w.i[w.i[AT_BLOCKED] + (level * nx + x) * ny + y] == 0
+    return bool(w.i[w.i[AT_BLOCKED] + (level * nx + x) * ny + y] == 0)
 
 
 @kernel

@@ -24,18 +24,14 @@ def inner(function: F) -> F:
     It is compiled once for all whole numbers; left to itself, Numba compiles it for each constant
     it is called with.
     """
-    compiled: Any = numba.njit(
-        nogil=True,
-        fastmath=False,
-        error_model="numpy",
-        no_cpython_wrapper=True,
-        no_cfunc_wrapper=True,
-    )(function)
+    options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    strict: dict[str, Any] = {"nogil": True, "fastmath": False, "error_model": "numpy"}
+    compiled: Any = numba.njit(**strict, **options)(function)
     template = compiled.get_call_template
 
     def for_any_number(args: Any, kws: Any) -> Any:
-        named = {name: types.unliteral(kind) for name, kind in kws.items()}
-        return template(tuple(map(types.unliteral, args)), named)
+        general: Any = types.unliteral
+        return template(tuple(map(general, args)), {name: general(k) for name, k in kws.items()})
 
     compiled.get_call_template = for_any_number
     return cast(F, compiled)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,6 +34,7 @@ from desim_uav.engine.batch.memory import (
     CHARGES,
     CLOSED,
     COUNTED_M,
+    COUNTERS,
     CRASHES,
     DISTANCE_M,
     EPOCH,
@@ -50,6 +52,9 @@ from desim_uav.engine.batch.memory import (
     QUEUEING_US,
     ROUTE,
     ROUTE_END,
+    SEEN_X_M,
+    SEEN_Y_M,
+    SEEN_Z_M,
     SINCE_US,
     SUPPRESSED,
     TAKEN,
@@ -61,6 +66,7 @@ from desim_uav.engine.batch.memory import (
     TRANSIT,
     TRUNCATED,
     Ints,
+    Path,
     X,
     Y,
     path_of,
@@ -79,7 +85,8 @@ from desim_uav.world import World
 MODES = tuple(Mode)
 PHASES = (None, *Phase)
 STATES = tuple(UserState)
-ROOM = 256
+ROOM, CROSSINGS_A_USER = 256, 4
+"""Rows for what is kept of a step, and for a leg's crossings; there is more where needed."""
 
 
 @dataclass(slots=True)
@@ -113,12 +120,12 @@ class BatchSimulation:
         self.fixed = pack(world, settings)
         self.shown: Snapshot | None = None
         self.log = EpisodeLog(0)
-        self.room, self.crossing_room = ROOM, 4 * len(world.homes) + 16
+        self.room, self.crossing_room = ROOM, CROSSINGS_A_USER * len(world.homes) + 16
         self._hops = self._section(AT_HOPS, AT_BLOCKED).reshape(-1, 3)
         self._plans = self._section(AT_PLANS, AT_HOPS).reshape(2, -1, 5)
         self._make_room()
         self._carried: Carried | None = None
-        self._flown = False
+        self._under_way = False
         self._names = self._term_names()
 
     def _section(self, first: int, after: int) -> Ints:
@@ -153,20 +160,49 @@ class BatchSimulation:
     @property
     def terminated(self) -> bool:
         """Has a crash ended the episode?"""
-        return self.shown is not None and self.shown.terminated
+        return self._under_way and bool(self.state.i[TERMINATED])
 
     @property
     def truncated(self) -> bool:
         """Is the episode's time up?"""
-        return self.shown is not None and self.shown.truncated
+        return self._under_way and bool(self.state.i[TRUNCATED])
 
     def reset(self, path: SamplePath) -> Snapshot:
         """Begin an episode and run up to its first decision epoch."""
-        self._began_with = self.carried()
-        self._path, self._packed = path, path_of(path)
+        self._packed = self.prepare(path)
         self._commands: list[Ints] = []
-        self._begin()
+        machine.reset(self.fixed, self._packed, self.state)
+        self._drain()
         return self._show()
+
+    def prepare(self, path: SamplePath) -> Path:
+        """Put the drones where they begin; ``machine.reset`` on what this returns is to follow."""
+        goes_on = self.truncated and not self.terminated and self.settings.carry_over
+        if not goes_on:
+            self._load(self._carried)
+        self._carried = None
+        self._under_way = True
+        self._path = path
+        self._drones_began = tuple(
+            part.copy() for part in (self.state.i[:COUNTERS], *self._drone_views())
+        )
+        self._new_log()
+        return path_of(path)
+
+    def check(self) -> None:
+        """After an episode without Python. Raises SimulationError where it ran out of room."""
+        self.log.crashed[:] = self.views.crashed[: self.state.i[CRASHES]].tolist()
+        if self.state.i[FULL]:
+            raise SimulationError(
+                f"a drone's leg has more than {self.crossing_room} crossings; --engine des has room"
+            )
+
+    def _drone_views(self) -> tuple[NDArray[Any], ...]:
+        return self.views.drone, self.views.place, self.views.station
+
+    def _new_log(self) -> None:
+        self._served_by: dict[int, list[int]] = {}
+        self.log = EpisodeLog(self._path.episode, [] if self.settings.keep_events else None)
 
     def step(self, commands: Sequence[int]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
@@ -181,26 +217,23 @@ class BatchSimulation:
         self._drain()
         return self._show()
 
-    def _begin(self) -> None:
-        self._load(self._began_with)
-        self._carried = None
-        self.log = EpisodeLog(self._path.episode, [] if self.settings.keep_events else None)
-        machine.reset(self.fixed, self._packed, self.state)
-        self._drain()
-
     def _drain(self) -> None:
         """Move what has happened into the log; where it did not fit, make room and play again."""
-        if self.state.i[FULL]:
+        while self.state.i[FULL]:
             self.room *= 2
             self.crossing_room *= 2
             self._make_room()
-            self._begin()
+            counters, *parts = self._drones_began
+            self.state.i[:COUNTERS] = counters
+            for view, part in zip(self._drone_views(), parts, strict=True):
+                view[:] = part
+            self._new_log()
+            machine.reset(self.fixed, self._packed, self.state)
             for told in self._commands:
+                if self.state.i[FULL]:
+                    break
+                self._drain_log()
                 machine.step(self.fixed, self._packed, self.state, told)
-                self._drain()
-                if self.state.i[EPOCH] == len(self._commands):
-                    return
-            return
         self._drain_log()
 
     def _drain_log(self) -> None:
@@ -236,7 +269,7 @@ class BatchSimulation:
     def _log_requests(self) -> None:
         whole, state = self.state.i, self.views
         for request, d in state.handovers[: whole[HANDOVERS]].tolist():
-            self._drones.setdefault(request, []).append(d)
+            self._served_by.setdefault(request, []).append(d)
         for row in state.closed[: whole[CLOSED]].tolist():
             request_id, user, service, bps, required, served, attached, asked, *rest = row
             t_first, t_end, interruptions = rest
@@ -254,7 +287,7 @@ class BatchSimulation:
                     None if t_first < 0 else t_first,
                     t_end,
                     interruptions,
-                    self._drones.pop(request_id, []),
+                    self._served_by.pop(request_id, []),
                     Outcome.COMPLETED if served == required else outcome,
                 )
             )
@@ -277,7 +310,9 @@ class BatchSimulation:
                     int(whole[EPOCH]) - 1,
                     int(whole[NOW]),
                     d,
-                    *place[3:6],
+                    place[SEEN_X_M],
+                    place[SEEN_Y_M],
+                    place[SEEN_Z_M],
                     battery_us if limited else None,
                     MODES[mode],
                     None if told < 0 else actions[told],
@@ -311,6 +346,7 @@ class BatchSimulation:
     def carry(self, drones: Carried | None) -> None:
         """Let the next episode begin with these drones."""
         self.shown = None
+        self._under_way = False
         self._carried = drones
 
     def _drones_now(self) -> Carried:
@@ -343,7 +379,6 @@ class BatchSimulation:
 
     def _load(self, carried: Carried | None) -> None:
         """Put the drones where they are before an episode."""
-        self._drones: dict[int, list[int]] = {}
         machine.start_afresh(self.fixed, self.state)
         state = self.views
         for d, one in enumerate(carried or ()):

@@ -1,0 +1,267 @@
+"""An episode of training without Python: the compiled engine, choices and updates in one.
+
+The same numbers as ``Training`` with its readable learners, bit for bit: the same kernels choose
+and learn.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.engine.batch import machine
+from desim_uav.engine.batch.access import mask_of, seen_of
+from desim_uav.engine.batch.drones import CHARGED, CRASHED, FLYING
+from desim_uav.engine.batch.kernels import inner, kernel
+from desim_uav.engine.batch.memory import (
+    ACTIONS,
+    AT_REWARDS,
+    DRONES,
+    EPOCH,
+    LIMITED,
+    NY,
+    ON_CRASH,
+    ON_CRASH_REMOVE,
+    S_BATTERY_US,
+    S_LEVEL,
+    S_MODE,
+    S_X,
+    S_Y,
+    TERMINATED,
+    TRUNCATED,
+    Fixed,
+    Floats,
+    Ints,
+    Path,
+    State,
+)
+from desim_uav.learning.double_q import update as double_q
+from desim_uav.learning.expected_sarsa import update as expected_sarsa
+from desim_uav.learning.exploration import epsilon_greedy
+from desim_uav.learning.q_learning import update as q_learning
+from desim_uav.learning.sarsa import update as sarsa
+
+ALGORITHMS = ("q_learning", "sarsa", "expected_sarsa", "double_q")
+"""Those that are compiled into an episode, by their number here."""
+
+PENDING_STATE, PENDING_ACTION = range(2)
+GAINED, DISCOUNT = range(2)
+"""Columns of what a drone still has to learn from."""
+
+LEVELS_OF_STATE, MINUTES_OF_STATE = range(2)
+"""What a state of the table has beside the cell: how many levels, minutes; 0: none."""
+
+
+@kernel
+def play(
+    w: Fixed,
+    p: Path,
+    s: State,
+    algorithm: int,
+    q: NDArray[np.float32],
+    sizes: Ints,
+    epsilon: float,
+    alpha: float,
+    gamma: float,
+    draws: Floats,
+    pending: Ints,
+    due: Floats,
+    restarts: bool,
+    rewards: Floats,
+) -> None:
+    """Play an episode and learn in it; what each drone was rewarded is added to ``rewards``.
+
+    ``q`` (drones, tables, states, actions); ``draws`` (drones, epochs, 3); ``pending`` (drones, 2)
+    and ``due`` (drones, 2) are the decision each drone has not learned from yet: state (-1: none),
+    action, what it has gained, and the discount so far. ``restarts``: the next episode begins at
+    the starts.
+    """
+    machine.reset(w, p, s)
+    commands = np.empty(w.i[DRONES], np.int64)
+    allowed = np.empty(w.i[ACTIONS], np.bool_)
+    law = (epsilon, alpha)
+    while not (s.i[TERMINATED] or s.i[TRUNCATED]):
+        epoch = s.i[EPOCH]
+        for d in range(w.i[DRONES]):
+            _look(s, d, allowed)
+            if _decides(s, d):
+                row = state_row(w, s, d, sizes)
+                commands[d] = _act(
+                    algorithm, q[d], row, allowed, law, draws[d, epoch], pending[d], due[d]
+                )
+            else:
+                commands[d] = _only(allowed)
+                if _is_lost(w, s, d):
+                    _conclude(algorithm, q[d], allowed, law, draws[d, epoch], pending[d], due[d])
+        machine.step(w, p, s, commands)
+        for d in range(w.i[DRONES]):
+            reward = s.f[s.i[AT_REWARDS] + d]
+            due[d, GAINED] += due[d, DISCOUNT] * reward
+            due[d, DISCOUNT] *= gamma
+            rewards[d] += reward
+    if s.i[TERMINATED] or restarts:
+        for d in range(w.i[DRONES]):
+            _look(s, d, allowed)
+            drawn = draws[d, s.i[EPOCH]]
+            if s.i[TERMINATED] or _is_lost(w, s, d):
+                _conclude(algorithm, q[d], allowed, law, drawn, pending[d], due[d])
+            elif _decides(s, d):
+                row = state_row(w, s, d, sizes)
+                _act(algorithm, q[d], row, allowed, law, drawn, pending[d], due[d])
+            _forget(pending[d], due[d])
+
+
+@inner
+def state_row(w: Fixed, s: State, d: int, sizes: Ints) -> int:
+    """The row of the paper's state in a table (see ``Position``)."""
+    seen = seen_of(s, d)
+    row = seen[S_X] * w.i[NY] + seen[S_Y]
+    if sizes[LEVELS_OF_STATE]:
+        row = row * sizes[LEVELS_OF_STATE] + seen[S_LEVEL]
+    if w.i[LIMITED]:
+        row = row * sizes[MINUTES_OF_STATE] + int((seen[S_BATTERY_US] / 1_000_000) // 60)
+    return int(row)
+
+
+@inner
+def _look(s: State, d: int, allowed: NDArray[np.bool_]) -> None:
+    mask = mask_of(s, d)
+    for k in range(len(allowed)):
+        allowed[k] = mask[k] != 0
+
+
+@inner
+def _only(allowed: NDArray[np.bool_]) -> int:
+    """The first allowed action."""
+    for k in range(len(allowed)):
+        if allowed[k]:
+            return k
+    return 0
+
+
+@inner
+def _decides(s: State, d: int) -> bool:
+    mode = seen_of(s, d)[S_MODE]
+    return bool(mode in (FLYING, CHARGED))
+
+
+@inner
+def _is_lost(w: Fixed, s: State, d: int) -> bool:
+    """Has this drone crashed for ever?"""
+    return bool(seen_of(s, d)[S_MODE] == CRASHED and w.i[ON_CRASH] == ON_CRASH_REMOVE)
+
+
+@inner
+def _act(
+    algorithm: int,
+    q: NDArray[np.float32],
+    state: int,
+    allowed: NDArray[np.bool_],
+    law: tuple[float, float],
+    drawn: Floats,
+    pending: Ints,
+    due: Floats,
+) -> int:
+    """Decide, and learn what the decision before was worth."""
+    action = epsilon_greedy(q, state, allowed, law[0], drawn[0], drawn[1])
+    _learn(algorithm, q, state, allowed, action, law, drawn[2], pending, due)
+    pending[PENDING_STATE], pending[PENDING_ACTION] = state, action
+    due[GAINED], due[DISCOUNT] = 0.0, 1.0
+    return int(action)
+
+
+@inner
+def _conclude(
+    algorithm: int,
+    q: NDArray[np.float32],
+    allowed: NDArray[np.bool_],
+    law: tuple[float, float],
+    drawn: Floats,
+    pending: Ints,
+    due: Floats,
+) -> None:
+    """Nothing comes after this."""
+    due[DISCOUNT] = 0.0
+    _learn(algorithm, q, 0, allowed, _only(allowed), (0.0, law[1]), drawn[2], pending, due)
+    _forget(pending, due)
+
+
+@inner
+def _forget(pending: Ints, due: Floats) -> None:
+    pending[PENDING_STATE] = -1
+    due[GAINED], due[DISCOUNT] = 0.0, 1.0
+
+
+@inner
+def _learn(
+    algorithm: int,
+    q: NDArray[np.float32],
+    next_state: int,
+    allowed: NDArray[np.bool_],
+    next_action: int,
+    law: tuple[float, float],
+    coin: float,
+    pending: Ints,
+    due: Floats,
+) -> None:
+    state, action = pending[PENDING_STATE], pending[PENDING_ACTION]
+    if state < 0:
+        return
+    gained, discount = due[GAINED], due[DISCOUNT]
+    epsilon, alpha = law
+    if algorithm == 0:
+        q_learning(
+            q,
+            state,
+            action,
+            gained,
+            discount,
+            next_state,
+            allowed,
+            next_action,
+            epsilon,
+            alpha,
+            coin,
+        )
+    elif algorithm == 1:
+        sarsa(
+            q,
+            state,
+            action,
+            gained,
+            discount,
+            next_state,
+            allowed,
+            next_action,
+            epsilon,
+            alpha,
+            coin,
+        )
+    elif algorithm == 2:
+        expected_sarsa(
+            q,
+            state,
+            action,
+            gained,
+            discount,
+            next_state,
+            allowed,
+            next_action,
+            epsilon,
+            alpha,
+            coin,
+        )
+    else:
+        double_q(
+            q,
+            state,
+            action,
+            gained,
+            discount,
+            next_state,
+            allowed,
+            next_action,
+            epsilon,
+            alpha,
+            coin,
+        )

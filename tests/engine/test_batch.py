@@ -1,0 +1,195 @@
+"""The compiled engine is the SimPy engine: every row, observation and float, bit for bit."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from desim_uav.engine.base import ClosedRequest, Engine, RunSettings
+from desim_uav.engine.batch import BatchSimulation, simulation
+from desim_uav.engine.des import Simulation
+from desim_uav.errors import ScenarioError, SimulationError
+from desim_uav.sample_path import draw
+from desim_uav.scenario.load import from_mapping, load
+from desim_uav.shipped import scenario_path
+from desim_uav.world import World, build_world
+from tests.engine.helpers import scenarios, some_command
+
+CASES = [f"case{k}" for k in range(1, 10)]
+SUMS = (
+    *("duration_us", "attached_us", "bandwidth_us_bps", "queueing_us", "distance_m"),
+    *("crashed", "charges", "suppressed"),
+)
+
+
+def row(request: ClosedRequest) -> tuple[Any, ...]:
+    return (
+        *(request.request_id, request.user, request.service, request.bandwidth_bps),
+        *(request.required_us, request.served_us, request.attached_us, request.t_request_us),
+        *(request.t_first_us, request.t_end_us, request.interruptions, request.drones),
+        request.outcome,
+    )
+
+
+def engines(world: World, ceilings: tuple[bool, ...]) -> tuple[Engine, Engine]:
+    told = RunSettings(ceilings, world.scenario.episode.carry_over, keep_events=True)
+    return Simulation(world, told), BatchSimulation(world, told)
+
+
+def assert_same_now(one: Engine, other: Engine) -> None:
+    assert one.measures() == other.measures()
+    assert one.user_states() == other.user_states()
+    for places, others in zip(one.positions_m(), other.positions_m(), strict=True):
+        assert (places == others).all()
+
+
+def assert_same_episode(one: Engine, other: Engine, seed: int, episode: int) -> None:
+    """Play an episode with random commands in both."""
+    rng = np.random.default_rng([seed, episode])
+    path = draw(one.world, seed, episode)
+    shown, seen = one.reset(path), other.reset(path)
+    while True:
+        assert shown == seen
+        assert_same_now(one, other)
+        if shown.terminated or shown.truncated:
+            break
+        commands = [some_command(one.world, mask, rng) for mask in shown.masks]
+        shown, seen = one.step(commands), other.step(commands)
+    assert one.log.events == other.log.events
+    assert one.log.steps == other.log.steps
+    assert [row(r) for r in one.log.requests] == [row(r) for r in other.log.requests]
+    for name in SUMS:
+        assert getattr(one.log, name) == getattr(other.log, name), name
+    assert one.carried() == other.carried()
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("case", CASES)
+def test_the_nine_cases(case: str, seed: int):
+    world = build_world(load(scenario_path(case)), seed)
+    ceilings = tuple(bool((drone + seed) % 2) for drone in range(world.scenario.drones.count))
+    one, other = engines(world, ceilings)
+    for episode in range(3):
+        assert_same_episode(one, other, seed, episode)
+
+
+CHANGES = {
+    "arrivals": ["demand={kind: poisson, rate_per_hour: 60}"],
+    "crowded": ["users.count=200", "drones.bandwidth_kbps=1000", "demand.think_time_s=5"],
+    "queues": ["stations.count=1", "drones.count=4", "drones.battery.return_below=1"],
+    "crashes": [
+        *("drones.count=6", "drones.battery.autonomy_min=6"),
+        "drones.battery.respawn_after_min=0",
+    ],
+    "removed": ["drones.battery.autonomy_min=9", "drones.battery.on_crash=remove"],
+    "ends": ["drones.battery.autonomy_min=9", "drones.battery.on_crash=end_episode"],
+    "fast": ["drones.motion.timing=minimum_time", "stations.pads=2"],
+}
+
+
+def changed(case: str, name: str) -> World:
+    return build_world(load(scenario_path(case), CHANGES[name]), 3)
+
+
+@pytest.mark.parametrize("case", ["case8", "case9"])
+@pytest.mark.parametrize("name", CHANGES)
+def test_changed_cases(case: str, name: str):
+    world = changed(case, name)
+    one, other = engines(world, (True,) * world.scenario.drones.count)
+    for episode in range(4):
+        assert_same_episode(one, other, 3, episode)
+
+
+def play_random(scenario: dict[str, Any], seed: int) -> None:
+    with_kernels = {**scenario["drones"], "admission": {"kind": "first_come"}}
+    try:
+        world = build_world(from_mapping({**scenario, "drones": with_kernels}), seed)
+    except ScenarioError:
+        assume(False)
+    rng = np.random.default_rng(seed)
+    ceilings = tuple((rng.random(world.scenario.drones.count) < 0.5).tolist())
+    one, other = engines(world, ceilings)
+    for episode in range(3):
+        assert_same_episode(one, other, seed, episode)
+
+
+@settings(max_examples=40, deadline=None)
+@given(scenarios(), st.integers(0, 2**31))
+def test_random_scenarios(scenario: dict[str, Any], seed: int):
+    play_random(scenario, seed)
+
+
+@pytest.mark.slow
+@settings(max_examples=400, deadline=None)
+@given(scenarios(), st.integers(0, 2**31))
+def test_many_random_scenarios(scenario: dict[str, Any], seed: int):
+    play_random(scenario, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(20))
+def test_five_hundred_users(seed: int):
+    world = build_world(load(scenario_path("case9"), ["users.count=500"]), seed)
+    one, other = engines(world, (True,) * world.scenario.drones.count)
+    for episode in range(2):
+        assert_same_episode(one, other, seed, episode)
+
+
+def test_an_episode_may_begin_in_the_other_engine():
+    world = changed("case9", "crashes")
+    one, other = engines(world, (True,) * 6)
+    for episode in range(6):
+        assert_same_episode(one, other, 5, episode)
+        if episode % 2:  # each goes on from what the other has told
+            from_one, from_other = one.carried(), other.carried()
+            one.carry(from_other)
+            other.carry(from_one)
+
+
+def without_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(simulation, "ROOM", 1)
+    monkeypatch.setattr(simulation, "CROSSINGS_A_USER", 0)
+
+
+@pytest.mark.parametrize("name", ["crowded", "crashes"])
+def test_room_is_made_where_something_does_not_fit(name: str, monkeypatch: pytest.MonkeyPatch):
+    without_room(monkeypatch)
+    world = changed("case8", name)
+    one, other = engines(world, (True,) * world.scenario.drones.count)
+    for episode in range(2):
+        assert_same_episode(one, other, 1, episode)
+
+
+def test_no_step_outside_an_episode():
+    world = build_world(load(scenario_path("case1"), ["episode.steps=1"]), 0)
+    engine = BatchSimulation(world, RunSettings((True,), False))
+    with pytest.raises(SimulationError, match="call reset first"):
+        engine.step([4])
+    engine.reset(draw(world, 0, 0))
+    engine.step([4])
+    with pytest.raises(SimulationError, match="call reset first"):
+        engine.step([4])
+
+
+class Flat:
+    """A reward of one's own."""
+
+    def terms(self, *_: Any) -> dict[str, float]:
+        return {"flat": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("changes", "told"),
+    [
+        ({"drones": {"admission": {"kind": "tests.engine.helpers:Loss"}}}, "drones.admission"),
+        ({"reward": {"kind": "tests.engine.test_batch:Flat"}}, "reward"),
+    ],
+)
+def test_a_component_without_a_kernel_is_refused_by_name(changes: dict[str, Any], told: str):
+    world = build_world(from_mapping(changes), 0)
+    with pytest.raises(ScenarioError, match=rf"{told}: '\w+' has no kernel; --engine des runs it"):
+        BatchSimulation(world, RunSettings((True,) * 3, False))
