@@ -7,7 +7,7 @@ import os
 import signal
 import sys
 from pathlib import Path
-from typing import Annotated, Any, NoReturn
+from typing import Annotated, Any, Literal, NoReturn
 
 import typer
 
@@ -218,6 +218,10 @@ def train(
     checkpoint_every: Annotated[
         int, typer.Option(metavar="N", min=1, max=10**7, help="Episodes between checkpoints.")
     ] = 500,
+    engine: Annotated[
+        Literal["des", "batch"] | None,
+        typer.Option(help="SimPy or compiled: the same numbers. Compiled, if it can be."),
+    ] = None,
     as_json: Json = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
 ) -> None:
@@ -242,6 +246,7 @@ def train(
                 resume=resume,
                 checkpoint_every=checkpoint_every,
                 command=["desim-uav", *sys.argv[1:]],
+                engine=engine,
                 on_start=bar.start,
                 on_episode=bar.advance,
             ),

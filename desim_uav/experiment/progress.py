@@ -6,11 +6,12 @@ import math
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Protocol
+from typing import Any, Protocol
 
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
+from desim_uav.learning import fused
 from desim_uav.model.coverage import crossings
 from desim_uav.model.kernels import compiled_before
 
@@ -33,14 +34,14 @@ class Row(Protocol):
 @contextmanager
 def progress(show: bool, total: int, unit: str = "episodes") -> Iterator[Callable[[], None]]:
     """A bar that each call of what it gives moves on by one."""
-    with _bar(show, total, unit) as shown:
+    with _bar(show, total, unit, crossings) as shown:
         yield lambda: shown(unit)
 
 
 @contextmanager
 def training_progress(show: bool, total: int) -> Iterator[TrainingBar]:
     """A bar over the episodes of a training, with reward, ε and QoE."""
-    with _bar(show, total, "episodes") as shown:
+    with _bar(show, total, "episodes", fused.play) as shown:
         yield TrainingBar(shown)
 
 
@@ -73,16 +74,18 @@ def _mean(values: Iterable[float]) -> float:
 
 
 @contextmanager
-def _bar(show: bool, total: int, unit: str) -> Iterator[Callable[..., None]]:
-    """What updates a bar: a text, and by how much it moves on."""
+def _bar(
+    show: bool, total: int, unit: str, kernel: Callable[..., Any]
+) -> Iterator[Callable[..., None]]:
+    """What updates a bar, a text and by how much it moves on; ``kernel`` has to be compiled."""
     console = Console(stderr=True)
     if not show or not console.is_terminal:
         yield lambda text, **moved: None
         return
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
-        first = not compiled_before(crossings)
-        about = "compiling the kernels (the first time only)" if first else unit
+        first = not compiled_before(kernel)
+        about = "compiling the kernels (the first time only: a minute)" if first else unit
         task = progress.add_task(about, total=total)
         yield lambda text, advance=1, **moved: progress.update(
             task, description=text, advance=advance, **moved

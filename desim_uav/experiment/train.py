@@ -97,17 +97,19 @@ def train_to_folder(
     resume: bool,
     checkpoint_every: int,
     command: list[str],
+    engine: str | None = None,
     on_start: Callable[[int], None] = lambda episode: None,
     on_episode: OnEpisode = lambda rows: None,
 ) -> Trained:
     """Train and write the folder; every so many episodes a checkpoint to resume from.
 
-    Ctrl-C ends after the episode under way, with a checkpoint. Raises UsageError where the folder
+    ``engine``: des or batch, by default as ``engine_for`` says. Ctrl-C ends after the episode under
+    way, with a checkpoint. Raises UsageError where the folder
     cannot be used, PolicyError where its checkpoint cannot.
     """
     started = datetime.now(UTC)
     world = build_world(scenario, scenario.effective_world_seed)
-    training = Training(world, scenario.seed)
+    training = Training(world, scenario.seed, engine or engine_for(world))
     folder = _resumable(scenario, out) if resume else _new(scenario, out)
     rows = _resumed(training, folder / CHECKPOINT)
     first = training.episode
