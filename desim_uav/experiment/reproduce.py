@@ -30,7 +30,7 @@ from desim_uav.experiment.paper_table import (
 )
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.published import POLICIES, PUBLISHED
-from desim_uav.experiment.train import engine_for, train
+from desim_uav.experiment.train import train
 from desim_uav.optimum.cover import Places, cover, fair_cover
 from desim_uav.run_folder import write_whole
 from desim_uav.scenario.load import load, scenario_hash
@@ -173,7 +173,7 @@ def run_job(job: Job, folder: Path) -> dict[str, Any]:
     policy = job.policy
     if policy != "baseline":
         world = build_world(scenario, scenario.effective_world_seed)
-        table, progress = train(scenario, world, engine=engine_for(world))
+        table, progress = train(scenario, world)
         file = folder / "policies" / f"{job.name}.npz"
         write_whole(file, table.to_bytes())
         policy = str(file)

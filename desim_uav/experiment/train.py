@@ -48,10 +48,13 @@ def train(
     scenario: Scenario,
     world: World,
     on_episode: OnEpisode = lambda rows: None,
-    engine: str = "des",
+    engine: str | None = None,
 ) -> tuple[QTable, list[Progress]]:
-    """Train from beginning to end: the learned table, and a row a drone and episode."""
-    training = Training(world, scenario.seed, engine)
+    """Train from beginning to end: the learned table, and a row a drone and episode.
+
+    ``engine``: des or batch, by default as ``engine_for`` says.
+    """
+    training = Training(world, scenario.seed, engine or engine_for(world))
     rows: list[Progress] = []
     while training.episode < scenario.learning.episodes:
         rows += training.play()

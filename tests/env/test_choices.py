@@ -10,7 +10,7 @@ import pytest
 
 from desim_uav.env import UavEnv, UavParallelEnv
 from desim_uav.model.rules import Action, Mode
-from tests.env.helpers import BRITTLE, CASES, play_parallel, play_single
+from tests.env.helpers import BRITTLE, CASES, log_steps, play_parallel, play_single
 
 
 @pytest.mark.parametrize(
@@ -66,6 +66,7 @@ def test_a_drone_that_cannot_choose_has_one_action():
 def test_a_masked_action_is_obeyed_as_the_engine_does():
     env = UavEnv("case8")
     env.reset(seed=0)
+    log_steps(env)
     env.step([8, 7, 0])
     taken = [step.action_taken for step in env.session.engine.log.steps]
     assert taken == [Action.HOVER, Action.HOVER, Action.FORWARD]

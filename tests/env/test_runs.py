@@ -19,7 +19,7 @@ from desim_uav.model.rules import Mode
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.world import World, build_world
-from tests.env.helpers import BRITTLE, play_parallel, play_single, some_actions
+from tests.env.helpers import BRITTLE, log_steps, play_parallel, play_single, some_actions
 
 NOISE = {"position_noise": {"probability": 0.2}}
 
@@ -77,6 +77,7 @@ def test_without_a_seed_the_run_goes_on():
     env = UavParallelEnv("case8", BRITTLE)
     rng = np.random.default_rng(0)
     _, infos = env.reset(seed=11)
+    log_steps(env)
     world, engine = env.session.world, env.session.engine
     for episode in range(1, 4):
         while env.agents:

@@ -19,7 +19,7 @@ def shares(seed: int, algorithm: str, episodes: int | None = None) -> tuple[floa
     settings += [] if episodes is None else [f"learning.episodes={episodes}"]
     scenario = load(scenario_path("case1"), settings)
     world = build_world(scenario, seed)
-    training = Training(world, seed)
+    training = Training(world, seed, "batch")
     for _ in range(scenario.learning.episodes):
         training.play()
     greedy = training.q[0].sum(axis=0).argmax(axis=1).reshape(10, 10)
@@ -53,4 +53,4 @@ def test_values_on_the_way_are_those_of_the_best_policy():
     learned = training.q[0, 0].max(axis=1).reshape(10, 10)
     place = np.unravel_index(np.nanargmax(best), best.shape)
     assert learned[place] == pytest.approx(best[place], rel=0.02)
-    assert (learned <= best + 1e-3).all(), "values grow from zero and never pass the best"
+    assert (learned <= best + 1e-3).all(), "values begin below the best, and never pass it"
