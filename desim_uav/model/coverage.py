@@ -18,6 +18,9 @@ from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
 T0_US, X0, Y0, VX, VY = range(5)
 """Columns of a table of user legs: a straight walk from (X0, Y0) that begins at T0_US."""
 
+MARGIN_M = 1e-6
+"""What is farther than this from crossing does not, whatever the rounding."""
+
 GRAZE_M = 1e-13
 """A distance that turns this close to the radius touches it: that is no crossing."""
 
@@ -39,6 +42,22 @@ def leg_at(legs: NDArray[np.float64], first: int, last: int, t_us: float) -> int
         else:
             high = middle - 1
     return low
+
+
+@kernel
+def leg_near(
+    legs: NDArray[np.float64], first: int, last: int, t_us: float, guess: int
+) -> int:
+    """``leg_at``, looked for beside a guess before anywhere else."""
+    leg = min(max(guess, first), last - 1)
+    for _ in range(4):
+        if leg > first and legs[leg, T0_US] > t_us:
+            leg -= 1
+        elif leg + 1 < last and legs[leg + 1, T0_US] <= t_us:
+            leg += 1
+        else:
+            return leg
+    return leg_at(legs, first, last, t_us)
 
 
 @kernel
@@ -86,9 +105,11 @@ def crossings(
     route = (x0, y0, x1, y1)
     span = (start_us, end_us)
     total = 0
+    leg_number = 0
     for user in range(len(offsets) - 1):
-        stop = offsets[user + 1]
-        first = leg_at(legs, offsets[user], stop, span[0])
+        begin, stop = offsets[user], offsets[user + 1]
+        first = leg_near(legs, begin, stop, start_us, begin + leg_number)
+        leg_number = first - begin  # walks are alike: the next one's is near
         inside = _is_inside(route[0], route[1], radius, legs, first, span[0])
         entered = fresh and inside
         if entered:
@@ -136,31 +157,30 @@ def _cannot_cross(
     stop: int,
     inside: bool,
 ) -> bool:
-    """Pass one: is the drone's segment, widened by the user's walk, all in or all out of reach?"""
-    ux, uy = walked(legs, first, span[0])
-    reach = 1e-6
+    """Pass one: are the boxes around drone's leg and user's walk all in or all out of reach?"""
+    west, south = walked(legs, first, span[0])
+    east, north = west, south
     leg = first
-    begin = float(span[0])
     while True:
-        end = float(span[1])
-        if leg + 1 < stop and legs[leg + 1, T0_US] < end:
-            end = legs[leg + 1, T0_US]
-        speed = np.sqrt(legs[leg, VX] ** 2 + legs[leg, VY] ** 2)
-        reach += speed * (end - begin + 1.0) * 1e-6
-        leg += 1
-        begin = end
-        if leg >= stop or legs[leg, T0_US] >= span[1]:
+        next_us = span[1]
+        if leg + 1 < stop and legs[leg + 1, T0_US] < span[1]:
+            next_us = legs[leg + 1, T0_US]
+        x, y = walked(legs, leg, next_us)
+        west, east = min(west, x), max(east, x)
+        south, north = min(south, y), max(north, y)
+        if next_us == span[1]:
             break
+        leg += 1
+    drone_west, drone_east = min(route[0], route[2]), max(route[0], route[2])
+    drone_south, drone_north = min(route[1], route[3]), max(route[1], route[3])
     if inside:
-        room = radius - reach
-        if room <= 0.0:
-            return False
-        start = (route[0] - ux) ** 2 + (route[1] - uy) ** 2
-        finish = (route[2] - ux) ** 2 + (route[3] - uy) ** 2
-        return bool(start < room * room and finish < room * room)
-    dx = ux - min(max(ux, min(route[0], route[2])), max(route[0], route[2]))
-    dy = uy - min(max(uy, min(route[1], route[3])), max(route[1], route[3]))
-    return bool(dx * dx + dy * dy > (radius + reach) ** 2)
+        dx = max(drone_east - west, east - drone_west)
+        dy = max(drone_north - south, north - drone_south)
+        room = max(radius - MARGIN_M, 0.0)
+        return bool(dx * dx + dy * dy < room * room)
+    dx = max(drone_west - east, west - drone_east, 0.0)
+    dy = max(drone_south - north, south - drone_north, 0.0)
+    return bool(dx * dx + dy * dy > (radius + MARGIN_M) ** 2)
 
 
 @kernel
@@ -216,6 +236,11 @@ def _roots(
         wy = ey * speed - legs[leg, VY]
         ax, ay = ex * acceleration, ey * acceleration
 
+        moved = np.sqrt(wx * wx + wy * wy) * (end - at) + 0.5 * np.abs(acceleration) * (end - at) ** 2
+        if np.abs(np.sqrt(px * px + py * py) - radius) > moved + MARGIN_M:
+            at = end
+            continue
+
         turning = _turning_points(px, py, wx, wy, ax, ay, end - at, points)
         before = 0.0
         for k in range(turning + 1):
@@ -223,7 +248,7 @@ def _roots(
             if k < turning:
                 after = points[k]
             if k == turning and end >= duration:
-                last = leg_at(legs, first, stop, span[1])
+                last = leg_near(legs, first, stop, span[1], leg)
                 now_inside = _is_inside(route[2], route[3], radius, legs, last, span[1])
             else:
                 excess = _excess(px, py, wx, wy, ax, ay, radius, after)
