@@ -14,7 +14,6 @@ from desim_uav.engine.batch.access import mask_of, seen_of
 from desim_uav.engine.batch.drones import CHARGED, CRASHED, FLYING
 from desim_uav.engine.batch.kernels import inner, kernel
 from desim_uav.engine.batch.memory import (
-    ACTIONS,
     AT_REWARDS,
     DRONES,
     EPOCH,
@@ -68,6 +67,8 @@ def play(
     due: Floats,
     restarts: bool,
     rewards: Floats,
+    commands: Ints,
+    allowed: NDArray[np.bool_],
 ) -> None:
     """Play an episode and learn in it; what each drone was rewarded is added to ``rewards``.
 
@@ -77,8 +78,6 @@ def play(
     the starts.
     """
     machine.reset(w, p, s)
-    commands = np.empty(w.i[DRONES], np.int64)
-    allowed = np.empty(w.i[ACTIONS], np.bool_)
     law = (epsilon, alpha)
     while not (s.i[TERMINATED] or s.i[TRUNCATED]):
         epoch = s.i[EPOCH]
@@ -115,11 +114,11 @@ def play(
 def state_row(w: Fixed, s: State, d: int, sizes: Ints) -> int:
     """The row of the paper's state in a table (see ``Position``)."""
     seen = seen_of(s, d)
-    row = seen[S_X] * w.i[NY] + seen[S_Y]
+    row = s.i[seen + S_X] * w.i[NY] + s.i[seen + S_Y]
     if sizes[LEVELS_OF_STATE]:
-        row = row * sizes[LEVELS_OF_STATE] + seen[S_LEVEL]
+        row = row * sizes[LEVELS_OF_STATE] + s.i[seen + S_LEVEL]
     if w.i[LIMITED]:
-        row = row * sizes[MINUTES_OF_STATE] + int((seen[S_BATTERY_US] / 1_000_000) // 60)
+        row = row * sizes[MINUTES_OF_STATE] + int((s.i[seen + S_BATTERY_US] / 1_000_000) // 60)
     return int(row)
 
 
@@ -127,7 +126,7 @@ def state_row(w: Fixed, s: State, d: int, sizes: Ints) -> int:
 def _look(s: State, d: int, allowed: NDArray[np.bool_]) -> None:
     mask = mask_of(s, d)
     for k in range(len(allowed)):
-        allowed[k] = mask[k] != 0
+        allowed[k] = s.i[mask + k] != 0
 
 
 @inner
@@ -141,14 +140,14 @@ def _only(allowed: NDArray[np.bool_]) -> int:
 
 @inner
 def _decides(s: State, d: int) -> bool:
-    mode = seen_of(s, d)[S_MODE]
+    mode = s.i[seen_of(s, d) + S_MODE]
     return bool(mode in (FLYING, CHARGED))
 
 
 @inner
 def _is_lost(w: Fixed, s: State, d: int) -> bool:
     """Has this drone crashed for ever?"""
-    return bool(seen_of(s, d)[S_MODE] == CRASHED and w.i[ON_CRASH] == ON_CRASH_REMOVE)
+    return bool(s.i[seen_of(s, d) + S_MODE] == CRASHED and w.i[ON_CRASH] == ON_CRASH_REMOVE)
 
 
 @inner

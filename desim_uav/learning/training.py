@@ -142,6 +142,8 @@ class Training:
             due,
             not self._goes_on(),
             rewards,
+            np.empty(len(waiting), np.int64),
+            np.empty(len(self.world.actions), np.bool_),
         )
         engine.check()
         for learner, decision, worth in zip(self.learners, pending, due, strict=True):

@@ -26,6 +26,7 @@ GRAZE_M = 1e-13
 
 Route = tuple[float, float, float, float]
 Span = tuple[int, int]
+Points = tuple[float, float, float]
 
 TIME_US, USER, ENTERS = range(3)
 """Columns of a table of crossings."""
@@ -45,9 +46,7 @@ def leg_at(legs: NDArray[np.float64], first: int, last: int, t_us: float) -> int
 
 
 @kernel
-def leg_near(
-    legs: NDArray[np.float64], first: int, last: int, t_us: float, guess: int
-) -> int:
+def leg_near(legs: NDArray[np.float64], first: int, last: int, t_us: float, guess: int) -> int:
     """``leg_at``, looked for beside a guess before anywhere else."""
     leg = min(max(guess, first), last - 1)
     for _ in range(4):
@@ -204,7 +203,6 @@ def _roots(
     ex = np.sign(route[2] - route[0])
     ey = np.sign(route[3] - route[1])
     duration = (span[1] - span[0]) * 1e-6
-    points = np.empty(4)
     latest = span[0] if entered else -1
     phase = 0
     leg = first
@@ -236,12 +234,14 @@ def _roots(
         wy = ey * speed - legs[leg, VY]
         ax, ay = ex * acceleration, ey * acceleration
 
-        moved = np.sqrt(wx * wx + wy * wy) * (end - at) + 0.5 * np.abs(acceleration) * (end - at) ** 2
+        moved = (
+            np.sqrt(wx * wx + wy * wy) * (end - at) + 0.5 * np.abs(acceleration) * (end - at) ** 2
+        )
         if np.abs(np.sqrt(px * px + py * py) - radius) > moved + MARGIN_M:
             at = end
             continue
 
-        turning = _turning_points(px, py, wx, wy, ax, ay, end - at, points)
+        turning, points = _turning_points(px, py, wx, wy, ax, ay, end - at)
         before = 0.0
         for k in range(turning + 1):
             after = end - at
@@ -296,16 +296,14 @@ def _turning_points(
     ax: float,
     ay: float,
     end: float,
-    points: NDArray[np.float64],
-) -> int:
-    """Where the distance stops growing or shrinking inside (0, end), ascending; their number."""
+) -> tuple[int, Points]:
+    """Where the distance stops growing or shrinking inside (0, end), ascending: how many, where."""
     slope = px * wx + py * wy
     ww = wx * wx + wy * wy
     if ax == 0.0 and ay == 0.0:
         if ww > 0.0 and slope < 0.0 and -slope < ww * end:
-            points[0] = -slope / ww
-            return 1
-        return 0
+            return 1, (-slope / ww, end, end)
+        return 0, (end, end, end)
     # The slope is a cubic; between the roots of its derivative it is monotone.
     a = 1.5 * (ax * ax + ay * ay)
     b = 3.0 * (ax * wx + ay * wy)
@@ -318,6 +316,7 @@ def _turning_points(
         r2 = c / q if q != 0.0 else r1
         splits = (min(r1, r2), max(r1, r2))
     count = 0
+    points = (end, end, end)
     low = 0.0
     low_slope = slope
     for k in range(3):
@@ -326,10 +325,15 @@ def _turning_points(
             continue
         high_slope = _slope(px, py, wx, wy, ax, ay, high)
         if low_slope * high_slope < 0.0:
-            points[count] = _slope_root(px, py, wx, wy, ax, ay, low, high, low_slope < 0.0)
+            found = _slope_root(px, py, wx, wy, ax, ay, low, high, low_slope < 0.0)
+            points = (
+                found if count == 0 else points[0],
+                found if count == 1 else points[1],
+                found if count == 2 else points[2],
+            )
             count += 1
         low, low_slope = high, high_slope
-    return count
+    return count, points
 
 
 @kernel

@@ -1,4 +1,7 @@
-"""Rows of the sections of ``memory``, for kernels: views, not copies."""
+"""Where the rows of the sections of ``memory`` begin: what a column's number is to be added to.
+
+Indexes rather than slices: a kernel copies and counts references to a slice.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +16,6 @@ from desim_uav.engine.batch.memory import (
     AT_DRONE,
     AT_EVENTS,
     AT_HOPS,
-    AT_LEG_OFFSETS,
     AT_MASKS,
     AT_MOVES,
     AT_PLACE,
@@ -29,6 +31,7 @@ from desim_uav.engine.batch.memory import (
     AT_USER,
     AT_WAITING,
     CLOSED_COLUMNS,
+    CROSSING_COLUMNS,
     DRONE_COLUMNS,
     DRONES_OF_STATE,
     EVENT_COLUMNS,
@@ -39,191 +42,144 @@ from desim_uav.engine.batch.memory import (
     PLACE_COLUMNS,
     PROFILE_ROWS,
     RECORD_COLUMNS,
-    ROWS,
     SEEN_COLUMNS,
     SERVICES_OF_STATE,
     USER_COLUMNS,
     USERS_OF_STATE,
     Fixed,
-    Floats,
-    Ints,
     Path,
     State,
 )
 
 
 @inner
-def drone_of(s: State, d: int) -> Ints:
+def drone_of(s: State, d: int) -> int:
     """A drone."""
-    at = s.i[AT_DRONE] + d * DRONE_COLUMNS
-    return s.i[at : at + DRONE_COLUMNS]
+    return int(s.i[AT_DRONE] + d * DRONE_COLUMNS)
 
 
 @inner
-def user_of(s: State, user: int) -> Ints:
+def user_of(s: State, user: int) -> int:
     """A user, and its open request."""
-    at = s.i[AT_USER] + user * USER_COLUMNS
-    return s.i[at : at + USER_COLUMNS]
+    return int(s.i[AT_USER] + user * USER_COLUMNS)
 
 
 @inner
-def record_of(s: State, d: int) -> Ints:
+def record_of(s: State, d: int) -> int:
     """What is logged of a drone's step."""
-    at = s.i[AT_RECORD] + d * RECORD_COLUMNS
-    return s.i[at : at + RECORD_COLUMNS]
+    return int(s.i[AT_RECORD] + d * RECORD_COLUMNS)
 
 
 @inner
-def event_of(s: State, k: int) -> Ints:
+def event_of(s: State, k: int) -> int:
     """An event."""
-    at = s.i[AT_EVENTS] + k * EVENT_COLUMNS
-    return s.i[at : at + EVENT_COLUMNS]
+    return int(s.i[AT_EVENTS] + k * EVENT_COLUMNS)
 
 
 @inner
-def closed_of(s: State, k: int) -> Ints:
+def closed_of(s: State, k: int) -> int:
     """A closed request."""
-    at = s.i[AT_CLOSED] + k * CLOSED_COLUMNS
-    return s.i[at : at + CLOSED_COLUMNS]
+    return int(s.i[AT_CLOSED] + k * CLOSED_COLUMNS)
 
 
 @inner
-def served_of(s: State, d: int) -> Ints:
+def served_of(s: State, d: int) -> int:
     """How many requests a drone serves, by service."""
-    width = s.i[SERVICES_OF_STATE]
-    at = s.i[AT_SERVED] + d * width
-    return s.i[at : at + width]
+    return int(s.i[AT_SERVED] + d * s.i[SERVICES_OF_STATE])
 
 
 @inner
-def asking_of(s: State, d: int) -> Ints:
+def asking_of(s: State, d: int) -> int:
     """How many open requests a drone's footprint holds, by service."""
-    width = s.i[SERVICES_OF_STATE]
-    at = s.i[AT_ASKING] + d * width
-    return s.i[at : at + width]
+    return int(s.i[AT_ASKING] + d * s.i[SERVICES_OF_STATE])
 
 
 @inner
-def covering_of(s: State, user: int) -> Ints:
+def covering_of(s: State, user: int) -> int:
     """Since when each drone's footprint holds a user."""
-    width = s.i[DRONES_OF_STATE]
-    at = s.i[AT_COVERING] + user * width
-    return s.i[at : at + width]
+    return int(s.i[AT_COVERING] + user * s.i[DRONES_OF_STATE])
 
 
 @inner
-def waiting_of(s: State, d: int) -> Ints:
+def waiting_of(s: State, d: int) -> int:
     """The users who wait at a drone."""
-    width = s.i[USERS_OF_STATE]
-    at = s.i[AT_WAITING] + d * width
-    return s.i[at : at + width]
+    return int(s.i[AT_WAITING] + d * s.i[USERS_OF_STATE])
 
 
 @inner
-def seen_of(s: State, d: int) -> Ints:
+def seen_of(s: State, d: int) -> int:
     """What a drone is shown."""
-    width = s.i[SEEN_COLUMNS]
-    at = s.i[AT_SEEN] + d * width
-    return s.i[at : at + width]
+    return int(s.i[AT_SEEN] + d * s.i[SEEN_COLUMNS])
 
 
 @inner
-def mask_of(s: State, d: int) -> Ints:
+def mask_of(s: State, d: int) -> int:
     """What a drone may be told."""
-    width = s.i[ACTIONS_OF_STATE]
-    at = s.i[AT_MASKS] + d * width
-    return s.i[at : at + width]
+    return int(s.i[AT_MASKS] + d * s.i[ACTIONS_OF_STATE])
 
 
 @inner
-def station_of(s: State, station: int) -> Ints:
+def station_of(s: State, station: int) -> int:
     """How many drones are at a station, and who."""
-    width = s.i[DRONES_OF_STATE] + 1
-    at = s.i[AT_STATION] + station * width
-    return s.i[at : at + width]
+    return int(s.i[AT_STATION] + station * (s.i[DRONES_OF_STATE] + 1))
 
 
 @inner
-def crossings_of(s: State, d: int) -> Ints:
-    """The crossings of a drone's leg (most, 3)."""
-    most = s.i[MOST_CROSSINGS]
-    at = s.i[AT_CROSSINGS] + d * 3 * most
-    return s.i[at : at + 3 * most].reshape(most, 3)
+def crossing_of(s: State, d: int, k: int) -> int:
+    """A crossing of a drone's leg."""
+    return int(s.i[AT_CROSSINGS] + (d * s.i[MOST_CROSSINGS] + k) * CROSSING_COLUMNS)
 
 
 @inner
-def spot_of(s: State, d: int) -> Floats:
+def spot_of(s: State, d: int) -> int:
     """Where a drone is, as real numbers."""
-    at = s.i[AT_PLACE] + d * PLACE_COLUMNS
-    return s.f[at : at + PLACE_COLUMNS]
+    return int(s.i[AT_PLACE] + d * PLACE_COLUMNS)
 
 
 @inner
-def terms_of(s: State, d: int) -> Floats:
+def terms_of(s: State, d: int) -> int:
     """The terms of a drone's reward."""
-    width = s.i[SERVICES_OF_STATE] + 3
-    at = s.i[AT_TERMS] + d * width
-    return s.f[at : at + width]
+    return int(s.i[AT_TERMS] + d * (s.i[SERVICES_OF_STATE] + 3))
 
 
 # ---- Fixed
 
 
 @inner
-def move_of(w: Fixed, action: int) -> Ints:
+def move_of(w: Fixed, action: int) -> int:
     """A move."""
-    at = w.i[AT_MOVES] + action * 5
-    return w.i[at : at + 5]
+    return int(w.i[AT_MOVES] + action * 5)
 
 
 @inner
-def transit_of(w: Fixed, transit: int) -> Ints:
+def transit_of(w: Fixed, transit: int) -> int:
     """A transit."""
-    at = w.i[AT_TRANSITS] + transit * 2
-    return w.i[at : at + 2]
+    return int(w.i[AT_TRANSITS] + transit * 2)
 
 
 @inner
-def profile_of(w: Fixed, transit: int) -> Floats:
-    """A transit's profile (rows, 4)."""
-    rows = w.i[w.i[AT_TRANSITS] + transit * 2 + ROWS]
-    at = w.i[AT_PROFILES] + transit * 4 * w.i[PROFILE_ROWS]
-    return w.f[at : at + 4 * rows].reshape(rows, 4)
+def profile_of(w: Fixed, transit: int) -> int:
+    """A transit's profile, rows of 4."""
+    return int(w.i[AT_PROFILES] + transit * 4 * w.i[PROFILE_ROWS])
 
 
 @inner
-def plan_of(w: Fixed, d: int, node: int) -> Ints:
+def plan_of(w: Fixed, d: int, node: int) -> int:
     """A drone's way back from a node."""
     nodes = w.i[LEVELS] * w.i[NX] * w.i[NY]
-    at = w.i[AT_PLANS] + (w.i[w.i[AT_CEILINGS] + d] * nodes + node) * 5
-    return w.i[at : at + 5]
+    return int(w.i[AT_PLANS] + (w.i[w.i[AT_CEILINGS] + d] * nodes + node) * 5)
 
 
 @inner
-def hop_of(w: Fixed, hop: int) -> Ints:
+def hop_of(w: Fixed, hop: int) -> int:
     """A hop of a way back."""
-    at = w.i[AT_HOPS] + hop * 3
-    return w.i[at : at + 3]
+    return int(w.i[AT_HOPS] + hop * 3)
 
 
 # ---- Path
 
 
 @inner
-def legs_of(p: Path) -> Floats:
-    """All walks (legs, 5)."""
-    legs = p.i[p.i[AT_ROWS] - 1]  # the last of the offsets
-    return p.f[: 5 * legs].reshape(legs, 5)
-
-
-@inner
-def leg_offsets_of(p: Path) -> Ints:
-    """Where each user's walk begins."""
-    return p.i[p.i[AT_LEG_OFFSETS] : p.i[AT_ROWS]]
-
-
-@inner
-def request_of(p: Path, row: int) -> Ints:
+def request_of(p: Path, row: int) -> int:
     """A request to come."""
-    at = p.i[AT_ROWS] + row * 4
-    return p.i[at : at + 4]
+    return int(p.i[AT_ROWS] + row * 4)

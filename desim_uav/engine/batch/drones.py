@@ -74,6 +74,7 @@ from desim_uav.engine.batch.memory import (
     REST,
     ROUTE,
     ROUTE_END,
+    ROWS,
     SINCE_US,
     STEP_US,
     STEPS,
@@ -135,7 +136,9 @@ def node(w: Fixed, x: int, y: int, level: int) -> int:
 def at_station(w: Fixed, s: State, d: int) -> int:
     """The station whose cell the drone is on, at its landing level, or -1."""
     drone = drone_of(s, d)
-    return int(w.i[w.i[AT_STATION_AT] + drone[X] * w.i[NY] + drone[Y]]) if drone[LEVEL] == 0 else -1
+    if s.i[drone + LEVEL] != 0:
+        return -1
+    return int(w.i[w.i[AT_STATION_AT] + s.i[drone + X] * w.i[NY] + s.i[drone + Y]])
 
 
 @inner
@@ -147,24 +150,33 @@ def _can_enter(w: Fixed, d: int, x: int, y: int, level: int) -> bool:
     return bool(w.i[w.i[AT_BLOCKED] + (level * nx + x) * ny + y] == 0)
 
 
+@inner
+def _flown_m(w: Fixed, s: State, d: int) -> float:
+    """How far the drone has flown on its leg."""
+    drone = drone_of(s, d)
+    transit = s.i[drone + TRANSIT]
+    first, rows = profile_of(w, transit), w.i[transit_of(w, transit) + ROWS]
+    elapsed_s = (s.i[NOW] - s.i[drone + SINCE_US]) / 1_000_000
+    return float(travelled(w.f[first : first + 4 * rows].reshape(rows, 4), elapsed_s))
+
+
 @kernel
 def position(w: Fixed, s: State, d: int) -> tuple[float, float, float]:
     """Where the drone is now: x, y, z."""
     drone = drone_of(s, d)
-    if drone[FALLEN]:
-        return spot_of(s, d)[FALLEN_X_M], spot_of(s, d)[FALLEN_Y_M], 0.0
-    x0 = (drone[X] + 0.5) * w.f[CELL_X_M]
-    y0 = (drone[Y] + 0.5) * w.f[CELL_Y_M]
-    z0 = w.f[w.i[AT_LEVELS_M] + drone[LEVEL]]
-    transit = drone[TRANSIT]
+    if s.i[drone + FALLEN]:
+        return s.f[spot_of(s, d) + FALLEN_X_M], s.f[spot_of(s, d) + FALLEN_Y_M], 0.0
+    x0 = (s.i[drone + X] + 0.5) * w.f[CELL_X_M]
+    y0 = (s.i[drone + Y] + 0.5) * w.f[CELL_Y_M]
+    z0 = w.f[w.i[AT_LEVELS_M] + s.i[drone + LEVEL]]
+    transit = s.i[drone + TRANSIT]
     if transit == REST:
         return x0, y0, z0
-    elapsed_s = (s.i[NOW] - drone[SINCE_US]) / 1_000_000
-    flown_m = travelled(profile_of(w, transit), elapsed_s)
+    flown_m = _flown_m(w, s, d)
     share = flown_m / w.f[w.i[AT_DISTANCES_M] + transit]
-    x1 = (drone[TO_X] + 0.5) * w.f[CELL_X_M]
-    y1 = (drone[TO_Y] + 0.5) * w.f[CELL_Y_M]
-    z1 = w.f[w.i[AT_LEVELS_M] + drone[TO_LEVEL]]
+    x1 = (s.i[drone + TO_X] + 0.5) * w.f[CELL_X_M]
+    y1 = (s.i[drone + TO_Y] + 0.5) * w.f[CELL_Y_M]
+    z1 = w.f[w.i[AT_LEVELS_M] + s.i[drone + TO_LEVEL]]
     return x0 + share * (x1 - x0), y0 + share * (y1 - y0), z0 + share * (z1 - z0)
 
 
@@ -173,8 +185,8 @@ def orient(w: Fixed, p: Path, s: State, d: int, epoch: int) -> tuple[int, int, i
     """Where the drone believes it is: cell x, cell y, level."""
     drone = drone_of(s, d)
     noisy = p.i[NOISY] != 0
-    x, y, level = drone[X], drone[Y], drone[LEVEL]
-    if noisy or drone[TRANSIT] != REST or drone[FALLEN]:
+    x, y, level = s.i[drone + X], s.i[drone + Y], s.i[drone + LEVEL]
+    if noisy or s.i[drone + TRANSIT] != REST or s.i[drone + FALLEN]:
         x_m, y_m, z_m = position(w, s, d)
         if noisy:
             error = p.i[AT_ERROR] + (d * (w.i[STEPS] + 1) + epoch) * 2
@@ -184,7 +196,7 @@ def orient(w: Fixed, p: Path, s: State, d: int, epoch: int) -> tuple[int, int, i
         x = cell_index(x_m, w.f[CELL_X_M], nx)
         y = cell_index(y_m, w.f[CELL_Y_M], ny)
         level = level_index(z_m, w.f[LOWEST_M], w.f[LEVEL_STEP_M], w.i[LEVELS])
-    drone[BACK] = node(w, x, y, level)
+    s.i[drone + BACK] = node(w, x, y, level)
     return x, y, level
 
 
@@ -197,42 +209,42 @@ def battery_now(w: Fixed, s: State, d: int) -> int:
     if not w.i[LIMITED]:
         return 0
     drone = drone_of(s, d)
-    elapsed_us = s.i[NOW] - drone[SINCE_US]
-    mode = drone[MODE]
+    elapsed_us = s.i[NOW] - s.i[drone + SINCE_US]
+    mode = s.i[drone + MODE]
     if mode in (FLYING, RETURNING):
-        return int(drone[BATTERY_US] - elapsed_us)
+        return int(s.i[drone + BATTERY_US] - elapsed_us)
     if mode == CHARGING:
         capacity_us = w.i[CAPACITY_US]
         won_us = elapsed_us * capacity_us // w.i[FULL_CHARGE_US]
-        return int(min(capacity_us, drone[BATTERY_US] + won_us))
-    return int(drone[BATTERY_US])
+        return int(min(capacity_us, s.i[drone + BATTERY_US] + won_us))
+    return int(s.i[drone + BATTERY_US])
 
 
 @inner
 def change_mode(w: Fixed, s: State, d: int, mode: int) -> None:
     """Book what the battery has lost or won so far; from now on another leg or mode counts."""
     drone = drone_of(s, d)
-    drone[BATTERY_US] = battery_now(w, s, d)
-    drone[SINCE_US] = s.i[NOW]
-    drone[MODE] = mode
-    spot_of(s, d)[COUNTED_M] = 0.0
+    s.i[drone + BATTERY_US] = battery_now(w, s, d)
+    s.i[drone + SINCE_US] = s.i[NOW]
+    s.i[drone + MODE] = mode
+    s.f[spot_of(s, d) + COUNTED_M] = 0.0
     undo(s, depletion_slot(w, d))
 
 
 @inner
 def _hover_at(s: State, d: int, x: int, y: int, level: int) -> None:
     drone = drone_of(s, d)
-    drone[X], drone[Y], drone[LEVEL] = x, y, level
-    drone[TO_X], drone[TO_Y], drone[TO_LEVEL] = x, y, level
-    drone[TRANSIT] = REST
-    drone[FALLEN] = 0
+    s.i[drone + X], s.i[drone + Y], s.i[drone + LEVEL] = x, y, level
+    s.i[drone + TO_X], s.i[drone + TO_Y], s.i[drone + TO_LEVEL] = x, y, level
+    s.i[drone + TRANSIT] = REST
+    s.i[drone + FALLEN] = 0
 
 
 @inner
 def _foresee_depletion(w: Fixed, s: State, d: int, span_us: int) -> None:
     drone = drone_of(s, d)
-    if w.i[LIMITED] and drone[BATTERY_US] <= span_us:
-        depleted_us = drone[SINCE_US] + drone[BATTERY_US]
+    if w.i[LIMITED] and s.i[drone + BATTERY_US] <= span_us:
+        depleted_us = s.i[drone + SINCE_US] + s.i[drone + BATTERY_US]
         due(s, depletion_slot(w, d), depleted_us, key(DEPLETION, d, -1))
 
 
@@ -243,29 +255,32 @@ def _set_out(
     """Begin a leg of ``span_us``, a hover then included."""
     change_mode(w, s, d, mode)
     drone = drone_of(s, d)
-    drone[TO_X], drone[TO_Y], drone[TO_LEVEL] = drone[X] + dx, drone[Y] + dy, drone[LEVEL] + dz
-    drone[TRANSIT] = transit
+    s.i[drone + TO_X], s.i[drone + TO_Y], s.i[drone + TO_LEVEL] = (
+        s.i[drone + X] + dx,
+        s.i[drone + Y] + dy,
+        s.i[drone + LEVEL] + dz,
+    )
+    s.i[drone + TRANSIT] = transit
     _foresee_depletion(w, s, d, span_us)
 
 
 @inner
 def count_distance(w: Fixed, s: State, d: int) -> None:
     """Count what the drone has flown of its leg, and not counted before."""
-    drone = drone_of(s, d)
-    transit = drone[TRANSIT]
-    elapsed_s = (s.i[NOW] - drone[SINCE_US]) / 1_000_000
-    flown_m = travelled(profile_of(w, transit), elapsed_s)
-    s.f[DISTANCE_M] += flown_m - spot_of(s, d)[COUNTED_M]
-    spot_of(s, d)[COUNTED_M] = flown_m
+    flown_m = _flown_m(w, s, d)
+    s.f[DISTANCE_M] += flown_m - s.f[spot_of(s, d) + COUNTED_M]
+    s.f[spot_of(s, d) + COUNTED_M] = flown_m
 
 
 @inner
 def _arrive(w: Fixed, s: State, d: int) -> None:
     """End a leg; the drone hovers where it has led."""
     drone = drone_of(s, d)
-    s.f[DISTANCE_M] += w.f[w.i[AT_DISTANCES_M] + drone[TRANSIT]] - spot_of(s, d)[COUNTED_M]
-    change_mode(w, s, d, drone[MODE])
-    _hover_at(s, d, drone[TO_X], drone[TO_Y], drone[TO_LEVEL])
+    s.f[DISTANCE_M] += (
+        w.f[w.i[AT_DISTANCES_M] + s.i[drone + TRANSIT]] - s.f[spot_of(s, d) + COUNTED_M]
+    )
+    change_mode(w, s, d, s.i[drone + MODE])
+    _hover_at(s, d, s.i[drone + TO_X], s.i[drone + TO_Y], s.i[drone + TO_LEVEL])
     note(s, ARRIVAL, K_ARRIVE, d, -1, -1, -1)
 
 
@@ -276,21 +291,21 @@ def _arrive(w: Fixed, s: State, d: int) -> None:
 def appear(w: Fixed, s: State, d: int, x: int, y: int) -> None:
     """Airborne at the lowest level, full battery, holding no pad."""
     drone = drone_of(s, d)
-    drone[MODE] = FLYING
-    drone[BATTERY_US] = w.i[CAPACITY_US]
-    drone[SINCE_US] = s.i[NOW]
-    spot_of(s, d)[COUNTED_M] = 0.0
+    s.i[drone + MODE] = FLYING
+    s.i[drone + BATTERY_US] = w.i[CAPACITY_US]
+    s.i[drone + SINCE_US] = s.i[NOW]
+    s.f[spot_of(s, d) + COUNTED_M] = 0.0
     _hover_at(s, d, x, y, 0)
 
 
 @inner
 def obey(w: Fixed, p: Path, s: State, d: int, command: int) -> None:
     """Act on an action (by its index)."""
-    drone_of(s, d)[WAITS] = 0
+    s.i[drone_of(s, d) + WAITS] = 0
     move = move_of(w, command)
-    if move[MOVE_ACTION] == GOTO:
+    if w.i[move + MOVE_ACTION] == GOTO:
         _return(w, s, d)
-    elif move[MOVE_ACTION] == CHARGE:
+    elif w.i[move + MOVE_ACTION] == CHARGE:
         _land(w, s, d, COMMAND)
     else:
         _fly(w, p, s, d, command)
@@ -301,24 +316,26 @@ def _fly(w: Fixed, p: Path, s: State, d: int, command: int) -> None:
     """A step of serving flight: a move to the next cell, or a hover."""
     drone, move = drone_of(s, d), move_of(w, command)
     step_us = w.i[STEP_US]
-    moves = move[MOVE_ACTION] != HOVER
-    dx, dy, dz = move[MOVE_X], move[MOVE_Y], move[MOVE_LEVEL]
-    if moves and not _can_enter(w, d, drone[X] + dx, drone[Y] + dy, drone[LEVEL] + dz):
+    moves = w.i[move + MOVE_ACTION] != HOVER
+    dx, dy, dz = w.i[move + MOVE_X], w.i[move + MOVE_Y], w.i[move + MOVE_LEVEL]
+    if moves and not _can_enter(
+        w, d, s.i[drone + X] + dx, s.i[drone + Y] + dy, s.i[drone + LEVEL] + dz
+    ):
         note(s, COMMAND, K_BLOCKED, d, -1, -1, -1)
         moves = False
     if not moves:
         _set_out(w, s, d, FLYING, 0, 0, 0, REST, step_us)
         track(w, p, s, d, step_us, COVERAGE)
-        drone[WAITS] = 1
+        s.i[drone + WAITS] = 1
         return
-    transit = move[MOVE_TRANSIT]
+    transit = w.i[move + MOVE_TRANSIT]
     _set_out(w, s, d, FLYING, dx, dy, dz, transit, step_us)
     track(w, p, s, d, step_us, COVERAGE)
     note(s, COMMAND, K_DEPART, d, -1, -1, -1)
     due(
         s,
         arrival_slot(w, d),
-        drone[SINCE_US] + transit_of(w, transit)[DURATION_US],
+        s.i[drone + SINCE_US] + w.i[transit_of(w, transit) + DURATION_US],
         key(ARRIVAL, d, -1),
     )
 
@@ -329,10 +346,10 @@ def _return(w: Fixed, s: State, d: int) -> None:
     drone = drone_of(s, d)
     change_mode(w, s, d, RETURNING)
     silence(w, s, d, COVERAGE)
-    plan = plan_of(w, d, drone[BACK])
-    drone[ROUTE] = drone[ROUTE_END] = 0
-    if at_station(w, s, d) < 0 and plan[PLAN_STATION] >= 0:
-        drone[ROUTE], drone[ROUTE_END] = plan[PLAN_FIRST], plan[PLAN_END]
+    plan = plan_of(w, d, s.i[drone + BACK])
+    s.i[drone + ROUTE] = s.i[drone + ROUTE_END] = 0
+    if at_station(w, s, d) < 0 and w.i[plan + PLAN_STATION] >= 0:
+        s.i[drone + ROUTE], s.i[drone + ROUTE_END] = w.i[plan + PLAN_FIRST], w.i[plan + PLAN_END]
     go_home(w, s, d, COMMAND)
 
 
@@ -340,9 +357,9 @@ def _return(w: Fixed, s: State, d: int) -> None:
 def go_home(w: Fixed, s: State, d: int, phase: int) -> None:
     """Begin the next hop home, or land where the route has ended at a station."""
     drone = drone_of(s, d)
-    while at_station(w, s, d) < 0 or drone[ROUTE] < drone[ROUTE_END]:
+    while at_station(w, s, d) < 0 or s.i[drone + ROUTE] < s.i[drone + ROUTE_END]:
         _next_hop(w, s, d, phase)
-        if drone[HOPPING]:
+        if s.i[drone + HOPPING]:
             return
     _land(w, s, d, phase)
 
@@ -351,41 +368,42 @@ def go_home(w: Fixed, s: State, d: int, phase: int) -> None:
 def _next_hop(w: Fixed, s: State, d: int, phase: int) -> None:
     """Begin the next hop of the route, unless it is blocked, which ends the route."""
     drone = drone_of(s, d)
-    if drone[ROUTE] == drone[ROUTE_END]:
-        plan = plan_of(w, d, node(w, drone[X], drone[Y], drone[LEVEL]))
-        drone[ROUTE], drone[ROUTE_END] = plan[PLAN_FIRST], plan[PLAN_END]
-    dx, dy, dz = hop_of(w, drone[ROUTE])
-    drone[ROUTE] += 1
-    if not _can_enter(w, d, drone[X] + dx, drone[Y] + dy, drone[LEVEL] + dz):
+    if s.i[drone + ROUTE] == s.i[drone + ROUTE_END]:
+        plan = plan_of(w, d, node(w, s.i[drone + X], s.i[drone + Y], s.i[drone + LEVEL]))
+        s.i[drone + ROUTE], s.i[drone + ROUTE_END] = w.i[plan + PLAN_FIRST], w.i[plan + PLAN_END]
+    hop = hop_of(w, s.i[drone + ROUTE])
+    dx, dy, dz = w.i[hop], w.i[hop + 1], w.i[hop + 2]
+    s.i[drone + ROUTE] += 1
+    if not _can_enter(w, d, s.i[drone + X] + dx, s.i[drone + Y] + dy, s.i[drone + LEVEL] + dz):
         note(s, phase, K_BLOCKED, d, -1, -1, -1)
-        drone[ROUTE] = drone[ROUTE_END]
+        s.i[drone + ROUTE] = s.i[drone + ROUTE_END]
         return
     axis = 0 if dx != 0 else 1 if dy != 0 else 2
     transit = w.i[w.i[AT_HOP_TRANSITS] + axis]
-    duration_us = transit_of(w, transit)[DURATION_US]
+    duration_us = w.i[transit_of(w, transit) + DURATION_US]
     _set_out(w, s, d, RETURNING, dx, dy, dz, transit, duration_us)
     note(s, phase, K_DEPART, d, -1, -1, -1)
-    drone[HOPPING] = 1
-    due(s, arrival_slot(w, d), drone[SINCE_US] + duration_us, key(ARRIVAL, d, -1))
+    s.i[drone + HOPPING] = 1
+    due(s, arrival_slot(w, d), s.i[drone + SINCE_US] + duration_us, key(ARRIVAL, d, -1))
 
 
 @inner
 def on_arrival(w: Fixed, s: State, d: int) -> None:
     """A move, a hop of a return or a charge ends."""
     drone = drone_of(s, d)
-    if drone[MODE] == CHARGING:
+    if s.i[drone + MODE] == CHARGING:
         station = at_station(w, s, d)
         _be_charged(w, s, d, station, ARRIVAL)
         grant(w, s, station)
-    elif drone[MODE] == RETURNING:
+    elif s.i[drone + MODE] == RETURNING:
         _arrive(w, s, d)
-        drone[HOPPING] = 0
+        s.i[drone + HOPPING] = 0
         go_home(w, s, d, ARRIVAL)
     else:
-        duration_us = transit_of(w, drone[TRANSIT])[DURATION_US]
+        duration_us = w.i[transit_of(w, s.i[drone + TRANSIT]) + DURATION_US]
         _arrive(w, s, d)
         _foresee_depletion(w, s, d, w.i[STEP_US] - duration_us)
-        drone[WAITS] = 1
+        s.i[drone + WAITS] = 1
 
 
 @inner
@@ -394,10 +412,10 @@ def _land(w: Fixed, s: State, d: int, phase: int) -> None:
     drone = drone_of(s, d)
     silence(w, s, d, COVERAGE)
     change_mode(w, s, d, QUEUED)
-    _hover_at(s, d, drone[X], drone[Y], drone[LEVEL])
+    _hover_at(s, d, s.i[drone + X], s.i[drone + Y], s.i[drone + LEVEL])
     station = at_station(w, s, d)
     note(s, phase, K_LAND, d, -1, -1, station)
-    drone[LANDED_IN] = phase
+    s.i[drone + LANDED_IN] = phase
     queue_up(s, d, station)
     grant(w, s, station)
 
@@ -406,8 +424,8 @@ def _land(w: Fixed, s: State, d: int, phase: int) -> None:
 def queue_up(s: State, d: int, station: int) -> None:
     """The drone is the last at a station; the first ones there have its pads."""
     there = station_of(s, station)
-    there[0] += 1
-    there[there[0]] = d
+    s.i[there + 0] += 1
+    s.i[there + s.i[there + 0]] = d
 
 
 @inner
@@ -415,13 +433,13 @@ def grant(w: Fixed, s: State, station: int) -> None:
     """Those who have a pad and do not charge yet begin to; one that is full leaves at once."""
     there = station_of(s, station)
     k = 1
-    while k <= min(there[0], w.i[PADS]):
-        d = there[k]
+    while k <= min(s.i[there + 0], w.i[PADS]):
+        d = s.i[there + k]
         drone = drone_of(s, d)
-        if drone[MODE] == QUEUED:
+        if s.i[drone + MODE] == QUEUED:
             now_us = s.i[NOW]
             count_queueing(s, d)
-            phase = ARRIVAL if now_us > drone[SINCE_US] else drone[LANDED_IN]
+            phase = ARRIVAL if now_us > s.i[drone + SINCE_US] else s.i[drone + LANDED_IN]
             change_mode(w, s, d, CHARGING)
             note(s, phase, K_CHARGE, d, -1, -1, station)
             if not await_full(w, s, d):
@@ -434,10 +452,10 @@ def grant(w: Fixed, s: State, station: int) -> None:
 def await_full(w: Fixed, s: State, d: int) -> bool:
     """Will the battery take any time until it is full? Then that is on the agenda."""
     drone, capacity_us = drone_of(s, d), w.i[CAPACITY_US]
-    rest_us = -((drone[BATTERY_US] - capacity_us) * w.i[FULL_CHARGE_US] // capacity_us)
+    rest_us = -((s.i[drone + BATTERY_US] - capacity_us) * w.i[FULL_CHARGE_US] // capacity_us)
     if rest_us <= 0:
         return False
-    due(s, arrival_slot(w, d), drone[SINCE_US] + rest_us, key(ARRIVAL, d, -1))
+    due(s, arrival_slot(w, d), s.i[drone + SINCE_US] + rest_us, key(ARRIVAL, d, -1))
     return True
 
 
@@ -449,18 +467,18 @@ def _be_charged(w: Fixed, s: State, d: int, station: int, phase: int) -> None:
     s.i[CHARGES] += 1
     there = station_of(s, station)
     k = 1
-    while there[k] != d:
+    while s.i[there + k] != d:
         k += 1
-    for after in range(k, there[0]):
-        there[after] = there[after + 1]
-    there[0] -= 1
-    drone_of(s, d)[WAITS] = 1
+    for after in range(k, s.i[there + 0]):
+        s.i[there + after] = s.i[there + after + 1]
+    s.i[there + 0] -= 1
+    s.i[drone_of(s, d) + WAITS] = 1
 
 
 @inner
 def count_queueing(s: State, d: int) -> None:
     """Count what a queued drone has waited for a pad in this episode."""
-    s.i[QUEUEING_US] += s.i[NOW] - max(drone_of(s, d)[SINCE_US], 0)
+    s.i[QUEUEING_US] += s.i[NOW] - max(s.i[drone_of(s, d) + SINCE_US], 0)
 
 
 @inner
@@ -475,11 +493,11 @@ def on_depletion(w: Fixed, s: State, d: int) -> None:
     x = cell_index(x_m, w.f[CELL_X_M], nx)
     y = cell_index(y_m, w.f[CELL_Y_M], ny)
     _hover_at(s, d, x, y, 0)
-    drone[FALLEN] = 1
-    spot_of(s, d)[FALLEN_X_M], spot_of(s, d)[FALLEN_Y_M] = x_m, y_m
-    drone[WAITS] = 0
-    drone[HOPPING] = 0
-    drone[ROUTE] = drone[ROUTE_END] = 0
+    s.i[drone + FALLEN] = 1
+    s.f[spot_of(s, d) + FALLEN_X_M], s.f[spot_of(s, d) + FALLEN_Y_M] = x_m, y_m
+    s.i[drone + WAITS] = 0
+    s.i[drone + HOPPING] = 0
+    s.i[drone + ROUTE] = s.i[drone + ROUTE_END] = 0
     undo(s, arrival_slot(w, d))
     silence(w, s, d, DEPLETION)
     s.i[s.i[AT_CRASHED] + s.i[CRASHES]] = d
@@ -492,4 +510,4 @@ def respawn(w: Fixed, s: State, d: int, station: int) -> None:
     """A new drone takes its place, on a station."""
     appear(w, s, d, w.i[w.i[AT_STATIONS] + 2 * station], w.i[w.i[AT_STATIONS] + 2 * station + 1])
     note(s, RESPAWN, K_RESPAWN, d, -1, -1, station)
-    drone_of(s, d)[WAITS] = 1
+    s.i[drone_of(s, d) + WAITS] = 1

@@ -11,9 +11,15 @@ from typing import Any, TypeVar, cast
 import numba
 from numba import types
 
-from desim_uav.model import kernels as model_kernels
-
 F = TypeVar("F", bound=Callable[..., Any])
+
+OPTIONS: dict[str, Any] = {
+    "nogil": True,
+    "fastmath": False,
+    "error_model": "numpy",
+    "_nrt": False,
+}
+"""``_nrt``: no kernel allocates anything, so no references are counted."""
 
 SOURCES = ("model", "engine/batch", "learning")
 
@@ -24,9 +30,8 @@ def inner(function: F) -> F:
     It is compiled once for all whole numbers; left to itself, Numba compiles it for each constant
     it is called with.
     """
-    options: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    strict: dict[str, Any] = {"nogil": True, "fastmath": False, "error_model": "numpy"}
-    compiled: Any = numba.njit(**strict, **options)(function)
+    unwrapped = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+    compiled: Any = numba.njit(**OPTIONS, **unwrapped)(function)
     template = compiled.get_call_template
 
     def for_any_number(args: Any, kws: Any) -> Any:
@@ -38,12 +43,12 @@ def inner(function: F) -> F:
 
 
 def kernel(function: F) -> F:
-    """A kernel that Python calls: cached as the model's are, with all that it calls.
+    """A kernel that Python calls: cached on disk, with all that it calls.
 
     Numba looks at a function's own file to see whether machine code on disk is stale, which is not
     enough here: it is, when any source of a kernel has changed.
     """
-    compiled: Any = model_kernels.kernel(function)
+    compiled: Any = numba.njit(cache=True, **OPTIONS)(function)
     compiled._cache._cache_file._source_stamp = digest()
     return cast(F, compiled)
 

@@ -174,9 +174,9 @@ def start_afresh(w: Fixed, s: State) -> None:
     s.i[NOW] = 0
     for d in range(w.i[DRONES]):
         appear(w, s, d, w.i[w.i[AT_STARTS] + 2 * d], w.i[w.i[AT_STARTS] + 2 * d + 1])
-        drone_of(s, d)[HOPPING] = 0
+        s.i[drone_of(s, d) + HOPPING] = 0
     for station in range(w.i[STATIONS]):
-        station_of(s, station)[0] = 0
+        s.i[station_of(s, station) + 0] = 0
 
 
 @kernel
@@ -186,14 +186,14 @@ def reset(w: Fixed, p: Path, s: State) -> None:
     drones = w.i[DRONES]
     for d in range(drones):
         drone = drone_of(s, d)
-        if drone[MODE] == FLYING:
+        if s.i[drone + MODE] == FLYING:
             track(w, p, s, d, 0, ENTRY)
         orient(w, p, s, d, 0)
     for user in range(w.i[USERS]):
         row = p.i[p.i[AT_ROW_OFFSETS] + user]
-        user_of(s, user)[NEXT_ROW] = row
+        s.i[user_of(s, user) + NEXT_ROW] = row
         if row < p.i[p.i[AT_ROW_OFFSETS] + user + 1]:
-            due_us = request_of(p, row)[DUE_US]
+            due_us = p.i[request_of(p, row) + DUE_US]
             if due_us < w.i[HORIZON_US]:
                 due(s, ask_slot(w, user), due_us, key(REQUEST_PHASE, -1, user))
     for d in range(drones):
@@ -214,18 +214,19 @@ def _forget(w: Fixed, s: State) -> None:
     s.f[CLOSED_QOE1] = s.f[DISTANCE_M] = 0.0
     for d in range(w.i[DRONES]):
         drone = drone_of(s, d)
-        drone[SINCE_US] -= ended_us
-        drone[RESPAWNS] = drone[WAITS] = drone[RADIO] = drone[CROSSINGS] = 0
-        drone[FREE_BPS] = w.i[BANDWIDTH_BPS]
-        drone[USED_BPS] = drone[ATTACHED_USERS] = drone[QUEUED_UP] = 0
-        served_of(s, d)[:] = 0
-        asking_of(s, d)[:] = 0
+        s.i[drone + SINCE_US] -= ended_us
+        s.i[drone + RESPAWNS] = s.i[drone + WAITS] = s.i[drone + RADIO] = s.i[drone + CROSSINGS] = 0
+        s.i[drone + FREE_BPS] = w.i[BANDWIDTH_BPS]
+        s.i[drone + USED_BPS] = s.i[drone + ATTACHED_USERS] = s.i[drone + QUEUED_UP] = 0
+        for service in range(w.i[SERVICES]):
+            s.i[served_of(s, d) + service] = s.i[asking_of(s, d) + service] = 0
         s.i[s.i[AT_AFFECTED] + d] = 0
     for user in range(w.i[USERS]):
         u = user_of(s, user)
-        u[HOLDER] = u[REQUEST] = u[SERVING] = -1
+        s.i[u + HOLDER] = s.i[u + REQUEST] = s.i[u + SERVING] = -1
         s.f[s.i[AT_SHARES] + user] = 0.0
-        covering_of(s, user)[:] = -1
+        for d in range(w.i[DRONES]):
+            s.i[covering_of(s, user) + d] = -1
     for service in range(w.i[SERVICES]):
         s.i[s.i[AT_OPEN_REQUESTS] + service] = 0
     clear_all(s)
@@ -235,27 +236,27 @@ def _forget(w: Fixed, s: State) -> None:
 def _take_up(w: Fixed, s: State, d: int) -> None:
     """Go on with what the drone was about in the episode before."""
     drone = drone_of(s, d)
-    mode = drone[MODE]
+    mode = s.i[drone + MODE]
     if mode == RETURNING:
-        if drone[HOPPING]:
-            duration_us = transit_of(w, drone[TRANSIT])[DURATION_US]
-            due(s, arrival_slot(w, d), drone[SINCE_US] + duration_us, key(ARRIVAL, d, -1))
+        if s.i[drone + HOPPING]:
+            duration_us = w.i[transit_of(w, s.i[drone + TRANSIT]) + DURATION_US]
+            due(s, arrival_slot(w, d), s.i[drone + SINCE_US] + duration_us, key(ARRIVAL, d, -1))
             _foresee(w, s, d, duration_us)
         else:
             go_home(w, s, d, ARRIVAL)
     elif mode == QUEUED:
-        drone[LANDED_IN] = ARRIVAL
+        s.i[drone + LANDED_IN] = ARRIVAL
     elif mode == CHARGING:
         await_full(w, s, d)
     elif mode != CRASHED:
-        drone[WAITS] = 1
+        s.i[drone + WAITS] = 1
 
 
 @inner
 def _foresee(w: Fixed, s: State, d: int, span_us: int) -> None:
     drone = drone_of(s, d)
-    if w.i[LIMITED] and drone[BATTERY_US] <= span_us:
-        depleted_us = drone[SINCE_US] + drone[BATTERY_US]
+    if w.i[LIMITED] and s.i[drone + BATTERY_US] <= span_us:
+        depleted_us = s.i[drone + SINCE_US] + s.i[drone + BATTERY_US]
         slot = 2 * w.i[USERS] + 2 * w.i[DRONES] + d
         due(s, slot, depleted_us, key(DEPLETION, d, -1))
 
@@ -270,13 +271,13 @@ def step(w: Fixed, p: Path, s: State, commands: Ints) -> None:
     for d in range(w.i[DRONES]):
         drone = drone_of(s, d)
         told = commands[d]
-        drone[TOLD] = told if 0 <= told < w.i[ACTIONS] else -1
-        drone[TAKEN] = _obeyed(w, s, d, drone[TOLD])
-        if drone[WAITS]:
+        s.i[drone + TOLD] = told if 0 <= told < w.i[ACTIONS] else -1
+        s.i[drone + TAKEN] = _obeyed(w, s, d, s.i[drone + TOLD])
+        if s.i[drone + WAITS]:
             note(s, COMMAND, K_DECIDE, d, -1, -1, -1)
     for d in range(w.i[DRONES]):
-        if drone_of(s, d)[WAITS]:
-            obey(w, p, s, d, drone_of(s, d)[TAKEN])
+        if s.i[drone_of(s, d) + WAITS]:
+            obey(w, p, s, d, s.i[drone_of(s, d) + TAKEN])
     settle(w, s, COVERAGE, ADMISSION)
     end_us = s.i[NOW] + w.i[STEP_US]
     _run_before(w, p, s, end_us, key(RECORD, -1, -1))
@@ -288,17 +289,17 @@ def step(w: Fixed, p: Path, s: State, commands: Ints) -> None:
 def _obeyed(w: Fixed, s: State, d: int, told: int) -> int:
     """The index of the action a command leads to: itself, else the mask's only one, else hover."""
     mask = mask_of(s, d)
-    if told >= 0 and mask[told]:
+    if told >= 0 and s.i[mask + told]:
         return int(told)
     allowed, only = 0, 0
-    for k in range(len(mask)):
-        if mask[k]:
+    for k in range(w.i[ACTIONS]):
+        if s.i[mask + k]:
             allowed += 1
             only = k
     if allowed == 1:
         return only
-    for k in range(len(mask)):
-        if move_of(w, k)[MOVE_ACTION] == HOVER:
+    for k in range(w.i[ACTIONS]):
+        if w.i[move_of(w, k) + MOVE_ACTION] == HOVER:
             return k
     return 0
 
@@ -341,7 +342,7 @@ def _record(w: Fixed, p: Path, s: State) -> None:
     crashed = False
     for d in range(w.i[DRONES]):
         orient(w, p, s, d, whole[EPOCH])
-        crashed = crashed or drone_of(s, d)[MODE] == CRASHED
+        crashed = crashed or s.i[drone_of(s, d) + MODE] == CRASHED
     _observe(w, s)
     for d in range(w.i[DRONES]):
         reward(w, s, d)
@@ -360,16 +361,20 @@ def _record(w: Fixed, p: Path, s: State) -> None:
 @inner
 def _write_record(w: Fixed, s: State, d: int) -> None:
     seen, record = seen_of(s, d), record_of(s, d)
-    record[R_BATTERY_US] = seen[S_BATTERY_US]
-    record[R_MODE] = seen[S_MODE]
-    record[R_ATTACHED] = seen[S_ATTACHED]
-    record[R_USED_BPS] = seen[S_USED_BPS]
-    record[R_BACK] = seen[S_BACK]
-    record[R_SERVED] = 0
+    s.i[record + R_BATTERY_US] = s.i[seen + S_BATTERY_US]
+    s.i[record + R_MODE] = s.i[seen + S_MODE]
+    s.i[record + R_ATTACHED] = s.i[seen + S_ATTACHED]
+    s.i[record + R_USED_BPS] = s.i[seen + S_USED_BPS]
+    s.i[record + R_BACK] = s.i[seen + S_BACK]
+    s.i[record + R_SERVED] = 0
     for k in range(w.i[SERVICES]):
-        record[R_SERVED] += seen[S_COUNTS + k]
+        s.i[record + R_SERVED] += s.i[seen + S_COUNTS + k]
     x_m, y_m, z_m = position(w, s, d)
-    spot_of(s, d)[SEEN_X_M], spot_of(s, d)[SEEN_Y_M], spot_of(s, d)[SEEN_Z_M] = x_m, y_m, z_m
+    s.f[spot_of(s, d) + SEEN_X_M], s.f[spot_of(s, d) + SEEN_Y_M], s.f[spot_of(s, d) + SEEN_Z_M] = (
+        x_m,
+        y_m,
+        z_m,
+    )
 
 
 @inner
@@ -379,7 +384,7 @@ def _end_episode(w: Fixed, p: Path, s: State) -> None:
     end_all(w, p, s)
     for d in range(w.i[DRONES]):
         count_distance(w, s, d)
-        if drone_of(s, d)[MODE] == QUEUED:
+        if s.i[drone_of(s, d) + MODE] == QUEUED:
             count_queueing(s, d)
 
 
@@ -387,9 +392,9 @@ def _end_episode(w: Fixed, p: Path, s: State) -> None:
 def user_state(s: State, user: int) -> int:
     """What a user is doing (see ``UserState``)."""
     u = user_of(s, user)
-    if u[REQUEST] >= 0:
-        return SERVED if u[SERVING] >= 0 else OPEN
-    return IDLE if u[HOLDER] < 0 else ATTACHED
+    if s.i[u + REQUEST] >= 0:
+        return SERVED if s.i[u + SERVING] >= 0 else OPEN
+    return IDLE if s.i[u + HOLDER] < 0 else ATTACHED
 
 
 @inner
@@ -400,10 +405,10 @@ def _respawn(w: Fixed, p: Path, s: State) -> None:
     back = False
     for d in range(w.i[DRONES]):
         drone = drone_of(s, d)
-        down_us = s.i[NOW] - drone[SINCE_US]
-        if drone[MODE] == CRASHED and down_us >= w.i[RESPAWN_AFTER_US]:
-            respawn(w, s, d, p.i[p.i[AT_RESPAWN] + d * p.i[RESPAWNS_DRAWN] + drone[RESPAWNS]])
-            drone[RESPAWNS] += 1
+        down_us = s.i[NOW] - s.i[drone + SINCE_US]
+        if s.i[drone + MODE] == CRASHED and down_us >= w.i[RESPAWN_AFTER_US]:
+            respawn(w, s, d, p.i[p.i[AT_RESPAWN] + d * p.i[RESPAWNS_DRAWN] + s.i[drone + RESPAWNS]])
+            s.i[drone + RESPAWNS] += 1
             orient(w, p, s, d, s.i[EPOCH])
             back = True
     if back:
@@ -417,18 +422,18 @@ def _observe(w: Fixed, s: State) -> None:
     nx, ny = w.i[NX], w.i[NY]
     for d in range(w.i[DRONES]):
         drone, seen = drone_of(s, d), seen_of(s, d)
-        drone[SEEN_US] = battery_now(w, s, d)
-        seen[S_MODE] = drone[MODE]
-        seen[S_X] = drone[BACK] // ny % nx
-        seen[S_Y] = drone[BACK] % ny
-        seen[S_LEVEL] = drone[BACK] // (nx * ny)
-        seen[S_BATTERY_US] = drone[SEEN_US]
-        seen[S_BACK] = drone[BACK]
-        seen[S_ATTACHED] = drone[ATTACHED_USERS]
-        seen[S_USED_BPS] = drone[USED_BPS]
+        s.i[drone + SEEN_US] = battery_now(w, s, d)
+        s.i[seen + S_MODE] = s.i[drone + MODE]
+        s.i[seen + S_X] = s.i[drone + BACK] // ny % nx
+        s.i[seen + S_Y] = s.i[drone + BACK] % ny
+        s.i[seen + S_LEVEL] = s.i[drone + BACK] // (nx * ny)
+        s.i[seen + S_BATTERY_US] = s.i[drone + SEEN_US]
+        s.i[seen + S_BACK] = s.i[drone + BACK]
+        s.i[seen + S_ATTACHED] = s.i[drone + ATTACHED_USERS]
+        s.i[seen + S_USED_BPS] = s.i[drone + USED_BPS]
         for k in range(services):
-            seen[S_COUNTS + k] = served_of(s, d)[k]
-            seen[S_COUNTS + services + k] = asking_of(s, d)[k]
+            s.i[seen + S_COUNTS + k] = s.i[served_of(s, d) + k]
+            s.i[seen + S_COUNTS + services + k] = s.i[asking_of(s, d) + k]
     for k in range(services):
         s.i[s.i[AT_ASKED] + k] = s.i[s.i[AT_OPEN_REQUESTS] + k]
 
@@ -438,11 +443,11 @@ def _show(w: Fixed, s: State) -> None:
     """What each drone may be told now; never nothing."""
     for d in range(w.i[DRONES]):
         drone, mask = drone_of(s, d), mask_of(s, d)
-        mode = drone[MODE]
-        low = drone[SEEN_US] <= w.i[RETURN_BELOW_US]
-        not_full = drone[SEEN_US] < w.i[CAPACITY_US]
-        for k in range(len(mask)):
-            action = move_of(w, k)[MOVE_ACTION]
+        mode = s.i[drone + MODE]
+        low = s.i[drone + SEEN_US] <= w.i[RETURN_BELOW_US]
+        not_full = s.i[drone + SEEN_US] < w.i[CAPACITY_US]
+        for k in range(w.i[ACTIONS]):
+            action = w.i[move_of(w, k) + MOVE_ACTION]
             if mode == RETURNING:
                 legal = action == GOTO
             elif mode in (QUEUED, CHARGING):
@@ -455,4 +460,4 @@ def _show(w: Fixed, s: State) -> None:
                 legal = not_full and at_station(w, s, d) >= 0
             else:
                 legal = True
-            mask[k] = legal
+            s.i[mask + k] = legal

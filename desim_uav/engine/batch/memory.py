@@ -299,7 +299,6 @@ S_MODE, S_X, S_Y, S_LEVEL, S_BATTERY_US, S_BACK, S_ATTACHED, S_USED_BPS = range(
 ) = range(11)
 """Columns of the section closed."""
 
-CROSSING_TIME, CROSSING_USER, CROSSING_ENTERS = range(3)
 
 KINDS = (
     *("request", "serve", "stop", "complete", "refuse", "close"),
@@ -353,7 +352,7 @@ class State(NamedTuple):
 
 
 DRONE_COLUMNS, USER_COLUMNS, PLACE_COLUMNS = 27, 16, 6
-RECORD_COLUMNS, EVENT_COLUMNS, CLOSED_COLUMNS, COUNTS = 6, 7, 11, 8
+RECORD_COLUMNS, EVENT_COLUMNS, CLOSED_COLUMNS, COUNTS, CROSSING_COLUMNS = 6, 7, 11, 8, 3
 
 
 def state_of(

@@ -40,30 +40,30 @@ def reward(w: Fixed, s: State, d: int) -> None:
     terms = terms_of(s, d)
     count = 1 if kind == REWARD_COVERAGE else 2 if kind == REWARD_BATTERY else services + 3
     for k in range(count):
-        terms[k] = 0.0
+        s.f[terms + k] = 0.0
     seen = seen_of(s, d)
-    if not QUEUED <= seen[S_MODE] <= CRASHED:
-        share = seen[S_ATTACHED] * w.i[DRONES] / w.i[USERS]
+    if not QUEUED <= s.i[seen + S_MODE] <= CRASHED:
+        share = s.i[seen + S_ATTACHED] * w.i[DRONES] / w.i[USERS]
         share = share if share < 1.0 else 1.0
         if kind == REWARD_COVERAGE:
-            terms[0] = share
+            s.f[terms + 0] = share
         else:
             service, cost, way_home = _weights(w, s, d)
             signed = w.f[COST_SIGN] * cost
             if kind == REWARD_BATTERY:
-                terms[0] = service * share
-                terms[1] = signed * way_home
+                s.f[terms + 0] = service * share
+                s.f[terms + 1] = signed * way_home
             else:
-                terms[0] = service * w.f[WEIGHT_USERS] * share
+                s.f[terms + 0] = service * w.f[WEIGHT_USERS] * share
                 for k in range(services):
-                    served, asked = seen[S_COUNTS + k], s.i[s.i[AT_ASKED] + k]
+                    served, asked = s.i[seen + S_COUNTS + k], s.i[s.i[AT_ASKED] + k]
                     if served and asked:
-                        terms[1 + k] = service * w.f[w.i[AT_WEIGHTS] + k] * (served / asked)
-                terms[services + 1] = signed * way_home if cost else signed * 0.0
-                terms[services + 2] = signed * 0.0
+                        s.f[terms + 1 + k] = service * w.f[w.i[AT_WEIGHTS] + k] * (served / asked)
+                s.f[terms + services + 1] = signed * way_home if cost else signed * 0.0
+                s.f[terms + services + 2] = signed * 0.0
     total = 0.0
     for k in range(count):
-        total += terms[k]
+        total += s.f[terms + k]
     s.f[s.i[AT_REWARDS] + d] = total
 
 
@@ -72,11 +72,11 @@ def _weights(w: Fixed, s: State, d: int) -> tuple[float, float, float]:
     """(w_s, w_c, r_c): how much service and the way home count, and what the way home costs."""
     if not w.i[LIMITED]:
         return 1.0, 0.0, 0.0
-    battery_s = seen_of(s, d)[S_BATTERY_US] / 1_000_000
+    battery_s = s.i[seen_of(s, d) + S_BATTERY_US] / 1_000_000
     capacity_s = w.i[CAPACITY_US] / 1_000_000
-    plan = plan_of(w, d, seen_of(s, d)[S_BACK])
-    lost = plan[PLAN_STATION] < 0
-    return_s = plan[PLAN_DRAINED_US] / 1_000_000
+    plan = plan_of(w, d, s.i[seen_of(s, d) + S_BACK])
+    lost = w.i[plan + PLAN_STATION] < 0
+    return_s = w.i[plan + PLAN_DRAINED_US] / 1_000_000
     cost = 1.0
     if battery_s > 0.0 and not lost:
         cost = min(1.0, return_s / battery_s)
