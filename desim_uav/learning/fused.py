@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.batch import machine
+from desim_uav.engine.batch import calls, machine
 from desim_uav.engine.batch.access import mask_of, seen_of
 from desim_uav.engine.batch.drones import CHARGED, CRASHED, FLYING
 from desim_uav.engine.batch.kernels import inner, kernel
@@ -77,6 +77,7 @@ def play(
     action, what it has gained, and the discount so far. ``restarts``: the next episode begins at
     the starts.
     """
+    w, p, s = calls.world(w), calls.path(p), calls.state(s)
     machine.reset(w, p, s)
     law = (epsilon, alpha)
     while not (s.i[TERMINATED] or s.i[TRUNCATED]):

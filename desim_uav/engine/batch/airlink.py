@@ -20,7 +20,7 @@ from desim_uav.engine.batch.access import (
     user_of,
     waiting_of,
 )
-from desim_uav.engine.batch.kernels import inner, kernel
+from desim_uav.engine.batch.kernels import inner, moved, table
 from desim_uav.engine.batch.memory import (
     AFFECTED,
     AT_AFFECTED,
@@ -175,7 +175,7 @@ def track(w: Fixed, p: Path, s: State, d: int, span_us: int, phase: int) -> None
     profile, rows = profile_of(w, transit), w.i[transit_of(w, transit) + ROWS]
     first, legs = crossing_of(s, d, 0), p.i[p.i[AT_ROWS] - 1]
     count = crossings(
-        w.f[profile : profile + 4 * rows].reshape(rows, 4),
+        table(moved(w.f, profile), rows, 4),
         (s.i[drone + X] + 0.5) * w.f[CELL_X_M],
         (s.i[drone + Y] + 0.5) * w.f[CELL_Y_M],
         (s.i[drone + TO_X] + 0.5) * w.f[CELL_X_M],
@@ -183,10 +183,10 @@ def track(w: Fixed, p: Path, s: State, d: int, span_us: int, phase: int) -> None
         now_us,
         now_us + span_us,
         w.f[RADIUS_M],
-        p.f[: 5 * legs].reshape(legs, 5),
-        p.i[p.i[AT_LEG_OFFSETS] : p.i[AT_ROWS]],
+        table(p.f, legs, 5),
+        table(moved(p.i, p.i[AT_LEG_OFFSETS]), 1, w.i[USERS] + 1)[0],
         s.i[drone + RADIO] == 0,
-        s.i[first : first + most * CROSSING_COLUMNS].reshape(most, CROSSING_COLUMNS),
+        table(moved(s.i, first), most, CROSSING_COLUMNS),
     )
     if count > most:
         s.i[FULL] = 1
@@ -628,7 +628,7 @@ def end_all(w: Fixed, p: Path, s: State) -> None:
                 _leave(w, s, d, user, RECORD)
 
 
-@kernel
+@inner
 def measures(w: Fixed, s: State) -> tuple[float, float, float]:
     """QoE1-3 so far, open requests by what they have had so far; nan where nothing was asked."""
     whole, now_us = s.i, s.i[NOW]

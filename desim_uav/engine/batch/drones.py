@@ -13,7 +13,7 @@ from desim_uav.engine.batch.access import (
     transit_of,
 )
 from desim_uav.engine.batch.airlink import note, silence, track
-from desim_uav.engine.batch.kernels import inner, kernel
+from desim_uav.engine.batch.kernels import inner, moved, table
 from desim_uav.engine.batch.memory import (
     AT_BLOCKED,
     AT_CEILINGS,
@@ -157,10 +157,10 @@ def _flown_m(w: Fixed, s: State, d: int) -> float:
     transit = s.i[drone + TRANSIT]
     first, rows = profile_of(w, transit), w.i[transit_of(w, transit) + ROWS]
     elapsed_s = (s.i[NOW] - s.i[drone + SINCE_US]) / 1_000_000
-    return float(travelled(w.f[first : first + 4 * rows].reshape(rows, 4), elapsed_s))
+    return float(travelled(table(moved(w.f, first), rows, 4), elapsed_s))
 
 
-@kernel
+@inner
 def position(w: Fixed, s: State, d: int) -> tuple[float, float, float]:
     """Where the drone is now: x, y, z."""
     drone = drone_of(s, d)
@@ -420,7 +420,7 @@ def _land(w: Fixed, s: State, d: int, phase: int) -> None:
     grant(w, s, station)
 
 
-@kernel
+@inner
 def queue_up(s: State, d: int, station: int) -> None:
     """The drone is the last at a station; the first ones there have its pads."""
     there = station_of(s, station)

@@ -10,6 +10,9 @@ from typing import Any, TypeVar, cast
 
 import numba
 from numba import types
+from numba.extending import intrinsic
+from numba.np.arrayobj import populate_array
+from numpy.typing import NDArray
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -62,3 +65,43 @@ def digest() -> str:
         for file in sorted((package / folder).glob("*.py")):
             found.update(file.read_bytes())
     return found.hexdigest()
+
+
+# ---- memory without the weight of arrays
+
+
+@intrinsic  # type: ignore[misc]
+def pointer(typing_context: Any, array: NDArray[Any]) -> Any:
+    """An array's memory, indexed as it is and one word to hand on where an array is seven."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return context.make_array(signature.args[0])(context, builder, arguments[0]).data
+
+    return types.CPointer(array.dtype)(array), generate
+
+
+@intrinsic  # type: ignore[misc]
+def moved(typing_context: Any, memory: NDArray[Any], by: int) -> Any:
+    """The memory that begins ``by`` numbers after this one."""
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.gep(*arguments[:1], arguments[1:])
+
+    return memory(memory, types.int64), generate
+
+
+@intrinsic  # type: ignore[misc]
+def table(typing_context: Any, memory: NDArray[Any], rows: int, columns: int) -> Any:
+    """Memory as an array (rows, columns)."""
+    kind = types.Array(memory.dtype, 2, "C")
+
+    def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        data, *shape = arguments
+        number = context.get_data_type(kind.dtype)
+        size = context.get_constant(types.intp, context.get_abi_sizeof(number))
+        strides = [builder.mul(shape[1], size), size]
+        made = context.make_array(kind)(context, builder)
+        populate_array(made, data, shape, strides, size, meminfo=None)
+        return made._getvalue()
+
+    return kind(memory, types.int64, types.int64), generate

@@ -52,7 +52,7 @@ from desim_uav.engine.batch.drones import (
     position,
     respawn,
 )
-from desim_uav.engine.batch.kernels import inner, kernel
+from desim_uav.engine.batch.kernels import inner
 from desim_uav.engine.batch.memory import (
     ACTIONS,
     AT_AFFECTED,
@@ -168,7 +168,7 @@ IDLE, ATTACHED, OPEN, SERVED = range(4)
 # ---- an episode
 
 
-@kernel
+@inner
 def start_afresh(w: Fixed, s: State) -> None:
     """Put the drones at their starts."""
     s.i[NOW] = 0
@@ -179,7 +179,7 @@ def start_afresh(w: Fixed, s: State) -> None:
         s.i[station_of(s, station) + 0] = 0
 
 
-@kernel
+@inner
 def reset(w: Fixed, p: Path, s: State) -> None:
     """Begin an episode with the drones as they are, and run up to its first decision epoch."""
     _forget(w, s)
@@ -210,7 +210,8 @@ def reset(w: Fixed, p: Path, s: State) -> None:
 def _forget(w: Fixed, s: State) -> None:
     """Users, requests and measures begin anew; what drones do is as long ago as it was."""
     ended_us = s.i[NOW]
-    s.i[:COUNTERS] = 0
+    for counter in range(COUNTERS):
+        s.i[counter] = 0
     s.f[CLOSED_QOE1] = s.f[DISTANCE_M] = 0.0
     for d in range(w.i[DRONES]):
         drone = drone_of(s, d)
@@ -264,7 +265,7 @@ def _foresee(w: Fixed, s: State, d: int, span_us: int) -> None:
 # ---- a step
 
 
-@kernel
+@inner
 def step(w: Fixed, p: Path, s: State, commands: Ints) -> None:
     """Give each drone its command (an index of an action) and run to the next decision epoch."""
     s.i[EVENTS] = s.i[CLOSED] = s.i[HANDOVERS] = 0
@@ -388,7 +389,7 @@ def _end_episode(w: Fixed, p: Path, s: State) -> None:
             count_queueing(s, d)
 
 
-@kernel
+@inner
 def user_state(s: State, user: int) -> int:
     """What a user is doing (see ``UserState``)."""
     u = user_of(s, user)

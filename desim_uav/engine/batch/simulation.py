@@ -20,9 +20,7 @@ from desim_uav.engine.base import (
     Step,
     UserState,
 )
-from desim_uav.engine.batch import machine
-from desim_uav.engine.batch.airlink import measures
-from desim_uav.engine.batch.drones import position, queue_up
+from desim_uav.engine.batch import calls
 from desim_uav.engine.batch.memory import (
     AT_BLOCKED,
     AT_HOP_TRANSITS,
@@ -171,12 +169,12 @@ class BatchSimulation:
         """Begin an episode and run up to its first decision epoch."""
         self._packed = self.prepare(path)
         self._commands: list[Ints] = []
-        machine.reset(self.fixed, self._packed, self.state)
+        calls.reset(self.fixed, self._packed, self.state)
         self._drain()
         return self._show()
 
     def prepare(self, path: SamplePath) -> Path:
-        """Put the drones where they begin; ``machine.reset`` on what this returns is to follow."""
+        """Put the drones where they begin; ``calls.reset`` on what this returns is to follow."""
         goes_on = self.truncated and not self.terminated and self.settings.carry_over
         if not goes_on:
             self._load(self._carried)
@@ -213,7 +211,7 @@ class BatchSimulation:
         if len(told) != len(self.views.drone):
             raise ValueError(f"{len(told)} commands for {len(self.views.drone)} drones")
         self._commands.append(told)
-        machine.step(self.fixed, self._packed, self.state, told)
+        calls.step(self.fixed, self._packed, self.state, told)
         self._drain()
         return self._show()
 
@@ -228,12 +226,12 @@ class BatchSimulation:
             for view, part in zip(self._drone_views(), parts, strict=True):
                 view[:] = part
             self._new_log()
-            machine.reset(self.fixed, self._packed, self.state)
+            calls.reset(self.fixed, self._packed, self.state)
             for told in self._commands:
                 if self.state.i[FULL]:
                     break
                 self._drain_log()
-                machine.step(self.fixed, self._packed, self.state, told)
+                calls.step(self.fixed, self._packed, self.state, told)
         self._drain_log()
 
     def _drain_log(self) -> None:
@@ -379,7 +377,7 @@ class BatchSimulation:
 
     def _load(self, carried: Carried | None) -> None:
         """Put the drones where they are before an episode."""
-        machine.start_afresh(self.fixed, self.state)
+        calls.start_afresh(self.fixed, self.state)
         state = self.views
         for d, one in enumerate(carried or ()):
             row = state.drone[d]
@@ -401,7 +399,7 @@ class BatchSimulation:
             if one.mode in (Mode.QUEUED, Mode.CHARGING)
         ]
         for _, d, station in sorted(landed):
-            queue_up(self.state, d, station)
+            calls.queue_up(self.state, d, station)
 
     def _route(self, route: tuple[tuple[int, int, int], ...]) -> tuple[int, int]:
         """Where the hops of a route stand: it is the end of some way back."""
@@ -467,7 +465,7 @@ class BatchSimulation:
 
     def measures(self) -> Measures:
         """The quality of experience so far, open requests by what they have had so far."""
-        found = measures(self.fixed, self.state)
+        found = calls.measures(self.fixed, self.state)
         return Measures(*(None if math.isnan(value) else value for value in found))
 
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -475,7 +473,7 @@ class BatchSimulation:
         users = self.world.homes.copy()
         users[:, :2] = all_walked(*self._path.walks, int(self.state.i[NOW]))
         count = len(self.views.drone)
-        drones = [position(self.fixed, self.state, d) for d in range(count)]
+        drones = [calls.position(self.fixed, self.state, d) for d in range(count)]
         return np.array(drones), users
 
     def user_states(self) -> list[UserState]:
@@ -484,4 +482,4 @@ class BatchSimulation:
         if state.i[TERMINATED] or state.i[TRUNCATED]:
             return [STATES[kind] for kind in self.views.states.tolist()]
         users = range(len(self.views.user))
-        return [STATES[machine.user_state(state, user)] for user in users]
+        return [STATES[calls.user_state(state, user)] for user in users]
