@@ -46,8 +46,9 @@ def measured(case: str, rounds: int) -> dict[str, list[float]]:
     for _ in range(rounds):
         for engine, training in trainings.items():
             start = time.process_time()
-            for _ in range(EPISODES[engine]):
-                training.play()
+            left = EPISODES[engine]
+            while left:
+                left -= len(training.play(left)) // len(training.learners)
             steps = EPISODES[engine] * scenario.episode.steps
             rates[engine].append(steps / (time.process_time() - start))
     return rates

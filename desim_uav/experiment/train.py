@@ -57,9 +57,17 @@ def train(
     training = Training(world, scenario.seed, engine or engine_for(world))
     rows: list[Progress] = []
     while training.episode < scenario.learning.episodes:
-        rows += training.play()
-        on_episode(rows[-len(training.learners) :])
+        rows += _play_to(training, scenario.learning.episodes, on_episode)
     return table_of(training), rows
+
+
+def _play_to(training: Training, episode: int, on_episode: OnEpisode) -> list[Progress]:
+    """Learn in some episodes on the way to this one, and tell each."""
+    rows = training.play(episode - training.episode)
+    drones = len(training.learners)
+    for first in range(0, len(rows), drones):
+        on_episode(rows[first : first + drones])
+    return rows
 
 
 def engine_for(world: World) -> str:
@@ -122,8 +130,9 @@ def train_to_folder(
     on_start(first)
     with asked_to_stop() as stop:
         while training.episode < scenario.learning.episodes and not stop():
-            rows += training.play()
-            on_episode(rows[-len(training.learners) :])
+            after = training.episode + checkpoint_every
+            next_saved = min(after - after % checkpoint_every, scenario.learning.episodes)
+            rows += _play_to(training, next_saved, on_episode)
             if training.episode % checkpoint_every == 0:
                 _save(training, rows, folder)
         _save(training, rows, folder)

@@ -15,7 +15,7 @@ from desim_uav.errors import PolicyError
 from desim_uav.learning.training import Memory, Progress
 from desim_uav.model.rules import Mode
 
-FORMAT = 1
+FORMAT = 2
 
 
 class Checkpoint(NamedTuple):
@@ -33,6 +33,7 @@ def to_bytes(checkpoint: Checkpoint) -> bytes:
         "format": FORMAT,
         "identity": checkpoint.identity,
         "episode": memory.episode,
+        "sums": memory.sums,
         "pending": memory.pending,
         "carried": memory.carried,
     }
@@ -48,6 +49,7 @@ def read(path: Path) -> Checkpoint:
         memory = Memory(
             int(about["episode"]),
             arrays["q"],
+            tuple(map(float, about["sums"])),
             tuple(None if p is None else (p[0], p[1], p[2], p[3]) for p in about["pending"]),
             None if carried is None else tuple(map(_drone, carried)),
         )

@@ -32,9 +32,16 @@ def epsilon_greedy(
     best, best_value = -1, -np.inf
     for action in range(len(allowed)):
         if allowed[action]:
-            value = 0.0
-            for table in range(len(q)):
-                value += q[table, state, action]
+            value = value_of(q, state, action)
             if best < 0 or value > best_value:
                 best, best_value = action, value
     return best
+
+
+@kernel
+def value_of(q: NDArray[np.float32], state: int, action: int) -> float:
+    """What an action is worth: the sum of the tables (tables, states, actions)."""
+    value = 0.0
+    for table in range(len(q)):
+        value += q[table, state, action]
+    return value

@@ -1,4 +1,4 @@
-"""An episode of training without Python: the compiled engine, choices and updates in one.
+"""Episodes of training without Python: the compiled engine, choices and updates in one.
 
 The same numbers as ``Training`` with its readable learners, bit for bit: the same kernels choose
 and learn.
@@ -9,14 +9,17 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.batch import calls, machine
+from desim_uav.engine.batch import airlink, calls, machine
 from desim_uav.engine.batch.access import mask_of, seen_of
 from desim_uav.engine.batch.drones import CHARGED, CRASHED, FLYING
 from desim_uav.engine.batch.kernels import inner, kernel
 from desim_uav.engine.batch.memory import (
+    AT_CRASHED,
     AT_REWARDS,
+    CRASHES,
     DRONES,
     EPOCH,
+    FULL,
     LIMITED,
     NY,
     ON_CRASH,
@@ -36,7 +39,7 @@ from desim_uav.engine.batch.memory import (
 )
 from desim_uav.learning.double_q import update as double_q
 from desim_uav.learning.expected_sarsa import update as expected_sarsa
-from desim_uav.learning.exploration import epsilon_greedy
+from desim_uav.learning.exploration import epsilon_greedy, value_of
 from desim_uav.learning.q_learning import update as q_learning
 from desim_uav.learning.sarsa import update as sarsa
 
@@ -44,8 +47,8 @@ ALGORITHMS = ("q_learning", "sarsa", "expected_sarsa", "double_q")
 """Those that are compiled into an episode, by their number here."""
 
 PENDING_STATE, PENDING_ACTION = range(2)
-GAINED, DISCOUNT = range(2)
-"""Columns of what a drone still has to learn from."""
+GAINED, DISCOUNT, SUM = range(3)
+"""Columns of what a drone still has to learn from, and the sum of its values."""
 
 LEVELS_OF_STATE, MINUTES_OF_STATE = range(2)
 """What a state of the table has beside the cell: how many levels, minutes; 0: none."""
@@ -53,62 +56,111 @@ LEVELS_OF_STATE, MINUTES_OF_STATE = range(2)
 
 @kernel
 def play(
-    w: Fixed,
-    p: Path,
-    s: State,
+    world: Fixed,
+    paths: Path,
+    starts: Ints,
+    state: State,
     algorithm: int,
     q: NDArray[np.float32],
     sizes: Ints,
-    epsilon: float,
-    alpha: float,
+    laws: Floats,
     gamma: float,
     draws: Floats,
     pending: Ints,
     due: Floats,
-    restarts: bool,
-    rewards: Floats,
+    restarts: NDArray[np.bool_],
+    told: Floats,
+    crashes: Ints,
     commands: Ints,
     allowed: NDArray[np.bool_],
 ) -> None:
-    """Play an episode and learn in it; what each drone was rewarded is added to ``rewards``.
+    """Play episodes and learn in them.
 
-    ``q`` (drones, tables, states, actions); ``draws`` (drones, epochs, 3); ``pending`` (drones, 2)
-    and ``due`` (drones, 2) are the decision each drone has not learned from yet: state (-1: none),
-    action, what it has gained, and the discount so far. ``restarts``: the next episode begins at
-    the starts.
+    ``paths`` begin at ``starts`` (see ``paths_of``); ``q`` (drones, tables, states, actions);
+    ``laws`` (episodes, 2) are ε and α; ``draws`` (episodes, drones, epochs, 3); ``pending``
+    (drones, 2) and ``due`` (drones, 3) are the decision each drone has not learned from yet: state
+    (-1: none), action, what it has gained, the discount so far, and (of the drone) the sum of its
+    values. ``restarts`` (episodes,): the next one begins at the starts. What happened goes into
+    ``told`` (episodes, drones, 5: reward, sum of values, QoE1-3) and ``crashes`` (episodes,
+    drones). ``commands`` (drones,) and ``allowed`` (actions,) are room to work in.
     """
-    w, p, s = calls.world(w), calls.path(p), calls.state(s)
-    machine.reset(w, p, s)
-    law = (epsilon, alpha)
-    while not (s.i[TERMINATED] or s.i[TRUNCATED]):
-        epoch = s.i[EPOCH]
+    w, s = calls.world(world), calls.state(state)
+    for episode in range(len(starts)):
+        p = calls.path_at(paths, starts[episode, 0], starts[episode, 1])
+        if episode > 0 and (s.i[TERMINATED] or restarts[episode - 1]):
+            machine.start_afresh(w, s)
+        law = (laws[episode, 0], laws[episode, 1])
+        machine.reset(w, p, s)
+        while not (s.i[TERMINATED] or s.i[TRUNCATED]):
+            drawn = draws[episode, :, s.i[EPOCH]]
+            _decide(w, s, algorithm, q, sizes, law, drawn, pending, due, commands, allowed)
+            machine.step(w, p, s, commands)
+            for d in range(w.i[DRONES]):
+                reward = s.f[s.i[AT_REWARDS] + d]
+                due[d, GAINED] += due[d, DISCOUNT] * reward
+                due[d, DISCOUNT] *= gamma
+                told[episode, d, 0] += reward
+        if s.i[TERMINATED] or restarts[episode]:
+            drawn = draws[episode, :, s.i[EPOCH]]
+            _close(w, s, algorithm, q, sizes, law, drawn, pending, due, allowed)
+        qoe1, qoe2, qoe3 = airlink.measures(w, s)
         for d in range(w.i[DRONES]):
-            _look(s, d, allowed)
-            if _decides(s, d):
-                row = state_row(w, s, d, sizes)
-                commands[d] = _act(
-                    algorithm, q[d], row, allowed, law, draws[d, epoch], pending[d], due[d]
-                )
-            else:
-                commands[d] = _only(allowed)
-                if _is_lost(w, s, d):
-                    _conclude(algorithm, q[d], allowed, law, draws[d, epoch], pending[d], due[d])
-        machine.step(w, p, s, commands)
-        for d in range(w.i[DRONES]):
-            reward = s.f[s.i[AT_REWARDS] + d]
-            due[d, GAINED] += due[d, DISCOUNT] * reward
-            due[d, DISCOUNT] *= gamma
-            rewards[d] += reward
-    if s.i[TERMINATED] or restarts:
-        for d in range(w.i[DRONES]):
-            _look(s, d, allowed)
-            drawn = draws[d, s.i[EPOCH]]
-            if s.i[TERMINATED] or _is_lost(w, s, d):
-                _conclude(algorithm, q[d], allowed, law, drawn, pending[d], due[d])
-            elif _decides(s, d):
-                row = state_row(w, s, d, sizes)
-                _act(algorithm, q[d], row, allowed, law, drawn, pending[d], due[d])
-            _forget(pending[d], due[d])
+            told[episode, d, 1] = due[d, SUM]
+            told[episode, d, 2], told[episode, d, 3], told[episode, d, 4] = qoe1, qoe2, qoe3
+        for k in range(s.i[CRASHES]):
+            crashes[episode, s.i[s.i[AT_CRASHED] + k]] += 1
+        if s.i[FULL]:
+            return
+
+
+@inner
+def _decide(
+    w: Fixed,
+    s: State,
+    algorithm: int,
+    q: NDArray[np.float32],
+    sizes: Ints,
+    law: tuple[float, float],
+    drawn: Floats,
+    pending: Ints,
+    due: Floats,
+    commands: Ints,
+    allowed: NDArray[np.bool_],
+) -> None:
+    """A command for each drone: its own where it decides, else the one it is forced to."""
+    for d in range(w.i[DRONES]):
+        _look(s, d, allowed)
+        if _decides(s, d):
+            row = state_row(w, s, d, sizes)
+            commands[d] = _act(algorithm, q[d], row, allowed, law, drawn[d], pending[d], due[d])
+        else:
+            commands[d] = _only(allowed)
+            if _is_lost(w, s, d):
+                _conclude(algorithm, q[d], allowed, law, drawn[d], pending[d], due[d])
+
+
+@inner
+def _close(
+    w: Fixed,
+    s: State,
+    algorithm: int,
+    q: NDArray[np.float32],
+    sizes: Ints,
+    law: tuple[float, float],
+    drawn: Floats,
+    pending: Ints,
+    due: Floats,
+    allowed: NDArray[np.bool_],
+) -> None:
+    """Learn from what an episode leaves open whose drones nobody carries over."""
+    for d in range(w.i[DRONES]):
+        _look(s, d, allowed)
+        if s.i[TERMINATED] or _is_lost(w, s, d):
+            _conclude(algorithm, q[d], allowed, law, drawn[d], pending[d], due[d])
+        elif _decides(s, d):
+            row = state_row(w, s, d, sizes)
+            _act(algorithm, q[d], row, allowed, law, drawn[d], pending[d], due[d])
+        _forget(pending[d], due[d])
 
 
 @inner
@@ -209,6 +261,7 @@ def _learn(
         return
     gained, discount = due[GAINED], due[DISCOUNT]
     epsilon, alpha = law
+    before = value_of(q, state, action)
     if algorithm == 0:
         q_learning(
             q,
@@ -265,3 +318,4 @@ def _learn(
             alpha,
             coin,
         )
+    due[SUM] += value_of(q, state, action) - before

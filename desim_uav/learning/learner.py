@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import ScenarioError
-from desim_uav.learning.exploration import epsilon_greedy
+from desim_uav.learning.exploration import epsilon_greedy, value_of
 from desim_uav.registry import resolve
 
 UPDATE = (
@@ -62,6 +62,8 @@ Decision = tuple[int, int, float, float]
 class Learner:
     """A drone's tables ``q`` (tables, states, actions), updated from decision to decision.
 
+    ``sum`` is that of all values, kept up to date by an update's own entry.
+
     What a drone is forced to do (return, queue, charge, lie crashed) belongs to the decision
     before: its rewards are gained by it, discounted, and the value of the next decision, k steps
     later, counts γ^k. So the value of going home is that of the full battery it leads to.
@@ -71,6 +73,7 @@ class Learner:
         self.update = algorithm.update
         self.gamma = gamma
         self.q = q
+        self.sum = float(q.sum(dtype=np.float64))
         self.forget()
 
     def forget(self) -> None:
@@ -143,6 +146,7 @@ class Learner:
         coin: float,
     ) -> None:
         if self.pending is not None:
+            before = value_of(self.q, *self.pending)
             self.update(
                 self.q,
                 *self.pending,
@@ -155,6 +159,7 @@ class Learner:
                 alpha,
                 coin,
             )
+            self.sum += value_of(self.q, *self.pending) - before
 
 
 @cache

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -26,6 +27,9 @@ FIRST_PATH = 2**24
 """Training draws its sample paths from this number on: no run under the same seed meets them."""
 
 LARGEST_TABLE = 2**29
+MOST_TOGETHER, TOGETHER_FOR = 64, 4096
+"""How many episodes are drawn at once for a fused training, at most, and for how many users."""
+
 DRAWS = 3
 
 
@@ -47,12 +51,14 @@ class Progress(NamedTuple):
 class Memory(NamedTuple):
     """All that the rest of a training depends on, between two episodes.
 
-    ``q`` (drones, tables, states, actions); ``pending`` holds for each drone the decision it still
-    has to learn from, if any: state, action, what it has gained, and the discount so far.
+    ``q`` (drones, tables, states, actions) and each drone's sum of them; ``pending`` holds for each
+    drone the decision it still has to learn from, if any: state, action, what it has gained, and
+    the discount so far.
     """
 
     episode: int
     q: NDArray[np.float32]
+    sums: tuple[float, ...]
     pending: tuple[Decision | None, ...]
     carried: Carried | None
 
@@ -88,80 +94,102 @@ class Training:
                     self.settings.initial_q, self.features, world.actions, world.facts, rng
                 )
         self.learners = [Learner(algorithm, self.settings.gamma, tables) for tables in self.q]
+        self.sums = self.settings.algorithm in fused.ALGORITHMS
+        self.together = max(1, min(MOST_TOGETHER, TOGETHER_FOR // len(world.homes)))
         self.fuses = (
             isinstance(self.engine, BatchSimulation)
-            and self.settings.algorithm in fused.ALGORITHMS
+            and self.sums
             and type(scenario.observation) is Position
         )
 
-    def play(self) -> list[Progress]:
-        """Learn in the next episode; a row a drone."""
-        self.epsilon = self.settings.epsilon.at(self.episode)
-        self.alpha = self.settings.alpha.at(self.episode)
+    def play(self, most: int = 1) -> list[Progress]:
+        """Learn in the next episode, or in up to ``most``; a row an episode and drone."""
         if self.fuses:
-            return self._play_fused()
+            return self._play_fused(min(most, self.together))
+        epsilon, alpha = self._law(self.episode)
         number = FIRST_PATH + self.episode
         shown = self.engine.reset(draw(self.world, self.seed, number))
         draws = self._draws(number)
         rewards = [0.0] * len(self.learners)
         while not (shown.terminated or shown.truncated):
-            shown = self.engine.step(self._decide(shown, draws[shown.step]))
+            shown = self.engine.step(self._decide(shown, draws[shown.step], epsilon, alpha))
             for drone, reward in enumerate(shown.rewards):
                 self.learners[drone].gain(reward)
                 rewards[drone] += reward
+        measures, crashed = self.engine.measures(), self.engine.log.crashed
         self.episode += 1
-        if shown.terminated or not self._goes_on():
-            self._close(shown, draws[shown.step])
+        if shown.terminated or not self._goes_on(self.episode):
+            self._close(shown, draws[shown.step], epsilon, alpha)
             self.engine.carry(None)
-        return self._progress(rewards)
+        return [
+            self._progress(
+                number, drone, rewards[drone], learner.sum, measures, crashed.count(drone)
+            )
+            for drone, learner in enumerate(self.learners)
+        ]
 
-    def _play_fused(self) -> list[Progress]:
-        """The same without Python in between."""
-        engine = self.engine
+    def _play_fused(self, count: int) -> list[Progress]:
+        """The same without Python in between, episode after episode."""
+        engine, drones = self.engine, len(self.learners)
         assert isinstance(engine, BatchSimulation)
-        number = FIRST_PATH + self.episode
-        packed = engine.prepare(draw(self.world, self.seed, number))
-        draws = self._drawn(number)
+        episodes = range(self.episode, self.episode + count)
+        numbers = [FIRST_PATH + episode for episode in episodes]
+        paths, starts = engine.prepare([draw(self.world, self.seed, n) for n in numbers])
         waiting = [learner.open_decision() or (-1, -1, 0.0, 1.0) for learner in self.learners]
         pending = np.array([decision[:2] for decision in waiting], np.int64)
-        due = np.array([decision[2:] for decision in waiting])
-        rewards = np.zeros(len(waiting))
-        self.episode += 1
+        sums = [(learner.sum,) for learner in self.learners]
+        due = np.array([(*decision[2:], *s) for decision, s in zip(waiting, sums, strict=True)])
+        told, crashes = np.zeros((count, drones, 5)), np.zeros((count, drones), np.int64)
         fused.play(
             engine.fixed,
-            packed,
+            paths,
+            starts,
             engine.state,
             fused.ALGORITHMS.index(self.settings.algorithm),
             self.q,
             self._sizes(),
-            self.epsilon,
-            self.alpha,
+            np.array([self._law(episode) for episode in episodes]),
             self.settings.gamma,
-            draws,
+            np.array([self._drawn(number) for number in numbers]),
             pending,
             due,
-            not self._goes_on(),
-            rewards,
-            np.empty(len(waiting), np.int64),
+            np.array([not self._goes_on(episode + 1) for episode in episodes]),
+            told,
+            crashes,
+            np.empty(drones, np.int64),
             np.empty(len(self.world.actions), np.bool_),
         )
         engine.check()
-        for learner, decision, worth in zip(self.learners, pending, due, strict=True):
-            state, action = decision.tolist()
-            learner.reopen(None if state < 0 else (state, action, *worth.tolist()))
-        if engine.terminated or not self._goes_on():
+        for learner, decision, (*worth, total) in zip(
+            self.learners, pending.tolist(), due.tolist(), strict=True
+        ):
+            state, action = decision
+            learner.reopen(None if state < 0 else (state, action, *worth))
+            learner.sum = total
+        self.episode += count
+        if engine.terminated or not self._goes_on(self.episode):
             engine.carry(None)
-        return self._progress(rewards.tolist())
+        return [
+            self._progress(number, drone, reward, total, measures, fallen)
+            for number, rows, counts in zip(numbers, told.tolist(), crashes.tolist(), strict=True)
+            for drone, ((reward, total, *measures), fallen) in enumerate(
+                zip(rows, counts, strict=True)
+            )
+        ]
+
+    def _law(self, episode: int) -> tuple[float, float]:
+        """ε and α."""
+        return self.settings.epsilon.at(episode), self.settings.alpha.at(episode)
 
     def _sizes(self) -> NDArray[np.int64]:
         """How many levels and minutes the paper's state has (0: it does not have them)."""
         sizes = {feature.name: int(feature.high) + 1 for feature in self.features}
         return np.array([sizes.get("level", 0), sizes.get("battery_min", 0)])
 
-    def _goes_on(self) -> bool:
-        """Will the next episode begin with the drones of this one?"""
+    def _goes_on(self, episode: int) -> bool:
+        """Does an episode begin with the drones of the one before?"""
         restart_every = self.settings.restart_every
-        restarts = restart_every is not None and self.episode % restart_every == 0
+        restarts = restart_every is not None and episode % restart_every == 0
         return self.carries_over and not restarts
 
     def remember(self) -> Memory:
@@ -169,13 +197,15 @@ class Training:
         return Memory(
             self.episode,
             self.q.copy(),
+            tuple(learner.sum for learner in self.learners),
             tuple(learner.open_decision() for learner in self.learners),
             self.engine.carried(),
         )
 
     def recall(self, memory: Memory) -> None:
         """Go on from what another training of the same world and seed remembers."""
-        if memory.q.shape != self.q.shape or len(memory.pending) != len(self.learners):
+        learners = len(self.learners)
+        if memory.q.shape != self.q.shape or {len(memory.pending), len(memory.sums)} != {learners}:
             raise PolicyError(f"a table of shape {memory.q.shape}, not {self.q.shape}")
         states, actions = self.q.shape[2:]
         for decision in memory.pending:
@@ -185,11 +215,16 @@ class Training:
                 raise PolicyError(f"a decision {decision[:2]} that the table does not have")
         self.episode = memory.episode
         self.q[:] = memory.q
-        for learner, decision in zip(self.learners, memory.pending, strict=True):
+        for learner, decision, total in zip(
+            self.learners, memory.pending, memory.sums, strict=True
+        ):
             learner.reopen(decision)
+            learner.sum = total
         self.engine.carry(memory.carried)
 
-    def _decide(self, shown: Snapshot, draws: list[list[float]]) -> list[int]:
+    def _decide(
+        self, shown: Snapshot, draws: list[list[float]], epsilon: float, alpha: float
+    ) -> list[int]:
         """A command for each drone: its own where it decides, else the one it is forced to."""
         commands = []
         for learner, seen, mask, drawn in zip(
@@ -197,18 +232,20 @@ class Training:
         ):
             if seen.mode in DECIDES:
                 state = self._state(seen)
-                commands.append(learner.act(state, mask, self.epsilon, self.alpha, drawn))
+                commands.append(learner.act(state, mask, epsilon, alpha, drawn))
             else:
                 commands.append(mask.index(True))
                 if self._is_lost(seen):
-                    learner.conclude(mask, self.alpha, drawn[-1])
+                    learner.conclude(mask, alpha, drawn[-1])
         return commands
 
     def _is_lost(self, seen: Observation) -> bool:
         """Has this drone crashed for ever?"""
         return seen.mode is Mode.CRASHED and self.world.on_crash == "remove"
 
-    def _close(self, shown: Snapshot, draws: list[list[float]]) -> None:
+    def _close(
+        self, shown: Snapshot, draws: list[list[float]], epsilon: float, alpha: float
+    ) -> None:
         """Learn from what an episode leaves open whose drones nobody carries over.
 
         A drone that decides is cut off where it is. Of one on its way home, on a pad or waiting to
@@ -218,9 +255,9 @@ class Training:
             self.learners, shown.observations, shown.masks, draws, strict=True
         ):
             if shown.terminated or self._is_lost(seen):
-                learner.conclude(mask, self.alpha, drawn[-1])
+                learner.conclude(mask, alpha, drawn[-1])
             elif seen.mode in DECIDES:
-                learner.bootstrap(self._state(seen), mask, self.epsilon, self.alpha, drawn)
+                learner.bootstrap(self._state(seen), mask, epsilon, alpha, drawn)
             else:
                 learner.forget()
 
@@ -238,22 +275,21 @@ class Training:
         states = Streams(self.seed, Purpose.LEARNER, number).states(count)
         return uniforms(states, epochs * DRAWS).reshape(count, epochs, DRAWS)
 
-    def _progress(self, rewards: list[float]) -> list[Progress]:
-        measures = self.engine.measures()
-        crashed = self.engine.log.crashed
-        return [
-            Progress(
-                self.episode - 1,
-                drone,
-                reward,
-                self.epsilon,
-                self.alpha,
-                float(self.q[drone].mean()),
-                *measures,
-                crashed.count(drone),
-            )
-            for drone, reward in enumerate(rewards)
-        ]
+    def _progress(
+        self,
+        number: int,
+        drone: int,
+        reward: float,
+        total: float,
+        measures: Sequence[float | None],
+        crashes: int,
+    ) -> Progress:
+        episode = number - FIRST_PATH
+        q = self.q[drone]
+        mean_q = total / q.size if self.sums else float(q.mean(dtype=np.float64))
+        one, two, three = (None if q is None or math.isnan(q) else q for q in measures)
+        epsilon, alpha = self._law(episode)
+        return Progress(episode, drone, reward, epsilon, alpha, mean_q, one, two, three, crashes)
 
 
 def table_features(world: World, tables: int = 1) -> tuple[Feature, ...]:

@@ -113,7 +113,17 @@ from desim_uav.engine.batch.memory import (
     X,
     Y,
 )
-from desim_uav.engine.batch.queue import ATTACHMENT, COMPLETION, ENTRY, EXIT, RECORD, due, key, undo
+from desim_uav.engine.batch.queue import (
+    ATTACHMENT,
+    COMPLETION,
+    ENTRY,
+    EXIT,
+    RECORD,
+    due,
+    is_next,
+    key,
+    undo,
+)
 from desim_uav.engine.batch.queue import REQUEST as REQUEST_PHASE
 from desim_uav.model.coverage import ENTERS, TIME_US, USER, crossings
 from desim_uav.model.demand import BANDWIDTH_BPS as ROW_BPS
@@ -365,9 +375,16 @@ def _attach(s: State, d: int, user: int, phase: int) -> None:
 
 @inner
 def settle_after(w: Fixed, s: State, phase: int) -> None:
-    """See to it that whoever is loose gets attached, and affected queues get scanned."""
+    """See to it that whoever is loose gets attached, and affected queues get scanned.
+
+    At once, if nothing else of this instant comes before.
+    """
     if phase <= ATTACHMENT and (s.i[LOOSE] > 0 or s.i[AFFECTED] > 0):
-        due(s, settle_slot(w), s.i[NOW], key(ATTACHMENT, -1, -1))
+        place = key(ATTACHMENT, -1, -1)
+        if is_next(s, s.i[NOW], place):
+            settle(w, s, ATTACHMENT, ATTACHMENT)
+        else:
+            due(s, settle_slot(w), s.i[NOW], place)
 
 
 @inner

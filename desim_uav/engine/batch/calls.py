@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from desim_uav.engine.batch import airlink, drones, machine
-from desim_uav.engine.batch.kernels import inner, kernel, pointer
+from desim_uav.engine.batch.kernels import inner, kernel, moved, pointer
 from desim_uav.engine.batch.memory import Fixed, Ints, Path, State
 
 
@@ -14,9 +14,9 @@ def world(w: Fixed) -> Fixed:
 
 
 @inner
-def path(p: Path) -> Path:
-    """A sample path by pointers."""
-    return Path(pointer(p.i), pointer(p.f))
+def path_at(p: Path, at_i: int, at_f: int) -> Path:
+    """One of several sample paths, by pointers (see ``paths_of``)."""
+    return Path(moved(pointer(p.i), at_i), moved(pointer(p.f), at_f))
 
 
 @inner
@@ -34,13 +34,13 @@ def start_afresh(w: Fixed, s: State) -> None:
 @kernel
 def reset(w: Fixed, p: Path, s: State) -> None:
     """Begin an episode with the drones as they are, and run up to its first decision epoch."""
-    machine.reset(world(w), path(p), state(s))
+    machine.reset(world(w), path_at(p, 0, 0), state(s))
 
 
 @kernel
 def step(w: Fixed, p: Path, s: State, commands: Ints) -> None:
     """Give each drone its command (an index of an action) and run to the next decision epoch."""
-    machine.step(world(w), path(p), state(s), commands)
+    machine.step(world(w), path_at(p, 0, 0), state(s), commands)
 
 
 @kernel

@@ -70,8 +70,7 @@ def digest() -> str:
 # ---- memory without the weight of arrays
 
 
-@intrinsic  # type: ignore[misc]
-def pointer(typing_context: Any, array: NDArray[Any]) -> Any:
+def _pointer(typing_context: Any, array: NDArray[Any]) -> Any:
     """An array's memory, indexed as it is and one word to hand on where an array is seven."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -80,8 +79,7 @@ def pointer(typing_context: Any, array: NDArray[Any]) -> Any:
     return types.CPointer(array.dtype)(array), generate
 
 
-@intrinsic  # type: ignore[misc]
-def moved(typing_context: Any, memory: NDArray[Any], by: int) -> Any:
+def _moved(typing_context: Any, memory: NDArray[Any], by: int) -> Any:
     """The memory that begins ``by`` numbers after this one."""
 
     def generate(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
@@ -90,8 +88,7 @@ def moved(typing_context: Any, memory: NDArray[Any], by: int) -> Any:
     return memory(memory, types.int64), generate
 
 
-@intrinsic  # type: ignore[misc]
-def table(typing_context: Any, memory: NDArray[Any], rows: int, columns: int) -> Any:
+def _table(typing_context: Any, memory: NDArray[Any], rows: int, columns: int) -> Any:
     """Memory as an array (rows, columns)."""
     kind = types.Array(memory.dtype, 2, "C")
 
@@ -105,3 +102,8 @@ def table(typing_context: Any, memory: NDArray[Any], rows: int, columns: int) ->
         return made._getvalue()
 
     return kind(memory, types.int64, types.int64), generate
+
+
+pointer: Callable[..., Any] = intrinsic(_pointer)
+moved: Callable[..., Any] = intrinsic(_moved)
+table: Callable[..., Any] = intrinsic(_table)

@@ -9,6 +9,7 @@ Two arrays, because a kernel that takes thirty compiles for minutes. Times are w
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -130,18 +131,39 @@ class Path(NamedTuple):
 
 def path_of(path: SamplePath) -> Path:
     """A sample path as the kernels take it."""
-    legs, leg_offsets = path.walks
-    rows, row_offsets, after_previous = path.requests
-    sections = [leg_offsets, rows.ravel(), row_offsets, path.respawn.ravel()]
-    starts = np.cumsum([PATH_HEADER, *map(len, sections)])
-    error = path.position_error
-    header = [after_previous, *starts[:4], path.respawn.shape[1], error is not None]
-    header.append(legs.size)
-    reals = [legs.ravel()] + ([] if error is None else [error.ravel()])
-    return Path(
-        np.concatenate([np.array(header, np.int64), *sections]).astype(np.int64, copy=False),
-        np.concatenate(reals),
-    )
+    return paths_of([path])[0]
+
+
+def paths_of(paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
+    """Sample paths one after the other, and where each begins: (paths, 2), in ``i`` and in ``f``.
+
+    Sections are counted from their own path's beginning.
+    """
+    starts, whole, real = [], [], []
+    at_i = at_f = 0
+    for path in paths:
+        legs, leg_offsets = path.walks
+        rows, row_offsets, after_previous = path.requests
+        sections = (leg_offsets, rows.reshape(-1), row_offsets, path.respawn.reshape(-1))
+        first = PATH_HEADER
+        begin = []
+        for section in sections:
+            begin.append(first)
+            first += section.size
+        error = path.position_error
+        noisy = error is not None
+        header = [after_previous, *begin, path.respawn.shape[1], noisy, legs.size]
+        whole += [np.array(header, np.int64), *sections]
+        real.append(legs.reshape(-1))
+        size = legs.size
+        if error is not None:
+            real.append(error.reshape(-1))
+            size += error.size
+        starts.append((at_i, at_f))
+        at_i += first
+        at_f += size
+    packed = Path(np.concatenate(whole, dtype=np.int64), np.concatenate(real))
+    return packed, np.array(starts, np.int64)
 
 
 # ---- State

@@ -84,6 +84,16 @@ def _down(s: State, parent: int) -> None:
 
 
 @inner
+def is_next(s: State, t_us: int, at: int) -> bool:
+    """Does nothing happen before this place in this instant, nor just there?"""
+    if s.i[HEAPED] == 0:
+        return True
+    first = s.i[s.i[AT_HEAP]]
+    t_first = s.i[s.i[AT_SLOT_TIME] + first]
+    return bool(t_first > t_us or (t_first == t_us and s.i[s.i[AT_SLOT_KEY] + first] > at))
+
+
+@inner
 def due(s: State, slot: int, t_us: int, at: int) -> None:
     """Let the thing of a slot happen at a time, in a place of that instant."""
     s.i[s.i[AT_SLOT_TIME] + slot] = t_us

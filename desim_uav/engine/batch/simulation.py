@@ -67,7 +67,7 @@ from desim_uav.engine.batch.memory import (
     Path,
     X,
     Y,
-    path_of,
+    paths_of,
     state_of,
     views,
 )
@@ -167,28 +167,28 @@ class BatchSimulation:
 
     def reset(self, path: SamplePath) -> Snapshot:
         """Begin an episode and run up to its first decision epoch."""
-        self._packed = self.prepare(path)
+        self._packed, _ = self.prepare([path])
         self._commands: list[Ints] = []
+        self._drones_began = tuple(
+            part.copy() for part in (self.state.i[:COUNTERS], *self._drone_views())
+        )
         calls.reset(self.fixed, self._packed, self.state)
         self._drain()
         return self._show()
 
-    def prepare(self, path: SamplePath) -> Path:
-        """Put the drones where they begin; ``calls.reset`` on what this returns is to follow."""
+    def prepare(self, paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
+        """Put the drones where they begin; episodes on these packed paths are to follow."""
         goes_on = self.truncated and not self.terminated and self.settings.carry_over
         if not goes_on:
             self._load(self._carried)
         self._carried = None
         self._under_way = True
-        self._path = path
-        self._drones_began = tuple(
-            part.copy() for part in (self.state.i[:COUNTERS], *self._drone_views())
-        )
+        self._path = paths[-1]
         self._new_log()
-        return path_of(path)
+        return paths_of(paths)
 
     def check(self) -> None:
-        """After an episode without Python. Raises SimulationError where it ran out of room."""
+        """After episodes without Python. Raises SimulationError where it ran out of room."""
         self.log.crashed[:] = self.views.crashed[: self.state.i[CRASHES]].tolist()
         if self.state.i[FULL]:
             raise SimulationError(
