@@ -21,6 +21,11 @@ T0_US, X0, Y0, VX, VY = range(5)
 MARGIN_M = 1e-6
 """What is farther than this from crossing does not, whatever the rounding."""
 
+LEG, AT_X, AT_Y, WEST, EAST, SOUTH, NORTH = range(7)
+SEEN_COLUMNS = 7
+"""Columns of a table of users in a span: the row of the leg they begin it on, their place then, and
+the box around their walk."""
+
 GRAZE_M = 1e-13
 """A distance that turns this close to the radius touches it: that is no crossing."""
 
@@ -79,6 +84,41 @@ def all_walked(
 
 
 @kernel
+def look_around(
+    legs: NDArray[np.float64],
+    offsets: NDArray[np.int64],
+    start_us: int,
+    end_us: int,
+    seen: NDArray[np.float64],
+) -> None:
+    """Where each user is at the start of a span, and between which bounds it stays until its end.
+
+    Into ``seen`` (users, SEEN_COLUMNS), the same for all drones that fly then.
+    """
+    leg_number = 0
+    for user in range(len(offsets) - 1):
+        begin, stop = offsets[user], offsets[user + 1]
+        first = leg_near(legs, begin, stop, start_us, begin + leg_number)
+        leg_number = first - begin  # walks are alike: the next one's is near
+        x, y = walked(legs, first, start_us)
+        west, south, east, north = x, y, x, y
+        leg = first
+        while True:
+            next_us = end_us
+            if leg + 1 < stop and legs[leg + 1, T0_US] < end_us:
+                next_us = int(legs[leg + 1, T0_US])
+            to_x, to_y = walked(legs, leg, next_us)
+            west, east = min(west, to_x), max(east, to_x)
+            south, north = min(south, to_y), max(north, to_y)
+            if next_us == end_us:
+                break
+            leg += 1
+        seen[user, LEG], seen[user, AT_X], seen[user, AT_Y] = first, x, y
+        seen[user, WEST], seen[user, EAST] = west, east
+        seen[user, SOUTH], seen[user, NORTH] = south, north
+
+
+@kernel
 def crossings(
     profile: NDArray[np.float64],
     x0: float,
@@ -90,6 +130,7 @@ def crossings(
     radius: float,
     legs: NDArray[np.float64],
     offsets: NDArray[np.int64],
+    seen: NDArray[np.float64],
     fresh: bool,
     out: NDArray[np.int64],
 ) -> int:
@@ -97,23 +138,21 @@ def crossings(
 
     ``profile``: the drone's transit from (x0, y0) to (x1, y1), in metres and along one axis, then a
     hover until the leg ends; ``legs`` (rows: T0_US X0 Y0 VX VY) with the rows of user u
-    at ``offsets[u]:offsets[u + 1]``; ``fresh``: the drone begins to serve, so that users inside at
-    the start enter then. Rows (time, user, enters) go into ``out``, user by user in order of time;
-    what does not fit is counted but not written. An entry and an exit in one microsecond cancel.
+    at ``offsets[u]:offsets[u + 1]``; ``seen``: what ``look_around`` says of the same span;
+    ``fresh``: the drone begins to serve, so that users inside at the start enter then. Rows (time,
+    user, enters) go into ``out``, user by user in order of time; what does not fit is counted but
+    not written. An entry and an exit in one microsecond cancel.
     """
     route = (x0, y0, x1, y1)
     span = (start_us, end_us)
     total = 0
-    leg_number = 0
     for user in range(len(offsets) - 1):
-        begin, stop = offsets[user], offsets[user + 1]
-        first = leg_near(legs, begin, stop, start_us, begin + leg_number)
-        leg_number = first - begin  # walks are alike: the next one's is near
-        inside = _is_inside(route[0], route[1], radius, legs, first, span[0])
+        inside = _beyond(x0 - seen[user, AT_X], y0 - seen[user, AT_Y], radius) <= 0.0
         entered = fresh and inside
         if entered:
-            total = _write(out, total, span[0], user, True)
-        if not _cannot_cross(route, span, radius, legs, first, stop, inside):
+            total = _write(out, total, start_us, user, True)
+        if not _cannot_cross(route, radius, seen, user, inside):
+            first, stop = int(seen[user, LEG]), offsets[user + 1]
             state = (user, inside, entered)
             total = _roots(profile, route, span, radius, legs, first, stop, state, out, total)
     return total
@@ -148,37 +187,18 @@ def _beyond(x: float, y: float, radius: float) -> float:
 
 @kernel
 def _cannot_cross(
-    route: Route,
-    span: Span,
-    radius: float,
-    legs: NDArray[np.float64],
-    first: int,
-    stop: int,
-    inside: bool,
+    route: Route, radius: float, seen: NDArray[np.float64], user: int, inside: bool
 ) -> bool:
     """Pass one: are the boxes around drone's leg and user's walk all in or all out of reach?"""
-    west, south = walked(legs, first, span[0])
-    east, north = west, south
-    leg = first
-    while True:
-        next_us = span[1]
-        if leg + 1 < stop and legs[leg + 1, T0_US] < span[1]:
-            next_us = legs[leg + 1, T0_US]
-        x, y = walked(legs, leg, next_us)
-        west, east = min(west, x), max(east, x)
-        south, north = min(south, y), max(north, y)
-        if next_us == span[1]:
-            break
-        leg += 1
-    drone_west, drone_east = min(route[0], route[2]), max(route[0], route[2])
-    drone_south, drone_north = min(route[1], route[3]), max(route[1], route[3])
-    if inside:
-        dx = max(drone_east - west, east - drone_west)
-        dy = max(drone_north - south, north - drone_south)
+    east_of = min(route[0], route[2]) - seen[user, EAST]
+    west_of = seen[user, WEST] - max(route[0], route[2])
+    north_of = min(route[1], route[3]) - seen[user, NORTH]
+    south_of = seen[user, SOUTH] - max(route[1], route[3])
+    if inside:  # the gaps the other way round are how far apart the boxes' far ends are
+        dx, dy = max(-east_of, -west_of), max(-north_of, -south_of)
         room = max(radius - MARGIN_M, 0.0)
         return bool(dx * dx + dy * dy < room * room)
-    dx = max(drone_west - east, west - drone_east, 0.0)
-    dy = max(drone_south - north, south - drone_north, 0.0)
+    dx, dy = max(east_of, west_of, 0.0), max(north_of, south_of, 0.0)
     return bool(dx * dx + dy * dy > (radius + MARGIN_M) ** 2)
 
 

@@ -1,12 +1,14 @@
 """The one decorator under which the model's numbers are compiled.
 
-A kernel is scalar code over flat arrays. It calls only kernels of its own file: Numba's disk cache
-looks at that file alone when it decides whether the machine code is stale.
+A kernel is scalar code over flat arrays, compiled with strict IEEE arithmetic (no reassociation,
+no contraction) and cached on disk.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import hashlib
+from collections.abc import Callable, Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any, TypeVar, cast
 
@@ -14,11 +16,37 @@ import numba
 
 F = TypeVar("F", bound=Callable[..., Any])
 
+OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": False, "error_model": "numpy"}
+
+SOURCES = ("model", "engine/batch", "learning")
+"""The folders that hold kernels."""
+
 
 def kernel(function: F) -> F:
-    """Compile with strict IEEE arithmetic (no reassociation, no contraction), cached on disk."""
-    compiled = numba.njit(cache=True, nogil=True, fastmath=False, error_model="numpy")(function)
+    """A kernel that Python can call."""
+    return cached(function, OPTIONS)
+
+
+def cached(function: F, options: Mapping[str, Any]) -> F:
+    """Compile with these options, cached on disk with all that it calls.
+
+    Numba looks at a function's own file to see whether machine code on disk is stale, which is not
+    enough: it is, when any source of a kernel has changed.
+    """
+    compiled: Any = numba.njit(cache=True, **options)(function)
+    compiled._cache._cache_file._source_stamp = digest()
     return cast(F, compiled)
+
+
+@cache
+def digest() -> str:
+    """What all sources of kernels say."""
+    package = Path(__file__).parents[1]
+    found = hashlib.sha256()
+    for folder in SOURCES:
+        for file in sorted((package / folder).glob("*.py")):
+            found.update(file.read_bytes())
+    return found.hexdigest()
 
 
 def compiled_before(function: Any) -> bool:

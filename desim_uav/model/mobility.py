@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.kernels import kernel
 from desim_uav.model.rules import US
-from desim_uav.model.streams import Streams, next_uniform
+from desim_uav.model.streams import State, Streams, advanced, as_uniform
 from desim_uav.model.traces import index, quantity, read_table
 from desim_uav.registry import register
 
@@ -158,54 +158,67 @@ def _random_walk(
 ) -> int:
     """Write all users' legs; their number. What does not fit ``legs`` is not written."""
     count = 0
-    position = np.empty(2)
-    velocity = np.empty(2)
+    width, depth = size[0], size[1]
     for user in range(len(homes)):
-        position[:] = homes[user]
+        state = (states[user, 0], states[user, 1], states[user, 2], states[user, 3])
+        x, y = homes[user, 0], homes[user, 1]
         t_us = 0
         while t_us < horizon_us:
-            _draw_heading(states[user], speed, velocity)
+            vx, vy, state = _draw_heading(state, speed)
             end_us = min(t_us + leg_us, horizon_us)
             while t_us < end_us:
-                stop_us = end_us
-                mirrored = -1
-                for axis in range(2):
-                    wall = size[axis] if velocity[axis] > 0.0 else 0.0
-                    if velocity[axis] != 0.0 and position[axis] == wall:
-                        velocity[axis] = -velocity[axis]
-                        wall = size[axis] - wall
-                    if velocity[axis] != 0.0:
-                        hit = (wall - position[axis]) / velocity[axis] * 1e6
-                        if hit < stop_us - t_us:
-                            stop_us = t_us + max(int(np.rint(hit)), 1)
-                            mirrored = axis
+                vx, wall_x, hit_us = _next_wall(x, vx, width, end_us - t_us)
+                vy, wall_y, hit_y_us = _next_wall(y, vy, depth, hit_us)
+                stop_us = t_us + hit_y_us
                 if count < len(legs):
                     legs[count, T0_US] = t_us
-                    legs[count, X0], legs[count, Y0] = position
-                    legs[count, VX], legs[count, VY] = velocity
+                    legs[count, X0], legs[count, Y0] = x, y
+                    legs[count, VX], legs[count, VY] = vx, vy
                 count += 1
-                for axis in range(2):
-                    moved = position[axis] + velocity[axis] * (stop_us - t_us) * 1e-6
-                    position[axis] = min(max(moved, 0.0), size[axis])
-                if mirrored >= 0:
-                    position[mirrored] = size[mirrored] if velocity[mirrored] > 0.0 else 0.0
+                x = min(max(x + vx * (stop_us - t_us) * 1e-6, 0.0), width)
+                y = min(max(y + vy * (stop_us - t_us) * 1e-6, 0.0), depth)
+                if wall_y >= 0.0:
+                    y = wall_y
+                elif wall_x >= 0.0:
+                    x = wall_x
                 t_us = stop_us
         offsets[user + 1] = count
     return count
 
 
 @kernel
-def _draw_heading(state: NDArray[np.uint64], speed: float, velocity: NDArray[np.float64]) -> None:
-    """Draw a velocity of uniform heading, by rejection.
+def _next_wall(at: float, velocity: float, size: float, most_us: int) -> tuple[float, float, int]:
+    """Along one axis, mirrored if it stands at a wall: velocity, the wall met, and when.
+
+    A wall of -1: none is met in ``most_us``.
+    """
+    if velocity == 0.0:
+        return velocity, -1.0, most_us
+    wall = size if velocity > 0.0 else 0.0
+    if at == wall:
+        velocity = -velocity
+        wall = size - wall
+    if abs(wall - at) > abs(velocity) * most_us * 1e-6 + 1.0:
+        return velocity, -1.0, most_us  # far away: no need to divide
+    hit = (wall - at) / velocity * 1e6
+    if hit < most_us:
+        return velocity, wall, max(int(np.rint(hit)), 1)
+    return velocity, -1.0, most_us
+
+
+@kernel
+def _draw_heading(state: State, speed: float) -> tuple[float, float, State]:
+    """Draw a velocity of uniform heading, by rejection; it, and the stream's state after that.
 
     Square roots and quotients are the same on every platform; sines are not.
     """
     while True:
-        x = 2.0 * next_uniform(state) - 1.0
-        y = 2.0 * next_uniform(state) - 1.0
+        word, state = advanced(state)
+        x = 2.0 * as_uniform(word) - 1.0
+        word, state = advanced(state)
+        y = 2.0 * as_uniform(word) - 1.0
         squared = x * x + y * y
         if 1e-6 < squared <= 1.0:
             break
     length = np.sqrt(squared)
-    velocity[0] = speed * (x / length)
-    velocity[1] = speed * (y / length)
+    return speed * (x / length), speed * (y / length), state

@@ -106,21 +106,38 @@ def _seeded_states(
     return states
 
 
+State = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
+
+
+@kernel
+def advanced(state: State) -> tuple[np.uint64, State]:
+    """The next 64 bits of an SFC64 state, and the state after them."""
+    a, b, c, counter = state
+    word: np.uint64 = a + b + counter
+    a = b ^ (b >> np.uint64(11))
+    b = c + (c << np.uint64(3))
+    c = ((c << np.uint64(24)) | (c >> np.uint64(40))) + word
+    return word, (a, b, c, counter + np.uint64(1))
+
+
 @kernel
 def next_word(state: NDArray[np.uint64]) -> np.uint64:
-    """Advance an SFC64 state (4 words) and give its next 64 bits."""
-    word: np.uint64 = state[0] + state[1] + state[3]
-    state[3] += np.uint64(1)
-    state[0] = state[1] ^ (state[1] >> np.uint64(11))
-    state[1] = state[2] + (state[2] << np.uint64(3))
-    state[2] = ((state[2] << np.uint64(24)) | (state[2] >> np.uint64(40))) + word
+    """Advance an SFC64 state (4 words) in place and give its next 64 bits."""
+    word, after = advanced((state[0], state[1], state[2], state[3]))
+    state[0], state[1], state[2], state[3] = after
     return word
 
 
 @kernel
 def next_uniform(state: NDArray[np.uint64]) -> float:
     """The next uniform number in [0, 1), with 53 bits."""
-    return np.float64(next_word(state) >> np.uint64(11)) * (1.0 / 9007199254740992.0)
+    return as_uniform(next_word(state))
+
+
+@kernel
+def as_uniform(word: np.uint64) -> float:
+    """64 random bits as a number in [0, 1), with 53 of them."""
+    return np.float64(word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
 @kernel

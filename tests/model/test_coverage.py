@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sampler import Flight, Pair, Walk, look
 
-from desim_uav.model.coverage import crossings, leg_at, walked
+from desim_uav.model.coverage import SEEN_COLUMNS, crossings, leg_at, look_around, walked
 from desim_uav.model.mobility import Area, RandomWalk
 from desim_uav.model.motion import REST, BangCoastBang
 from desim_uav.model.rules import US
@@ -24,6 +24,8 @@ def find(transit, route, span_us, users, *, fresh=False, radius=R, room=1000):
     legs = np.array([leg for user in users for leg in user], float).reshape(-1, 5)
     offsets = np.cumsum([0, *map(len, users)])
     out = np.full((room, 3), -7, np.int64)
+    seen = np.empty((len(users), SEEN_COLUMNS))
+    look_around(legs, offsets, *span_us, seen)
     count = crossings(
         transit.profile,
         *map(float, route),
@@ -31,6 +33,7 @@ def find(transit, route, span_us, users, *, fresh=False, radius=R, room=1000):
         radius,
         legs,
         offsets,
+        seen,
         fresh,
         out,
     )
@@ -219,6 +222,8 @@ def test_what_does_not_fit_is_counted_and_not_written():
     whole = hover((0, 2000 * US), users)
     assert len(whole) == 6
     legs = np.array([leg for user in users for leg in user], float)
+    seen = np.empty((3, SEEN_COLUMNS))
+    look_around(legs, np.arange(4), 0, 2000 * US, seen)
     for room in range(7):
         out = np.full((room + 2, 3), -7, np.int64)
         count = crossings(
@@ -228,6 +233,7 @@ def test_what_does_not_fit_is_counted_and_not_written():
             R,
             legs,
             np.arange(4),
+            seen,
             False,
             out[:room],
         )

@@ -42,10 +42,10 @@ from desim_uav.engine.batch.memory import (
     PLACE_COLUMNS,
     PROFILE_ROWS,
     RECORD_COLUMNS,
-    SEEN_COLUMNS,
     SERVICES_OF_STATE,
     USER_COLUMNS,
     USERS_OF_STATE,
+    WIDTH_OF_SEEN,
     Fixed,
     Path,
     State,
@@ -109,7 +109,7 @@ def waiting_of(s: State, d: int) -> int:
 @inner
 def seen_of(s: State, d: int) -> int:
     """What a drone is shown."""
-    return int(s.i[AT_SEEN] + d * s.i[SEEN_COLUMNS])
+    return int(s.i[AT_SEEN] + d * s.i[WIDTH_OF_SEEN])
 
 
 @inner

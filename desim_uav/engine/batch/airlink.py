@@ -20,7 +20,7 @@ from desim_uav.engine.batch.access import (
     user_of,
     waiting_of,
 )
-from desim_uav.engine.batch.kernels import inner, moved, table
+from desim_uav.engine.batch.kernels import inner
 from desim_uav.engine.batch.memory import (
     AFFECTED,
     AT_AFFECTED,
@@ -31,6 +31,7 @@ from desim_uav.engine.batch.memory import (
     AT_ROW_OFFSETS,
     AT_ROWS,
     AT_SHARES,
+    AT_USERS_SEEN,
     ATTACHED_FROM_US,
     ATTACHED_SO_FAR_US,
     ATTACHED_US,
@@ -92,6 +93,8 @@ from desim_uav.engine.batch.memory import (
     REQUEST,
     REQUIRED_US,
     ROWS,
+    SEEN_FROM_US,
+    SEEN_TO_US,
     SERVED_SO_FAR_US,
     SERVED_US,
     SERVICE,
@@ -113,6 +116,7 @@ from desim_uav.engine.batch.memory import (
     X,
     Y,
 )
+from desim_uav.engine.batch.pointers import moved, table
 from desim_uav.engine.batch.queue import (
     ATTACHMENT,
     COMPLETION,
@@ -125,7 +129,7 @@ from desim_uav.engine.batch.queue import (
     undo,
 )
 from desim_uav.engine.batch.queue import REQUEST as REQUEST_PHASE
-from desim_uav.model.coverage import ENTERS, TIME_US, USER, crossings
+from desim_uav.model.coverage import ENTERS, SEEN_COLUMNS, TIME_US, USER, crossings, look_around
 from desim_uav.model.demand import BANDWIDTH_BPS as ROW_BPS
 from desim_uav.model.demand import DUE_US
 from desim_uav.model.demand import REQUIRED_US as ROW_REQUIRED_US
@@ -183,7 +187,12 @@ def track(w: Fixed, p: Path, s: State, d: int, span_us: int, phase: int) -> None
     now_us, most = s.i[NOW], s.i[MOST_CROSSINGS]
     transit = s.i[drone + TRANSIT]
     profile, rows = profile_of(w, transit), w.i[transit_of(w, transit) + ROWS]
-    first, legs = crossing_of(s, d, 0), p.i[p.i[AT_ROWS] - 1]
+    first, legs = crossing_of(s, d, 0), table(p.f, p.i[p.i[AT_ROWS] - 1], 5)
+    offsets = table(moved(p.i, p.i[AT_LEG_OFFSETS]), 1, w.i[USERS] + 1)[0]
+    seen = table(moved(s.f, s.i[AT_USERS_SEEN]), w.i[USERS], SEEN_COLUMNS)
+    if s.i[SEEN_FROM_US] != now_us or s.i[SEEN_TO_US] != now_us + span_us:
+        look_around(legs, offsets, now_us, now_us + span_us, seen)
+        s.i[SEEN_FROM_US], s.i[SEEN_TO_US] = now_us, now_us + span_us
     count = crossings(
         table(moved(w.f, profile), rows, 4),
         (s.i[drone + X] + 0.5) * w.f[CELL_X_M],
@@ -193,8 +202,9 @@ def track(w: Fixed, p: Path, s: State, d: int, span_us: int, phase: int) -> None
         now_us,
         now_us + span_us,
         w.f[RADIUS_M],
-        table(p.f, legs, 5),
-        table(moved(p.i, p.i[AT_LEG_OFFSETS]), 1, w.i[USERS] + 1)[0],
+        legs,
+        offsets,
+        seen,
         s.i[drone + RADIO] == 0,
         table(moved(s.i, first), most, CROSSING_COLUMNS),
     )

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from desim_uav.engine.batch import airlink, drones, machine
-from desim_uav.engine.batch.kernels import inner, kernel, moved, pointer
+from desim_uav.engine.batch.kernels import inner, kernel
 from desim_uav.engine.batch.memory import Fixed, Ints, Path, State
+from desim_uav.engine.batch.pointers import moved, pointer
 
 
 @inner

@@ -13,7 +13,7 @@ from desim_uav.engine.batch.access import (
     transit_of,
 )
 from desim_uav.engine.batch.airlink import note, silence, track
-from desim_uav.engine.batch.kernels import inner, moved, table
+from desim_uav.engine.batch.kernels import inner
 from desim_uav.engine.batch.memory import (
     AT_BLOCKED,
     AT_CEILINGS,
@@ -90,6 +90,7 @@ from desim_uav.engine.batch.memory import (
     X,
     Y,
 )
+from desim_uav.engine.batch.pointers import moved, table
 from desim_uav.engine.batch.queue import (
     ARRIVAL,
     COMMAND,

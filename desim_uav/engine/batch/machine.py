@@ -119,6 +119,8 @@ from desim_uav.engine.batch.memory import (
     S_USED_BPS,
     S_X,
     S_Y,
+    SEEN_FROM_US,
+    SEEN_TO_US,
     SEEN_US,
     SEEN_X_M,
     SEEN_Y_M,
@@ -212,6 +214,7 @@ def _forget(w: Fixed, s: State) -> None:
     ended_us = s.i[NOW]
     for counter in range(COUNTERS):
         s.i[counter] = 0
+    s.i[SEEN_FROM_US] = s.i[SEEN_TO_US] = -1
     s.f[CLOSED_QOE1] = s.f[DISTANCE_M] = 0.0
     for d in range(w.i[DRONES]):
         drone = drone_of(s, d)

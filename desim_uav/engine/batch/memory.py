@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.coverage import SEEN_COLUMNS
 from desim_uav.sample_path import SamplePath
 
 Ints = NDArray[np.int64]
@@ -191,13 +192,15 @@ def paths_of(paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
     HANDOVERS,
     AFFECTED,
     FULL,
+    SEEN_FROM_US,
+    SEEN_TO_US,
     MOST_CROSSINGS,
     MOST_LOOSE,
     MOST_EVENTS,
     MOST_CLOSED,
     MOST_HANDOVERS,
     SLOTS,
-    SEEN_COLUMNS,
+    WIDTH_OF_SEEN,
     SERVICES_OF_STATE,
     DRONES_OF_STATE,
     USERS_OF_STATE,
@@ -230,9 +233,12 @@ def paths_of(paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
     AT_SHARES,
     AT_REWARDS,
     AT_TERMS,
-) = range(61)
-"""The first of ``State.i``: clock, sums and counters, up to ``FULL`` (something did not fit); then
-sizes, and where sections begin, the last four in ``State.f``."""
+    AT_USERS_SEEN,
+    STATE_HEADER,
+) = range(65)
+"""The first of ``State.i``: clock, sums and counters, up to ``FULL`` (something did not fit); for
+which span users were looked for; then sizes, and where sections begin, the last five in
+``State.f``."""
 
 COUNTERS = FULL + 1
 
@@ -366,7 +372,8 @@ class State(NamedTuple):
     there; seen and masks (drones, actions), what drones are shown at a decision epoch; record, what
     is logged of the step before; asked, the open requests by service; states (users,) at the
     episode's end; events, closed and handovers (request, drone), which have rows where they are
-    kept; crashed, who did. Of ``f``: place, shares (users,), rewards (drones,) and their terms.
+    kept; crashed, who did. Of ``f``: place, shares (users,), rewards (drones,) and their terms, and
+    users_seen, where users are in this step (see ``look_around``).
     """
 
     i: Ints
@@ -421,12 +428,12 @@ def state_of(
         2 * requests * 2,
         drones * (steps + 2),
     ]
-    real = [drones * PLACE_COLUMNS, users, drones, drones * (services + 3)]
-    whole_at, real_at = np.cumsum([61, *whole]), np.cumsum([2, *real])
+    real = [drones * PLACE_COLUMNS, users, drones, drones * (services + 3), users * SEEN_COLUMNS]
+    whole_at, real_at = np.cumsum([STATE_HEADER, *whole]), np.cumsum([2, *real])
     i, f = np.zeros(whole_at[-1], np.int64), np.zeros(real_at[-1])
     i[MOST_CROSSINGS : MOST_CROSSINGS + len(sizes)] = sizes
     i[AT_DRONE:AT_PLACE] = whole_at[:-1]
-    i[AT_PLACE : AT_TERMS + 1] = real_at[:-1]
+    i[AT_PLACE : AT_USERS_SEEN + 1] = real_at[:-1]
     return State(i, f)
 
 
@@ -469,7 +476,7 @@ def views(s: State) -> Views:
         user=ints(AT_USER, int(s.i[USERS_OF_STATE]), USER_COLUMNS),
         station=ints(AT_STATION, stations, drones + 1),
         record=ints(AT_RECORD, drones, RECORD_COLUMNS),
-        seen=ints(AT_SEEN, drones, int(s.i[SEEN_COLUMNS])),
+        seen=ints(AT_SEEN, drones, int(s.i[WIDTH_OF_SEEN])),
         masks=ints(AT_MASKS, drones, int(s.i[ACTIONS_OF_STATE])),
         asked=ints(AT_ASKED, services),
         states=ints(AT_STATES, int(s.i[USERS_OF_STATE])),

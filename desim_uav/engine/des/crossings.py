@@ -6,7 +6,16 @@ from operator import itemgetter
 
 import numpy as np
 
-from desim_uav.model.coverage import ENTERS, TIME_US, USER, VX, VY, crossings
+from desim_uav.model.coverage import (
+    ENTERS,
+    SEEN_COLUMNS,
+    TIME_US,
+    USER,
+    VX,
+    VY,
+    crossings,
+    look_around,
+)
 from desim_uav.model.mobility import Walks
 from desim_uav.model.motion import Leg
 
@@ -30,6 +39,7 @@ class Crossings:
         self._still = True
         self._kept: dict[tuple[object, ...], list[Crossing]] = {}
         self._found = np.empty((256, 3), np.int64)
+        self._span = (-1, -1)
 
     def begin(self, walks: Walks) -> None:
         """An episode begins."""
@@ -38,6 +48,8 @@ class Crossings:
             self._kept.clear()
         self._still = standing
         self.walks = walks
+        self._seen = np.empty((len(walks.offsets) - 1, SEEN_COLUMNS))
+        self._span = (-1, -1)
 
     def of(self, flight: Leg, start_us: int, span_us: int, fresh: bool) -> list[Crossing]:
         """The crossings of a leg, the last one first: at a time exits, by user.
@@ -55,10 +67,14 @@ class Crossings:
     def _find(self, flight: Leg, start_us: int, span_us: int, fresh: bool) -> list[Crossing]:
         (transit, (x0, y0), (x1, y1), _, _), (legs, offsets) = flight, self.walks
         end_us, radius_m, profile = start_us + span_us, self.radius_m, transit.profile
+        seen = self._seen
+        if self._span != (start_us, end_us):
+            look_around(legs, offsets, start_us, end_us, seen)
+            self._span = (start_us, end_us)
         while True:
             out = self._found
             count = crossings(
-                profile, x0, y0, x1, y1, start_us, end_us, radius_m, legs, offsets, fresh, out
+                profile, x0, y0, x1, y1, start_us, end_us, radius_m, legs, offsets, seen, fresh, out
             )
             if count <= len(self._found):
                 found: list[Crossing] = self._found[:count].tolist()
