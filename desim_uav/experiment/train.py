@@ -114,9 +114,9 @@ def train_to_folder(
 ) -> Trained:
     """Train and write the folder; every so many episodes a checkpoint to resume from.
 
-    ``engine``: des or batch, by default as ``engine_for`` says. Ctrl-C ends after the episode under
-    way, with a checkpoint. Raises UsageError where the folder
-    cannot be used, PolicyError where its checkpoint cannot.
+    ``engine``: des or batch, by default as ``engine_for`` says. Ctrl-C ends after the episodes
+    under way (a few, where they are compiled), with a checkpoint. Raises UsageError where the
+    folder cannot be used, PolicyError where its checkpoint cannot.
     """
     started = datetime.now(UTC)
     world = build_world(scenario, scenario.effective_world_seed)

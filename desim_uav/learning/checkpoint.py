@@ -33,23 +33,23 @@ def to_bytes(checkpoint: Checkpoint) -> bytes:
         "format": FORMAT,
         "identity": checkpoint.identity,
         "episode": memory.episode,
-        "sums": memory.sums,
         "pending": memory.pending,
         "carried": memory.carried,
     }
     rows = np.array(checkpoint.rows, np.float64).reshape(-1, len(Progress._fields))
-    return array_file.pack(about, q=memory.q, rows=rows)
+    sums = np.array(memory.sums, np.float64)
+    return array_file.pack(about, q=memory.q, sums=sums, rows=rows)
 
 
 def read(path: Path) -> Checkpoint:
     """Read a checkpoint. Raises PolicyError, naming the file."""
-    about, arrays = array_file.unpack(path, "checkpoint", ["q", "rows"], FORMAT)
+    about, arrays = array_file.unpack(path, "checkpoint", ["q", "sums", "rows"], FORMAT)
     try:
         carried = about["carried"]
         memory = Memory(
             int(about["episode"]),
             arrays["q"],
-            tuple(map(float, about["sums"])),
+            tuple(arrays["sums"].tolist()),
             tuple(None if p is None else (p[0], p[1], p[2], p[3]) for p in about["pending"]),
             None if carried is None else tuple(map(_drone, carried)),
         )
