@@ -8,10 +8,15 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from desim_uav.env.parallel import UavParallelEnv
     from desim_uav.env.single import UavEnv
+    from desim_uav.env.vector import UavVectorEnv
 
-_PUBLIC = {"UavEnv": "desim_uav.env.single", "UavParallelEnv": "desim_uav.env.parallel"}
+_PUBLIC = {
+    "UavEnv": "desim_uav.env.single",
+    "UavParallelEnv": "desim_uav.env.parallel",
+    "UavVectorEnv": "desim_uav.env.vector",
+}
 
-__all__ = ["UavEnv", "UavParallelEnv"]
+__all__ = ["UavEnv", "UavParallelEnv", "UavVectorEnv"]
 
 
 def __getattr__(name: str) -> Any:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import operator
 import secrets
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import numpy as np
@@ -17,7 +17,8 @@ from desim_uav.engine.des import Simulation
 from desim_uav.env.configure import Source, configured
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
-from desim_uav.sample_path import draw
+from desim_uav.sample_path import SamplePath, draw
+from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import flat_mask
 from desim_uav.world import World, build_world
 
@@ -38,25 +39,43 @@ class Session:
     world: World
     engine: Engine
 
-    def __init__(self, scenario: Source, config: Mapping[str, Any] | None = None) -> None:
+    def __init__(
+        self,
+        scenario: Source,
+        config: Mapping[str, Any] | None = None,
+        worlds: Callable[[Scenario, int], World] = build_world,
+        starts: bool = True,
+    ) -> None:
         """On the scenario's own seed where it gives one, else on one that is drawn.
 
-        Raises ScenarioError, or UsageError for a ``config`` of another form.
+        ``worlds`` builds the world of a seed, at once or (``starts``) before the first episode.
+        Raises ScenarioError, or UsageError for a ``config``
+        of another form.
         """
         self.scenario = configured(scenario, config)
+        self._world_of = worlds
         given = "seed" in self.scenario.model_fields_set
-        self._start_over(self.scenario.seed if given else secrets.randbits(32))
+        self.seed = self.scenario.seed if given else secrets.randbits(32)
+        self.episode = -1
+        self._shown: Snapshot | None = None
+        self._started = False
+        if starts:
+            self._start_over(self.seed)
 
     def _start_over(self, seed: int) -> None:
         """A new run."""
         scenario = self.scenario
         fixed = scenario.world_seed
-        self.world = build_world(scenario, seed if fixed is None else fixed)
+        self.world = self._world_of(scenario, seed if fixed is None else fixed)
         ceilings = (True,) * scenario.drones.count
         settings = RunSettings(ceilings, scenario.episode.carry_over, keep_steps=False)
-        self.engine = Simulation(self.world, settings)
+        self.engine = self._engine_of(settings)
         self.seed, self.episode = seed, -1
-        self._shown: Snapshot | None = None
+        self._shown = None
+        self._started = True
+
+    def _engine_of(self, settings: RunSettings) -> Engine:
+        return Simulation(self.world, settings)
 
     @property
     def shown(self) -> Snapshot:
@@ -71,16 +90,23 @@ class Session:
         Drones go on from where an episode that ran its time has left them, where the scenario says
         so. Raises gymnasium's Error for a seed outside 0 … 2**63 - 1.
         """
-        if seed is not None:
-            self._start_over(_checked(seed))
-        self.episode += 1
-        shown = self.engine.reset(draw(self.world, self.seed, self.episode))
+        path = self._next_path(seed)
+        shown = self.engine.reset(path)
         terms = self.scenario.reward.terms(
             shown.observations[0], shown.open_requests, self.world.facts
         )
         self.term_keys = {name: f"reward_{name}" for name in terms}
         self._shown = shown
         return shown
+
+    def _next_path(self, seed: int | None) -> SamplePath:
+        """The sample path of the next episode, or of the first of a new run."""
+        if seed is not None:
+            self._start_over(_checked(seed))
+        elif not self._started:
+            self._start_over(self.seed)
+        self.episode += 1
+        return draw(self.world, self.seed, self.episode)
 
     def step(self, actions: Iterable[Any]) -> Snapshot:
         """Give each drone its action and run to the next decision epoch.

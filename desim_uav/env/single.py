@@ -8,13 +8,17 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import error
 from numpy.typing import NDArray
 
+from desim_uav.env.compiled import Compiled, CompiledSession
 from desim_uav.env.configure import Source
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
 from desim_uav.model.sums import in_order
 from desim_uav.spaces import action_space, features, flat_mask, observation_space
+
+ALL = np.ones(1, np.bool_)
 
 
 class UavEnv(gymnasium.Env[NDArray[Any], Any]):
@@ -35,13 +39,21 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
         scenario: Source,
         config: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
+        engine: str = "des",
     ) -> None:
         """``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it.
 
-        Raises ScenarioError with every problem of either, UnsupportedMode where the mode is
-        unknown or "human" has no display.
+        ``engine``: des (SimPy), or batch (compiled: the same numbers, sooner). Raises ScenarioError
+        with every problem of the scenario, UnsupportedMode where the render mode is unknown or
+        "human" has no display.
         """
-        self.session = Session(scenario, config)
+        if engine not in ("des", "batch"):
+            raise error.Error(f"engine {engine!r}: must be 'des' or 'batch'")
+        self.compiled: Compiled | None = None
+        if engine == "batch":
+            self.session: Session = CompiledSession(scenario, config)
+        else:
+            self.session = Session(scenario, config)
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode
         self.drones = self.session.scenario.drones.count
@@ -57,7 +69,12 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
         There are no ``options``.
         """
         super().reset(seed=seed)
-        self.session.reset(seed)
+        if isinstance(self.session, CompiledSession):
+            if self.compiled is None:
+                self.compiled = Compiled([self.session])
+            self.compiled.begin(ALL, [seed])
+        else:
+            self.session.reset(seed)
         self.screen.refresh()
         return self._observation(), self._info()
 
@@ -67,13 +84,33 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
         A masked action becomes the only allowed one, or hover. Raises ResetNeeded outside an
         episode, ActionError for what is no action.
         """
+        if isinstance(self.session, CompiledSession):
+            return self._step_compiled(action)
         shown = self.session.step([action] if self.drones == 1 else _each(action))
         self.screen.refresh()
         reward = in_order(shown.rewards) / self.drones
         return self._observation(), reward, shown.terminated, shown.truncated, self._info()
 
+    def _step_compiled(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
+        compiled = self.compiled
+        if compiled is None or compiled.over.any():
+            raise error.ResetNeeded("call reset first: the episode is over, or none has begun")
+        compiled.step(compiled.commands([action]), ALL)
+        self.screen.refresh()
+        terminated, truncated = compiled.over[0].tolist()
+        return (
+            self._observation(),
+            float(compiled.rewards[0]),
+            terminated,
+            truncated,
+            self._info(),
+        )
+
     def action_masks(self) -> NDArray[np.bool_]:
         """The masks of all drones, one after the other: (drones * actions,)."""
+        if self.compiled is not None:
+            masks: NDArray[np.bool_] = self.compiled.masks[0].astype(np.bool_)
+            return masks
         return self.session.action_masks()
 
     def render(self) -> NDArray[np.uint8] | None:
@@ -85,10 +122,15 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
         self.screen.close()
 
     def _observation(self) -> NDArray[Any]:
+        if self.compiled is not None:
+            shown: NDArray[Any] = self.compiled.values[0].astype(self.compiled.dtype)
+            return shown
         values = list(chain.from_iterable(self.session.encoded()))
         return np.array(values, self.observation_space.dtype)
 
     def _info(self) -> dict[str, Any]:
+        if self.compiled is not None:
+            return self.compiled.info_of(0)
         session, drones = self.session, self.drones
         shown, rewards = session.shown, session.reward_info()
         return {

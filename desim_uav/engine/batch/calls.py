@@ -2,10 +2,33 @@
 
 from __future__ import annotations
 
+import numpy as np
+from numpy.typing import NDArray
+
 from desim_uav.engine.batch import airlink, drones, machine
+from desim_uav.engine.batch.access import mask_of, seen_of, terms_of
 from desim_uav.engine.batch.kernels import inner, kernel
-from desim_uav.engine.batch.memory import Fixed, Ints, Path, State
-from desim_uav.engine.batch.pointers import moved, pointer
+from desim_uav.engine.batch.memory import (
+    ACTIONS,
+    AT_REWARDS,
+    CRASHES,
+    DRONES,
+    EPOCH,
+    FEATURES,
+    FULL,
+    NOW,
+    S_ATTACHED,
+    TERMINATED,
+    TERMS,
+    TRUNCATED,
+    Fixed,
+    Floats,
+    Ints,
+    Path,
+    State,
+)
+from desim_uav.engine.batch.observations import encode
+from desim_uav.engine.batch.pointers import moved, pointer, real_at, whole_at
 
 
 @inner
@@ -24,6 +47,82 @@ def path_at(p: Path, at_i: int, at_f: int) -> Path:
 def state(s: State) -> State:
     """An environment by pointers."""
     return State(pointer(s.i), pointer(s.f))
+
+
+TOLD = (
+    "sim_time_s",
+    "qoe1_percent",
+    "qoe2_iterations",
+    "qoe3_percent",
+    "attached_users",
+    "crashes",
+)
+"""What is told of an environment, before the terms of the reward."""
+
+
+@kernel
+def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> None:
+    """A step of many environments, ``which`` of them.
+
+    ``environments`` (n, 6): the addresses of the arrays of their ``Fixed``, ``Path`` and ``State``.
+    """
+    for k in range(len(environments)):
+        if which[k]:
+            w, p, s = _environment(environments, k)
+            machine.step(w, p, s, commands[k])
+
+
+@kernel
+def look_at_all(
+    environments: Ints,
+    values: Floats,
+    masks: NDArray[np.int8],
+    rewards: Floats,
+    told: Floats,
+    over: NDArray[np.bool_],
+    which: NDArray[np.bool_],
+) -> None:
+    """What many environments show, ``which`` of them.
+
+    ``values`` (n, drones * features), ``masks`` (n, drones * actions), ``rewards`` (n,) and the
+    terms in ``told`` (n, TOLD and the terms): means over the drones; ``over`` (n, 3): terminated,
+    truncated, short of room.
+    """
+    for k in range(len(environments)):
+        if not which[k]:
+            continue
+        w, _, s = _environment(environments, k)
+        drones, actions, terms = w.i[DRONES], w.i[ACTIONS], w.i[TERMS]
+        for column in range(told.shape[1]):
+            told[k, column] = 0.0
+        rewards[k] = 0.0
+        for d in range(drones):
+            encode(w, s, d, values[k], d * w.i[FEATURES])
+            for action in range(actions):
+                masks[k, d * actions + action] = s.i[mask_of(s, d) + action]
+            told[k, 4] += s.i[seen_of(s, d) + S_ATTACHED]
+            if s.i[EPOCH] > 0:
+                rewards[k] += s.f[s.i[AT_REWARDS] + d]
+                for term in range(terms):
+                    told[k, 6 + term] += s.f[terms_of(s, d) + term]
+        rewards[k] /= drones
+        for term in range(terms):
+            told[k, 6 + term] /= drones
+        told[k, 0] = s.i[NOW] / 1_000_000
+        told[k, 1], told[k, 2], told[k, 3] = airlink.measures(w, s)
+        told[k, 5] = s.i[CRASHES]
+        over[k, 0], over[k, 1] = s.i[TERMINATED] != 0, s.i[TRUNCATED] != 0
+        over[k, 2] = s.i[FULL] != 0
+
+
+@inner
+def _environment(environments: Ints, k: int) -> tuple[Fixed, Path, State]:
+    row = environments[k]
+    return (
+        Fixed(whole_at(row[0]), real_at(row[1])),
+        Path(whole_at(row[2]), real_at(row[3])),
+        State(whole_at(row[4]), real_at(row[5])),
+    )
 
 
 @kernel

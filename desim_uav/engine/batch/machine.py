@@ -58,6 +58,7 @@ from desim_uav.engine.batch.memory import (
     AT_AFFECTED,
     AT_ASKED,
     AT_HEAP,
+    AT_HISTORY,
     AT_OPEN_REQUESTS,
     AT_RESPAWN,
     AT_ROW_OFFSETS,
@@ -276,6 +277,7 @@ def step(w: Fixed, p: Path, s: State, commands: Ints) -> None:
         drone = drone_of(s, d)
         told = commands[d]
         s.i[drone + TOLD] = told if 0 <= told < w.i[ACTIONS] else -1
+        s.i[s.i[AT_HISTORY] + s.i[EPOCH] * w.i[DRONES] + d] = told
         s.i[drone + TAKEN] = _obeyed(w, s, d, s.i[drone + TOLD])
         if s.i[drone + WAITS]:
             note(s, COMMAND, K_DECIDE, d, -1, -1, -1)

@@ -47,6 +47,10 @@ NEVER = 2**62
     NY,
     LEVELS,
     ACTIONS,
+    OBSERVATION,
+    FEATURES,
+    THREE_D,
+    TERMS,
     AT_STATIONS,
     AT_STATION_AT,
     AT_STARTS,
@@ -62,7 +66,7 @@ NEVER = 2**62
     AT_DISTANCES_M,
     AT_WEIGHTS,
     PROFILE_ROWS,
-) = range(36)
+) = range(40)
 """The first of ``Fixed.i``; AT_…: where a section begins. A bandwidth of -1 is unlimited."""
 
 (
@@ -79,6 +83,7 @@ NEVER = 2**62
 
 ON_CRASH_RESPAWN, ON_CRASH_REMOVE, ON_CRASH_END = range(3)
 REWARD_COVERAGE, REWARD_BATTERY, REWARD_SERVICES = range(3)
+OBSERVATION_NONE, OBSERVATION_POSITION, OBSERVATION_LOCAL = range(3)
 
 DURATION_US, ROWS = range(2)
 """Columns of the section of transits."""
@@ -229,13 +234,14 @@ def paths_of(paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
     AT_CLOSED,
     AT_HANDOVERS,
     AT_CRASHED,
+    AT_HISTORY,
     AT_PLACE,
     AT_SHARES,
     AT_REWARDS,
     AT_TERMS,
     AT_USERS_SEEN,
     STATE_HEADER,
-) = range(65)
+) = range(66)
 """The first of ``State.i``: clock, sums and counters, up to ``FULL`` (something did not fit); for
 which span users were looked for; then sizes, and where sections begin, the last five in
 ``State.f``."""
@@ -372,8 +378,9 @@ class State(NamedTuple):
     there; seen and masks (drones, actions), what drones are shown at a decision epoch; record, what
     is logged of the step before; asked, the open requests by service; states (users,) at the
     episode's end; events, closed and handovers (request, drone), which have rows where they are
-    kept; crashed, who did. Of ``f``: place, shares (users,), rewards (drones,) and their terms, and
-    users_seen, where users are in this step (see ``look_around``).
+    kept; crashed, who did; history (steps, drones), the commands of the episode so far. Of ``f``:
+    place, shares (users,), rewards (drones,) and their terms, and users_seen, where users are in
+    this step (see ``look_around``).
     """
 
     i: Ints
@@ -427,6 +434,7 @@ def state_of(
         requests * CLOSED_COLUMNS,
         2 * requests * 2,
         drones * (steps + 2),
+        drones * steps,
     ]
     real = [drones * PLACE_COLUMNS, users, drones, drones * (services + 3), users * SEEN_COLUMNS]
     whole_at, real_at = np.cumsum([STATE_HEADER, *whole]), np.cumsum([2, *real])
@@ -453,6 +461,7 @@ class Views(NamedTuple):
     closed: Ints
     handovers: Ints
     crashed: Ints
+    history: Ints
     rewards: Floats
     terms: Floats
 
@@ -483,7 +492,8 @@ def views(s: State) -> Views:
         events=ints(AT_EVENTS, int(s.i[MOST_EVENTS]), EVENT_COLUMNS),
         closed=ints(AT_CLOSED, int(s.i[MOST_CLOSED]), CLOSED_COLUMNS),
         handovers=ints(AT_HANDOVERS, int(s.i[MOST_HANDOVERS]), 2),
-        crashed=s.i[s.i[AT_CRASHED] :],
+        crashed=s.i[s.i[AT_CRASHED] : s.i[AT_HISTORY]],
+        history=s.i[s.i[AT_HISTORY] :].reshape(-1, drones),
         rewards=floats(AT_REWARDS, drones),
         terms=floats(AT_TERMS, drones, services + 3),
     )

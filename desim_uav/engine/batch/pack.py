@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.batch.memory import (
+    OBSERVATION_LOCAL,
+    OBSERVATION_NONE,
+    OBSERVATION_POSITION,
     ON_CRASH_END,
     ON_CRASH_REMOVE,
     ON_CRASH_RESPAWN,
@@ -23,6 +27,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.admission import FirstCome
 from desim_uav.model.battery import Endurance
 from desim_uav.model.motion import REST, Transit
+from desim_uav.model.observations import Local, Position
 from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.model.rules import MOVES
 from desim_uav.world import World
@@ -32,6 +37,7 @@ REWARDS = {
     CoverageBattery: REWARD_BATTERY,
     MultiService: REWARD_SERVICES,
 }
+OBSERVATIONS = {Position: OBSERVATION_POSITION, Local: OBSERVATION_LOCAL}
 CRASHES = {"respawn": ON_CRASH_RESPAWN, "remove": ON_CRASH_REMOVE, "end_episode": ON_CRASH_END}
 AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
@@ -54,6 +60,17 @@ def refused(world: World) -> list[str]:
     return problems
 
 
+def term_names(world: World) -> tuple[str, ...]:
+    """The terms of a reward that has a kernel, in its order."""
+    reward = world.scenario.reward
+    if isinstance(reward, Coverage):
+        return ("users",)
+    if isinstance(reward, CoverageBattery):
+        return ("users", "return")
+    return ("users", *world.services.names, "return", "charging")
+
+
+@lru_cache(maxsize=16)
 def pack(world: World, settings: RunSettings) -> Fixed:
     """The arrays. Raises ScenarioError for components that have no kernel."""
     problems = refused(world)
@@ -122,6 +139,10 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         *grid.cells,
         len(grid.levels_m),
         len(world.actions),
+        OBSERVATIONS.get(type(scenario.observation), OBSERVATION_NONE),
+        len(scenario.observation.features(world.facts)),
+        scenario.three_d,
+        len(term_names(world)),
     ]
     whole += _starts(PROFILE_ROWS + 1, whole_sections)
     whole += _starts(len(real), real_sections)

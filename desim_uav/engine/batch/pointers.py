@@ -47,7 +47,27 @@ def _table(typing_context: Any, memory: Any, rows: Any, columns: Any) -> Any:
     return kind(memory, types.int64, types.int64), generate
 
 
+def _whole_at(typing_context: Any, address: Any) -> Any:
+    """Whole numbers at an address."""
+    return _memory_at(types.int64), _from_address
+
+
+def _real_at(typing_context: Any, address: Any) -> Any:
+    """Real numbers at an address."""
+    return _memory_at(types.float64), _from_address
+
+
+def _memory_at(number: Any) -> Any:
+    return types.CPointer(number)(types.int64)
+
+
+def _from_address(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    return builder.inttoptr(arguments[0], context.get_value_type(signature.return_type))
+
+
 in_kernels: Any = intrinsic
 pointer: Callable[[Any], Any] = in_kernels(_pointer)
 moved: Callable[[Any, int], Any] = in_kernels(_moved)
 table: Callable[[Any, int, int], Any] = in_kernels(_table)
+whole_at: Callable[[int], Any] = in_kernels(_whole_at)
+real_at: Callable[[int], Any] = in_kernels(_real_at)

@@ -47,6 +47,8 @@ from desim_uav.engine.batch.memory import (
     LEVEL,
     MODE,
     NOW,
+    OBSERVATION,
+    OBSERVATION_NONE,
     QUEUEING_US,
     ROUTE,
     ROUTE_END,
@@ -71,10 +73,9 @@ from desim_uav.engine.batch.memory import (
     state_of,
     views,
 )
-from desim_uav.engine.batch.pack import pack
-from desim_uav.errors import SimulationError
+from desim_uav.engine.batch.pack import pack, term_names
+from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.coverage import all_walked
-from desim_uav.model.rewards import Coverage, CoverageBattery
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.sample_path import SamplePath
@@ -124,7 +125,7 @@ class BatchSimulation:
         self._make_room()
         self._carried: Carried | None = None
         self._under_way = False
-        self._names = self._term_names()
+        self.term_names = term_names(world)
 
     def _section(self, first: int, after: int) -> Ints:
         fixed = self.fixed.i
@@ -145,13 +146,13 @@ class BatchSimulation:
         )
         self.views = views(self.state)
 
-    def _term_names(self) -> tuple[str, ...]:
-        reward = self.world.scenario.reward
-        if isinstance(reward, Coverage):
-            return ("users",)
-        if isinstance(reward, CoverageBattery):
-            return ("users", "return")
-        return ("users", *self.world.services.names, "return", "charging")
+    def refuse_unseen(self) -> None:
+        """Raises ScenarioError where the scenario's observation has no kernel."""
+        observation = self.world.scenario.observation
+        if self.fixed.i[OBSERVATION] == OBSERVATION_NONE:
+            raise ScenarioError(
+                f"observation: {type(observation).__name__!r} has no kernel; engine des has it"
+            )
 
     # ---- episodes
 
@@ -167,14 +168,18 @@ class BatchSimulation:
 
     def reset(self, path: SamplePath) -> Snapshot:
         """Begin an episode and run up to its first decision epoch."""
-        self._packed, _ = self.prepare([path])
-        self._commands: list[Ints] = []
+        self.begin(path)
+        return self.snapshot()
+
+    def begin(self, path: SamplePath) -> None:
+        """The same without looking."""
+        self.shown = None
+        self.packed, _ = self.prepare([path])
         self._drones_began = tuple(
             part.copy() for part in (self.state.i[:COUNTERS], *self._drone_views())
         )
-        calls.reset(self.fixed, self._packed, self.state)
-        self._drain()
-        return self._show()
+        calls.reset(self.fixed, self.packed, self.state)
+        self.drain()
 
     def prepare(self, paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
         """Put the drones where they begin; episodes on these packed paths are to follow."""
@@ -210,14 +215,14 @@ class BatchSimulation:
         told = np.array([c if 0 <= c < count else -1 for c in commands], np.int64)
         if len(told) != len(self.views.drone):
             raise ValueError(f"{len(told)} commands for {len(self.views.drone)} drones")
-        self._commands.append(told)
-        calls.step(self.fixed, self._packed, self.state, told)
-        self._drain()
-        return self._show()
+        calls.step(self.fixed, self.packed, self.state, told)
+        self.drain()
+        return self.snapshot()
 
-    def _drain(self) -> None:
+    def drain(self) -> None:
         """Move what has happened into the log; where it did not fit, make room and play again."""
         while self.state.i[FULL]:
+            told_so_far = self.views.history[: self.state.i[EPOCH]].copy()
             self.room *= 2
             self.crossing_room *= 2
             self._make_room()
@@ -226,12 +231,12 @@ class BatchSimulation:
             for view, part in zip(self._drone_views(), parts, strict=True):
                 view[:] = part
             self._new_log()
-            calls.reset(self.fixed, self._packed, self.state)
-            for told in self._commands:
+            calls.reset(self.fixed, self.packed, self.state)
+            for told in told_so_far:
                 if self.state.i[FULL]:
                     break
                 self._drain_log()
-                calls.step(self.fixed, self._packed, self.state, told)
+                calls.step(self.fixed, self.packed, self.state, told)
         self._drain_log()
 
     def _drain_log(self) -> None:
@@ -333,6 +338,14 @@ class BatchSimulation:
             return None, None, math.inf
         return station, duration_us / US, drained_us
 
+    def addresses(self) -> tuple[int, ...]:
+        """Where the arrays of world, sample path and state are (see ``calls.step_all``)."""
+        return tuple(
+            array.__array_interface__["data"][0]
+            for part in (self.fixed, self.packed, self.state)
+            for array in part
+        )
+
     # ---- from one episode to the next
 
     def carried(self) -> Carried | None:
@@ -414,7 +427,8 @@ class BatchSimulation:
 
     # ---- what policies are shown
 
-    def _show(self) -> Snapshot:
+    def snapshot(self) -> Snapshot:
+        """The state at the present decision epoch."""
         state, whole, facts = self.views, self.state.i, self.world.facts
         epoch, now_us = int(whole[EPOCH]), int(whole[NOW])
         services, capacity_s = len(facts.services), facts.capacity_s
@@ -447,7 +461,8 @@ class BatchSimulation:
         terms: tuple[dict[str, float], ...] = ()
         if epoch:
             rewards = tuple(state.rewards.tolist())
-            terms = tuple(dict(zip(self._names, row, strict=False)) for row in state.terms.tolist())
+            names = self.term_names
+            terms = tuple(dict(zip(names, row, strict=False)) for row in state.terms.tolist())
         self.shown = Snapshot(
             epoch,
             now_us,
