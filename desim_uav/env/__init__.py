@@ -8,15 +8,17 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from desim_uav.env.parallel import UavParallelEnv
     from desim_uav.env.single import UavEnv
+    from desim_uav.env.stable_baselines import UavVecEnv
     from desim_uav.env.vector import UavVectorEnv
 
 _PUBLIC = {
     "UavEnv": "desim_uav.env.single",
     "UavParallelEnv": "desim_uav.env.parallel",
+    "UavVecEnv": "desim_uav.env.stable_baselines",
     "UavVectorEnv": "desim_uav.env.vector",
 }
 
-__all__ = ["UavEnv", "UavParallelEnv", "UavVectorEnv"]
+__all__ = ["UavEnv", "UavParallelEnv", "UavVecEnv", "UavVectorEnv"]
 
 
 def __getattr__(name: str) -> Any:

@@ -18,9 +18,10 @@ from desim_uav.model.state import Snapshot
 from desim_uav.spaces import features, observation_space
 
 ADDRESSES = 6
+MEASURES = ("sim_time_s", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
 SEEDS = ("seed", "world_seed", "episode_number")
 COUNTS = ("attached_users", "crashes")
-"""What is told as whole numbers."""
+"""What is told, before the terms of the reward; the last two rows are whole numbers."""
 
 
 class CompiledSession(Session):
@@ -64,12 +65,14 @@ class Compiled:
         shown = features(world)
         self.drones, self.actions = drones, len(world.actions)
         self.dtype = observation_space(shown).dtype
-        self.names = (*calls.TOLD, *(f"reward_{name}" for name in first.engine.term_names))
+        terms = tuple(f"reward_{name}" for name in first.engine.term_names)
+        self.keys = (*MEASURES, *SEEDS, *COUNTS, *terms)
         self.values = np.zeros((count, drones * len(shown)))
         self.masks = np.zeros((count, drones * self.actions), np.int8)
         self.rewards = np.zeros(count)
-        self._told = np.zeros((count, len(self.names)))
+        self._told = np.zeros((count, len(MEASURES) + len(COUNTS) + len(terms)))
         self._over = np.zeros((count, 3), np.bool_)
+        self._shown = (self.values, self.masks, self.rewards, self._told, self._over)
         self._seeds = np.zeros((count, len(SEEDS)), np.int64)
         self._table = np.zeros((count, ADDRESSES), np.int64)
         bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
@@ -93,9 +96,7 @@ class Compiled:
 
     def step(self, commands: NDArray[np.int64], which: NDArray[np.bool_]) -> None:
         """Give ``which`` of them commands (n, drones), and run each to its next decision epoch."""
-        self._share(lambda part: calls.step_all(self._table[part], commands[part], which[part]))
-        self._look(which)
-        if self._over[:, 2].any():
+        if self._share(calls.step_all, commands, which):
             self._make_room()
 
     def commands(self, actions: Any) -> NDArray[np.int64]:
@@ -115,20 +116,19 @@ class Compiled:
 
     def info(self) -> dict[str, NDArray[Any]]:
         """What is told beside the observations: an array for each key, of n numbers or masks."""
-        told = dict(zip(self.names, self._told.T.copy(), strict=True))
-        found = {name: told.pop(name) for name in calls.TOLD if name not in COUNTS}
-        found |= dict(zip(SEEDS, self._seeds.T.copy(), strict=True))
-        found |= {name: told.pop(name).astype(np.int64) for name in COUNTS}
-        return {**found, **told, "action_mask": self.masks.copy()}
+        told, seeds = self._told.T.copy(), self._seeds.T.copy()
+        first, last = len(MEASURES), len(MEASURES) + len(COUNTS)
+        columns = (*told[:first], *seeds, *told[first:last].astype(np.int64), *told[last:])
+        return {**dict(zip(self.keys, columns, strict=True)), "action_mask": self.masks.copy()}
 
     def info_of(self, k: int) -> dict[str, Any]:
         """The same of one of them."""
-        told = dict(zip(self.names, self._told[k].tolist(), strict=True))
-        found = {name: told.pop(name) for name in calls.TOLD if name not in COUNTS}
-        found.update(zip(SEEDS, self._seeds[k].tolist(), strict=True))
-        for name in COUNTS:
-            found[name] = int(told.pop(name))
-        return {**found, **told, "action_mask": self.masks[k].copy()}
+        qoe = self._told[k].tolist()
+        time_s, one, two, three, attached, crashes, *terms = qoe
+        row = (time_s, one, two, three, *self._seeds[k].tolist(), int(attached), int(crashes))
+        told: dict[str, Any] = dict(zip(self.keys, (*row, *terms), strict=True))
+        told["action_mask"] = self.masks[k].copy()
+        return told
 
     def close(self) -> None:
         """End the threads."""
@@ -136,28 +136,21 @@ class Compiled:
             self._pool.shutdown()
 
     def _look(self, which: NDArray[np.bool_]) -> None:
-        shown: tuple[Any, ...] = (
-            self._table,
-            self.values,
-            self.masks,
-            self.rewards,
-            self._told,
-            self._over,
-            which,
-        )
-        self._share(lambda part: calls.look_at_all(*(array[part] for array in shown)))
+        self._share(calls.look_at_all, which)
 
-    def _share(self, work: Callable[[slice], None]) -> None:
+    def _share(self, work: Callable[..., int], *given: NDArray[Any]) -> int:
+        """Let a kernel work on all environments, each thread on its share of them."""
+        arrays = (self._table, *given, *self._shown)
         if self._pool is None:
-            work(self._shares[0])
-        else:
-            list(self._pool.map(work, self._shares))
+            return work(*arrays)
+        parts = [[array[share] for array in arrays] for share in self._shares]
+        return sum(self._pool.map(lambda part: work(*part), parts))
 
     def _make_room(self) -> None:
         """Play again, with more room, what did not fit."""
         full = self._over[:, 2].copy()
         for k in full.nonzero()[0].tolist():
             engine = self.sessions[k].engine
-            engine.drain()
+            engine.drain()  # plays again, with more room
             self._table[k] = engine.addresses()
         self._look(full)

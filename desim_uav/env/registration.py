@@ -13,6 +13,7 @@ from types import ModuleType
 
 CASES = range(1, 10)
 ENTRY_POINT = "desim_uav.env.single:UavEnv"
+VECTOR = "desim_uav.env.vector:UavVectorEnv"
 REGISTRY = "gymnasium.envs.registration"
 
 
@@ -26,7 +27,7 @@ def register_envs() -> None:
     cases = {f"desim_uav/Case{number}-v0": {"scenario": f"case{number}"} for number in CASES}
     for name, parameters in {**cases, "desim_uav/Uav-v0": {}}.items():
         if name not in registry:
-            register(name, entry_point=ENTRY_POINT, kwargs=parameters)
+            register(name, entry_point=ENTRY_POINT, vector_entry_point=VECTOR, kwargs=parameters)
 
 
 def register_with_gymnasium() -> None:

@@ -116,10 +116,10 @@ class Session:
         shown = self.shown
         if shown.terminated or shown.truncated:
             raise error.ResetNeeded("call reset first: the episode is over")
-        shown = self._shown = self.engine.step(self._commands(actions))
+        shown = self._shown = self.engine.step(self.commands(actions))
         return shown
 
-    def _commands(self, actions: Iterable[Any]) -> list[int]:
+    def commands(self, actions: Iterable[Any]) -> list[int]:
         """Actions as commands, drones in order."""
         try:
             commands = list(map(operator.index, actions))

@@ -73,6 +73,7 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
             if self.compiled is None:
                 self.compiled = Compiled([self.session])
             self.compiled.begin(ALL, [seed])
+            self._over = False
         else:
             self.session.reset(seed)
         self.screen.refresh()
@@ -93,11 +94,13 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
 
     def _step_compiled(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         compiled = self.compiled
-        if compiled is None or compiled.over.any():
+        if compiled is None or self._over:
             raise error.ResetNeeded("call reset first: the episode is over, or none has begun")
-        compiled.step(compiled.commands([action]), ALL)
+        actions = [action] if self.drones == 1 else _each(action)
+        compiled.step(np.array([self.session.commands(actions)]), ALL)
         self.screen.refresh()
         terminated, truncated = compiled.over[0].tolist()
+        self._over = terminated or truncated
         return (
             self._observation(),
             float(compiled.rewards[0]),

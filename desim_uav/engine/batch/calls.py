@@ -61,58 +61,77 @@ TOLD = (
 
 
 @kernel
-def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> None:
-    """A step of many environments, ``which`` of them.
-
-    ``environments`` (n, 6): the addresses of the arrays of their ``Fixed``, ``Path`` and ``State``.
-    """
-    for k in range(len(environments)):
-        if which[k]:
-            w, p, s = _environment(environments, k)
-            machine.step(w, p, s, commands[k])
-
-
-@kernel
-def look_at_all(
+def step_all(
     environments: Ints,
+    commands: Ints,
+    which: NDArray[np.bool_],
     values: Floats,
     masks: NDArray[np.int8],
     rewards: Floats,
     told: Floats,
     over: NDArray[np.bool_],
+) -> int:
+    """A step of many environments, ``which`` of them; how many have run out of room.
+
+    ``environments`` (n, 6): the addresses of the arrays of their ``Fixed``, ``Path`` and ``State``.
+    The rest is as in ``look_at_all``.
+    """
+    for k in range(len(environments)):
+        if which[k]:
+            w, p, s = _environment(environments, k)
+            machine.step(w, p, s, commands[k])
+    return look_at_all(environments, which, values, masks, rewards, told, over)
+
+
+@kernel
+def look_at_all(
+    environments: Ints,
     which: NDArray[np.bool_],
-) -> None:
-    """What many environments show, ``which`` of them.
+    values: Floats,
+    masks: NDArray[np.int8],
+    rewards: Floats,
+    told: Floats,
+    over: NDArray[np.bool_],
+) -> int:
+    """What many environments show, ``which`` of them; how many have run out of room.
 
     ``values`` (n, drones * features), ``masks`` (n, drones * actions), ``rewards`` (n,) and the
     terms in ``told`` (n, TOLD and the terms): means over the drones; ``over`` (n, 3): terminated,
     truncated, short of room.
     """
+    full = 0
     for k in range(len(environments)):
-        if not which[k]:
-            continue
-        w, _, s = _environment(environments, k)
-        drones, actions, terms = w.i[DRONES], w.i[ACTIONS], w.i[TERMS]
-        for column in range(told.shape[1]):
-            told[k, column] = 0.0
-        rewards[k] = 0.0
-        for d in range(drones):
-            encode(w, s, d, values[k], d * w.i[FEATURES])
-            for action in range(actions):
-                masks[k, d * actions + action] = s.i[mask_of(s, d) + action]
-            told[k, 4] += s.i[seen_of(s, d) + S_ATTACHED]
+        if which[k]:
+            w, _, s = _environment(environments, k)
+            _look_at(w, s, values[k], masks[k], told[k])
+            rewards[k] = 0.0
             if s.i[EPOCH] > 0:
-                rewards[k] += s.f[s.i[AT_REWARDS] + d]
-                for term in range(terms):
-                    told[k, 6 + term] += s.f[terms_of(s, d) + term]
-        rewards[k] /= drones
-        for term in range(terms):
-            told[k, 6 + term] /= drones
-        told[k, 0] = s.i[NOW] / 1_000_000
-        told[k, 1], told[k, 2], told[k, 3] = airlink.measures(w, s)
-        told[k, 5] = s.i[CRASHES]
-        over[k, 0], over[k, 1] = s.i[TERMINATED] != 0, s.i[TRUNCATED] != 0
-        over[k, 2] = s.i[FULL] != 0
+                for d in range(w.i[DRONES]):
+                    rewards[k] += s.f[s.i[AT_REWARDS] + d]
+            rewards[k] /= w.i[DRONES]
+            over[k, 0], over[k, 1] = s.i[TERMINATED] != 0, s.i[TRUNCATED] != 0
+            over[k, 2] = s.i[FULL] != 0
+            full += over[k, 2]
+    return full
+
+
+@inner
+def _look_at(w: Fixed, s: State, values: Floats, mask: NDArray[np.int8], told: Floats) -> None:
+    drones, actions, terms = w.i[DRONES], w.i[ACTIONS], w.i[TERMS]
+    told[0] = s.i[NOW] / 1_000_000
+    told[1], told[2], told[3] = airlink.measures(w, s)
+    told[4:] = 0.0
+    for d in range(drones):
+        encode(w, s, d, values, d * w.i[FEATURES])
+        for action in range(actions):
+            mask[d * actions + action] = s.i[mask_of(s, d) + action]
+        told[4] += s.i[seen_of(s, d) + S_ATTACHED]
+        if s.i[EPOCH] > 0:
+            for term in range(terms):
+                told[6 + term] += s.f[terms_of(s, d) + term]
+    told[5] = s.i[CRASHES]
+    for term in range(terms):
+        told[6 + term] /= drones
 
 
 @inner

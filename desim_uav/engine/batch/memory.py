@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.coverage import SEEN_COLUMNS
+from desim_uav.model.mobility import Walks
 from desim_uav.sample_path import SamplePath
 
 Ints = NDArray[np.int64]
@@ -170,6 +171,12 @@ def paths_of(paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
         at_f += size
     packed = Path(np.concatenate(whole, dtype=np.int64), np.concatenate(real))
     return packed, np.array(starts, np.int64)
+
+
+def walks_of(path: Path) -> Walks:
+    """The walks of a packed sample path."""
+    _, at_offsets, at_rows, *_, reals = path.i[:PATH_HEADER].tolist()
+    return Walks(path.f[:reals].reshape(-1, 5), path.i[at_offsets:at_rows])
 
 
 # ---- State

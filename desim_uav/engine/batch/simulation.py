@@ -72,6 +72,7 @@ from desim_uav.engine.batch.memory import (
     paths_of,
     state_of,
     views,
+    walks_of,
 )
 from desim_uav.engine.batch.pack import pack, term_names
 from desim_uav.errors import ScenarioError, SimulationError
@@ -84,7 +85,7 @@ from desim_uav.world import World
 MODES = tuple(Mode)
 PHASES = (None, *Phase)
 STATES = tuple(UserState)
-ROOM, CROSSINGS_A_USER = 256, 4
+ROOM, CROSSINGS_A_USER = 256, 2
 """Rows for what is kept of a step, and for a leg's crossings; there is more where needed."""
 
 
@@ -188,7 +189,7 @@ class BatchSimulation:
             self._load(self._carried)
         self._carried = None
         self._under_way = True
-        self._path = paths[-1]
+        self._episode = paths[-1].episode
         self._new_log()
         return paths_of(paths)
 
@@ -205,7 +206,7 @@ class BatchSimulation:
 
     def _new_log(self) -> None:
         self._served_by: dict[int, list[int]] = {}
-        self.log = EpisodeLog(self._path.episode, [] if self.settings.keep_events else None)
+        self.log = EpisodeLog(self._episode, [] if self.settings.keep_events else None)
 
     def step(self, commands: Sequence[int]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
@@ -486,7 +487,7 @@ class BatchSimulation:
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Where drones and users truly are: (drones, 3) and (users, 3)."""
         users = self.world.homes.copy()
-        users[:, :2] = all_walked(*self._path.walks, int(self.state.i[NOW]))
+        users[:, :2] = all_walked(*walks_of(self.packed), int(self.state.i[NOW]))
         count = len(self.views.drone)
         drones = [calls.position(self.fixed, self.state, d) for d in range(count)]
         return np.array(drones), users

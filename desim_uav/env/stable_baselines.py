@@ -1,0 +1,107 @@
+"""Stable-baselines3's vector environment over ``UavVectorEnv`` (extra ``sb3``)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from desim_uav.env.configure import Source
+from desim_uav.env.vector import UavVectorEnv
+from desim_uav.errors import MissingExtraError
+
+try:
+    from stable_baselines3.common.vec_env import VecEnv
+except ImportError as missing:
+    raise MissingExtraError("UavVecEnv", "sb3") from missing
+
+TOLD_ONCE = "final_"
+"""What a key begins with that only the end of an episode has."""
+
+
+class UavVecEnv(VecEnv):
+    """``num_envs`` environments for stable-baselines3 and sb3-contrib, MaskablePPO among them.
+
+    Episodes begin anew in the step that ends them; the end is in that environment's info, as
+    ``terminal_observation`` and ``TimeLimit.truncated``. ``seed(s)`` counts from the next reset on:
+    environment k has the seed s + k.
+    """
+
+    def __init__(
+        self,
+        scenario: Source,
+        num_envs: int,
+        config: Mapping[str, Any] | None = None,
+        threads: int = 1,
+    ) -> None:
+        """As ``UavVectorEnv``. Raises what it raises."""
+        self.vector = UavVectorEnv(scenario, num_envs, config, AutoresetMode.SAME_STEP, threads)
+        self.actions: NDArray[Any] | None = None
+        vector = self.vector
+        super().__init__(num_envs, vector.single_observation_space, vector.single_action_space)
+
+    def reset(self) -> NDArray[Any]:
+        """The next episode everywhere, or the first of new runs where ``seed`` has been called."""
+        seen, infos = self.vector.reset(seed=self._seeds)
+        self.reset_infos = self._each(infos)
+        self._reset_seeds()
+        self._reset_options()
+        return seen
+
+    def step_async(self, actions: NDArray[Any]) -> None:
+        """Take the actions of the next step."""
+        self.actions = actions
+
+    def step_wait(
+        self,
+    ) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
+        """Step."""
+        seen, rewards, terminated, truncated, told = self.vector.step(np.asarray(self.actions))
+        infos = self._each(told)
+        ended = np.logical_or(terminated, truncated)
+        last = self._each(told["final_info"]) if ended.any() else []
+        for k in ended.nonzero()[0].tolist():
+            self.reset_infos[k], infos[k] = infos[k], last[k]
+            infos[k]["terminal_observation"] = told["final_obs"][k]
+            infos[k]["TimeLimit.truncated"] = bool(truncated[k] and not terminated[k])
+        return seen, rewards.astype(np.float32), ended, infos
+
+    def close(self) -> None:
+        """End the threads."""
+        self.vector.close()
+
+    def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
+        """What ``UavVectorEnv`` has by that name, for each environment."""
+        if attr_name == "action_masks":
+            return [None for _ in self._get_indices(indices)]
+        return [getattr(self.vector, attr_name) for _ in self._get_indices(indices)]
+
+    def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
+        """Raises AttributeError: what they are is said when they are made."""
+        raise AttributeError(f"{attr_name}: the environments are one object; make another")
+
+    def env_method(
+        self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
+    ) -> list[Any]:
+        """Only ``action_masks``, one of each environment. Raises AttributeError."""
+        if method_name != "action_masks":
+            raise AttributeError(f"{method_name}: only action_masks can be called")
+        masks = self.vector.action_masks()
+        return [masks[k] for k in self._get_indices(indices)]
+
+    def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
+        """None of them is."""
+        return [False for _ in self._get_indices(indices)]
+
+    def _each(self, told: dict[str, Any]) -> list[dict[str, Any]]:
+        """Infos, one a dict: numbers as Python's own."""
+        plain = {
+            key: list(values) if values.ndim > 1 else values.tolist()
+            for key, values in told.items()
+            if not key.startswith(("_", TOLD_ONCE))
+        }
+        rows: Sequence[tuple[Any, ...]] = list(zip(*plain.values(), strict=True))
+        return [dict(zip(plain, row, strict=True)) for row in rows]

@@ -1,0 +1,264 @@
+"""Environments in the compiled engine give the numbers of those on SimPy, one or many."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env
+from gymnasium.vector import AutoresetMode, SyncVectorEnv
+
+from desim_uav.env import UavEnv, UavVectorEnv
+from desim_uav.env.session import ActionError
+from desim_uav.errors import ScenarioError
+from desim_uav.model.rewards import Coverage
+
+CASES = [f"case{k}" for k in range(1, 10)]
+MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
+SHORT = {"drones.battery.autonomy_min": 7}
+
+
+def config(case: str, **more: Any) -> dict[str, Any]:
+    return {"episode.steps": 10, **(SHORT if case > "case3" else {}), **more}
+
+
+def legal(masks: np.ndarray, drones: int, rng: np.random.Generator) -> np.ndarray:
+    """An allowed action for each drone of each environment."""
+    rows = masks.reshape(len(masks), drones, -1)
+    return np.array([[rng.choice(np.flatnonzero(mask)) for mask in row] for row in rows])
+
+
+def assert_same(one: Any, other: Any, where: str = "") -> None:
+    if isinstance(one, dict):
+        assert one.keys() == other.keys()
+        for key in one:
+            assert_same(one[key], other[key], f"{where}/{key}")
+    elif isinstance(one, np.ndarray) and one.dtype == object:
+        for a, b in zip(one, other, strict=True):
+            assert (a is None) == (b is None), where
+            if a is not None:
+                assert_same(a, b, where)
+    elif isinstance(one, np.ndarray):
+        assert one.dtype == other.dtype, where
+        assert np.array_equal(one, other, equal_nan=one.dtype.kind == "f"), where
+    else:
+        assert type(one) is type(other), where
+        assert one == other or (one != one and other != other), where
+
+
+@pytest.mark.parametrize("kind", ["position", "local"])
+@pytest.mark.parametrize("case", CASES)
+def test_one_environment_is_the_same_in_both_engines(case: str, kind: str):
+    changes = config(case, **{"observation.kind": kind})
+    one, other = UavEnv(case, changes), UavEnv(case, changes, engine="batch")
+    assert one.observation_space == other.observation_space
+    rng = np.random.default_rng(1)
+    for seed in (3, None, None, 4):
+        seen, others = one.reset(seed=seed), other.reset(seed=seed)
+        assert_same(list(seen)[1], list(others)[1])
+        assert_same(seen[0], others[0])
+        over = False
+        while not over:
+            assert_same(one.action_masks(), other.action_masks())
+            (action,) = legal(seen[1]["action_mask"][None], one.drones, rng)
+            action = action if one.drones > 1 else action[0]
+            seen, others = one.step(action)[::4], other.step(action)
+            assert_same(seen[0], others[0])
+            assert_same(seen[1], others[4])
+            over = others[2] or others[3]
+        assert one.session.shown == other.session.shown
+        assert [a.tolist() for a in one.session.engine.positions_m()] == [
+            b.tolist() for b in other.session.engine.positions_m()
+        ]
+
+
+def test_rewards_and_ends_are_the_same_too():
+    changes = config("case9", **{"drones.battery.on_crash": "end_episode", "episode.steps": 40})
+    one, other = UavEnv("case9", changes), UavEnv("case9", changes, engine="batch")
+    ends = set()
+    for seed in range(8):
+        one.reset(seed=seed)
+        other.reset(seed=seed)
+        while True:
+            told, others = one.step([4, 4, 4])[1:4], other.step([4, 4, 4])[1:4]
+            assert told == others
+            if told[1] or told[2]:
+                ends.add(told[1:])
+                break
+    assert (True, False) in ends
+
+
+@pytest.mark.parametrize("mode", MODES)
+@pytest.mark.parametrize("case", ["case1", "case5", "case8", "case9"])
+def test_many_are_those_that_gymnasium_would_step_one_by_one(case: str, mode: AutoresetMode):
+    changes = config(case, **{"observation.kind": "local" if case == "case9" else "position"})
+    one = SyncVectorEnv([lambda: UavEnv(case, changes)] * 3, autoreset_mode=mode)
+    other = UavVectorEnv(case, 3, changes, autoreset_mode=mode, threads=2)
+    assert other.metadata["autoreset_mode"] is mode
+    assert one.single_action_space == other.single_action_space
+    assert one.observation_space == other.observation_space
+    (seen, told), (others, also) = one.reset(seed=6), other.reset(seed=6)
+    assert_same(seen, others)
+    assert_same(told, also)
+    rng, drones = np.random.default_rng(2), UavEnv(case, changes).drones
+    for _ in range(26):
+        assert (other.action_masks() == told["action_mask"]).all()
+        actions = legal(told["action_mask"], drones, rng)
+        actions = actions if drones > 1 else actions[:, 0]
+        seen, others = one.step(actions), other.step(actions)
+        for part, same in zip(seen, others, strict=True):
+            assert_same(part, same)
+        told = seen[4]
+    other.close()
+
+
+def test_the_number_of_threads_changes_nothing():
+    outcomes = []
+    for threads in (1, 2, 5):
+        env = UavVectorEnv("case8", 5, {"world_seed": 1}, threads=threads)
+        env.reset(seed=[4, 9, None, 1, 0] if threads else None)
+        rng = np.random.default_rng(3)
+        shown = [env.step(legal(env.compiled.masks, 3, rng))[0][[0, 1, 3, 4]] for _ in range(35)]
+        outcomes.append(np.array(shown))
+        env.close()
+    assert (outcomes[0] == outcomes[1]).all() and (outcomes[0] == outcomes[2]).all()
+
+
+def test_one_world_for_all_where_its_seed_is_given():
+    env = UavVectorEnv("case8", 4, {"world_seed": 7})
+    _, told = env.reset(seed=1)
+    assert told["world_seed"].tolist() == [7] * 4 and told["seed"].tolist() == [1, 2, 3, 4]
+    sessions = env.compiled.sessions
+    assert len({id(session.world) for session in sessions}) == 1
+    assert len({id(session.engine.fixed) for session in sessions}) == 1
+    _, told = UavVectorEnv("case8", 2).reset(seed=1)
+    assert told["world_seed"].tolist() == [1, 2]
+
+
+def test_more_crossings_than_there_is_room_for():
+    """Users who run: one environment runs out of room, is played again with more, and goes on."""
+    run = {"users.mobility": {"kind": "random_walk", "speed_mps": 190.0, "leg_s": 2.0}}
+    one = SyncVectorEnv([lambda: UavEnv("case2", run)] * 2)
+    other = UavVectorEnv("case2", 2, run)
+    room = other.compiled.sessions[0].engine.crossing_room
+    one.reset(seed=0)
+    _, told = other.reset(seed=0)
+    rng = np.random.default_rng(0)
+    for _ in range(12):
+        actions = legal(told["action_mask"], other.compiled.drones, rng)
+        actions = actions.reshape(other.action_space.shape)
+        seen, others = one.step(actions), other.step(actions)
+        for part, same in zip(seen, others, strict=True):
+            assert_same(part, same)
+        told = others[4]
+    assert max(s.engine.crossing_room for s in other.compiled.sessions) > room
+
+
+def test_gymnasium_makes_them():
+    env = gymnasium.make_vec("desim_uav/Case8-v0", num_envs=3, threads=2)
+    assert isinstance(env.unwrapped, UavVectorEnv)
+    _, told = env.reset(seed=5)
+    assert told["seed"].tolist() == [5, 6, 7]
+    env.close()
+
+
+@pytest.mark.parametrize("case", ["case1", "case8"])
+def test_gymnasium_finds_nothing(case: str):
+    check_env(UavEnv(case, engine="batch"), skip_render_check=True)
+    env = gymnasium.make(f"desim_uav/{case.title()}-v0", engine="batch")
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+
+
+@pytest.mark.parametrize(
+    "actions", [[0, 1], [[0], [1], [99]], [[0], [-1], [1]], [[0.5]] * 3, "abc", [[0], [0, 1], [2]]]
+)
+def test_what_are_no_actions(actions: Any):
+    env = UavVectorEnv("case1", 3)
+    env.reset(seed=0)
+    with pytest.raises(ActionError):
+        env.step(actions)
+
+
+def test_nothing_happens_before_a_reset():
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        UavVectorEnv("case1", 2).step(np.zeros(2, int))
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        UavEnv("case1", engine="batch").step(0)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"num_envs": 0}, {"num_envs": 2, "threads": 0}, {"num_envs": 2, "autoreset_mode": "never"}],
+)
+def test_what_cannot_be_asked_for(wrong: dict[str, Any]):
+    with pytest.raises(gymnasium.error.Error):
+        UavVectorEnv("case1", **wrong)
+    with pytest.raises(gymnasium.error.Error, match="'des' or 'batch'"):
+        UavEnv("case1", engine="gpu")
+    with pytest.raises(gymnasium.error.Error, match="2 environments"):
+        UavVectorEnv("case1", 2).reset(seed=[1, 2, 3])
+
+
+class Mine(Coverage):
+    """A reward without a kernel."""
+
+
+class Shown:
+    """An observation without a kernel."""
+
+    def features(self, facts: Any) -> Any:
+        from desim_uav.model.observations import Feature
+
+        return (Feature("time", 0.0, 1.0, False),)
+
+    def encode(self, observation: Any, facts: Any) -> Any:
+        return (observation.step / observation.steps,)
+
+
+@pytest.mark.parametrize(("key", "name"), [("reward", "Mine"), ("observation", "Shown")])
+def test_components_without_a_kernel_are_refused_by_name(key: str, name: str):
+    changes = {key: {"kind": f"{__name__}:{name}"}}
+    UavEnv("case1", changes)
+    with pytest.raises(ScenarioError, match=f"{key}: .*{name}.* no kernel"):
+        UavVectorEnv("case1", 2, changes)
+    with pytest.raises(ScenarioError, match=f"{key}: .*{name}.* no kernel"):
+        UavEnv("case1", changes, engine="batch")
+
+
+class TestStableBaselines:
+    def test_its_vector_environment_is_one_of_single_ones(self):
+        pytest.importorskip("stable_baselines3")
+        from stable_baselines3.common.vec_env import DummyVecEnv
+
+        from desim_uav.env import UavVecEnv
+
+        changes = config("case8")
+        one = DummyVecEnv([lambda: UavEnv("case8", changes)] * 2)
+        other = UavVecEnv("case8", 2, changes, threads=2)
+        one.seed(5)
+        other.seed(5)
+        assert_same(one.reset(), other.reset())
+        rng = np.random.default_rng(0)
+        for _ in range(25):
+            masks = np.array(other.env_method("action_masks"))
+            assert (masks == np.array(one.env_method("action_masks"))).all()
+            actions = legal(masks, 3, rng)
+            ours, theirs = other.step(actions), one.step(actions)
+            for part, same in zip(ours[:3], theirs[:3], strict=True):
+                assert_same(part, same)
+            for told, also in zip(ours[3], theirs[3], strict=True):
+                also.setdefault("TimeLimit.truncated", False)
+                assert_same({"TimeLimit.truncated": False, **told}, also)
+        other.close()
+
+    def test_maskable_ppo_learns_in_it(self):
+        sb3_contrib = pytest.importorskip("sb3_contrib")
+        from desim_uav.env import UavVecEnv
+
+        env = UavVecEnv("case1", 4, {"world_seed": 0})
+        model = sb3_contrib.MaskablePPO("MlpPolicy", env, n_steps=32, batch_size=64, n_epochs=1)
+        model.learn(256)
+        assert model.num_timesteps >= 256
