@@ -6,8 +6,9 @@ import json
 import os
 import signal
 import sys
+from collections.abc import Collection
 from pathlib import Path
-from typing import Annotated, Any, Literal, NoReturn
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -27,6 +28,29 @@ Override = Annotated[
     typer.Option("-S", metavar="KEY.PATH=VALUE", help="Set a key of the scenario; repeatable."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
+
+
+def _an_engine(name: str | None) -> str | None:
+    """An engine's name, or none. Raises BadParameter where there is no such engine."""
+    from desim_uav.engine.choose import ENGINES
+
+    return name if name is None else _one_of(ENGINES, name, "--engine")
+
+
+Engine = Annotated[
+    str,
+    typer.Option(
+        metavar="des|batch", callback=_an_engine, help="SimPy or compiled: the same numbers."
+    ),
+]
+EngineIfAny = Annotated[
+    str | None,
+    typer.Option(
+        metavar="des|batch",
+        callback=_an_engine,
+        help="SimPy or compiled: the same numbers. Compiled, if it can be.",
+    ),
+]
 
 
 def main() -> NoReturn:
@@ -149,6 +173,7 @@ def run(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Instead of runs/<name>-<policy>-s<seed>.")
     ] = None,
+    engine: Engine = "des",
     as_json: Json = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
 ) -> None:
@@ -173,6 +198,7 @@ def run(
                 out=out,
                 command=["desim-uav", *sys.argv[1:]],
                 show_progress=not quiet,
+                engine=engine,
                 say=_complain,
             ),
         )
@@ -218,10 +244,7 @@ def train(
     checkpoint_every: Annotated[
         int, typer.Option(metavar="N", min=1, max=10**7, help="Episodes between checkpoints.")
     ] = 500,
-    engine: Annotated[
-        Literal["des", "batch"] | None,
-        typer.Option(help="SimPy or compiled: the same numbers. Compiled, if it can be."),
-    ] = None,
+    engine: EngineIfAny = None,
     as_json: Json = False,
     quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
 ) -> None:
@@ -304,6 +327,7 @@ def reproduce(
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Holds what was finished before, too.")
     ] = Path("runs/reproduce"),
+    engine: Engine = "batch",
     check: Annotated[
         bool, typer.Option("--check", help="Exit with 6 where a gate does not hold.")
     ] = False,
@@ -327,7 +351,7 @@ def reproduce(
         raise UsageError("--check: the gates are of the default training, not of the paper's")
     todo = table.jobs(table.numbers(cases), seeds, episodes, presets[preset])
     with progress(not quiet, len(todo), "jobs") as advance:
-        rows = table.run_jobs(todo, out, jobs, advance)
+        rows = table.run_jobs(todo, out, jobs, advance, engine)
     found = table.report(rows, out, " ".join(["desim-uav", *sys.argv[1:]]))
     if not quiet:
         print_paper_table(HEADINGS, [cells(line) for line in found.table])
@@ -349,13 +373,9 @@ def qoe(
     """Print the quality of experience of a finished run."""
     from desim_uav import qoe as measures
     from desim_uav.experiment.command import read_counted
-    from desim_uav.registry import did_you_mean
 
-    if by is not None and by not in measures.GROUPS:
-        raise typer.BadParameter(
-            f"{by!r}{did_you_mean(by, measures.GROUPS)}; allowed: {', '.join(measures.GROUPS)}",
-            param_hint="--by",
-        )
+    if by is not None:
+        _one_of(measures.GROUPS, by, "--by")
     summary, requests = read_counted(run_dir)
     groups = None if by is None else measures.grouped(requests, by)
     if as_json:
@@ -401,6 +421,7 @@ def compare(
     out: Annotated[
         Path | None, typer.Option(metavar="FILE.csv", help="The values of each seed.")
     ] = None,
+    engine: Engine = "des",
     as_json: Json = False,
 ) -> None:
     """Compare policies on common seeds: means, 95 % intervals and paired differences."""
@@ -426,7 +447,7 @@ def compare(
             _complain(warning)
         _end_politely()
         try:
-            _located(path, lambda: comparing.try_on(loaded, names, drawn))
+            _located(path, lambda: comparing.try_on(loaded, names, drawn, engine))
             with progress(True, len(names) * len(drawn), "runs") as advance:
                 found = _located(
                     path,
@@ -438,6 +459,7 @@ def compare(
                         warmup,
                         against=against,
                         jobs=jobs,
+                        engine=engine,
                         on_replication=advance,
                     ),
                 )
@@ -459,11 +481,23 @@ def compare(
 
 def _refuse_how_to_run(context: typer.Context) -> None:
     """Finished runs are as they are. Raises UsageError for an option that says how to run."""
-    for option in ("seeds", "first_seed", "episodes", "warmup", "overrides", "jobs"):
+    for option in ("seeds", "first_seed", "episodes", "warmup", "overrides", "jobs", "engine"):
         source = context.get_parameter_source(option)
         if source is not None and source.name == "COMMANDLINE":
             flag = {"overrides": "-S", "jobs": "-j"}.get(option, "--" + option.replace("_", "-"))
             raise UsageError(f"{flag} goes with a scenario and --policies, not with finished runs")
+
+
+def _one_of(allowed: Collection[str], word: str, option: str) -> str:
+    """The word. Raises BadParameter where it is none of those allowed."""
+    from desim_uav.registry import did_you_mean
+
+    if word not in allowed:
+        raise typer.BadParameter(
+            f"{word!r}{did_you_mean(word, allowed)}; allowed: {', '.join(allowed)}",
+            param_hint=option,
+        )
+    return word
 
 
 def _settings(overrides: list[str] | None, seed: int | None, world_seed: int | None) -> list[str]:

@@ -14,6 +14,8 @@ import pytest
 
 import desim_uav
 from desim_uav import cli
+from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.des import Simulation
 from desim_uav.experiment import command
 
 ROOT = Path(__file__).parents[1]
@@ -88,6 +90,13 @@ class Interrupting(FirstCome):
         if Interrupting.asked == 400:
             os.kill(os.getpid(), signal.SIGINT)
         return super().scan(waiting, free_bps)
+
+
+class Flat:
+    """A reward without a kernel."""
+
+    def terms(self, *_):
+        return {"flat": 1.0}
 
 
 def function():
@@ -192,7 +201,7 @@ class TestProgram:
         options = cli_run("run", "--help").out
         for option in ("--policy", "--seed", "--world-seed", "--episodes", "--warmup", "-S"):
             assert option in options
-        for option in ("--events", "--out", "--json", "-q", "SCENARIO"):
+        for option in ("--events", "--out", "--engine", "--json", "-q", "SCENARIO"):
             assert option in options
         assert "--by" in cli_run("qoe", "--help").out
 
@@ -550,6 +559,60 @@ class TestRunRefused:
     def test_a_policy_that_fails(self, cli_run, policy, part):
         cli_run("run", "tiny", "--policy", policy, "--episodes", 4).failed(1, part)
         assert runs() == []
+
+
+class TestEngine:
+    @pytest.mark.parametrize("case", ["case1", "case9"])
+    def test_each_writes_the_same_tables(self, cli_run, monkeypatch, case):
+        def played(engine, unused):
+            flags = ("--episodes", 2, "--warmup", 1, "--events", "--out", engine, "--json")
+            with monkeypatch.context() as patched:
+                patched.setattr(unused, "__init__", lambda *_: pytest.fail("the other engine"))
+                return cli_run("run", case, *flags, "--engine", engine).json
+
+        found = played("des", BatchSimulation), played("batch", Simulation)
+        assert found[0] | {"run_dir": ""} == found[1] | {"run_dir": ""}
+        files = sorted(path.name for path in Path("des").iterdir())
+        assert "events.parquet" in files
+        assert files == sorted(path.name for path in Path("batch").iterdir())
+        for name in set(files) - {"manifest.json"}:
+            assert Path("des", name).read_bytes() == Path("batch", name).read_bytes(), name
+        one, other = (json.loads(Path(e, "manifest.json").read_text()) for e in ("des", "batch"))
+        differ = {key for key in one | other if one[key] != other[key]}
+        assert differ == {"engine", "command", "started", "finished"}
+        assert (one["engine"], other["engine"]) == ("des", "batch")
+
+    def test_is_simpy_unless_told(self, cli_run, monkeypatch):
+        monkeypatch.setattr(BatchSimulation, "__init__", lambda *_: pytest.fail("compiled"))
+        assert cli_run("run", "tiny", "--out", "mine", "-q").code == 0
+        assert json.loads(Path("mine/manifest.json").read_text())["engine"] == "des"
+
+    def test_a_component_without_a_kernel(self, cli_run):
+        own = ("-S", "drones.admission={kind: 'plugged:Interrupting'}")
+        own += ("-S", "reward={kind: 'plugged:Flat'}")
+        ended = cli_run("run", "case8", *SMALL, *own, "--engine", "batch", "--out", "deep/mine")
+        ended.failed(3)
+        assert [line.partition("case8.yaml: ")[2] for line in ended.err.splitlines()] == [
+            "drones.admission: 'Interrupting' has no kernel; --engine des runs it",
+            "reward: 'Flat' has no kernel; --engine des runs it",
+        ]
+        assert cli_run("run", "case8", *SMALL, *own, "--engine", "batch").code == 3
+        assert list(Path.cwd().iterdir()) == []
+
+    @pytest.mark.parametrize(
+        "command",
+        [
+            ("run", "tiny"),
+            ("train", "tiny"),
+            ("compare", "tiny", "--policies", "hover"),
+            ("reproduce",),
+        ],
+    )
+    def test_there_is_no_such_engine(self, cli_run, command):
+        ended = cli_run(*command, "--engine", "bathc")
+        ended.failed(2, "--engine: 'bathc' (did you mean 'batch'?); allowed: des, batch")
+        cli_run(*command, "--engine", "").failed(2, "--engine: ''; allowed: des, batch")
+        assert list(Path.cwd().iterdir()) == []
 
 
 class TestInterrupted:

@@ -155,6 +155,14 @@ class Engine(Protocol):
     def log(self) -> EpisodeLog:
         """What is told of the episode under way."""
 
+    @property
+    def terminated(self) -> bool:
+        """Has a crash ended the episode?"""
+
+    @property
+    def truncated(self) -> bool:
+        """Is the episode's time up?"""
+
     def reset(self, path: SamplePath) -> Snapshot:
         """Begin an episode on its sample path and run up to its first decision epoch.
 

@@ -14,6 +14,7 @@ from typing import Any
 import pandas as pd
 
 from desim_uav import __version__, qoe
+from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.run import headline, run, run_settings
@@ -49,18 +50,20 @@ def run_to_folder(
     out: Path | None,
     command: list[str],
     show_progress: bool,
+    engine: str = "des",
     say: Callable[[str], None] = lambda notice: None,
 ) -> Done:
     """Run and write the run folder. Raises the errors of its parts before anything is written.
 
-    Ctrl-C keeps the episodes that have ended; where none of the counted ones has, nothing is kept
-    and the KeyboardInterrupt goes on.
+    ``engine``: des or batch. Ctrl-C keeps the episodes that have ended; where none of the counted
+    ones has, nothing is kept and the KeyboardInterrupt goes on.
     """
     seed = scenario.seed
     policy = load_policy(policy_name)
     place = Place(out, f"{scenario.name}-{_label(policy_name)}-s{seed}")
     scenario = _where_it_learned(scenario, policy)
     world = build_world(scenario, scenario.effective_world_seed)
+    check_engine(engine, world)
     notice = getattr(policy, "notice", lambda world: "")(world)
     if notice:
         say(notice)
@@ -68,7 +71,7 @@ def run_to_folder(
     with place.draft() as draft:
         with progress(show_progress, warmup + episodes) as advance:
             results, interrupted = run(
-                world, policy, policy_name, seed, episodes, warmup, keep_events, advance
+                world, policy, policy_name, seed, episodes, warmup, keep_events, advance, engine
             )
         counted = int((results.episodes["episode"] >= 0).sum())
         if interrupted and not counted:
@@ -87,7 +90,7 @@ def run_to_folder(
                 "policy": policy_name,
                 "seed": seed,
                 "world_seed": scenario.effective_world_seed,
-                "engine": "des",
+                "engine": engine,
                 "ceilings": ["tallest" if c else "none" for c in settings.ceilings],
                 "carry_over": settings.carry_over,
                 "warmup": warmup,

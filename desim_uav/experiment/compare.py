@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError, ScenarioError, UsageError
 from desim_uav.experiment.command import read_counted
 from desim_uav.experiment.evaluate import MEASURES, evaluate
@@ -134,15 +135,17 @@ def compare_policies(
     *,
     against: str | None = None,
     jobs: int = 1,
+    engine: str = "des",
     on_replication: Callable[[], None] = lambda: None,
 ) -> Comparison:
     """Run each policy on each seed. A seed draws the world too, unless the scenario gives one.
 
-    Ctrl-C keeps the replications that have ended; where none has, the KeyboardInterrupt goes on.
+    ``engine``: des or batch. Ctrl-C keeps the replications that have ended; where none has, the
+    KeyboardInterrupt goes on.
     """
     reference = _reference(policies, against)
     drawn = [(policy, seed) for seed in seeds for policy in policies]
-    tasks = [(scenario, policy, seed, episodes, warmup) for policy, seed in drawn]
+    tasks = [(scenario, policy, seed, episodes, warmup, engine) for policy, seed in drawn]
     done: list[Replication] = []
 
     def on_end(number: int, measured: Measures) -> None:
@@ -198,9 +201,13 @@ def csv_place(out: Path) -> Path:
     return place
 
 
-def try_on(scenario: Scenario, policies: Sequence[str], seeds: range) -> None:
-    """Let each policy begin once, before anything is run. Raises PolicyError for a misfit."""
+def try_on(scenario: Scenario, policies: Sequence[str], seeds: range, engine: str = "des") -> None:
+    """Let each policy begin once, before anything is run. Raises PolicyError for a misfit.
+
+    ScenarioError where the engine has no kernel for a component.
+    """
     world = build_world(scenario, _world_seed(scenario, seeds[0]))
+    check_engine(engine, world)
     for name in policies:
         load_policy(name).begin(world, Streams(seeds[0], Purpose.LEARNER), False)
 

@@ -27,18 +27,19 @@ def evaluate(
     seed: int,
     episodes: int,
     warmup: int,
+    engine: str = "des",
     on_episode: Callable[[], None] = lambda: None,
 ) -> dict[str, float | None]:
     """The measures of ``episodes`` episodes after ``warmup``, in the world of the seed.
 
-    QoE1 and QoE2 are means over all requests, QoE3 and the reward over episodes. Raises
-    KeyboardInterrupt where it is interrupted: half a replication is none.
+    QoE1 and QoE2 are means over all requests, QoE3 and the reward over episodes. ``engine``: des or
+    batch. Raises KeyboardInterrupt where it is interrupted: half a replication is none.
     """
     scenario = scenario.model_copy(update={"seed": seed})
     world = build_world(scenario, scenario.effective_world_seed)
     policy = load_policy(policy_name)
     results, interrupted = run(
-        world, policy, policy_name, seed, episodes, warmup, on_episode=on_episode
+        world, policy, policy_name, seed, episodes, warmup, on_episode=on_episode, engine=engine
     )
     if interrupted:
         raise KeyboardInterrupt

@@ -139,11 +139,16 @@ class Report(NamedTuple):
 
 
 def run_jobs(
-    todo: Sequence[Job], folder: Path, workers: int, on_job: Callable[[], None] = lambda: None
+    todo: Sequence[Job],
+    folder: Path,
+    workers: int,
+    on_job: Callable[[], None] = lambda: None,
+    engine: str = "batch",
 ) -> list[dict[str, Any]]:
     """The rows of all jobs; those the folder holds already are not run again.
 
-    Raises UsageError where nothing can be written to the folder.
+    ``engine``: des or batch; the rows are the same, so they may be of the other engine. Raises
+    UsageError where nothing can be written to the folder.
     """
     open_folder(folder)
     finished = {job: _finished(job, folder) for job in todo}
@@ -155,12 +160,12 @@ def run_jobs(
         rows.append(row)
         on_job()
 
-    left = [(job, folder) for job, row in finished.items() if row is None]
+    left = [(job, folder, engine) for job, row in finished.items() if row is None]
     run_each(run_job, left, workers, on_end)
     return rows
 
 
-def run_job(job: Job, folder: Path) -> dict[str, Any]:
+def run_job(job: Job, folder: Path, engine: str = "batch") -> dict[str, Any]:
     """Train if it learns, evaluate, keep the row (and the table) in the folder."""
     scenario = job.scenario()
     row: dict[str, Any] = {
@@ -173,14 +178,14 @@ def run_job(job: Job, folder: Path) -> dict[str, Any]:
     policy = job.policy
     if policy != "baseline":
         world = build_world(scenario, scenario.effective_world_seed)
-        table, progress = train(scenario, world)
+        table, progress = train(scenario, world, engine=engine)
         file = folder / "policies" / f"{job.name}.npz"
         write_whole(file, table.to_bytes())
         policy = str(file)
         row["episodes"] = scenario.learning.episodes
         last = progress[-scenario.drones.count :]
         row |= {f"last_{key}": _mean([getattr(one, key) for one in last]) for key in LAST_EPISODE}
-    row |= evaluate(scenario, policy, job.seed, EPISODES, WARMUP)
+    row |= evaluate(scenario, policy, job.seed, EPISODES, WARMUP, engine)
     file = folder / "jobs" / f"{job.name}.json"
     content = json.dumps({"identity": job.identity(), "row": row}, indent=1, allow_nan=False)
     write_whole(file, content.encode())

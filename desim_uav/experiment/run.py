@@ -11,7 +11,7 @@ import pandas as pd
 
 from desim_uav import qoe
 from desim_uav.engine.base import EpisodeLog, RunSettings
-from desim_uav.engine.des import Simulation
+from desim_uav.engine.choose import make_engine
 from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.model.streams import Purpose, Streams
@@ -49,16 +49,20 @@ def run(
     warmup: int = 0,
     keep_events: bool = False,
     on_episode: Callable[[], None] = lambda: None,
+    engine: str = "des",
 ) -> tuple[Results, bool]:
     """Run ``warmup`` + ``episodes`` episodes; (tables, was it interrupted?).
 
-    Warm-up episodes have negative numbers. Ctrl-C keeps what was finished.
+    Warm-up episodes have negative numbers. ``engine``: des or batch. Ctrl-C keeps what was
+    finished.
     """
     parts: dict[int, Results] = {}  # by first episode: to tabulate a batch again changes nothing
     played: list[tuple[EpisodeLog, SamplePath]] = []
     interrupted = False
     try:
-        for episode in play(world, policy, policy_name, seed, episodes, warmup, keep_events):
+        for episode in play(
+            world, policy, policy_name, seed, episodes, warmup, keep_events, engine
+        ):
             played.append(episode)
             if len(played) == BATCH:
                 parts[played[0][0].episode] = _tabulate(world, played, keep_events)
@@ -80,21 +84,22 @@ def play(
     episodes: int = 1,
     warmup: int = 0,
     keep_events: bool = False,
+    engine: str = "des",
 ) -> Iterator[tuple[EpisodeLog, SamplePath]]:
     """The logs of a run's episodes, as they end."""
     settings = run_settings(world, policy, keep_events)
-    engine = Simulation(world, settings)
+    simulation = make_engine(engine, world, settings)
     for episode in range(-warmup, episodes):
         path = draw(world, seed, episode)
         with _blame(policy_name, episode):
-            carried = settings.carry_over and engine.truncated and not engine.terminated
+            carried = settings.carry_over and simulation.truncated and not simulation.terminated
             policy.begin(world, Streams(seed, Purpose.LEARNER, episode), carried)
-        shown = engine.reset(path)
+        shown = simulation.reset(path)
         while not (shown.terminated or shown.truncated):
             with _blame(policy_name, episode, shown.step):
                 commands = decide(policy, shown)
-            shown = engine.step(commands)
-        yield engine.log, path
+            shown = simulation.step(commands)
+        yield simulation.log, path
 
 
 def headline(requests: pd.DataFrame, episodes: pd.DataFrame) -> dict[str, Any]:

@@ -14,7 +14,7 @@ import numpy as np
 import pandas as pd
 
 from desim_uav import __version__
-from desim_uav.engine.batch.pack import refused
+from desim_uav.engine.choose import engine_for
 from desim_uav.errors import PolicyError, SimulationError, UsageError
 from desim_uav.experiment.command import versions
 from desim_uav.experiment.interrupt import asked_to_stop
@@ -68,14 +68,6 @@ def _play_to(training: Training, episode: int, on_episode: OnEpisode) -> list[Pr
     for first in range(0, len(rows), drones):
         on_episode(rows[first : first + drones])
     return rows
-
-
-def engine_for(world: World) -> str:
-    """The compiled engine where every component has a kernel, else the SimPy engine.
-
-    Their numbers are the same.
-    """
-    return "des" if refused(world) else "batch"
 
 
 def table_of(training: Training) -> QTable:

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import Carried, Engine, RunSettings
+from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.batch import BatchSimulation
-from desim_uav.engine.des import Simulation
+from desim_uav.engine.choose import make_engine
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.learning import fused
 from desim_uav.learning.initial_q import initial_q
@@ -81,8 +81,7 @@ class Training:
         self.carries_over = scenario.episode.carry_over
         count = scenario.drones.count
         settings = RunSettings((True,) * count, self.carries_over, keep_steps=False)
-        kind = BatchSimulation if engine == "batch" else Simulation
-        self.engine: Engine = kind(world, settings)
+        self.engine = make_engine(engine, world, settings)
         self.encode = scenario.observation.encode
         states, actions = math.prod(self.sizes), len(world.actions)
         self.q = np.empty((count, algorithm.tables, states, actions), np.float32)

@@ -26,6 +26,9 @@ SEEN_COLUMNS = 7
 """Columns of a table of users in a span: the row of the leg they begin it on, their place then, and
 the box around their walk."""
 
+FEWEST_BUCKETS = 48
+"""With fewer than these a drone's reach is a good part of the map, and buckets save nothing."""
+
 GRAZE_M = 1e-13
 """A distance that turns this close to the radius touches it: that is no crossing."""
 
@@ -147,14 +150,115 @@ def crossings(
     span = (start_us, end_us)
     total = 0
     for user in range(len(offsets) - 1):
-        inside = _beyond(x0 - seen[user, AT_X], y0 - seen[user, AT_Y], radius) <= 0.0
-        entered = fresh and inside
-        if entered:
-            total = _write(out, total, start_us, user, True)
-        if not _cannot_cross(route, radius, seen, user, inside):
-            first, stop = int(seen[user, LEG]), offsets[user + 1]
-            state = (user, inside, entered)
-            total = _roots(profile, route, span, radius, legs, first, stop, state, out, total)
+        total = _of_user(profile, route, span, radius, legs, offsets, seen, fresh, user, out, total)
+    return total
+
+
+@kernel
+def crossings_near(
+    profile: NDArray[np.float64],
+    x0: float,
+    y0: float,
+    x1: float,
+    y1: float,
+    start_us: int,
+    end_us: int,
+    radius: float,
+    legs: NDArray[np.float64],
+    offsets: NDArray[np.int64],
+    seen: NDArray[np.float64],
+    fresh: bool,
+    out: NDArray[np.int64],
+    shape: tuple[int, int],
+    side: tuple[float, float],
+    far: float,
+    heads: NDArray[np.int64],
+    following: NDArray[np.int64],
+) -> int:
+    """The same for users in buckets (see ``sort_into_buckets``): only those near by are looked at.
+
+    Rows come bucket by bucket.
+    """
+    route = (x0, y0, x1, y1)
+    span = (start_us, end_us)
+    reach = radius + far + MARGIN_M
+    total = 0
+    for i in range(
+        bucket_of(min(x0, x1) - reach, side[0], shape[0]),
+        bucket_of(max(x0, x1) + reach, side[0], shape[0]) + 1,
+    ):
+        for j in range(
+            bucket_of(min(y0, y1) - reach, side[1], shape[1]),
+            bucket_of(max(y0, y1) + reach, side[1], shape[1]) + 1,
+        ):
+            user = heads[i * shape[1] + j]
+            while user >= 0:
+                total = _of_user(
+                    profile, route, span, radius, legs, offsets, seen, fresh, user, out, total
+                )
+                user = following[user]
+    return total
+
+
+@kernel
+def sort_into_buckets(
+    seen: NDArray[np.float64],
+    shape: tuple[int, int],
+    side: tuple[float, float],
+    heads: NDArray[np.int64],
+    following: NDArray[np.int64],
+) -> float:
+    """Put users into the buckets of a grid; how far any of them goes along an axis in the span.
+
+    ``heads`` (buckets,) is the first user of each, -1 where there is none, ``following`` (users,)
+    the next one in the same.
+    """
+    far = 0.0
+    heads[:] = -1
+    for user in range(len(following) - 1, -1, -1):
+        x, y = seen[user, AT_X], seen[user, AT_Y]
+        far = max(far, x - seen[user, WEST], seen[user, EAST] - x)
+        far = max(far, y - seen[user, SOUTH], seen[user, NORTH] - y)
+        at = bucket_of(x, side[0], shape[0]) * shape[1] + bucket_of(y, side[1], shape[1])
+        following[user] = heads[at]
+        heads[at] = user
+    return far
+
+
+@kernel
+def bucket_of(place: float, side: float, count: int) -> int:
+    """Which of ``count`` buckets along an axis a place falls into."""
+    return min(max(int(np.floor(place / side)), 0), count - 1)
+
+
+def bucket_grid(width_m: float, depth_m: float, radius_m: float) -> tuple[int, int]:
+    """How many buckets a map is worth, of about a radius; (0, 0): none, where it is small."""
+    shape = int(width_m // radius_m), int(depth_m // radius_m)
+    return shape if shape[0] * shape[1] >= FEWEST_BUCKETS else (0, 0)
+
+
+@kernel
+def _of_user(
+    profile: NDArray[np.float64],
+    route: Route,
+    span: Span,
+    radius: float,
+    legs: NDArray[np.float64],
+    offsets: NDArray[np.int64],
+    seen: NDArray[np.float64],
+    fresh: bool,
+    user: int,
+    out: NDArray[np.int64],
+    total: int,
+) -> int:
+    inside = _beyond(route[0] - seen[user, AT_X], route[1] - seen[user, AT_Y], radius) <= 0.0
+    entered = fresh and inside
+    if entered:
+        total = _write(out, total, span[0], user, True)
+    if not _cannot_cross(route, radius, seen, user, inside):
+        first, stop = int(seen[user, LEG]), offsets[user + 1]
+        state = (user, inside, entered)
+        total = _roots(profile, route, span, radius, legs, first, stop, state, out, total)
     return total
 
 

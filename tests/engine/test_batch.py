@@ -87,6 +87,10 @@ CHANGES = {
     ],
     "removed": ["drones.battery.autonomy_min=9", "drones.battery.on_crash=remove"],
     "ends": ["drones.battery.autonomy_min=9", "drones.battery.on_crash=end_episode"],
+    "wide": [  # the map is worth buckets
+        *("map.size_m=[7200, 4800]", "map.cells=[30, 20]", "users.count=150"),
+        "drones.count=5",
+    ],
     "fast": ["drones.motion.timing=minimum_time", "stations.pads=2"],
 }
 

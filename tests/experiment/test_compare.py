@@ -14,6 +14,8 @@ from pathlib import Path
 import pytest
 
 from desim_uav import cli
+from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.des import Simulation
 from desim_uav.errors import PolicyError, ScenarioError
 from desim_uav.experiment import compare
 from desim_uav.experiment.evaluate import MEASURES, evaluate
@@ -32,7 +34,12 @@ import signal
 import time
 from pathlib import Path
 
+from desim_uav.model.admission import FirstCome
 from desim_uav.policies.hover import Hover
+
+
+class Own(FirstCome):
+    """An admission rule without a kernel."""
 
 
 class Same(Hover):
@@ -305,6 +312,18 @@ class TestComparison:
         policies = "baseline,random,compared:Same"
         assert compared(policies, "-j", 2) == compared(policies)
 
+    @pytest.mark.parametrize("case", ["case1", "case9"])
+    def test_the_engine_changes_nothing(self, cli_run, monkeypatch, case):
+        command = ("compare", case, "--policies", "baseline,random", "--seeds", 2, *SHORT, "--json")
+        with monkeypatch.context() as patched:
+            patched.setattr(BatchSimulation, "__init__", lambda *_: pytest.fail("compiled"))
+            found = cli_run(*command)
+            assert cli_run(*command, "--engine", "des").out == found.out
+        monkeypatch.setattr(Simulation, "__init__", lambda *_: pytest.fail("not compiled"))
+        assert (found.code, len(found.json["replications"])) == (0, 4)
+        assert cli_run(*command, "--engine", "batch").out == found.out
+        assert cli_run(*command, "--engine", "batch", "-j", 2).out == found.out
+
     def test_one_seed_has_no_interval(self, compared, cli_run):
         found = compared("hover,random", seeds=1)
         for row in found["policies"] + found["differences"]:
@@ -397,7 +416,7 @@ class TestRuns:
         folder = played("hover", 0)
         for flag, value in (("--seeds", 10), ("--first-seed", 0), ("--episodes", 20)):
             cli_run("compare", folder, flag, value).failed(2, f"{flag} goes with a scenario")
-        for flag, value in (("--warmup", 2), ("-S", "seed=1"), ("-j", 1)):
+        for flag, value in (("--warmup", 2), ("-S", "seed=1"), ("-j", 1), ("--engine", "des")):
             cli_run("compare", folder, flag, value).failed(2, f"{flag} goes with a scenario")
 
 
@@ -441,6 +460,15 @@ class TestRefused:
     def test_a_process_that_dies(self, cli_run):
         flags = ("--policies", "hover,compared:Killed", "--seeds", 4, *SHORT, "-j", 2)
         cli_run("compare", "case8", *flags).failed(1, "a process has died", "(-j)")
+
+    @pytest.mark.parametrize("jobs", [1, 2])
+    def test_a_component_without_a_kernel(self, cli_run, jobs):
+        own = ("-S", "drones.admission={kind: 'compared:Own'}", "--engine", "batch", "-j", jobs)
+        flags = ("--policies", "hover,random", "--seeds", 2, *SHORT, "--out", "v.csv")
+        cli_run("compare", "case8", *flags, *own).failed(
+            3, "case8.yaml: drones.admission: 'Own' has no kernel; --engine des runs it"
+        )
+        assert list(Path.cwd().iterdir()) == []
 
     def test_a_world_that_cannot_be_drawn(self, cli_run):
         Path("full.yaml").write_text(

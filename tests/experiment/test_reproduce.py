@@ -10,6 +10,8 @@ import pytest
 from typer.testing import CliRunner
 
 from desim_uav.cli import app
+from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.des import Simulation
 from desim_uav.errors import UsageError
 from desim_uav.experiment import reproduce
 from desim_uav.experiment.paper_table import claims, lines, markdown
@@ -80,7 +82,7 @@ def test_its_row_is_what_run_says_of_the_policy(folder: Path, tmp_path: Path):
 
 def test_finished_jobs_are_not_run_again(folder: Path, monkeypatch: pytest.MonkeyPatch):
     ran: list[Job] = []
-    monkeypatch.setattr(reproduce, "run_job", lambda job, folder: ran.append(job) or {})
+    monkeypatch.setattr(reproduce, "run_job", lambda job, *_: ran.append(job) or {})
     again = run_jobs(jobs([1], 2, 20, [None]), folder, 1)
     assert not ran and len(again) == 6
     run_jobs(jobs([1], 2, 21, [None]), folder, 1)
@@ -104,6 +106,23 @@ def test_any_number_of_processes_gives_the_same(folder: Path, tmp_path: Path):
         rows.sort(key=lambda row: (row["policy"], row["seed"]))
         todo.append(rows)
     assert todo[-1] == todo[-2]
+
+
+def test_the_engine_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(reproduce, "EPISODES", 2)
+    command = ("reproduce", "--cases", 1, "--seeds", 1, "--episodes", 4, "-q", "--out")
+    with monkeypatch.context() as patched:
+        patched.setattr(BatchSimulation, "__init__", lambda *_: pytest.fail("compiled"))
+        assert run_cli(*command, tmp_path / "des", "--engine", "des").exit_code == 0
+    monkeypatch.setattr(Simulation, "__init__", lambda *_: pytest.fail("not compiled"))
+    assert run_cli(*command, tmp_path / "batch", "--engine", "batch").exit_code == 0
+    assert run_cli(*command, tmp_path / "unsaid").exit_code == 0, "the compiled one unless told"
+    made = list((tmp_path / "des").rglob("*-s0.*"))
+    assert len(made) == 3 + 2, "the rows of three policies, and what two have learned"
+    for file in [*made, *(tmp_path / "des" / f"{name}.csv" for name in ("rows", "table"))]:
+        within = file.relative_to(tmp_path / "des")
+        for other in ("batch", "unsaid"):
+            assert (tmp_path / other / within).read_bytes() == file.read_bytes(), within
 
 
 def test_the_command_writes_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch):

@@ -8,7 +8,16 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from sampler import Flight, Pair, Walk, look
 
-from desim_uav.model.coverage import SEEN_COLUMNS, crossings, leg_at, look_around, walked
+from desim_uav.model.coverage import (
+    SEEN_COLUMNS,
+    bucket_grid,
+    crossings,
+    crossings_near,
+    leg_at,
+    look_around,
+    sort_into_buckets,
+    walked,
+)
 from desim_uav.model.mobility import Area, RandomWalk
 from desim_uav.model.motion import REST, BangCoastBang
 from desim_uav.model.rules import US
@@ -478,3 +487,40 @@ def test_a_walk_cut_in_pieces_is_the_same_walk():
         one, other = fly(FILL, [whole]), fly(FILL, [pieces])
         assert [row[1:] for row in one] == [row[1:] for row in other]
         assert all(abs(a[0] - b[0]) <= 1 for a, b in zip(one, other, strict=True))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_users_in_buckets_cross_as_all_users_do(seed):
+    """A wide map, a drone anywhere (and off its edge): nobody near is overlooked."""
+    rng = np.random.default_rng(seed)
+    area = Area(*rng.uniform(5000, 12000, 2))
+    homes = rng.uniform(0, 1, (400, 2)) * area
+    walk = RandomWalk(
+        speed_mps=float(rng.choice([0.0, 1.4, 60.0])), leg_s=float(rng.uniform(5, 90))
+    )
+    legs, offsets = walk.walks(homes, Streams(seed, Purpose.MOBILITY), area, 600 * US)
+    radius = float(rng.uniform(200, 700))
+    shape = bucket_grid(*area, radius)
+    assert shape[0] * shape[1] >= 48
+    side = (area.width_m / shape[0], area.depth_m / shape[1])
+    heads, following = np.empty(shape[0] * shape[1], np.int64), np.empty(400, np.int64)
+    seen, found = np.empty((400, SEEN_COLUMNS)), 0
+    out, near = np.empty((5000, 3), np.int64), np.empty((5000, 3), np.int64)
+    for _ in range(40):
+        start = int(rng.integers(0, 540)) * US
+        span = (start, start + 60 * US)
+        look_around(legs, offsets, *span, seen)
+        far = sort_into_buckets(seen, shape, side, heads, following)
+        x, y = rng.uniform(-0.02, 1.02, 2) * area
+        route = (x, y, x + 240.0, y) if rng.random() < 0.5 else (x, y, x, y - 240.0)
+        leg = (FILL.profile, *route, *span, radius, legs, offsets, seen, bool(rng.random() < 0.5))
+        count = crossings(*leg, out)
+        assert crossings_near(*leg, near, shape, side, far, heads, following) == count
+        assert sorted(map(tuple, out[:count])) == sorted(map(tuple, near[:count]))
+        found += count
+    assert found > 20
+
+
+def test_a_small_map_is_worth_no_buckets():
+    assert bucket_grid(2400.0, 2400.0, 600.0) == (0, 0)
+    assert bucket_grid(100.0, 1e6, 600.0) == (0, 0)

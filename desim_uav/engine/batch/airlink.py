@@ -24,7 +24,9 @@ from desim_uav.engine.batch.kernels import inner
 from desim_uav.engine.batch.memory import (
     AFFECTED,
     AT_AFFECTED,
+    AT_FOLLOWING,
     AT_HANDOVERS,
+    AT_HEADS,
     AT_LEG_OFFSETS,
     AT_LOOSE,
     AT_OPEN_REQUESTS,
@@ -39,6 +41,10 @@ from desim_uav.engine.batch.memory import (
     BANDWIDTH_BPS,
     BANDWIDTH_US_BPS,
     BPS,
+    BUCKET_X_M,
+    BUCKET_Y_M,
+    BUCKETS_X,
+    BUCKETS_Y,
     C_ATTACHED_US,
     C_BPS,
     C_INTERRUPTIONS,
@@ -58,6 +64,7 @@ from desim_uav.engine.batch.memory import (
     CROSSINGS,
     DRONES,
     EVENTS,
+    FAR_M,
     FREE_BPS,
     FULL,
     HANDOVERS,
@@ -129,7 +136,16 @@ from desim_uav.engine.batch.queue import (
     undo,
 )
 from desim_uav.engine.batch.queue import REQUEST as REQUEST_PHASE
-from desim_uav.model.coverage import ENTERS, SEEN_COLUMNS, TIME_US, USER, crossings, look_around
+from desim_uav.model.coverage import (
+    ENTERS,
+    SEEN_COLUMNS,
+    TIME_US,
+    USER,
+    crossings,
+    crossings_near,
+    look_around,
+    sort_into_buckets,
+)
 from desim_uav.model.demand import BANDWIDTH_BPS as ROW_BPS
 from desim_uav.model.demand import DUE_US
 from desim_uav.model.demand import REQUIRED_US as ROW_REQUIRED_US
@@ -190,10 +206,16 @@ def track(w: Fixed, p: Path, s: State, d: int, span_us: int, phase: int) -> None
     first, legs = crossing_of(s, d, 0), table(p.f, p.i[p.i[AT_ROWS] - 1], 5)
     offsets = table(moved(p.i, p.i[AT_LEG_OFFSETS]), 1, w.i[USERS] + 1)[0]
     seen = table(moved(s.f, s.i[AT_USERS_SEEN]), w.i[USERS], SEEN_COLUMNS)
+    shape, side = (w.i[BUCKETS_X], w.i[BUCKETS_Y]), (w.f[BUCKET_X_M], w.f[BUCKET_Y_M])
+    buckets = shape[0] * shape[1]
+    heads = table(moved(s.i, s.i[AT_HEADS]), 1, buckets)[0]
+    following = table(moved(s.i, s.i[AT_FOLLOWING]), 1, w.i[USERS])[0]
     if s.i[SEEN_FROM_US] != now_us or s.i[SEEN_TO_US] != now_us + span_us:
         look_around(legs, offsets, now_us, now_us + span_us, seen)
         s.i[SEEN_FROM_US], s.i[SEEN_TO_US] = now_us, now_us + span_us
-    count = crossings(
+        if buckets > 0:
+            s.f[FAR_M] = sort_into_buckets(seen, shape, side, heads, following)
+    leg = (
         table(moved(w.f, profile), rows, 4),
         (s.i[drone + X] + 0.5) * w.f[CELL_X_M],
         (s.i[drone + Y] + 0.5) * w.f[CELL_Y_M],
@@ -208,6 +230,10 @@ def track(w: Fixed, p: Path, s: State, d: int, span_us: int, phase: int) -> None
         s.i[drone + RADIO] == 0,
         table(moved(s.i, first), most, CROSSING_COLUMNS),
     )
+    if buckets > 0:
+        count = crossings_near(*leg, shape, side, s.f[FAR_M], heads, following)
+    else:
+        count = crossings(*leg)
     if count > most:
         s.i[FULL] = 1
         count = most

@@ -52,6 +52,8 @@ NEVER = 2**62
     FEATURES,
     THREE_D,
     TERMS,
+    BUCKETS_X,
+    BUCKETS_Y,
     AT_STATIONS,
     AT_STATION_AT,
     AT_STARTS,
@@ -67,7 +69,7 @@ NEVER = 2**62
     AT_DISTANCES_M,
     AT_WEIGHTS,
     PROFILE_ROWS,
-) = range(40)
+) = range(42)
 """The first of ``Fixed.i``; AT_…: where a section begins. A bandwidth of -1 is unlimited."""
 
 (
@@ -79,7 +81,9 @@ NEVER = 2**62
     COST_SIGN,
     LOW_BATTERY,
     WEIGHT_USERS,
-) = range(8)
+    BUCKET_X_M,
+    BUCKET_Y_M,
+) = range(10)
 """The first of ``Fixed.f``."""
 
 ON_CRASH_RESPAWN, ON_CRASH_REMOVE, ON_CRASH_END = range(3)
@@ -242,20 +246,22 @@ def walks_of(path: Path) -> Walks:
     AT_HANDOVERS,
     AT_CRASHED,
     AT_HISTORY,
+    AT_HEADS,
+    AT_FOLLOWING,
     AT_PLACE,
     AT_SHARES,
     AT_REWARDS,
     AT_TERMS,
     AT_USERS_SEEN,
     STATE_HEADER,
-) = range(66)
+) = range(68)
 """The first of ``State.i``: clock, sums and counters, up to ``FULL`` (something did not fit); for
 which span users were looked for; then sizes, and where sections begin, the last five in
 ``State.f``."""
 
 COUNTERS = FULL + 1
 
-CLOSED_QOE1, DISTANCE_M = range(2)
+CLOSED_QOE1, DISTANCE_M, FAR_M = range(3)
 """The first of ``State.f``."""
 
 (
@@ -385,9 +391,10 @@ class State(NamedTuple):
     there; seen and masks (drones, actions), what drones are shown at a decision epoch; record, what
     is logged of the step before; asked, the open requests by service; states (users,) at the
     episode's end; events, closed and handovers (request, drone), which have rows where they are
-    kept; crashed, who did; history (steps, drones), the commands of the episode so far. Of ``f``:
-    place, shares (users,), rewards (drones,) and their terms, and users_seen, where users are in
-    this step (see ``look_around``).
+    kept; crashed, who did; history (steps, drones), the commands of the episode so far; heads and
+    following, users in buckets (see ``sort_into_buckets``). Of ``f``: place, shares (users,),
+    rewards (drones,) and their terms, and users_seen, where users are in this step (see
+    ``look_around``).
     """
 
     i: Ints
@@ -408,10 +415,15 @@ def state_of(
     *,
     events: int = 0,
     requests: int = 0,
-    crossings: int | None = None,
+    crossings: int,
+    buckets: int,
 ) -> State:
-    """Room for one environment; ``events`` and ``requests``: rows for what is kept of a step."""
-    most_crossings = 4 * users + 16 if crossings is None else crossings
+    """Room for one environment.
+
+    ``events`` and ``requests``: rows for what is kept of a step; ``crossings``: rows for those of
+    a leg; ``buckets``: how many users are sorted into.
+    """
+    most_crossings = crossings
     most_loose, slots = users * (2 * drones + 2), 2 * users + 3 * drones + 1
     seen = COUNTS + 2 * services
     sizes = [most_crossings, most_loose, events, requests, 2 * requests, slots, seen]
@@ -442,9 +454,11 @@ def state_of(
         2 * requests * 2,
         drones * (steps + 2),
         drones * steps,
+        buckets,
+        users if buckets else 0,
     ]
     real = [drones * PLACE_COLUMNS, users, drones, drones * (services + 3), users * SEEN_COLUMNS]
-    whole_at, real_at = np.cumsum([STATE_HEADER, *whole]), np.cumsum([2, *real])
+    whole_at, real_at = np.cumsum([STATE_HEADER, *whole]), np.cumsum([3, *real])
     i, f = np.zeros(whole_at[-1], np.int64), np.zeros(real_at[-1])
     i[MOST_CROSSINGS : MOST_CROSSINGS + len(sizes)] = sizes
     i[AT_DRONE:AT_PLACE] = whole_at[:-1]
@@ -500,7 +514,7 @@ def views(s: State) -> Views:
         closed=ints(AT_CLOSED, int(s.i[MOST_CLOSED]), CLOSED_COLUMNS),
         handovers=ints(AT_HANDOVERS, int(s.i[MOST_HANDOVERS]), 2),
         crashed=s.i[s.i[AT_CRASHED] : s.i[AT_HISTORY]],
-        history=s.i[s.i[AT_HISTORY] :].reshape(-1, drones),
+        history=s.i[s.i[AT_HISTORY] : s.i[AT_HEADS]].reshape(-1, drones),
         rewards=floats(AT_REWARDS, drones),
         terms=floats(AT_TERMS, drones, services + 3),
     )

@@ -26,6 +26,7 @@ from desim_uav.engine.batch.memory import (
 from desim_uav.errors import ScenarioError
 from desim_uav.model.admission import FirstCome
 from desim_uav.model.battery import Endurance
+from desim_uav.model.coverage import bucket_grid
 from desim_uav.model.motion import REST, Transit
 from desim_uav.model.observations import Local, Position
 from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService
@@ -109,6 +110,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         np.array([t.distance_m for t in transits]),
         np.array([weights.get(name, 0.0) for name in world.services.names]),
     ]
+    buckets = bucket_grid(*world.area, scenario.drones.footprint_radius_m)
     real = [
         *grid.cell_m,
         grid.levels_m[0],
@@ -117,6 +119,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         getattr(reward, "cost_sign", 0.0),
         getattr(reward, "low_battery", 0.0),
         getattr(reward, "users", 0.0),
+        *(size / max(count, 1) for size, count in zip(world.area, buckets, strict=True)),
     ]
     whole = [
         scenario.drones.count,
@@ -143,6 +146,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         len(scenario.observation.features(world.facts)),
         scenario.three_d,
         len(term_names(world)),
+        *buckets,
     ]
     whole += _starts(PROFILE_ROWS + 1, whole_sections)
     whole += _starts(len(real), real_sections)

@@ -29,6 +29,8 @@ from desim_uav.engine.batch.memory import (
     ATTACHED_US,
     BANDWIDTH_US_BPS,
     BATTERY_US,
+    BUCKETS_X,
+    BUCKETS_Y,
     CHARGES,
     CLOSED,
     COUNTED_M,
@@ -144,6 +146,7 @@ class BatchSimulation:
             events=self.room if self.settings.keep_events else 0,
             requests=self.room if self.settings.keep_steps else 0,
             crossings=self.crossing_room,
+            buckets=int(self.fixed.i[BUCKETS_X] * self.fixed.i[BUCKETS_Y]),
         )
         self.views = views(self.state)
 

@@ -13,10 +13,13 @@ from desim_uav.model.coverage import (
     USER,
     VX,
     VY,
+    bucket_grid,
     crossings,
+    crossings_near,
     look_around,
+    sort_into_buckets,
 )
-from desim_uav.model.mobility import Walks
+from desim_uav.model.mobility import Area, Walks
 from desim_uav.model.motion import Leg
 
 Crossing = list[int]
@@ -33,8 +36,13 @@ class Crossings:
     users stand where they stood, which may be for many episodes.
     """
 
-    def __init__(self, radius_m: float) -> None:
+    def __init__(self, radius_m: float, area: Area) -> None:
         self.radius_m = radius_m
+        self._shape = bucket_grid(*area, radius_m)
+        nx, ny = self._shape
+        self._side = (area.width_m / max(nx, 1), area.depth_m / max(ny, 1))
+        self._heads = np.empty(nx * ny, np.int64)
+        self._far_m = 0.0
         self.walks = Walks(np.empty((0, 5)), np.zeros(1, np.int64))
         self._still = True
         self._kept: dict[tuple[object, ...], list[Crossing]] = {}
@@ -48,7 +56,9 @@ class Crossings:
             self._kept.clear()
         self._still = standing
         self.walks = walks
-        self._seen = np.empty((len(walks.offsets) - 1, SEEN_COLUMNS))
+        users = len(walks.offsets) - 1
+        self._seen = np.empty((users, SEEN_COLUMNS))
+        self._buckets = (self._shape, self._side, self._heads, np.empty(users, np.int64))
         self._span = (-1, -1)
 
     def of(self, flight: Leg, start_us: int, span_us: int, fresh: bool) -> list[Crossing]:
@@ -71,11 +81,15 @@ class Crossings:
         if self._span != (start_us, end_us):
             look_around(legs, offsets, start_us, end_us, seen)
             self._span = (start_us, end_us)
+            if self._shape[0]:
+                self._far_m = sort_into_buckets(seen, *self._buckets)
+        leg = (profile, x0, y0, x1, y1, start_us, end_us, radius_m, legs, offsets, seen, fresh)
         while True:
-            out = self._found
-            count = crossings(
-                profile, x0, y0, x1, y1, start_us, end_us, radius_m, legs, offsets, seen, fresh, out
-            )
+            if self._shape[0]:
+                shape, side, *lists = self._buckets
+                count = crossings_near(*leg, self._found, shape, side, self._far_m, *lists)
+            else:
+                count = crossings(*leg, self._found)
             if count <= len(self._found):
                 found: list[Crossing] = self._found[:count].tolist()
                 found.sort(key=_BY_TIME, reverse=True)

@@ -62,7 +62,7 @@ class Simulation:
         self.terminated = self.truncated = False
         self._carried: Carried | None = None
         self._flights = Flights(world)
-        self._crossings = Crossings(world.scenario.drones.footprint_radius_m)
+        self._crossings = Crossings(world.scenario.drones.footprint_radius_m, world.area)
         self._masks = {
             (mode, may_return, may_charge): mask(world.actions, mode, may_return, may_charge)
             for mode, may_return, may_charge in product(Mode, (False, True), (False, True))

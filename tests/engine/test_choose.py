@@ -1,0 +1,41 @@
+"""Engines by name."""
+
+import pytest
+
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.choose import ENGINES, check_engine, engine_for, make_engine
+from desim_uav.engine.des import Simulation
+from desim_uav.errors import ScenarioError, UsageError
+from desim_uav.scenario.load import from_mapping
+from desim_uav.world import World, build_world
+
+SETTINGS = RunSettings((True,) * 3, False)
+
+
+def world_of(**changes: object) -> World:
+    return build_world(from_mapping(changes), 0)
+
+
+def test_each_name_is_an_engine():
+    engines = [make_engine(name, world_of(), SETTINGS) for name in ENGINES]
+    assert [type(engine) for engine in engines] == [Simulation, BatchSimulation]
+    assert engine_for(world_of()) == "batch"
+
+
+def test_what_has_no_kernel():
+    loss = {"kind": "tests.engine.helpers:Loss"}
+    world = world_of(drones={"admission": loss}, reward={"kind": "tests.engine.test_batch:Flat"})
+    assert engine_for(world) == "des"
+    assert type(make_engine("des", world, SETTINGS)) is Simulation
+    with pytest.raises(ScenarioError) as told:
+        make_engine("batch", world, SETTINGS)
+    assert [problem.partition(":")[0] for problem in told.value.problems] == [
+        "drones.admission",
+        "reward",
+    ]
+
+
+def test_no_such_engine():
+    with pytest.raises(UsageError, match="--engine simpy: allowed: des, batch"):
+        check_engine("simpy", world_of())
