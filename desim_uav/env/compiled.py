@@ -95,8 +95,17 @@ class Compiled:
         self._look(which)
 
     def step(self, commands: NDArray[np.int64], which: NDArray[np.bool_]) -> None:
-        """Give ``which`` of them commands (n, drones), and run each to its next decision epoch."""
-        if self._share(calls.step_all, commands, which):
+        """Give ``which`` of them commands (n, drones), and run each to its next decision epoch.
+
+        Raises ActionError, and nothing has happened, where one is no action.
+        """
+        if self._pool is not None and (commands.min() < 0 or commands.max() >= self.actions):
+            full = -1  # before any thread has begun
+        else:
+            full = self._share(calls.step_all, commands, which)
+        if full < 0:
+            raise ActionError(f"actions must be from 0 to {self.actions - 1}: {commands.tolist()}")
+        if full > 0:
             self._make_room()
 
     def commands(self, actions: Any) -> NDArray[np.int64]:
@@ -110,9 +119,8 @@ class Compiled:
             raise ActionError(
                 f"actions must be whole numbers, shape {shape}, not {told.dtype} {told.shape}"
             )
-        if told.min() < 0 or told.max() >= self.actions:
-            raise ActionError(f"actions must be from 0 to {self.actions - 1}")
-        return np.ascontiguousarray(told.reshape(shape), np.int64)
+        commands: NDArray[np.int64] = told.astype(np.int64).reshape(shape)
+        return commands
 
     def info(self) -> dict[str, NDArray[Any]]:
         """What is told beside the observations: an array for each key, of n numbers or masks."""

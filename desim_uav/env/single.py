@@ -96,8 +96,7 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
         compiled = self.compiled
         if compiled is None or self._over:
             raise error.ResetNeeded("call reset first: the episode is over, or none has begun")
-        actions = [action] if self.drones == 1 else _each(action)
-        compiled.step(np.array([self.session.commands(actions)]), ALL)
+        compiled.step(compiled.commands(action), ALL)
         self.screen.refresh()
         terminated, truncated = compiled.over[0].tolist()
         self._over = terminated or truncated

@@ -74,8 +74,13 @@ def step_all(
     """A step of many environments, ``which`` of them; how many have run out of room.
 
     ``environments`` (n, 6): the addresses of the arrays of their ``Fixed``, ``Path`` and ``State``.
-    The rest is as in ``look_at_all``.
+    The rest is as in ``look_at_all``. -1, and no step, where a command is no index of an action.
     """
+    for k in range(len(environments)):
+        w, _, _ = _environment(environments, k)
+        for d in range(commands.shape[1]):
+            if not 0 <= commands[k, d] < w.i[ACTIONS]:
+                return -1
     for k in range(len(environments)):
         if which[k]:
             w, p, s = _environment(environments, k)
