@@ -14,7 +14,7 @@ register_with_gymnasium()
 if TYPE_CHECKING:
     from desim_uav.engine.base import RunSettings
     from desim_uav.engine.des import Simulation
-    from desim_uav.env import UavEnv, UavParallelEnv
+    from desim_uav.env import UavEnv, UavParallelEnv, UavVecEnv, UavVectorEnv
     from desim_uav.policies import Policy, load_policy
     from desim_uav.registry import register
     from desim_uav.sample_path import draw
@@ -29,6 +29,8 @@ _PUBLIC = {
     "Simulation": "desim_uav.engine.des",
     "UavEnv": "desim_uav.env",
     "UavParallelEnv": "desim_uav.env",
+    "UavVecEnv": "desim_uav.env",
+    "UavVectorEnv": "desim_uav.env",
     "World": "desim_uav.world",
     "build_world": "desim_uav.world",
     "draw": "desim_uav.sample_path",
@@ -44,6 +46,8 @@ __all__ = [
     "Simulation",
     "UavEnv",
     "UavParallelEnv",
+    "UavVecEnv",
+    "UavVectorEnv",
     "World",
     "__version__",
     "build_world",
