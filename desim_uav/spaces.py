@@ -60,16 +60,11 @@ def action_space(actions: int, drones: int) -> Discrete[Any] | MultiDiscrete[Any
     return Discrete(actions) if drones == 1 else MultiDiscrete([actions] * drones)
 
 
-def mask_array(mask: Mask) -> NDArray[np.int8]:
-    """A mask as an array of its own: 1 for what is allowed."""
-    return _array(mask).copy()
-
-
-def flat_mask(masks: Iterable[Mask]) -> NDArray[np.int8]:
-    """The masks of all drones, one after the other."""
-    return np.concatenate([_array(mask) for mask in masks])
+def flat_mask(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
+    """The masks of all drones, one after the other: 1 for what is allowed. An array of its own."""
+    return _flat(masks).copy()
 
 
 @lru_cache(maxsize=1024)
-def _array(mask: Mask) -> NDArray[np.int8]:
-    return np.array(mask, np.int8)
+def _flat(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
+    return np.array(masks, np.int8).reshape(-1)

@@ -13,7 +13,7 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 from desim_uav.env.configure import Source
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
-from desim_uav.spaces import features, mask_array, observation_space
+from desim_uav.spaces import features, flat_mask, observation_space
 
 Seen = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
@@ -126,16 +126,17 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         session = self.session
         shown, crashed = session.shown, session.engine.log.crashed
         rows = np.array(session.encoded(), self._dtype)
+        masks = flat_mask(shown.masks).reshape(len(rows), -1)
         told = self._info_keys | session.info()
-        term_keys = session.term_keys.items() if shown.rewards else ()
+        rewards = session.reward_info() if shown.rewards else None
         observations, infos = {}, {}
         for drone, agent in enumerate(self.possible_agents):
-            mask = mask_array(shown.masks[drone])
+            mask = masks[drone]
             observations[agent] = {"observation": rows[drone], "action_mask": mask}
             info = infos[agent] = told.copy()  # cheaper than to put its keys together once more
             info["attached_users"] = shown.observations[drone].attached_users
             info["crashes"] = crashed.count(drone) if crashed else 0
-            for name, key in term_keys:
-                info[key] = float(shown.reward_terms[drone][name])
+            if rewards is not None:
+                info.update(rewards[drone])
             info["action_mask"] = mask
         return observations, infos

@@ -8,7 +8,7 @@ from statistics import fmean, stdev
 import numpy as np
 import pytest
 
-from desim_uav.engine.des.agenda import Agenda
+from desim_uav.engine.des.agenda import Agenda, key
 from desim_uav.engine.des.station import Station
 from desim_uav.model.rules import Mode, Phase
 from tests.engine.helpers import HOP_US, US, Flight, events, fly, path_of, seen, strip
@@ -144,11 +144,11 @@ def waits_min(pads: int, rate: float, customers: int, seed: int) -> list[float]:
         with station.pads.request() as pad:
             yield pad
             waits.append((agenda.now - landed_us) / MINUTE)
-            yield agenda.at(agenda.now + 30 * MINUTE, Phase.ARRIVAL)
+            yield agenda.at(agenda.now + 30 * MINUTE, key(Phase.ARRIVAL))
 
     def arrivals() -> Iterator[object]:
         for gap_us in gaps_us.astype(int).tolist():
-            yield agenda.at(agenda.now + gap_us, Phase.ARRIVAL)
+            yield agenda.at(agenda.now + gap_us, key(Phase.ARRIVAL))
             agenda.process(drone())
 
     agenda.process(arrivals())

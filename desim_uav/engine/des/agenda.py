@@ -50,10 +50,10 @@ class Agenda(simpy.Environment):
         self._lives.append((process, life))
         return process
 
-    def at(self, t_us: int, phase: int, drone: int = -1, user: int = -1) -> Due:
+    def at(self, t_us: int, key: int) -> Due:
         """An event for a process to wait for."""
         due = Due()
-        heappush(self._queue, (t_us, key(phase, drone, user), next(self._eid), due))
+        heappush(self._queue, (t_us, key, next(self._eid), due))
         return due
 
     def call(self, function: Callable[[Any], None], argument: Any, t_us: int, key: int) -> None:

@@ -97,7 +97,8 @@ class AirLink:
                 self._leave(radio, user, now_us, phase)
         if found:
             self._await_next((radio, radio.sweep, found))
-        self._settle_after(phase)
+        if self._loose or self._affected:
+            self._settle_after(phase)
 
     def _await_next(self, sweep: Sweep) -> None:
         radio, _, ahead = sweep
@@ -115,7 +116,8 @@ class AirLink:
                 self._enter(radio, user, now_us, ENTRY)
             else:
                 self._leave(radio, user, now_us, EXIT)
-            self._settle_after(ENTRY)
+            if self._loose or self._affected:
+                self._settle_after(ENTRY)
 
     def _enter(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
         self.covering[user][radio.index] = now_us

@@ -15,7 +15,7 @@ from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.flights import Flights, neighbour
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
-from desim_uav.model.battery import charged_us, time_to_full_us
+from desim_uav.model.battery import Energy, charged_us, time_to_full_us
 from desim_uav.model.grid import Cell
 from desim_uav.model.motion import REST, Leg, travelled
 from desim_uav.model.planner import Node, Return
@@ -61,6 +61,8 @@ class Drone:
         self.radio = airlink.radios[index]
         self.stations = stations
         self.index = index
+        self.logs = journal.log.events is not None
+        self.arrival_key = key(ARRIVAL, index)
         self.ceiling = ceiling
         self.flights = flights
         self.leg_number = 0
@@ -120,7 +122,8 @@ class Drone:
             self.leg = Leg(REST, carried.fallen_m, carried.fallen_m, 0.0, 0.0)
         elif carried.hop is not None:
             self.leg = self.flights.hop(self.node, carried.hop)
-            self._foresee_depletion(self.leg.transit.duration_us)
+            if self.energy is not None:
+                self._foresee_depletion(self.energy, self.leg.transit.duration_us)
         else:
             self.leg = self.flights.hover(self.node)
 
@@ -182,11 +185,13 @@ class Drone:
         target, leg = move
         self._begin(FLYING, leg, step_us)
         self.airlink.track(self.radio, leg, step_us, COVERAGE)
-        self.emit(COMMAND, "depart")
+        if self.logs:
+            self.emit(COMMAND, "depart")
         duration_us = leg.transit.duration_us
-        yield self.agenda.at(self.since_us + duration_us, ARRIVAL, self.index)
+        yield self.agenda.at(self.since_us + duration_us, self.arrival_key)
         self._arrive(target)
-        self._foresee_depletion(step_us - duration_us)
+        if self.energy is not None:
+            self._foresee_depletion(self.energy, step_us - duration_us)
 
     def _return(self) -> Life:
         """Fly back by A* without stopping for decisions; land and queue at once.
@@ -206,9 +211,7 @@ class Drone:
             if self.hop is None:
                 self._next_hop(phase)
             if self.hop is not None:
-                yield self.agenda.at(
-                    self.since_us + self.leg.transit.duration_us, ARRIVAL, self.index
-                )
+                yield self.agenda.at(self.since_us + self.leg.transit.duration_us, self.arrival_key)
                 phase = ARRIVAL
                 self._arrive(neighbour(self.node, self.hop))
                 self.hop = None
@@ -255,7 +258,7 @@ class Drone:
             )
             if rest_us > 0:
                 phase = ARRIVAL
-                yield self.agenda.at(self.since_us + rest_us, phase, self.index)
+                yield self.agenda.at(self.since_us + rest_us, self.arrival_key)
             self._change_mode(CHARGED)
             self.emit(phase, "charged", station.index)
             self.journal.log.charges += 1
@@ -271,15 +274,15 @@ class Drone:
         """Begin a leg of ``span_us``, and foresee whether the battery lasts it out."""
         self._change_mode(mode)
         self.leg = leg
-        self._foresee_depletion(span_us)
-
-    def _foresee_depletion(self, span_us: int) -> None:
         if self.energy is not None:
-            lasts_us = self.energy.lasts_us(self.leg.transit, self.battery_us)
-            if lasts_us <= span_us:
-                depleted_us = self.since_us + lasts_us
-                place = key(DEPLETION, self.index)
-                self.agenda.call(self._on_depletion, self.leg_number, depleted_us, place)
+            self._foresee_depletion(self.energy, span_us)
+
+    def _foresee_depletion(self, energy: Energy, span_us: int) -> None:
+        lasts_us = energy.lasts_us(self.leg.transit, self.battery_us)
+        if lasts_us <= span_us:
+            depleted_us = self.since_us + lasts_us
+            place = key(DEPLETION, self.index)
+            self.agenda.call(self._on_depletion, self.leg_number, depleted_us, place)
 
     def count_distance(self) -> None:
         """Count what the drone has flown of its leg, and not counted before."""
@@ -293,7 +296,8 @@ class Drone:
         self._change_mode(self.mode)
         self.node = target
         self.leg = self.flights.hover(target)
-        self.emit(ARRIVAL, "arrive")
+        if self.logs:
+            self.emit(ARRIVAL, "arrive")
 
     def position_m(self) -> tuple[float, float, float]:
         """Where the drone is now: x, y, z."""
@@ -377,7 +381,8 @@ class Drone:
 
     def _change_mode(self, mode: Mode) -> None:
         """Book what the battery has lost or won so far; from now on another leg or mode counts."""
-        self.battery_us = self.battery_now_us()
+        if self.energy is not None:
+            self.battery_us = self.battery_now_us()
         self.since_us = self.agenda._now
         self.counted_m = 0.0
         self.leg_number += 1
@@ -414,5 +419,5 @@ class Drone:
 
     def emit(self, phase: Phase, kind: str, station: int = -1) -> None:
         """Write to the log, where events are kept, what happens to it."""
-        if self.journal.log.events is not None:
+        if self.logs:
             self.journal.emit((self.agenda._now, phase, kind, self.index, -1, -1, station))

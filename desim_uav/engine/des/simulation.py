@@ -152,7 +152,8 @@ class Simulation:
             known = 0 <= command < len(actions)
             self.commanded.append((actions[command] if known else None, taken))
             if drone.command is not None:
-                drone.emit(COMMAND, "decide")
+                if drone.logs:
+                    drone.emit(COMMAND, "decide")
                 told.append((drone, taken))
         # Commands are all that is left to happen in this instant before coverage changes. They
         # come in the order of drones, each with what SimPy makes of it (a pad that is handed on),

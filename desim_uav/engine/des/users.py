@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from itertools import pairwise
 
-from desim_uav.engine.des.agenda import Agenda, Due, Life
+from desim_uav.engine.des.agenda import Agenda, Due, Life, key
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.model.demand import Requests
 from desim_uav.model.rules import Phase
@@ -20,7 +20,7 @@ def start_asking(agenda: Agenda, airlink: AirLink, requests: Requests, horizon_u
     life = _ask_and_think if requests.after_previous else _ask_on_arrival
     for user, (first, last) in enumerate(pairwise(requests.offsets.tolist())):
         if first < last and rows[first][0] < horizon_us:
-            due = agenda.at(agenda.now + rows[first][0], REQUEST, user=user)
+            due = agenda.at(agenda.now + rows[first][0], key(REQUEST, user=user))
             agenda.process(life(agenda, airlink, user, rows[first:last]), begins=due)
 
 
@@ -40,9 +40,9 @@ def _ask_on_arrival(agenda: Agenda, airlink: AirLink, user: int, rows: list[Row]
     The next arrival is on the agenda before one is dealt with: admissions of an instant come after
     all its arrivals.
     """
-    start_us = agenda.now - rows[0][0]
+    start_us, place = agenda.now - rows[0][0], key(REQUEST, user=user)
     for row, (next_us, *_) in pairwise(rows):
-        arrival = agenda.at(start_us + next_us, REQUEST, user=user)
+        arrival = agenda.at(start_us + next_us, place)
         _ask_if_idle(airlink, user, row)
         yield arrival
     _ask_if_idle(airlink, user, rows[-1])
