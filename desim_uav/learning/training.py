@@ -27,7 +27,7 @@ FIRST_PATH = 2**24
 """Training draws its sample paths from this number on: no run under the same seed meets them."""
 
 LARGEST_TABLE = 2**29
-MOST_TOGETHER, TOGETHER_FOR = 64, 4096
+MOST_TOGETHER, TOGETHER_FOR = 64, 1024
 """How many episodes are drawn at once for a fused training, at most, and for how many users."""
 
 DRAWS = 3

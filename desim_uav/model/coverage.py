@@ -150,7 +150,14 @@ def crossings(
     span = (start_us, end_us)
     total = 0
     for user in range(len(offsets) - 1):
-        total = _of_user(profile, route, span, radius, legs, offsets, seen, fresh, user, out, total)
+        inside = _beyond(x0 - seen[user, AT_X], y0 - seen[user, AT_Y], radius) <= 0.0
+        entered = fresh and inside
+        if entered:
+            total = _write(out, total, start_us, user, True)
+        if not _cannot_cross(route, radius, seen, user, inside):
+            first, stop = int(seen[user, LEG]), offsets[user + 1]
+            state = (user, inside, entered)
+            total = _roots(profile, route, span, radius, legs, first, stop, state, out, total)
     return total
 
 
@@ -193,9 +200,16 @@ def crossings_near(
         ):
             user = heads[i * shape[1] + j]
             while user >= 0:
-                total = _of_user(
-                    profile, route, span, radius, legs, offsets, seen, fresh, user, out, total
-                )
+                inside = _beyond(x0 - seen[user, AT_X], y0 - seen[user, AT_Y], radius) <= 0.0
+                entered = fresh and inside
+                if entered:
+                    total = _write(out, total, start_us, user, True)
+                if not _cannot_cross(route, radius, seen, user, inside):
+                    first, stop = int(seen[user, LEG]), offsets[user + 1]
+                    state = (user, inside, entered)
+                    total = _roots(
+                        profile, route, span, radius, legs, first, stop, state, out, total
+                    )
                 user = following[user]
     return total
 
@@ -235,31 +249,6 @@ def bucket_grid(width_m: float, depth_m: float, radius_m: float) -> tuple[int, i
     """How many buckets a map is worth, of about a radius; (0, 0): none, where it is small."""
     shape = int(width_m // radius_m), int(depth_m // radius_m)
     return shape if shape[0] * shape[1] >= FEWEST_BUCKETS else (0, 0)
-
-
-@kernel
-def _of_user(
-    profile: NDArray[np.float64],
-    route: Route,
-    span: Span,
-    radius: float,
-    legs: NDArray[np.float64],
-    offsets: NDArray[np.int64],
-    seen: NDArray[np.float64],
-    fresh: bool,
-    user: int,
-    out: NDArray[np.int64],
-    total: int,
-) -> int:
-    inside = _beyond(route[0] - seen[user, AT_X], route[1] - seen[user, AT_Y], radius) <= 0.0
-    entered = fresh and inside
-    if entered:
-        total = _write(out, total, span[0], user, True)
-    if not _cannot_cross(route, radius, seen, user, inside):
-        first, stop = int(seen[user, LEG]), offsets[user + 1]
-        state = (user, inside, entered)
-        total = _roots(profile, route, span, radius, legs, first, stop, state, out, total)
-    return total
 
 
 @kernel

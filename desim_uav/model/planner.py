@@ -50,20 +50,31 @@ class Planner:
         return self._plans[key]
 
     def _search(self, start: Node, ceiling: bool) -> Return | None:
+        """The best of all stations; one that an empty map would put too far is not searched for."""
         best: Return | None = None
         blocked = self.grid.blocked[: self.grid.levels(ceiling)]
-        for station, (ix, iy) in enumerate(self.stations):
-            path = shortest_path(
-                blocked, np.array(self.hop_us), np.array(start), np.array((ix, iy, 0))
-            )
+        for at_least, station in sorted(self._bounds(start)):
+            if best is not None and at_least > best.duration_us:
+                break
+            goal = np.array((*self.stations[station], 0))
+            path = shortest_path(blocked, np.array(self.hop_us), np.array(start), goal)
             if len(path) == 0:
                 continue
             hops = tuple((int(dx), int(dy), int(dz)) for dx, dy, dz in np.diff(path, axis=0))
             duration = sum(self.hop_us[_axis(hop)] for hop in hops)
-            if best is None or duration < best.duration_us:
+            if best is None or (duration, station) < (best.duration_us, best.station):
                 drained = sum((self.drain_us or self.hop_us)[_axis(hop)] for hop in hops)
                 best = Return(station, duration, drained, hops)
         return best
+
+    def _bounds(self, start: Node) -> list[tuple[int, int]]:
+        """How long it takes at least to each station, and which one it is."""
+        x_us, y_us, level_us = self.hop_us
+        x, y, level = start
+        return [
+            (x_us * abs(ix - x) + y_us * abs(iy - y) + level_us * level, station)
+            for station, (ix, iy) in enumerate(self.stations)
+        ]
 
 
 def _axis(hop: Node) -> int:
