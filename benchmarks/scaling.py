@@ -11,8 +11,9 @@ once, before the first step, and grows with the map. Each command is any that it
 The commands are drawn, and the crossings (users who enter or leave a footprint after the episode's
 start) are counted, in a run of its own that nobody times; then each engine is told the same. Only
 the steps count, not resets. The kernel is the compiled engine without the observations that Python
-is shown. CPU time of one process; medians of the rounds, which go through all sizes and engines.
-Writes scaling.csv and scaling.png beside this file (--quick: nothing).
+is shown. CPU time of one process; medians of the rounds, which go through all sizes and engines. At
+last the kernel is timed on the largest size with users in no buckets, so that each drone looks at
+all of them. Writes scaling.csv and scaling.png beside this file (--quick: nothing).
 """
 
 from __future__ import annotations
@@ -32,7 +33,10 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import Engine, RunSettings
 from desim_uav.engine.batch import BatchSimulation, calls
+from desim_uav.engine.batch.memory import BUCKETS_X
+from desim_uav.engine.batch.pack import pack
 from desim_uav.engine.des import Simulation
+from desim_uav.model import coverage
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.scenario.schema import Scenario
@@ -95,6 +99,7 @@ def main() -> None:
     rows = measured(sizes, args.rounds)
     print_table(rows)
     print_fits(rows)
+    print_buckets(sizes[-1], args.rounds)
     if not args.quick:
         write(rows, Path(__file__).with_suffix(".csv"))
         plot(rows, Path(__file__).with_suffix(".png"))
@@ -244,6 +249,25 @@ def fit(rows: list[Row], value: Callable[[Row], float], name: str) -> NDArray[np
     """Slope and intercept of log cost over log value."""
     costs = [getattr(row, COSTS[name]) for row in rows]
     return np.polyfit(np.log([value(row) for row in rows]), np.log(costs), 1)
+
+
+def print_buckets(size: Size, rounds: int) -> None:
+    """How much longer the largest size takes where every drone looks at every user."""
+    settings = RunSettings((True,) * size.drones, carry_over=False, keep_steps=False)
+    fewest, coverage.FEWEST_BUCKETS = coverage.FEWEST_BUCKETS, 10**9
+    pack.cache_clear()
+    plain = BatchSimulation(size.world, settings)
+    coverage.FEWEST_BUCKETS = fewest
+    pack.cache_clear()
+    assert not plain.fixed.i[BUCKETS_X]
+    engines = {"kernel": size.engines["kernel_us"], "plain": kernel_steps(plain)}
+    path, told = size.episodes[0]
+    costs = {
+        name: statistics.median(timed(path, told) for _ in range(rounds))
+        for name, timed in engines.items()
+    }
+    ratio = costs["plain"] / costs["kernel"]
+    print(f"\n{size.drones} drones, {size.users} users: without buckets {ratio:.1f} times the time")
 
 
 def write(rows: list[Row], path: Path) -> None:

@@ -1,0 +1,136 @@
+"""All drones of a session under one controller, in either engine: what ``UavEnv`` stands on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from itertools import chain
+from typing import Any, Protocol
+
+import numpy as np
+from gymnasium import error
+from numpy.typing import NDArray
+
+from desim_uav.env.compiled import Compiled, CompiledSession
+from desim_uav.env.configure import Source
+from desim_uav.env.session import ActionError, Session
+from desim_uav.model.sums import in_order
+from desim_uav.spaces import features, flat_mask, observation_space
+
+ALL = np.ones(1, np.bool_)
+
+
+class Joint(Protocol):
+    """One environment: see ``UavEnv`` for what its methods tell."""
+
+    session: Session
+
+    def begin(self, seed: int | None) -> None:
+        """The next episode; with a ``seed``, the first of a new run."""
+
+    def step(self, action: Any) -> tuple[float, bool, bool]:
+        """One action a drone: reward, terminated, truncated. Raises ResetNeeded, ActionError."""
+
+    def observation(self) -> NDArray[Any]:
+        """The drones' encodings, one after the other."""
+
+    def masks(self) -> NDArray[np.bool_]:
+        """The drones' masks, one after the other."""
+
+    def info(self) -> dict[str, Any]:
+        """What else is told."""
+
+
+def joint(engine: str, scenario: Source, config: Any) -> Joint:
+    """In the engine of this name. Raises gymnasium's Error where there is none, ScenarioError."""
+    if engine == "des":
+        return OnSimPy(Session(scenario, config))
+    if engine == "batch":
+        return InKernels(CompiledSession(scenario, config))
+    raise error.Error(f"engine {engine!r}: must be 'des' or 'batch'")
+
+
+class OnSimPy:
+    """By what the session shows."""
+
+    def __init__(self, session: Session) -> None:
+        self.session = session
+        self.drones = session.scenario.drones.count
+        self._dtype = observation_space(features(session.world)).dtype
+
+    def begin(self, seed: int | None) -> None:
+        """See ``Joint``, here and below."""
+        self.session.reset(seed)
+
+    def step(self, action: Any) -> tuple[float, bool, bool]:
+        """Session by session's means."""
+        shown = self.session.step([action] if self.drones == 1 else _each(action))
+        return in_order(shown.rewards) / self.drones, shown.terminated, shown.truncated
+
+    def observation(self) -> NDArray[Any]:
+        """Encoded by the scenario's component."""
+        return np.array(list(chain.from_iterable(self.session.encoded())), self._dtype)
+
+    def masks(self) -> NDArray[np.bool_]:
+        """Those of the snapshot."""
+        return self.session.action_masks()
+
+    def info(self) -> dict[str, Any]:
+        """Means of the drones' terms."""
+        session, drones = self.session, self.drones
+        shown, rewards = session.shown, session.reward_info()
+        return {
+            **session.info(),
+            "attached_users": sum(seen.attached_users for seen in shown.observations),
+            "crashes": session.engine.log.crashes,
+            **{key: in_order(terms[key] for terms in rewards) / drones for key in rewards[0]},
+            "action_mask": flat_mask(shown.masks),
+        }
+
+
+class InKernels:
+    """By the arrays of the compiled engine."""
+
+    def __init__(self, session: CompiledSession) -> None:
+        self.session: Session = session
+        self.compiled = Compiled([session])
+        self._over = True
+
+    def begin(self, seed: int | None) -> None:
+        """See ``Joint``, here and below."""
+        self.compiled.begin(ALL, [seed])
+        self._over = False
+
+    def step(self, action: Any) -> tuple[float, bool, bool]:
+        """In one call."""
+        if self._over:
+            raise error.ResetNeeded("call reset first: the episode is over, or none has begun")
+        compiled = self.compiled
+        compiled.step(compiled.commands(action), ALL)
+        terminated, truncated = compiled.over[0].tolist()
+        self._over = terminated or truncated
+        return float(compiled.rewards[0]), terminated, truncated
+
+    def observation(self) -> NDArray[Any]:
+        """Encoded by a kernel."""
+        shown: NDArray[Any] = self.compiled.values[0].astype(self.compiled.dtype)
+        return shown
+
+    def masks(self) -> NDArray[np.bool_]:
+        """Those of the arrays. Raises ResetNeeded before the first episode."""
+        if self.session.episode < 0:
+            raise error.ResetNeeded("call reset first: no episode has begun")
+        masks: NDArray[np.bool_] = self.compiled.masks[0].astype(np.bool_)
+        return masks
+
+    def info(self) -> dict[str, Any]:
+        """Means by a kernel."""
+        return self.compiled.info_of(0)
+
+
+def _each(action: Any) -> Iterable[Any]:
+    """An action, drone by drone."""
+    if isinstance(action, np.ndarray):
+        action = action.tolist()
+    if not isinstance(action, Iterable):
+        raise ActionError(f"one action for each drone, not {action!r}")
+    return action
