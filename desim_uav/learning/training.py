@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from math import isnan
 from typing import NamedTuple
 
 import numpy as np
@@ -122,7 +123,12 @@ class Training:
             self.engine.carry(None)
         return [
             self._progress(
-                number, drone, rewards[drone], learner.sum, measures, crashed.count(drone)
+                number - FIRST_PATH,
+                drone,
+                (epsilon, alpha),
+                (rewards[drone], learner.sum),
+                measures,
+                crashed.count(drone),
             )
             for drone, learner in enumerate(self.learners)
         ]
@@ -138,6 +144,7 @@ class Training:
         pending = np.array([decision[:2] for decision in waiting], np.int64)
         sums = [(learner.sum,) for learner in self.learners]
         due = np.array([(*decision[2:], *s) for decision, s in zip(waiting, sums, strict=True)])
+        laws = [self._law(episode) for episode in episodes]
         told, crashes = np.zeros((count, drones, 5)), np.zeros((count, drones), np.int64)
         fused.play(
             engine.fixed,
@@ -147,7 +154,7 @@ class Training:
             fused.ALGORITHMS.index(self.settings.algorithm),
             self.q,
             self._sizes(),
-            np.array([self._law(episode) for episode in episodes]),
+            np.array(laws),
             self.settings.gamma,
             np.array([self._drawn(number) for number in numbers]),
             pending,
@@ -169,8 +176,10 @@ class Training:
         if engine.terminated or not self._goes_on(self.episode):
             engine.carry(None)
         return [
-            self._progress(number, drone, reward, total, measures, fallen)
-            for number, rows, counts in zip(numbers, told.tolist(), crashes.tolist(), strict=True)
+            self._progress(episode, drone, law, (reward, total), measures, fallen)
+            for episode, law, rows, counts in zip(
+                episodes, laws, told.tolist(), crashes.tolist(), strict=True
+            )
             for drone, ((reward, total, *measures), fallen) in enumerate(
                 zip(rows, counts, strict=True)
             )
@@ -276,19 +285,19 @@ class Training:
 
     def _progress(
         self,
-        number: int,
+        episode: int,
         drone: int,
-        reward: float,
-        total: float,
+        law: tuple[float, float],
+        told: tuple[float, float],
         measures: Sequence[float | None],
         crashes: int,
     ) -> Progress:
-        episode = number - FIRST_PATH
+        """``told``: the reward and the sum of the values; a measure of nan: there is none."""
+        reward, total = told
         q = self.q[drone]
         mean_q = total / q.size if self.sums else float(q.mean(dtype=np.float64))
-        one, two, three = (None if q is None or math.isnan(q) else q for q in measures)
-        epsilon, alpha = self._law(episode)
-        return Progress(episode, drone, reward, epsilon, alpha, mean_q, one, two, three, crashes)
+        one, two, three = [None if m is None or isnan(m) else m for m in measures]
+        return Progress(episode, drone, reward, *law, mean_q, one, two, three, crashes)
 
 
 def table_features(world: World, tables: int = 1) -> tuple[Feature, ...]:

@@ -56,7 +56,7 @@ class Static:
     ) -> Walks:
         """One leg each, at no speed."""
         legs = np.zeros((len(homes), 5))
-        legs[:, [X0, Y0]] = homes
+        legs[:, X0 : Y0 + 1] = homes
         return Walks(legs, np.arange(len(homes) + 1))
 
 
