@@ -11,7 +11,6 @@ from typing import Any, Protocol
 from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
-from desim_uav.learning import fused
 from desim_uav.model.coverage import crossings
 from desim_uav.model.kernels import compiled_before
 
@@ -41,6 +40,8 @@ def progress(show: bool, total: int, unit: str = "episodes") -> Iterator[Callabl
 @contextmanager
 def training_progress(show: bool, total: int) -> Iterator[TrainingBar]:
     """A bar over the episodes of a training, with reward, ε and QoE."""
+    from desim_uav.learning import fused  # which a run without a training need not load
+
     with _bar(show, total, "episodes", fused.play) as shown:
         yield TrainingBar(shown)
 
