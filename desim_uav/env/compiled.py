@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import Engine, RunSettings
 from desim_uav.engine.batch import BatchSimulation, calls
+from desim_uav.engine.batch.calls import COUNTS, MEASURES
 from desim_uav.env.session import ActionError, Session
 from desim_uav.model.state import Snapshot
 from desim_uav.spaces import features, observation_space
 
 ADDRESSES = 6
-MEASURES = ("sim_time_s", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
 SEEDS = ("seed", "world_seed", "episode_number")
-COUNTS = ("attached_users", "crashes")
-"""What is told, before the terms of the reward; the last two rows are whole numbers."""
 
 
 class CompiledSession(Session):
@@ -131,8 +129,7 @@ class Compiled:
 
     def info_of(self, k: int) -> dict[str, Any]:
         """The same of one of them."""
-        qoe = self._told[k].tolist()
-        time_s, one, two, three, attached, crashes, *terms = qoe
+        time_s, one, two, three, attached, crashes, *terms = self._told[k].tolist()
         row = (time_s, one, two, three, *self._seeds[k].tolist(), int(attached), int(crashes))
         told: dict[str, Any] = dict(zip(self.keys, (*row, *terms), strict=True))
         told["action_mask"] = self.masks[k].copy()

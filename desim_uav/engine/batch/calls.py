@@ -49,15 +49,9 @@ def state(s: State) -> State:
     return State(pointer(s.i), pointer(s.f))
 
 
-TOLD = (
-    "sim_time_s",
-    "qoe1_percent",
-    "qoe2_iterations",
-    "qoe3_percent",
-    "attached_users",
-    "crashes",
-)
-"""What is told of an environment, before the terms of the reward."""
+MEASURES = ("sim_time_s", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
+COUNTS = ("attached_users", "crashes")
+"""What is told of an environment, in this order, before the terms of the reward."""
 
 
 @kernel
@@ -101,8 +95,8 @@ def look_at_all(
     """What many environments show, ``which`` of them; how many have run out of room.
 
     ``values`` (n, drones * features), ``masks`` (n, drones * actions), ``rewards`` (n,) and the
-    terms in ``told`` (n, TOLD and the terms): means over the drones; ``over`` (n, 3): terminated,
-    truncated, short of room.
+    terms in ``told`` (n, MEASURES, COUNTS and terms): means over the drones; ``over`` (n, 3):
+    terminated, truncated, short of room.
     """
     full = 0
     for k in range(len(environments)):
