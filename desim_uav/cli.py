@@ -350,7 +350,7 @@ def reproduce(
     if check and preset == "paper":
         raise UsageError("--check: the gates are of the default training, not of the paper's")
     todo = table.jobs(table.numbers(cases), seeds, episodes, presets[preset])
-    with progress(not quiet, len(todo), "jobs") as advance:
+    with progress(not quiet, len(todo), "jobs", engine) as advance:
         rows = table.run_jobs(todo, out, jobs, advance, engine)
     found = table.report(rows, out, " ".join(["desim-uav", *sys.argv[1:]]))
     if not quiet:
@@ -448,7 +448,7 @@ def compare(
         _end_politely()
         try:
             _located(path, lambda: comparing.try_on(loaded, names, drawn, engine))
-            with progress(True, len(names) * len(drawn), "runs") as advance:
+            with progress(True, len(names) * len(drawn), "runs", engine) as advance:
                 found = _located(
                     path,
                     lambda: comparing.compare_policies(

@@ -69,7 +69,7 @@ def run_to_folder(
         say(notice)
     started = datetime.now(UTC)
     with place.draft() as draft:
-        with progress(show_progress, warmup + episodes) as advance:
+        with progress(show_progress, warmup + episodes, engine=engine) as advance:
             results, interrupted = run(
                 world, policy, policy_name, seed, episodes, warmup, keep_events, advance, engine
             )

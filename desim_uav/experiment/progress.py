@@ -31,9 +31,16 @@ class Row(Protocol):
 
 
 @contextmanager
-def progress(show: bool, total: int, unit: str = "episodes") -> Iterator[Callable[[], None]]:
-    """A bar that each call of what it gives moves on by one."""
-    with _bar(show, total, unit, crossings) as shown:
+def progress(
+    show: bool, total: int, unit: str = "episodes", engine: str = "des"
+) -> Iterator[Callable[[], None]]:
+    """A bar that each call of what it gives moves on by one; ``engine`` is what may be compiled."""
+    kernel: Callable[..., Any] = crossings
+    if engine == "batch":
+        from desim_uav.engine.batch import calls
+
+        kernel = calls.step
+    with _bar(show, total, unit, kernel) as shown:
         yield lambda: shown(unit)
 
 

@@ -260,62 +260,14 @@ def _learn(
     if state < 0:
         return
     gained, discount = due[GAINED], due[DISCOUNT]
-    epsilon, alpha = law
     before = value_of(q, state, action)
+    step = (q, state, action, gained, discount, next_state, allowed, next_action, *law, coin)
     if algorithm == 0:
-        q_learning(
-            q,
-            state,
-            action,
-            gained,
-            discount,
-            next_state,
-            allowed,
-            next_action,
-            epsilon,
-            alpha,
-            coin,
-        )
+        q_learning(*step)
     elif algorithm == 1:
-        sarsa(
-            q,
-            state,
-            action,
-            gained,
-            discount,
-            next_state,
-            allowed,
-            next_action,
-            epsilon,
-            alpha,
-            coin,
-        )
+        sarsa(*step)
     elif algorithm == 2:
-        expected_sarsa(
-            q,
-            state,
-            action,
-            gained,
-            discount,
-            next_state,
-            allowed,
-            next_action,
-            epsilon,
-            alpha,
-            coin,
-        )
+        expected_sarsa(*step)
     else:
-        double_q(
-            q,
-            state,
-            action,
-            gained,
-            discount,
-            next_state,
-            allowed,
-            next_action,
-            epsilon,
-            alpha,
-            coin,
-        )
+        double_q(*step)
     due[SUM] += value_of(q, state, action) - before

@@ -242,7 +242,8 @@ def _hover_at(s: State, d: int, x: int, y: int, level: int) -> None:
 
 
 @inner
-def _foresee_depletion(w: Fixed, s: State, d: int, span_us: int) -> None:
+def foresee_depletion(w: Fixed, s: State, d: int, span_us: int) -> None:
+    """Put it on the agenda, if the battery does not last a leg of ``span_us`` out."""
     drone = drone_of(s, d)
     if w.i[LIMITED] and s.i[drone + BATTERY_US] <= span_us:
         depleted_us = s.i[drone + SINCE_US] + s.i[drone + BATTERY_US]
@@ -262,7 +263,7 @@ def _set_out(
         s.i[drone + LEVEL] + dz,
     )
     s.i[drone + TRANSIT] = transit
-    _foresee_depletion(w, s, d, span_us)
+    foresee_depletion(w, s, d, span_us)
 
 
 @inner
@@ -403,7 +404,7 @@ def on_arrival(w: Fixed, s: State, d: int) -> None:
     else:
         duration_us = w.i[transit_of(w, s.i[drone + TRANSIT]) + DURATION_US]
         _arrive(w, s, d)
-        _foresee_depletion(w, s, d, w.i[STEP_US] - duration_us)
+        foresee_depletion(w, s, d, w.i[STEP_US] - duration_us)
         s.i[drone + WAITS] = 1
 
 

@@ -43,6 +43,7 @@ from desim_uav.engine.batch.drones import (
     battery_now,
     count_distance,
     count_queueing,
+    foresee_depletion,
     go_home,
     grant,
     obey,
@@ -70,7 +71,6 @@ from desim_uav.engine.batch.memory import (
     ATTACHED_USERS,
     BACK,
     BANDWIDTH_BPS,
-    BATTERY_US,
     CAPACITY_US,
     CLOSED,
     CLOSED_QOE1,
@@ -89,7 +89,6 @@ from desim_uav.engine.batch.memory import (
     HORIZON_US,
     K_DECIDE,
     LANDED_IN,
-    LIMITED,
     MODE,
     MOVE_ACTION,
     NEXT_ROW,
@@ -151,7 +150,6 @@ from desim_uav.engine.batch.queue import (
     ATTACHMENT,
     COMMAND,
     COVERAGE,
-    DEPLETION,
     ENTRY,
     RECORD,
     RESPAWN,
@@ -246,7 +244,7 @@ def _take_up(w: Fixed, s: State, d: int) -> None:
         if s.i[drone + HOPPING]:
             duration_us = w.i[transit_of(w, s.i[drone + TRANSIT]) + DURATION_US]
             due(s, arrival_slot(w, d), s.i[drone + SINCE_US] + duration_us, key(ARRIVAL, d, -1))
-            _foresee(w, s, d, duration_us)
+            foresee_depletion(w, s, d, duration_us)
         else:
             go_home(w, s, d, ARRIVAL)
     elif mode == QUEUED:
@@ -255,15 +253,6 @@ def _take_up(w: Fixed, s: State, d: int) -> None:
         await_full(w, s, d)
     elif mode != CRASHED:
         s.i[drone + WAITS] = 1
-
-
-@inner
-def _foresee(w: Fixed, s: State, d: int, span_us: int) -> None:
-    drone = drone_of(s, d)
-    if w.i[LIMITED] and s.i[drone + BATTERY_US] <= span_us:
-        depleted_us = s.i[drone + SINCE_US] + s.i[drone + BATTERY_US]
-        slot = 2 * w.i[USERS] + 2 * w.i[DRONES] + d
-        due(s, slot, depleted_us, key(DEPLETION, d, -1))
 
 
 # ---- a step
