@@ -89,6 +89,24 @@ EVENTS = {
 }
 """Sorted by (t_us, phase, drone, user); what an event does not concern is null."""
 
+LEGS = {
+    "episode": INT,
+    "t_s": FLOAT,
+    "drone": INT,
+    "duration_s": FLOAT,
+    "mode": TEXT,
+    "x_from_m": FLOAT,
+    "y_from_m": FLOAT,
+    "z_from_m": FLOAT,
+    "x_to_m": FLOAT,
+    "y_to_m": FLOAT,
+    "z_to_m": FLOAT,
+}
+"""Where drones were, exactly: a row where a transit begins (``t_s`` below 0: in the episode before)
+and one of duration 0 where a drone is put at an episode's start, on its crash, in place of another.
+Between legs a drone is where the last one led.
+"""
+
 TRAINING = {
     "episode": INT,
     "drone": INT,

@@ -18,6 +18,7 @@ from desim_uav.errors import DesimError, PolicyError, UsageError
 from desim_uav.records import (
     EPISODES,
     EVENTS,
+    LEGS,
     REQUESTS,
     STEPS,
     TRAINING,
@@ -37,6 +38,7 @@ TABLES = {
     "episodes": EPISODES,
     "users": USERS,
     "events": EVENTS,
+    "legs": LEGS,
     "training": TRAINING,
 }
 LONGEST_NAME = 200

@@ -423,7 +423,7 @@ class TestRun:
         flags = (*SMALL, "--episodes", 2, "--warmup", 2, "--events", "--json")
         found = cli_run("run", "case8", *flags).json
         folder = Path(found["run_dir"])
-        for name in ("requests", "steps", "episodes", "users", "events"):
+        for name in ("requests", "steps", "episodes", "users", "events", "legs"):
             frame = pd.read_parquet(folder / f"{name}.parquet")
             assert sorted(frame["episode"].unique()) == [-2, -1, 0, 1]
         requests = pd.read_parquet(folder / "requests.parquet")
@@ -573,7 +573,7 @@ class TestEngine:
         found = played("des", BatchSimulation), played("batch", Simulation)
         assert found[0] | {"run_dir": ""} == found[1] | {"run_dir": ""}
         files = sorted(path.name for path in Path("des").iterdir())
-        assert "events.parquet" in files
+        assert {"events.parquet", "legs.parquet"} <= set(files)
         assert files == sorted(path.name for path in Path("batch").iterdir())
         for name in set(files) - {"manifest.json"}:
             assert Path("des", name).read_bytes() == Path("batch", name).read_bytes(), name

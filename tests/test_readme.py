@@ -53,7 +53,7 @@ def test_the_short_scenario_is_six_lines_and_valid():
     build_world(scenario, scenario.effective_world_seed)
 
 
-@pytest.mark.parametrize("table", ["requests", "steps", "users", "events"])
+@pytest.mark.parametrize("table", ["requests", "steps", "users", "events", "legs"])
 def test_the_columns(table):
     (columns,) = re.findall(
         rf"^\| `{table}.parquet` \|[^`\n]*`(episode, [^`]*)`", README, re.M

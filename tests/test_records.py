@@ -13,7 +13,8 @@ from desim_uav import qoe
 from desim_uav.engine.base import EpisodeLog, Step
 from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.tables import steps_table
-from desim_uav.model.rules import Action, Mode
+from desim_uav.model.motion import travelled
+from desim_uav.model.rules import US, Action, Mode
 from desim_uav.records import (
     EPISODES,
     EVENTS,
@@ -27,9 +28,10 @@ from desim_uav.records import (
 from desim_uav.run_folder import TABLES
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from desim_uav.world import build_world
 
 SMALL = ("users.count=16", "episode.steps=12", "drones.battery.autonomy_min=6")
-OF_A_RUN = ("requests", "steps", "episodes", "users", "events")
+OF_A_RUN = ("requests", "steps", "episodes", "users", "events", "legs")
 NULLABLE = {
     "requests": {"t_first_service_s", "completion_s", "qoe1_feasible"},
     "steps": {"battery_s", "n_b_s", "action"},
@@ -43,6 +45,7 @@ NULLABLE = {
     },
     "users": set(),
     "events": {"drone", "user", "request_id", "station"},
+    "legs": set(),
 }
 RUNS = {
     "busy": ("case8", "baseline", SMALL),
@@ -315,6 +318,47 @@ class TestEvents:
         )
         assert asked["drone"].isna().all()
         assert asked["user"].notna().all()
+
+
+class TestLegs:
+    def test_lead_to_where_the_steps_say(self, request, folders, run):
+        world = build_world(load(run / "scenario.yaml"), 0)
+        legs, steps = table(run, "legs"), table(run, "steps")
+        flown = 0
+        for (episode, drone), own in steps.groupby(["episode", "drone"]):
+            mine = legs[(legs["episode"] == episode) & (legs["drone"] == drone)]
+            assert mine["t_s"].iloc[0] <= 0, "where it begins is told"
+            for step in own.itertuples():
+                begun = mine[(mine["t_s"] < step.t_s) | (mine["mode"] == "crashed")]
+                leg = begun[begun["t_s"] <= step.t_s].iloc[-1]
+                place = place_on(leg, step.t_s, world)
+                assert place == pytest.approx((step.x_m, step.y_m, step.z_m), abs=1e-6)
+                flown += leg["duration_s"] > 0
+        assert flown > 0 or request.node.callspec.params["run"] == "crashing"
+
+    def test_a_leg_departs_and_arrives(self, run):
+        events, legs = table(run, "events"), table(run, "legs")
+        flown = legs[(legs["duration_s"] > 0) & (legs["t_s"] >= 0)]
+        departed = events[events["kind"] == "depart"]
+        assert [*zip(flown["episode"], flown["drone"], flown["t_s"] * US, strict=True)] == [
+            *zip(departed["episode"], departed["drone"], departed["t_us"], strict=True)
+        ]
+
+
+def place_on(leg, t_s, world):
+    """x, y, z at a time: along the leg as its motion says, then at its end."""
+    start, end = (np.array([leg[f"{axis}_{side}_m"] for axis in "xyz"]) for side in ("from", "to"))
+    elapsed_s = t_s - leg["t_s"]
+    if elapsed_s >= leg["duration_s"]:
+        return tuple(end)
+    length_m = np.abs(end - start).sum()
+    motion = world.scenario.drones.motion
+    if leg["mode"] == "flying":
+        transit = motion.epoch_transit(length_m, world.step_us / US)
+    else:
+        transit = motion.fastest_transit(length_m)
+    assert transit.duration_us / US == leg["duration_s"]
+    return tuple(start + (end - start) * travelled(transit.profile, elapsed_s) / length_m)
 
 
 class TestToFrame:

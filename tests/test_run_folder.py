@@ -233,7 +233,7 @@ class TestWholeOrNotAtAll:
         assert names("runs/tiny-baseline-s1") == FILES
 
     def test_events_only_where_asked(self):
-        assert names(run(keep_events=True)) == sorted([*FILES, "events.parquet"])
+        assert names(run(keep_events=True)) == sorted([*FILES, "events.parquet", "legs.parquet"])
 
     def test_it_has_the_rights_of_any_new_folder(self):
         mask = os.umask(0o027)
@@ -298,7 +298,7 @@ class TestWholeOrNotAtAll:
         monkeypatch.setattr(Draft, "_new_file", lambda d, n: (written.append(n), original(d, n))[1])
         run(keep_events=True)
         assert written[-1] == "manifest.json"
-        assert sorted(written) == sorted([*FILES, "events.parquet"])
+        assert sorted(written) == sorted([*FILES, "events.parquet", "legs.parquet"])
 
 
 class TestManifest:
@@ -406,7 +406,8 @@ class TestRunAgain:
     def test_what_is_logged_changes_nothing(self):
         bare = run("case8", overrides=SMALL)
         full = run("case8", overrides=SMALL, keep_events=True)
-        (full / "events.parquet").unlink()
+        for name in ("events", "legs"):
+            (full / f"{name}.parquet").unlink()
         same_tables(bare, full)
 
     def test_more_episodes_begin_like_fewer(self):

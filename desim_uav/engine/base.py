@@ -62,12 +62,33 @@ class Step(NamedTuple):
     reward: float
 
 
+Place = tuple[float, float, float]
+"""x, y, z in metres."""
+
+
+class FlownLeg(NamedTuple):
+    """What a drone began at ``t_us`` (below 0: in an episode before).
+
+    A transit of ``duration_us``, commanded (``flying``) or on the way to a station
+    (``returning``); or, with a duration of 0, a place it was put: where it began the episode, was
+    put in place of another, or lies crashed. After a leg a drone stays where it has led.
+    """
+
+    t_us: int
+    drone: int
+    duration_us: int
+    mode: Mode
+    from_m: Place
+    to_m: Place
+
+
 @dataclass
 class EpisodeLog:
     """All an engine tells of one episode.
 
     ``events`` is None where they are not kept; they stand in order of (t_us, phase, drone, user)
-    once the episode has ended. ``attached_us`` is the integral over time of the attached users,
+    once the episode has ended. ``legs`` are kept where events are, and stand in order of (t_us,
+    drone). ``attached_us`` is the integral over time of the attached users,
     ``crashed`` names the drone of each crash, ``queueing_us`` is the time between landing and
     charging, ``bandwidth_us_bps`` the integral of the
     bandwidth in use.
@@ -75,6 +96,7 @@ class EpisodeLog:
 
     episode: int
     events: list[Event] | None = None
+    legs: list[FlownLeg] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
     requests: list[ClosedRequest] = field(default_factory=list)
     duration_us: int = 0
@@ -91,11 +113,17 @@ class EpisodeLog:
         """The number of crashes."""
         return len(self.crashed)
 
+    def put_in_order(self) -> None:
+        """Once the episode has ended: events and legs as they are to stand."""
+        if self.events is not None:
+            self.events.sort(key=IN_ORDER)
+        self.legs.sort(key=itemgetter(0, 1))
+
 
 class RunSettings(NamedTuple):
     """What a run adds to its world; ``ceilings``: is a drone bound by the tallest building?
 
-    Of events and steps, the log holds what is kept.
+    Of events (and legs) and steps, the log holds what is kept.
     """
 
     ceilings: tuple[bool, ...]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Any
 
 import pandas as pd
@@ -25,13 +25,14 @@ BATCH = 50
 
 @dataclass
 class Results:
-    """The tables of a run (see ``records``); ``events`` is None where they were not kept."""
+    """The tables of a run (see ``records``); ``events`` and ``legs`` are None if not kept."""
 
     requests: pd.DataFrame
     steps: pd.DataFrame
     episodes: pd.DataFrame
     users: pd.DataFrame
     events: pd.DataFrame | None
+    legs: pd.DataFrame | None
 
 
 def run_settings(world: World, policy: Policy, keep_events: bool) -> RunSettings:
@@ -141,13 +142,15 @@ def _tabulate(
         tables.episodes_table(logs, world, requests),
         tables.users_table([path for _, path in played], world),
         tables.events_table(logs) if keep_events else None,
+        tables.legs_table(logs) if keep_events else None,
     )
 
 
 def _joined(parts: list[Results]) -> Results:
-    def joined(name: str) -> pd.DataFrame:
+    def joined(name: str) -> Any:
         frames: list[pd.DataFrame] = [getattr(part, name) for part in parts]
+        if frames[0] is None:
+            return None
         return pd.concat([f for f in frames if len(f)] or frames[:1], ignore_index=True)
 
-    events = None if parts[0].events is None else joined("events")
-    return Results(joined("requests"), joined("steps"), joined("episodes"), joined("users"), events)
+    return Results(**{field.name: joined(field.name) for field in fields(Results)})

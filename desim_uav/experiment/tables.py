@@ -18,7 +18,7 @@ from desim_uav.engine.base import EpisodeLog
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
-from desim_uav.records import EPISODES, EVENTS, REQUESTS, STEPS, USERS, to_frame
+from desim_uav.records import EPISODES, EVENTS, LEGS, REQUESTS, STEPS, USERS, to_frame
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -121,6 +121,24 @@ def events_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
         for t_us, phase, kind, *concerned in log.events or ()
     )
     return to_frame(EVENTS, rows)
+
+
+def legs_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
+    """One row a leg that a drone flew, in order of time and drone."""
+    rows = (
+        (
+            log.episode,
+            leg.t_us / US,
+            leg.drone,
+            leg.duration_us / US,
+            leg.mode.name.lower(),
+            *leg.from_m,
+            *leg.to_m,
+        )
+        for log in logs
+        for leg in log.legs
+    )
+    return to_frame(LEGS, rows)
 
 
 def users_table(paths: Sequence[SamplePath], world: World) -> pd.DataFrame:

@@ -60,6 +60,7 @@ def assert_same_episode(one: Engine, other: Engine, seed: int, episode: int) -> 
         commands = [some_command(one.world, mask, rng) for mask in shown.masks]
         shown, seen = one.step(commands), other.step(commands)
     assert one.log.events == other.log.events
+    assert one.log.legs == other.log.legs
     assert one.log.steps == other.log.steps
     assert [row(r) for r in one.log.requests] == [row(r) for r in other.log.requests]
     for name in SUMS:

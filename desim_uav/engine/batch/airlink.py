@@ -157,6 +157,14 @@ def note(
     s: State, phase: int, kind: int, drone: int, user: int, request: int, station: int
 ) -> None:
     """Write to the log, where events are kept."""
+    note_at(s, s.i[NOW], phase, kind, drone, user, request, station)
+
+
+@inner
+def note_at(
+    s: State, t_us: int, phase: int, kind: int, drone: int, user: int, request: int, station: int
+) -> None:
+    """The same of another time."""
     if s.i[MOST_EVENTS] == 0:
         return
     row = s.i[EVENTS]
@@ -165,7 +173,7 @@ def note(
         s.i[FULL] = 1
         return
     event = event_of(s, row)
-    s.i[event + 0], s.i[event + 1], s.i[event + 2], s.i[event + 3] = s.i[NOW], phase, kind, drone
+    s.i[event + 0], s.i[event + 1], s.i[event + 2], s.i[event + 3] = t_us, phase, kind, drone
     s.i[event + 4], s.i[event + 5], s.i[event + 6] = user, request, station
 
 

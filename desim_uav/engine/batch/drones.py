@@ -12,7 +12,7 @@ from desim_uav.engine.batch.access import (
     station_of,
     transit_of,
 )
-from desim_uav.engine.batch.airlink import note, silence, track
+from desim_uav.engine.batch.airlink import note, note_at, silence, track
 from desim_uav.engine.batch.kernels import inner
 from desim_uav.engine.batch.memory import (
     AT_BLOCKED,
@@ -48,6 +48,7 @@ from desim_uav.engine.batch.memory import (
     K_DEPART,
     K_DEPLETE,
     K_LAND,
+    K_LEG,
     K_RESPAWN,
     LANDED_IN,
     LEVEL,
@@ -263,7 +264,19 @@ def _set_out(
         s.i[drone + LEVEL] + dz,
     )
     s.i[drone + TRANSIT] = transit
+    if transit != REST:
+        note_leg(w, s, d)
     foresee_depletion(w, s, d, span_us)
+
+
+@inner
+def note_leg(w: Fixed, s: State, d: int) -> None:
+    """Write to the log what the drone is about: a transit, or to be where it is."""
+    drone = drone_of(s, d)
+    start = node(w, s.i[drone + X], s.i[drone + Y], s.i[drone + LEVEL])
+    end = node(w, s.i[drone + TO_X], s.i[drone + TO_Y], s.i[drone + TO_LEVEL])
+    duration_us = w.i[transit_of(w, s.i[drone + TRANSIT]) + DURATION_US]
+    note_at(s, s.i[drone + SINCE_US], s.i[drone + MODE], K_LEG, d, start, end, duration_us)
 
 
 @inner
@@ -505,6 +518,7 @@ def on_depletion(w: Fixed, s: State, d: int) -> None:
     s.i[s.i[AT_CRASHED] + s.i[CRASHES]] = d
     s.i[CRASHES] += 1
     note(s, DEPLETION, K_CRASH, d, -1, -1, -1)
+    note_leg(w, s, d)
 
 
 @inner
@@ -512,4 +526,5 @@ def respawn(w: Fixed, s: State, d: int, station: int) -> None:
     """A new drone takes its place, on a station."""
     appear(w, s, d, w.i[w.i[AT_STATIONS] + 2 * station], w.i[w.i[AT_STATIONS] + 2 * station + 1])
     note(s, RESPAWN, K_RESPAWN, d, -1, -1, station)
+    note_leg(w, s, d)
     s.i[drone_of(s, d) + WAITS] = 1

@@ -46,6 +46,7 @@ from desim_uav.engine.batch.drones import (
     foresee_depletion,
     go_home,
     grant,
+    note_leg,
     obey,
     on_arrival,
     on_depletion,
@@ -240,6 +241,7 @@ def _take_up(w: Fixed, s: State, d: int) -> None:
     """Go on with what the drone was about in the episode before."""
     drone = drone_of(s, d)
     mode = s.i[drone + MODE]
+    note_leg(w, s, d)
     if mode == RETURNING:
         if s.i[drone + HOPPING]:
             duration_us = w.i[transit_of(w, s.i[drone + TRANSIT]) + DURATION_US]

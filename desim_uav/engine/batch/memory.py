@@ -353,7 +353,11 @@ KINDS = (
     *("decide", "depart", "blocked", "arrive", "land", "charge", "charged"),
     *("deplete", "crash", "respawn"),
 )
-"""Kinds of events; the section events holds their index here."""
+"""Kinds of events; the section events holds their index here.
+
+A row of the kind after them is a leg: (t_us, mode, K_LEG, drone, from, to, duration_us), with
+places by number.
+"""
 
 (
     K_REQUEST,
@@ -376,7 +380,8 @@ KINDS = (
     K_DEPLETE,
     K_CRASH,
     K_RESPAWN,
-) = range(20)
+    K_LEG,
+) = range(21)
 
 
 class State(NamedTuple):

@@ -11,11 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import (
-    IN_ORDER,
     Carried,
     CarriedDrone,
     EpisodeLog,
+    FlownLeg,
     Measures,
+    Place,
     RunSettings,
     Step,
     UserState,
@@ -45,6 +46,7 @@ from desim_uav.engine.batch.memory import (
     FULL,
     HANDOVERS,
     HOPPING,
+    K_LEG,
     KINDS,
     LEVEL,
     MODE,
@@ -253,12 +255,28 @@ class BatchSimulation:
             if whole[EPOCH]:
                 self._log_steps()
         if log.events is not None:
-            log.events += [
-                (t_us, PHASES[phase], KINDS[kind], *rest)
-                for t_us, phase, kind, *rest in self.views.events[: whole[EVENTS]].tolist()
-            ]
+            for t_us, phase, kind, d, *rest in self.views.events[: whole[EVENTS]].tolist():
+                if kind == K_LEG:
+                    log.legs.append(self._leg(t_us, d, MODES[phase], *rest))
+                else:
+                    log.events.append((t_us, PHASES[phase], KINDS[kind], d, *rest))
         if whole[TERMINATED] or whole[TRUNCATED]:
             self._end_log()
+
+    def _leg(
+        self, t_us: int, d: int, mode: Mode, start: int, end: int, duration_us: int
+    ) -> FlownLeg:
+        """A leg between two numbered places; a crashed drone lies where its state says."""
+        if mode is Mode.CRASHED:
+            x_m, y_m = self.views.place[d, [FALLEN_X_M, FALLEN_Y_M]].tolist()
+            return FlownLeg(t_us, d, 0, mode, (x_m, y_m, 0.0), (x_m, y_m, 0.0))
+        return FlownLeg(t_us, d, duration_us, mode, self._place_m(start), self._place_m(end))
+
+    def _place_m(self, node: int) -> Place:
+        grid = self.world.grid
+        column, y = divmod(node, grid.cells[1])
+        level, x = divmod(column, grid.cells[0])
+        return *grid.centre(x, y), grid.levels_m[level]
 
     def _end_log(self) -> None:
         whole, log = self.state.i, self.log
@@ -270,8 +288,7 @@ class BatchSimulation:
         log.charges = int(whole[CHARGES])
         log.suppressed = int(whole[SUPPRESSED])
         log.requests.sort(key=lambda request: request.request_id)
-        if log.events is not None:
-            log.events.sort(key=IN_ORDER)
+        log.put_in_order()
 
     def _log_requests(self) -> None:
         whole, state = self.state.i, self.views

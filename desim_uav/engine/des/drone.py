@@ -9,7 +9,7 @@ import numpy as np
 import simpy
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import CarriedDrone
+from desim_uav.engine.base import CarriedDrone, FlownLeg
 from desim_uav.engine.des.agenda import Life, Signal, key
 from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.flights import Flights, neighbour
@@ -92,6 +92,7 @@ class Drone:
         self.counted_m = 0.0
         self.node: Node = (*cell, 0)
         self.leg = self.flights.hover(self.node)
+        self._log_leg()
 
     # ---- from one episode to the next
 
@@ -126,6 +127,7 @@ class Drone:
                 self._foresee_depletion(self.energy, self.leg.transit.duration_us)
         else:
             self.leg = self.flights.hover(self.node)
+        self._log_leg()
 
     # ---- the life of a drone
 
@@ -274,6 +276,8 @@ class Drone:
         """Begin a leg of ``span_us``, and foresee whether the battery lasts it out."""
         self._change_mode(mode)
         self.leg = leg
+        if leg.transit is not REST:
+            self._log_leg()
         if self.energy is not None:
             self._foresee_depletion(self.energy, span_us)
 
@@ -405,6 +409,7 @@ class Drone:
         self.airlink.silence(self.radio, DEPLETION)
         self.journal.log.crashed.append(self.index)
         self.emit(DEPLETION, "crash")
+        self._log_leg()
         self.process.interrupt()
 
     def down_us(self) -> int:
@@ -416,6 +421,21 @@ class Drone:
         self._appear(self.world.stations[station])
         self.emit(RESPAWN, "respawn", station)
         self.revival.give(None, key(RESPAWN, self.index))
+
+    def _log_leg(self) -> None:
+        """Write to the log what it is about: a transit, or to be where it is."""
+        if self.logs:
+            leg = self.leg
+            self.journal.flown(
+                FlownLeg(
+                    self.since_us,
+                    self.index,
+                    leg.transit.duration_us,
+                    self.mode,
+                    (*leg.from_m, leg.from_z_m),
+                    (*leg.to_m, leg.to_z_m),
+                )
+            )
 
     def emit(self, phase: Phase, kind: str, station: int = -1) -> None:
         """Write to the log, where events are kept, what happens to it."""

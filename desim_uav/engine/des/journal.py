@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.engine.base import EpisodeLog, Event
+from desim_uav.engine.base import EpisodeLog, Event, FlownLeg
 from desim_uav.engine.des.agenda import Agenda
 
 
@@ -17,3 +17,8 @@ class Journal:
         """Keep an event, where events are kept."""
         if self.log.events is not None:
             self.log.events.append(event)
+
+    def flown(self, leg: FlownLeg) -> None:
+        """Keep a leg, where events are kept."""
+        if self.log.events is not None:
+            self.log.legs.append(leg)

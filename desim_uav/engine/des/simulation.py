@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import (
-    IN_ORDER,
     Carried,
     EpisodeLog,
     Measures,
@@ -245,8 +244,7 @@ class Simulation:
             if drone.mode is Mode.QUEUED:
                 drone.count_queueing()
         self.log.duration_us = self.agenda._now
-        if self.log.events is not None:
-            self.log.events.sort(key=IN_ORDER)
+        self.log.put_in_order()
 
     def _respawn(self, _: None) -> None:
         """Phase 9: crashed drones come back after their downtime; then commands are due."""
