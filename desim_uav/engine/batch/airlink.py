@@ -106,6 +106,7 @@ from desim_uav.engine.batch.memory import (
     SERVED_US,
     SERVICE,
     SERVING,
+    STAND,
     STARTED_US,
     STEP_US,
     STOPPED_US,
@@ -136,6 +137,7 @@ from desim_uav.engine.batch.queue import (
     undo,
 )
 from desim_uav.engine.batch.queue import REQUEST as REQUEST_PHASE
+from desim_uav.engine.batch.standing import recall
 from desim_uav.model.coverage import (
     ENTERS,
     SEEN_COLUMNS,
@@ -207,6 +209,27 @@ def track(w: Fixed, p: Path, s: State, d: int, span_us: int, phase: int) -> None
 
     Those of this very instant happen at once, in ``phase``.
     """
+    drone, first = drone_of(s, d), crossing_of(s, d, 0)
+    fresh, most = s.i[drone + RADIO] == 0, s.i[MOST_CROSSINGS]
+    known = s.i[STAND] and not fresh and span_us == w.i[STEP_US]
+    count = recall(w, s, drone, first) if known else _foresee(w, p, s, d, span_us, fresh)
+    if count > most:
+        s.i[FULL] = 1
+        count = most
+    if not known:
+        _sort_last_first(s, first, count)
+    s.i[drone + RADIO] = 1
+    while count > 0 and s.i[crossing_of(s, d, count - 1) + TIME_US] == s.i[NOW]:
+        count -= 1
+        _cross(w, s, d, crossing_of(s, d, count), phase, phase)
+    s.i[drone + CROSSINGS] = count
+    _await_next(w, s, d)
+    settle_after(w, s, phase)
+
+
+@inner
+def _foresee(w: Fixed, p: Path, s: State, d: int, span_us: int, fresh: bool) -> int:
+    """Find the crossings of a drone's leg; their number, more than there is room for perhaps."""
     drone = drone_of(s, d)
     now_us, most = s.i[NOW], s.i[MOST_CROSSINGS]
     transit = s.i[drone + TRANSIT]
@@ -235,24 +258,12 @@ def track(w: Fixed, p: Path, s: State, d: int, span_us: int, phase: int) -> None
         legs,
         offsets,
         seen,
-        s.i[drone + RADIO] == 0,
+        fresh,
         table(moved(s.i, first), most, CROSSING_COLUMNS),
     )
     if buckets > 0:
-        count = crossings_near(*leg, shape, side, s.f[FAR_M], heads, following)
-    else:
-        count = crossings(*leg)
-    if count > most:
-        s.i[FULL] = 1
-        count = most
-    _sort_last_first(s, first, count)
-    s.i[drone + RADIO] = 1
-    while count > 0 and s.i[crossing_of(s, d, count - 1) + TIME_US] == now_us:
-        count -= 1
-        _cross(w, s, d, crossing_of(s, d, count), phase, phase)
-    s.i[drone + CROSSINGS] = count
-    _await_next(w, s, d)
-    settle_after(w, s, phase)
+        return int(crossings_near(*leg, shape, side, s.f[FAR_M], heads, following))
+    return int(crossings(*leg))
 
 
 @inner

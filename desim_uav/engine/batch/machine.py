@@ -129,6 +129,7 @@ from desim_uav.engine.batch.memory import (
     SERVICES,
     SERVING,
     SINCE_US,
+    STAND,
     STATIONS,
     STEP_US,
     STEPS,
@@ -161,6 +162,7 @@ from desim_uav.engine.batch.queue import (
 )
 from desim_uav.engine.batch.queue import REQUEST as REQUEST_PHASE
 from desim_uav.engine.batch.rewards import S_COUNTS, reward
+from desim_uav.engine.batch.standing import stand
 from desim_uav.model.demand import DUE_US
 
 IDLE, ATTACHED, OPEN, SERVED = range(4)
@@ -185,6 +187,7 @@ def start_afresh(w: Fixed, s: State) -> None:
 def reset(w: Fixed, p: Path, s: State) -> None:
     """Begin an episode with the drones as they are, and run up to its first decision epoch."""
     _forget(w, s)
+    s.i[STAND] = stand(w, p)
     drones = w.i[DRONES]
     for d in range(drones):
         drone = drone_of(s, d)

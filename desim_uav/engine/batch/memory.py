@@ -54,6 +54,7 @@ NEVER = 2**62
     TERMS,
     BUCKETS_X,
     BUCKETS_Y,
+    TABULATED,
     AT_STATIONS,
     AT_STATION_AT,
     AT_STARTS,
@@ -64,12 +65,15 @@ NEVER = 2**62
     AT_PLANS,
     AT_HOPS,
     AT_BLOCKED,
+    AT_KNOWN,
+    AT_KNOWN_ROWS,
     AT_LEVELS_M,
     AT_PROFILES,
     AT_DISTANCES_M,
     AT_WEIGHTS,
+    AT_HOMES,
     PROFILE_ROWS,
-) = range(42)
+) = range(46)
 """The first of ``Fixed.i``; AT_…: where a section begins. A bandwidth of -1 is unlimited."""
 
 (
@@ -110,8 +114,10 @@ class Fixed(NamedTuple):
     starts (drones, 2); ceilings (drones,), is it bound by the tallest building?; moves
     (actions, 5), see MOVE_X …; transits (n, 2), see DURATION_US …; hop_transits (3,) by axis; plans
     (2, nodes, 5), see PLAN_STATION …, without and under the ceiling, a node being
-    (level * nx + x) * ny + y; hops (n, 3); blocked (levels, nx, ny). Of ``f``: levels_m (levels,);
-    profiles (transits, PROFILE_ROWS, 4); distances_m (transits,); weights (services,).
+    (level * nx + x) * ny + y; hops (n, 3); blocked (levels, nx, ny); known (cells * 5 + 1,) and
+    known_rows (n, 3), crossings by a drone's leg where they are TABULATED (see ``standing``). Of
+    ``f``: levels_m (levels,); profiles (transits, PROFILE_ROWS, 4); distances_m (transits,);
+    weights (services,); homes (users, 2), of users in such a table.
     """
 
     i: Ints
@@ -210,6 +216,7 @@ def walks_of(path: Path) -> Walks:
     FULL,
     SEEN_FROM_US,
     SEEN_TO_US,
+    STAND,
     MOST_CROSSINGS,
     MOST_LOOSE,
     MOST_EVENTS,
@@ -254,7 +261,7 @@ def walks_of(path: Path) -> Walks:
     AT_TERMS,
     AT_USERS_SEEN,
     STATE_HEADER,
-) = range(68)
+) = range(69)
 """The first of ``State.i``: clock, sums and counters, up to ``FULL`` (something did not fit); for
 which span users were looked for; then sizes, and where sections begin, the last five in
 ``State.f``."""

@@ -23,6 +23,7 @@ from desim_uav.engine.batch.memory import (
     Fixed,
     Ints,
 )
+from desim_uav.engine.batch.standing import tabulate
 from desim_uav.errors import ScenarioError
 from desim_uav.model.admission import FirstCome
 from desim_uav.model.battery import Endurance
@@ -92,6 +93,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
     plans, hops = _plans(world, settings)
     weights = getattr(reward, "services", {})
     profiles = _stacked(transits)
+    known, known_rows, homes = tabulate(world)
     whole_sections = [
         np.array(world.stations),
         station_at,
@@ -103,12 +105,15 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         plans,
         hops,
         grid.blocked,
+        known,
+        known_rows,
     ]
     real_sections = [
         np.array(grid.levels_m),
         profiles,
         np.array([t.distance_m for t in transits]),
         np.array([weights.get(name, 0.0) for name in world.services.names]),
+        homes,
     ]
     buckets = bucket_grid(*world.area, scenario.drones.footprint_radius_m)
     real = [
@@ -147,6 +152,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         scenario.three_d,
         len(term_names(world)),
         *buckets,
+        len(known) > 0,
     ]
     whole += _starts(PROFILE_ROWS + 1, whole_sections)
     whole += _starts(len(real), real_sections)

@@ -1,0 +1,159 @@
+"""Users who stand still: whom a drone's leg passes, and when, known once for a world."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.engine.batch.kernels import inner
+from desim_uav.engine.batch.memory import (
+    AT_HOMES,
+    AT_KNOWN,
+    AT_KNOWN_ROWS,
+    AT_LEG_OFFSETS,
+    CROSSING_COLUMNS,
+    MOST_CROSSINGS,
+    NOW,
+    NY,
+    TABULATED,
+    TO_X,
+    TO_Y,
+    USERS,
+    Fixed,
+    Floats,
+    Ints,
+    Path,
+    State,
+    X,
+    Y,
+)
+from desim_uav.model.coverage import (
+    ENTERS,
+    SEEN_COLUMNS,
+    TIME_US,
+    USER,
+    VX,
+    VY,
+    X0,
+    Y0,
+    crossings,
+    look_around,
+)
+from desim_uav.model.mobility import Static
+from desim_uav.model.motion import Transit
+from desim_uav.model.rules import MOVES, Action
+from desim_uav.model.streams import Purpose, Streams
+from desim_uav.world import World
+
+COURSES = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
+"""Where a leg leads in the plane; the place among them is ``_course``."""
+
+MOST_LOOKS = 2**22
+"""With more pairs of a leg and a user than this, legs are looked at when they are flown."""
+
+
+def tabulate(world: World) -> tuple[Ints, Ints, Floats]:
+    """The crossings of all legs of a step: where each leg's rows begin, the rows, and the homes.
+
+    Rows are (time since the leg's start, user, enters), a leg's last one first; the legs of cell
+    (x, y) are ``(x * ny + y) * 5`` and the next ones, in order of ``COURSES``. Empty where users
+    walk, or the table would be too long.
+    """
+    nx, ny = world.grid.cells
+    homes = np.ascontiguousarray(world.homes[:, :2])
+    legs = nx * ny * len(COURSES)
+    if type(world.scenario.users.mobility) is not Static or legs * len(homes) > MOST_LOOKS:
+        return np.empty(0, np.int64), np.empty((0, CROSSING_COLUMNS), np.int64), homes[:0]
+    by_course = {
+        MOVES[action][:2]: transit
+        for action, transit in world.epoch_transits.items()
+        if action not in (Action.UP, Action.DOWN)
+    }
+    look = _Looks(world, homes)
+    found = [
+        look.along((x, y), course, by_course.get(course))
+        for x, y in np.ndindex(nx, ny)
+        for course in COURSES
+    ]
+    return np.cumsum([0, *map(len, found)]), np.concatenate(found), homes
+
+
+class _Looks:
+    """What drones' legs pass of users at home."""
+
+    def __init__(self, world: World, homes: Floats) -> None:
+        self.world = world
+        streams = Streams(world.seed, Purpose.MOBILITY)  # of which nothing is drawn
+        self.walks = Static().walks(homes, streams, world.area, world.horizon_us)
+        self.seen = np.empty((len(homes), SEEN_COLUMNS))
+        self.found = np.empty((2 * len(homes), CROSSING_COLUMNS), np.int64)
+        look_around(*self.walks, 0, world.step_us, self.seen)
+
+    def along(
+        self, cell: tuple[int, int], course: tuple[int, int], transit: Transit | None
+    ) -> NDArray[np.int64]:
+        """The crossings of one leg, the last one first; of a hover there are none."""
+        if transit is None:
+            return self.found[:0]
+        cell_x_m, cell_y_m = self.world.grid.cell_m
+        count = crossings(
+            transit.profile,
+            (cell[0] + 0.5) * cell_x_m,
+            (cell[1] + 0.5) * cell_y_m,
+            (cell[0] + course[0] + 0.5) * cell_x_m,
+            (cell[1] + course[1] + 0.5) * cell_y_m,
+            0,
+            self.world.step_us,
+            self.world.scenario.drones.footprint_radius_m,
+            *self.walks,
+            self.seen,
+            False,
+            self.found,
+        )
+        rows = self.found[:count]
+        return rows[np.lexsort((rows[:, USER], rows[:, ENTERS], rows[:, TIME_US]))[::-1]]
+
+
+@inner
+def stand(w: Fixed, p: Path) -> bool:
+    """Do all users of a sample path stand where the table has them?"""
+    if not w.i[TABULATED]:
+        return False
+    users, offsets = w.i[USERS], p.i[AT_LEG_OFFSETS]
+    if p.i[offsets + users] != users:
+        return False
+    for user in range(users):
+        leg, home = user * 5, w.i[AT_HOMES] + 2 * user
+        if p.f[leg + X0] != w.f[home] or p.f[leg + Y0] != w.f[home + 1]:
+            return False
+        if p.f[leg + VX] != 0.0 or p.f[leg + VY] != 0.0:
+            return False
+    return True
+
+
+@inner
+def recall(w: Fixed, s: State, drone: int, first: int) -> int:
+    """Write the crossings of a leg that begins now to ``first``; their number.
+
+    ``drone``: where its columns begin. What there is no room for is counted, but not written.
+    """
+    x, y = s.i[drone + X], s.i[drone + Y]
+    course = _course(s.i[drone + TO_X] - x, s.i[drone + TO_Y] - y)
+    known = w.i[AT_KNOWN] + (x * w.i[NY] + y) * 5 + course
+    begin, count = w.i[known], w.i[known + 1] - w.i[known]
+    if count <= s.i[MOST_CROSSINGS]:
+        for k in range(count):
+            row = w.i[AT_KNOWN_ROWS] + (begin + k) * CROSSING_COLUMNS
+            to = first + k * CROSSING_COLUMNS
+            s.i[to + TIME_US] = s.i[NOW] + w.i[row + TIME_US]
+            s.i[to + USER], s.i[to + ENTERS] = w.i[row + USER], w.i[row + ENTERS]
+    return int(count)
+
+
+@inner
+def _course(dx: int, dy: int) -> int:
+    if dx != 0:
+        return 3 if dx > 0 else 4
+    if dy != 0:
+        return 1 if dy > 0 else 2
+    return 0
