@@ -36,21 +36,13 @@ def draw(world: World, seed: int, episode: int) -> SamplePath:
     Whatever the policy, the same world, seed and episode give the same sample path; another drone
     or user changes nobody else's draws.
     """
-    scenario = world.scenario
-    walks = scenario.users.mobility.walks(
-        np.ascontiguousarray(world.homes[:, :2]),
-        Streams(seed, Purpose.MOBILITY, episode),
-        world.area,
-        world.horizon_us,
+    return SamplePath(
+        episode,
+        world.fixed_walks or world.walks(seed, episode),
+        world.fixed_requests or world.requests(seed, episode),
+        _position_error(world, seed, episode),
+        _respawn(world, seed, episode),
     )
-    requests = scenario.demand.requests(
-        len(world.homes),
-        world.services,
-        Streams(seed, Purpose.DEMAND, episode),
-        world.horizon_us,
-    )
-    error = _position_error(world, seed, episode)
-    return SamplePath(episode, walks, requests, error, _respawn(world, seed, episode))
 
 
 def _position_error(world: World, seed: int, episode: int) -> NDArray[np.float64] | None:

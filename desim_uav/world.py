@@ -11,8 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import ScenarioError
+from desim_uav.model.demand import Requests
 from desim_uav.model.grid import Cell, Grid, altitudes, connected
-from desim_uav.model.mobility import Area
+from desim_uav.model.mobility import Area, Walks
 from desim_uav.model.motion import Transit
 from desim_uav.model.planner import Node, Planner
 from desim_uav.model.rules import MOVES, US, Action, actions
@@ -57,6 +58,29 @@ class World:
         offered = self.scenario.services
         mix = getattr(self.scenario.demand, "mix", dict.fromkeys(offered, 1.0))
         return catalogue(offered, mix)
+
+    def walks(self, seed: int, episode: int) -> Walks:
+        """How the users walk in an episode."""
+        streams = Streams(seed, Purpose.MOBILITY, episode)
+        homes = np.ascontiguousarray(self.homes[:, :2])
+        return self.scenario.users.mobility.walks(homes, streams, self.area, self.horizon_us)
+
+    def requests(self, seed: int, episode: int) -> Requests:
+        """What the users ask for in an episode."""
+        streams = Streams(seed, Purpose.DEMAND, episode)
+        return self.scenario.demand.requests(
+            len(self.homes), self.services, streams, self.horizon_us
+        )
+
+    @cached_property
+    def fixed_walks(self) -> Walks | None:
+        """The walks of every episode, where they are left to no chance."""
+        return None if getattr(self.scenario.users.mobility, "draws", True) else self.walks(0, 0)
+
+    @cached_property
+    def fixed_requests(self) -> Requests | None:
+        """The requests of every episode, where they are left to no chance."""
+        return None if getattr(self.scenario.demand, "draws", True) else self.requests(0, 0)
 
     @cached_property
     def facts(self) -> Facts:

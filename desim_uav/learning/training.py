@@ -20,7 +20,7 @@ from desim_uav.learning.learner import Decision, Learner, load_algorithm
 from desim_uav.model.observations import Feature, Position, table_row, table_sizes
 from desim_uav.model.rules import DECIDES, Mode
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.model.streams import Purpose, Streams, uniforms
+from desim_uav.model.streams import Purpose, Streams, uniforms_of
 from desim_uav.sample_path import draw
 from desim_uav.world import World
 
@@ -156,7 +156,7 @@ class Training:
             self._sizes(),
             np.array(laws),
             self.settings.gamma,
-            np.array([self._drawn(number) for number in numbers]),
+            self._drawn(numbers),
             pending,
             due,
             np.array([not self._goes_on(episode + 1) for episode in episodes]),
@@ -274,14 +274,14 @@ class Training:
 
     def _draws(self, number: int) -> list[list[list[float]]]:
         """What chance says at each decision epoch: (epochs, drones, 3), uniform in [0, 1)."""
-        draws: list[list[list[float]]] = self._drawn(number).swapaxes(0, 1).tolist()
+        draws: list[list[list[float]]] = self._drawn([number])[0].swapaxes(0, 1).tolist()
         return draws
 
-    def _drawn(self, number: int) -> NDArray[np.float64]:
-        """The same as an array: (drones, epochs, 3)."""
+    def _drawn(self, numbers: Sequence[int]) -> NDArray[np.float64]:
+        """The same of several episodes: (episodes, drones, epochs, 3)."""
         count, epochs = len(self.learners), self.world.scenario.episode.steps + 1
-        states = Streams(self.seed, Purpose.LEARNER, number).states(count)
-        return uniforms(states, epochs * DRAWS).reshape(count, epochs, DRAWS)
+        drawn = uniforms_of(self.seed, Purpose.LEARNER, numbers, count, epochs * DRAWS)
+        return drawn.reshape(-1, count, epochs, DRAWS)
 
     def _progress(
         self,

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Annotated, Any, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, Lt
@@ -37,7 +37,10 @@ class Requests(NamedTuple):
 
 
 class Demand(Protocol):
-    """A model of demand."""
+    """A model of demand.
+
+    One that draws nothing may say ``draws = False``: it is asked once, not for each episode.
+    """
 
     def requests(
         self, users: int, services: Catalogue, streams: Streams, horizon_us: int
@@ -56,6 +59,8 @@ class Continuous:
 
     The request counts as the first service of the scenario (throughput, in the paper).
     """
+
+    draws: ClassVar = False
 
     def requests(
         self, users: int, services: Catalogue, streams: Streams, horizon_us: int
@@ -126,6 +131,7 @@ class Trace:
     """Requests from a CSV file: user, t_s, service, required_s, bandwidth_kbps."""
 
     file: Path
+    draws: ClassVar = False
 
     def __post_init__(self) -> None:
         """Raises ValueError, naming file and line, where the file is not such a table."""

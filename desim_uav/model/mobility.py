@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import groupby, pairwise
 from operator import itemgetter
 from pathlib import Path
-from typing import Annotated, NamedTuple, Protocol
+from typing import Annotated, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -38,7 +38,11 @@ class Walks(NamedTuple):
 
 
 class Mobility(Protocol):
-    """A mobility model."""
+    """A mobility model.
+
+    One that draws nothing may say ``draws = False``: its walks are asked for once, not for each
+    episode.
+    """
 
     def walks(
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
@@ -50,6 +54,8 @@ class Mobility(Protocol):
 @dataclass(frozen=True)
 class Static:
     """Users stay at home."""
+
+    draws: ClassVar = False
 
     def walks(
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
@@ -95,6 +101,7 @@ class Trace:
     """
 
     file: Path
+    draws: ClassVar = False
 
     def __post_init__(self) -> None:
         """Raises ValueError, naming file and line, where the file is not such a table."""

@@ -6,6 +6,7 @@ The kernels here give the same numbers as that generator's ``random()``, for all
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from enum import IntEnum
 
 import numpy as np
@@ -46,6 +47,19 @@ class Streams:
         return _seeded_states(
             np.uint64(self.seed), np.uint64(self.purpose), np.uint64(self.episode), count
         )
+
+
+def uniforms_of(
+    seed: int, purpose: Purpose, episodes: Sequence[int], entities: int, count: int
+) -> NDArray[np.float64]:
+    """The first ``count`` uniform numbers of the streams of entities 0 … entities-1 in episodes.
+
+    Shape (episodes, entities, count).
+    """
+    numbers = np.array(episodes, np.int64) % 2**32
+    return _uniforms_of(
+        np.uint64(seed), np.uint64(purpose), numbers.astype(np.uint64), entities, count
+    )
 
 
 _LOW = np.uint64(0xFFFFFFFF)
@@ -147,4 +161,14 @@ def uniforms(states: NDArray[np.uint64], count: int) -> NDArray[np.float64]:
     for stream in range(len(states)):
         for k in range(count):
             drawn[stream, k] = next_uniform(states[stream])
+    return drawn
+
+
+@kernel
+def _uniforms_of(
+    seed: np.uint64, purpose: np.uint64, episodes: NDArray[np.uint64], entities: int, count: int
+) -> NDArray[np.float64]:
+    drawn = np.empty((len(episodes), entities, count))
+    for k in range(len(episodes)):
+        drawn[k] = uniforms(_seeded_states(seed, purpose, episodes[k], entities), count)
     return drawn

@@ -11,7 +11,6 @@ from desim_uav.model.mobility import Static
 from desim_uav.model.motion import REST, Leg
 from desim_uav.model.planner import Node
 from desim_uav.model.rules import MOVES, Action
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.world import World
 
 LARGEST = 2 * 10**8
@@ -31,11 +30,9 @@ class Footprints:
                 f"users.mobility: the best places are known of static users only, "
                 f"not of {type(mobility).kind!r}"  # type: ignore[attr-defined]
             )
-        homes = np.ascontiguousarray(world.homes[:, :2])
-        streams = Streams(world.seed, Purpose.MOBILITY, 0)
         self.world = world
-        self.legs, self.offsets = mobility.walks(homes, streams, world.area, world.horizon_us)
-        self._found = np.empty((4 * len(homes) + 4, 3), np.int64)
+        self.legs, self.offsets = world.walks(world.seed, 0)
+        self._found = np.empty((4 * len(world.homes) + 4, 3), np.int64)
 
     def held(self, centre_m: tuple[float, float]) -> NDArray[np.int64]:
         """The users in the footprint of a drone that hovers there."""

@@ -154,11 +154,16 @@ def path_of(path: SamplePath) -> Path:
 def paths_of(paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
     """Sample paths one after the other, and where each begins: (paths, 2), in ``i`` and in ``f``.
 
-    Sections are counted from their own path's beginning.
+    Sections are counted from their own path's beginning. Where nothing is left to chance, all begin
+    with the first.
     """
-    starts, whole, real = [], [], []
+    starts: list[tuple[int, int]] = []
+    whole, real = [], []
     at_i = at_f = 0
     for path in paths:
+        if starts and _alike(path, paths[0]):
+            starts.append((0, 0))
+            continue
         legs, leg_offsets = path.walks
         rows, row_offsets, after_previous = path.requests
         sections = (leg_offsets, rows.reshape(-1), row_offsets, path.respawn.reshape(-1))
@@ -181,6 +186,15 @@ def paths_of(paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
         at_f += size
     packed = Path(np.concatenate(whole, dtype=np.int64), np.concatenate(real))
     return packed, np.array(starts, np.int64)
+
+
+def _alike(one: SamplePath, other: SamplePath) -> bool:
+    return (
+        one.walks is other.walks
+        and one.requests is other.requests
+        and one.position_error is other.position_error is None
+        and not one.respawn.size
+    )
 
 
 def walks_of(path: Path) -> Walks:

@@ -42,7 +42,6 @@ from desim_uav.model.coverage import (
 from desim_uav.model.mobility import Static
 from desim_uav.model.motion import Transit
 from desim_uav.model.rules import MOVES, Action
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.world import World
 
 COURSES = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
@@ -83,8 +82,7 @@ class _Looks:
 
     def __init__(self, world: World, homes: Floats) -> None:
         self.world = world
-        streams = Streams(world.seed, Purpose.MOBILITY)  # of which nothing is drawn
-        self.walks = Static().walks(homes, streams, world.area, world.horizon_us)
+        self.walks = world.walks(world.seed, 0)
         self.seen = np.empty((len(homes), SEEN_COLUMNS))
         self.found = np.empty((2 * len(homes), CROSSING_COLUMNS), np.int64)
         look_around(*self.walks, 0, world.step_us, self.seen)
