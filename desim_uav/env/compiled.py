@@ -72,6 +72,7 @@ class Compiled:
         self._over = np.zeros((count, 3), np.bool_)
         self._shown = (self.values, self.masks, self.rewards, self._told, self._over)
         self._seeds = np.zeros((count, len(SEEDS)), np.int64)
+        self._seeds_of = [(0, 0, 0)] * count
         self._table = np.zeros((count, ADDRESSES), np.int64)
         bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
         self._shares = [slice(*pair) for pair in pairwise(bounds)]
@@ -89,7 +90,8 @@ class Compiled:
             session = self.sessions[k]
             session.begin(seeds[k])
             self._table[k] = session.engine.addresses()
-            self._seeds[k] = session.seed, session.world.seed, session.episode
+            self._seeds_of[k] = session.seed, session.world.seed, session.episode
+            self._seeds[k] = self._seeds_of[k]
         self._look(which)
 
     def step(self, commands: NDArray[np.int64], which: NDArray[np.bool_]) -> None:
@@ -117,7 +119,7 @@ class Compiled:
             raise ActionError(
                 f"actions must be whole numbers, shape {shape}, not {told.dtype} {told.shape}"
             )
-        commands: NDArray[np.int64] = told.astype(np.int64).reshape(shape)
+        commands: NDArray[np.int64] = told.astype(np.int64, copy=False).reshape(shape)
         return commands
 
     def info(self) -> dict[str, NDArray[Any]]:
@@ -130,8 +132,8 @@ class Compiled:
     def info_of(self, k: int) -> dict[str, Any]:
         """The same of one of them."""
         time_s, one, two, three, attached, crashes, *terms = self._told[k].tolist()
-        row = (time_s, one, two, three, *self._seeds[k].tolist(), int(attached), int(crashes))
-        told: dict[str, Any] = dict(zip(self.keys, (*row, *terms), strict=True))
+        row = (time_s, one, two, three, *self._seeds_of[k], int(attached), int(crashes), *terms)
+        told: dict[str, Any] = dict(zip(self.keys, row, strict=True))
         told["action_mask"] = self.masks[k].copy()
         return told
 

@@ -92,7 +92,9 @@ class InKernels:
 
     def __init__(self, session: CompiledSession) -> None:
         self.session: Session = session
-        self.compiled = Compiled([session])
+        self.compiled = compiled = Compiled([session])
+        self._values, self._masks = compiled.values[0], compiled.masks[0]
+        self._rewards, self._ends = compiled.rewards, compiled.over[0]
         self._over = True
 
     def begin(self, seed: int | None) -> None:
@@ -106,20 +108,20 @@ class InKernels:
             raise error.ResetNeeded("call reset first: the episode is over, or none has begun")
         compiled = self.compiled
         compiled.step(compiled.commands(action), ALL)
-        terminated, truncated = compiled.over[0].tolist()
+        terminated, truncated = self._ends.tolist()
         self._over = terminated or truncated
-        return float(compiled.rewards[0]), terminated, truncated
+        return self._rewards.item(), terminated, truncated
 
     def observation(self) -> NDArray[Any]:
         """Encoded by a kernel."""
-        shown: NDArray[Any] = self.compiled.values[0].astype(self.compiled.dtype)
+        shown: NDArray[Any] = self._values.astype(self.compiled.dtype)
         return shown
 
     def masks(self) -> NDArray[np.bool_]:
         """Those of the arrays. Raises ResetNeeded before the first episode."""
         if self.session.episode < 0:
             raise error.ResetNeeded("call reset first: no episode has begun")
-        masks: NDArray[np.bool_] = self.compiled.masks[0].astype(np.bool_)
+        masks: NDArray[np.bool_] = self._masks.astype(np.bool_)
         return masks
 
     def info(self) -> dict[str, Any]:

@@ -361,11 +361,7 @@ class BatchSimulation:
 
     def addresses(self) -> tuple[int, ...]:
         """Where the arrays of world, sample path and state are (see ``calls.step_all``)."""
-        return tuple(
-            array.__array_interface__["data"][0]
-            for part in (self.fixed, self.packed, self.state)
-            for array in part
-        )
+        return tuple([array.ctypes.data for array in (*self.fixed, *self.packed, *self.state)])
 
     # ---- from one episode to the next
 
