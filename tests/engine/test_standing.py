@@ -1,0 +1,81 @@
+"""What is known beforehand of users who stand still."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.batch import BatchSimulation, standing
+from desim_uav.engine.batch.memory import STAND
+from desim_uav.engine.des import Simulation
+from desim_uav.engine.des.crossings import Crossings
+from desim_uav.engine.des.flights import Flights
+from desim_uav.model.mobility import Walks
+from desim_uav.model.rules import MOVES
+from desim_uav.sample_path import draw
+from desim_uav.scenario.load import load
+from desim_uav.shipped import scenario_path
+from desim_uav.world import World, build_world
+
+
+def world_of(case: str, *overrides: str) -> World:
+    return build_world(load(scenario_path(case), overrides), 0)
+
+
+@pytest.mark.parametrize("case", ["case1", "case2", "case7"])
+def test_every_leg_is_as_the_simpy_engine_finds_it(case: str):
+    world = world_of(case)
+    known, rows, _ = standing.tabulate(world)
+    flights, (nx, ny) = Flights(world), world.grid.cells
+    finder = Crossings(world.scenario.drones.footprint_radius_m, world.area)
+    finder.begin(world.walks(0, 0))
+    legs = 0
+    for x, y in np.ndindex(nx, ny):
+        for action in world.epoch_transits:
+            move = flights.move((x, y, 0), action, True)
+            if move is None or MOVES[action][2] != 0:
+                continue
+            at = (x * ny + y) * 5 + standing.COURSES.index(MOVES[action][:2])
+            found = finder.of(move[1], 0, world.step_us, False)
+            assert rows[known[at] : known[at + 1]].tolist() == found
+            legs += len(found) > 0
+    assert legs > nx * ny
+
+
+def test_nothing_is_known_of_users_who_walk():
+    known, rows, homes = standing.tabulate(world_of("case8"))
+    assert len(known) == len(rows) == len(homes) == 0
+
+
+def test_nothing_is_tabulated_that_would_be_too_long(monkeypatch):
+    monkeypatch.setattr(standing, "MOST_LOOKS", 100)
+    assert len(standing.tabulate(world_of("case1"))[0]) == 0
+
+
+@pytest.mark.parametrize("how", ["elsewhere", "walking"])
+def test_users_who_are_not_at_home_are_looked_at(how: str):
+    """A sample path of one's own, of other places or of walks, is not what the table knows."""
+    world = world_of("case1")
+    path = draw(world, 0, 0)
+    legs = path.walks.legs.copy()
+    if how == "elsewhere":
+        legs[:, 1:3] = legs[:, 1:3] * 0.5 + 300.0
+    else:
+        legs[:, 3] = 0.2
+    moved = replace(path, walks=Walks(legs, path.walks.offsets))
+    settings = RunSettings((True,), False, keep_events=True)
+    one, other = Simulation(world, settings), BatchSimulation(world, settings)
+    rng = np.random.default_rng(0)
+    for engine in (one, other):
+        assert engine.reset(path)
+    assert other.state.i[STAND] == 1
+    shown, seen = one.reset(moved), other.reset(moved)
+    assert other.state.i[STAND] == 0
+    while not shown.truncated:
+        told = rng.integers(0, len(world.actions), 1).tolist()
+        shown, seen = one.step(told), other.step(told)
+        assert shown == seen
+    assert one.log.events == other.log.events
