@@ -185,7 +185,6 @@ def run(
     settings = _settings(overrides, seed, world_seed)
     path = find_scenario(scenario)
     loaded = load(path, settings)
-    _end_politely()
     try:
         done = _located(
             path,
@@ -372,12 +371,11 @@ def qoe(
 ) -> None:
     """Print the quality of experience of a finished run."""
     from desim_uav import qoe as measures
-    from desim_uav.experiment.command import read_counted
+    from desim_uav.experiment.command import read_summary
 
     if by is not None:
         _one_of(measures.GROUPS, by, "--by")
-    summary, requests = read_counted(run_dir)
-    groups = None if by is None else measures.grouped(requests, by)
+    summary, groups = read_summary(run_dir, by)
     if as_json:
         added = {} if groups is None else {"by": by, "groups": groups}
         print(json.dumps(summary | added, indent=1))

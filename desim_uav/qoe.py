@@ -6,6 +6,7 @@ follows from them, ``summary`` averages. Definitions as in the README's model pa
 
 from __future__ import annotations
 
+from collections import defaultdict
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,16 @@ SUMMED = (
     *("t_request_s", "t_end_s", "attached_s", "wait_s", "completion_s", "outcome"),
     *("qoe1", "qoe1_feasible", "qoe2_iterations", "interruptions", "handovers"),
 )
+AVERAGED = {
+    "qoe1_percent": ("qoe1", 100),
+    "qoe1_feasible_percent": ("qoe1_feasible", 100),
+    "qoe2_iterations": ("qoe2_iterations", 1),
+    "wait_s": ("wait_s", 1),
+    "completion_s": ("completion_s", 1),
+}
+"""Means: of which column, times what."""
+
+COUNTED = ("interruptions", "handovers")
 GROUPS: dict[str, type] = {"service": str, "episode": int, "user": int, "outcome": str}
 
 
@@ -47,44 +58,121 @@ def summary(requests: pd.DataFrame) -> dict[str, Any]:
     share of the time open in which the user was attached. ``fairness`` is Jain's index of the
     users' mean QoE1.
     """
-    column = {name: requests[name].to_numpy() for name in SUMMED}
-    open_s = (column["t_end_s"] - column["t_request_s"]).sum()
-    attached_s = column["attached_s"].sum()
-    return {
-        "requests": len(requests),
-        "qoe1_percent": _mean(100 * column["qoe1"]),
-        "qoe1_feasible_percent": _mean(100 * column["qoe1_feasible"]),
-        "qoe2_iterations": _mean(column["qoe2_iterations"]),
-        "qoe3_active_percent": float(100 * attached_s / open_s) if open_s > 0 else None,
-        "wait_s": _mean(column["wait_s"]),
-        "completion_s": _mean(column["completion_s"]),
-        "interruptions": int(column["interruptions"].sum()),
-        "handovers": int(column["handovers"].sum()),
-        "fairness": fairness(requests),
-    } | {outcome: int((column["outcome"] == outcome).sum()) for outcome in OUTCOMES}
+    return Totals().add(requests).summary()
 
 
 def grouped(requests: pd.DataFrame, by: str) -> list[dict[str, Any]]:
     """``summary`` of each group of requests, in order of ``by``, one of ``GROUPS``."""
-    groups = requests.groupby(by, sort=True)
-    return [{by: GROUPS[by](value)} | summary(group) for value, group in groups]
+    return Groups(by).add(requests).summaries()
 
 
 def fairness(requests: pd.DataFrame) -> float | None:
     """Jain's index of the users' mean QoE1: 1 where all fare alike, 1/n where one has it all."""
-    users, of_request = np.unique(requests["user"].to_numpy(), return_inverse=True)
-    sums = np.bincount(of_request, requests["qoe1"].to_numpy(), len(users))
-    of_users = sums / np.bincount(of_request, minlength=len(users))
-    squares = float((of_users**2).sum())
-    return float(of_users.sum() ** 2 / (len(of_users) * squares)) if squares > 0 else None
+    found = Fairness()
+    found.add(requests["user"].to_numpy(), requests["qoe1"].to_numpy())
+    return found.value()
+
+
+class Totals:
+    """The sums that ``summary`` is made of: requests are added as they come, and not kept."""
+
+    def __init__(self) -> None:
+        self._count = 0
+        self._means = {name: Mean() for name in AVERAGED}
+        self._open_s = self._attached_s = 0.0
+        self._counts = dict.fromkeys((*COUNTED, *OUTCOMES), 0)
+        self._fairness = Fairness()
+
+    def add(self, requests: pd.DataFrame) -> Totals:
+        """Add requests; itself."""
+        column = {name: requests[name].to_numpy() for name in SUMMED}
+        self._count += len(requests)
+        for name, (source, factor) in AVERAGED.items():
+            self._means[name].add(column[source] if factor == 1 else factor * column[source])
+        self._open_s += float((column["t_end_s"] - column["t_request_s"]).sum())
+        self._attached_s += float(column["attached_s"].sum())
+        for name in COUNTED:
+            self._counts[name] += int(column[name].sum())
+        for outcome in OUTCOMES:
+            self._counts[outcome] += int((column["outcome"] == outcome).sum())
+        self._fairness.add(requests["user"].to_numpy(), column["qoe1"])
+        return self
+
+    def summary(self) -> dict[str, Any]:
+        """See ``summary``."""
+        open_s, attached_s = self._open_s, self._attached_s
+        means = {name: mean.value() for name, mean in self._means.items()}
+        return {
+            "requests": self._count,
+            "qoe1_percent": means["qoe1_percent"],
+            "qoe1_feasible_percent": means["qoe1_feasible_percent"],
+            "qoe2_iterations": means["qoe2_iterations"],
+            "qoe3_active_percent": float(100 * attached_s / open_s) if open_s > 0 else None,
+            "wait_s": means["wait_s"],
+            "completion_s": means["completion_s"],
+            **{name: self._counts[name] for name in COUNTED},
+            "fairness": self._fairness.value(),
+            **{outcome: self._counts[outcome] for outcome in OUTCOMES},
+        }
+
+
+class Groups:
+    """``Totals`` of each group of requests by ``by``, one of ``GROUPS``."""
+
+    def __init__(self, by: str) -> None:
+        self.by = by
+        self._totals: defaultdict[Any, Totals] = defaultdict(Totals)
+
+    def add(self, requests: pd.DataFrame) -> Groups:
+        """Add requests; itself."""
+        for value, group in requests.groupby(self.by, sort=True):
+            self._totals[GROUPS[self.by](value)].add(group)
+        return self
+
+    def summaries(self) -> list[dict[str, Any]]:
+        """See ``grouped``."""
+        return [{self.by: value} | self._totals[value].summary() for value in sorted(self._totals)]
+
+
+class Fairness:
+    """Jain's index (see ``fairness``) of requests that are added as they come."""
+
+    def __init__(self) -> None:
+        self._of_users: dict[int, tuple[float, int]] = {}
+
+    def add(self, user: NDArray[np.int64], qoe1: NDArray[np.float64]) -> None:
+        """Add requests: of whom, and how they fared."""
+        users, of_request = np.unique(user, return_inverse=True)
+        sums = np.bincount(of_request, qoe1, len(users))
+        counts = np.bincount(of_request, minlength=len(users))
+        for one, total, count in zip(users.tolist(), sums.tolist(), counts.tolist(), strict=True):
+            before, asked = self._of_users.get(one, (0.0, 0))
+            self._of_users[one] = before + total, asked + count
+
+    def value(self) -> float | None:
+        """The index; None where nobody was served."""
+        of_users = np.array([total / count for _, (total, count) in sorted(self._of_users.items())])
+        squares = float((of_users**2).sum())
+        return float(of_users.sum() ** 2 / (len(of_users) * squares)) if squares > 0 else None
+
+
+class Mean:
+    """The mean of values that are added as they come; what is not a number does not count."""
+
+    def __init__(self) -> None:
+        self._total, self._count = 0.0, 0
+
+    def add(self, values: NDArray[np.float64]) -> None:
+        """Add values."""
+        there = values[~np.isnan(values)]
+        self._total += float(there.sum())
+        self._count += len(there)
+
+    def value(self) -> float | None:
+        """The mean; None of none."""
+        return self._total / self._count if self._count else None
 
 
 def _between(start_s: pd.Series, end_s: pd.Series | float) -> pd.Series:
     """The time between: all times are whole microseconds, and so is their difference."""
     return (end_s - start_s).round(6)
-
-
-def _mean(values: NDArray[np.float64]) -> float | None:
-    """The mean of the values there are; None where there are none."""
-    there = values[~np.isnan(values)]
-    return float(there.mean()) if len(there) else None

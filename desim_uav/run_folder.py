@@ -8,8 +8,8 @@ import os
 import re
 import shutil
 import uuid
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import takewhile
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -29,6 +29,8 @@ from desim_uav.records import (
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow as pa
+    import pyarrow.parquet as pq
 
     from desim_uav.world import World
 
@@ -50,10 +52,21 @@ class Draft:
     def __init__(self, path: Path) -> None:
         self.path = path
 
-    def write_table(self, name: str, frame: pd.DataFrame) -> None:
-        """Write one of ``TABLES``."""
-        with self._new_file(f"{name}.parquet") as file:
-            file.write(parquet(name, frame))
+    @contextmanager
+    def tables(self) -> Iterator[Callable[[str, pd.DataFrame], None]]:
+        """Write rows of ``TABLES`` as they come, by name; none is in memory after that."""
+        with ExitStack() as files:
+            writers: dict[str, pq.ParquetWriter] = {}
+
+            def write(name: str, frame: pd.DataFrame) -> None:
+                rows = _table(name, frame)
+                if name not in writers:
+                    file = files.enter_context(self._new_file(f"{name}.parquet"))
+                    writers[name] = files.enter_context(_writer(file, rows.schema))
+                with self._complaining(name):
+                    writers[name].write_table(rows)
+
+            yield write
 
     def write_text(self, name: str, text: str) -> None:
         """Write a text file."""
@@ -66,11 +79,15 @@ class Draft:
 
     @contextmanager
     def _new_file(self, name: str) -> Iterator[IO[bytes]]:
+        with self._complaining(name), (self.path / name).open("wb") as file:
+            yield file
+            file.flush()
+            os.fsync(file.fileno())
+
+    @contextmanager
+    def _complaining(self, name: str) -> Iterator[None]:
         try:
-            with (self.path / name).open("wb") as file:
-                yield file
-                file.flush()
-                os.fsync(file.fileno())
+            yield
         except OSError as error:
             raise DesimError(
                 f"cannot write {name} to {self.path.parent}: {error.strerror or error}"
@@ -143,12 +160,26 @@ class Place:
 def parquet(name: str, frame: pd.DataFrame) -> bytes:
     """One of ``TABLES`` as a Parquet file."""
     import pyarrow as pa
+
+    file = pa.BufferOutputStream()
+    rows = _table(name, frame)
+    with _writer(file, rows.schema) as writer:
+        writer.write_table(rows)
+    return bytes(file.getvalue())
+
+
+def _writer(file: Any, schema: pa.Schema) -> pq.ParquetWriter:
+    """A bit that flips later on is noticed when the file is read."""
     import pyarrow.parquet as pq
 
-    table = pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
-    file = pa.BufferOutputStream()
-    pq.write_table(table, file)
-    return bytes(file.getvalue())
+    return pq.ParquetWriter(file, schema, write_page_checksum=True)
+
+
+def _table(name: str, frame: pd.DataFrame) -> pa.Table:
+    """In Arrow's terms, with what pandas wants to know when it reads it."""
+    import pyarrow as pa
+
+    return pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -177,6 +208,13 @@ def read_table(folder: Path, name: str, columns: dict[str, str]) -> pd.DataFrame
     Raises PolicyError, naming the file, where it is missing or unreadable, or where a column is
     missing or of another type.
     """
+    import pandas as pd
+
+    return pd.concat(read_parts(folder, name, columns), ignore_index=True)
+
+
+def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.DataFrame]:
+    """The same, a row group at a time; at least one, if only of no rows."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -186,15 +224,17 @@ def read_table(folder: Path, name: str, columns: dict[str, str]) -> pd.DataFrame
             raise PolicyError(f"{folder}: no such run folder")
         if not file.is_file():
             raise PolicyError(f"{file}: no such table; is {folder} a run folder?")
-        table = pq.ParquetFile(file).read()
-        problem = misfit(columns, table)
-        frame: pd.DataFrame = table.to_pandas()
+        with pq.ParquetFile(file, page_checksum_verification=True) as parquet_file:
+            groups = range(parquet_file.num_row_groups)
+            for rows in ([group] for group in groups) if groups else ([],):
+                table = parquet_file.read_row_groups(rows)
+                problem = misfit(columns, table)
+                if problem is not None:
+                    raise PolicyError(f"{file}: {problem}")
+                yield table.to_pandas()
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise PolicyError(f"{file}: not a readable Parquet file: {reason}") from error
-    if problem is not None:
-        raise PolicyError(f"{file}: {problem}")
-    return frame
 
 
 def world_content(world: World) -> dict[str, Any]:

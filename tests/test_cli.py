@@ -51,6 +51,12 @@ class Interrupted(InEpisode):
         os.kill(os.getpid(), signal.SIGINT)
 
 
+class Insisted(InEpisode):
+    def do(self):
+        os.kill(os.getpid(), signal.SIGINT)
+        os.kill(os.getpid(), signal.SIGINT)
+
+
 class Terminated(InEpisode):
     def do(self):
         os.kill(os.getpid(), signal.SIGTERM)
@@ -544,7 +550,7 @@ class TestRunRefused:
         cli_run("run", "tiny", "--out", "mine").failed(2, "--out mine: the folder is not empty")
 
     def test_nothing_is_simulated_without_a_place(self, cli_run, monkeypatch):
-        monkeypatch.setattr(command, "run", lambda *_: pytest.fail("simulated"))
+        monkeypatch.setattr(command, "play", lambda *_: pytest.fail("simulated"))
         Path("file").touch()
         cli_run("run", "tiny", "--out", "file").failed(2, "exists and is not a folder")
         cli_run("run", "tiny", "--out", "file/run").failed(2, "cannot write to")
@@ -616,29 +622,32 @@ class TestEngine:
 
 
 class TestInterrupted:
-    def test_the_finished_episodes_are_kept(self, cli_run):
+    def test_the_episode_under_way_is_finished_and_kept(self, cli_run):
         ended = cli_run("run", "tiny", "--policy", "plugged:Interrupted", "--episodes", 9, "--json")
         assert ended.code == 130
         assert ended.message == (
             "desim-uav: interrupted; the finished episodes are kept: "
             "runs/tiny-plugged-Interrupted-s1"
         )
-        assert ended.json["episodes"] == 2
+        assert ended.json["episodes"] == 3
         folder = Path(ended.json["run_dir"])
         manifest = json.loads((folder / "manifest.json").read_text())
-        assert (manifest["interrupted"], manifest["episodes"]) == (True, 2)
+        assert (manifest["interrupted"], manifest["episodes"]) == (True, 3)
         assert manifest["episodes_asked"] == 9
         for name in ("requests", "steps", "episodes", "users"):
-            assert set(pd.read_parquet(folder / f"{name}.parquet")["episode"]) == {0, 1}
+            assert set(pd.read_parquet(folder / f"{name}.parquet")["episode"]) == {0, 1, 2}
         assert cli_run("qoe", folder, "--json").json == ended.json
 
-    def test_what_is_kept_is_what_a_shorter_run_gives(self, cli_run):
-        policy = ("--policy", "plugged:Interrupted")
+    @pytest.mark.parametrize("policy", ["Interrupted", "Insisted"])
+    def test_what_is_kept_is_what_a_shorter_run_gives(self, cli_run, policy):
+        """Asked twice, it does not wait for the episode's end."""
+        done = 3 if policy == "Interrupted" else 2
+        policy = ("--policy", f"plugged:{policy}")
         kept = cli_run("run", "tiny", *policy, "--episodes", 9, "--json").json
-        short = cli_run("run", "tiny", *policy, "--episodes", 2, "--json").json
+        short = cli_run("run", "tiny", *policy, "--episodes", done, "--json").json
         assert kept | {"run_dir": ""} == short | {"run_dir": ""}
 
-    @pytest.mark.parametrize("warmup", [2, 3, 9])
+    @pytest.mark.parametrize("warmup", [3, 9])
     def test_nothing_is_kept_where_no_counted_episode_has_ended(self, cli_run, warmup):
         flags = ("--policy", "plugged:Interrupted", "--warmup", warmup, "--json")
         cli_run("run", "tiny", *flags).failed(130, "desim-uav: interrupted; nothing is kept")
@@ -655,7 +664,7 @@ class TestInterrupted:
     def test_a_signal(self, somewhere, policy):
         ended = elsewhere("run", "tiny", "--policy", f"plugged:{policy}", "--episodes", 9, "--json")
         assert ended.code == 130
-        assert ended.json["episodes"] == 2
+        assert ended.json["episodes"] == 3
         assert ended.err.count("\n") == 1
         assert runs() == [f"tiny-plugged-{policy}-s1"]
 

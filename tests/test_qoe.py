@@ -6,7 +6,7 @@ import math
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from desim_uav import qoe
@@ -258,6 +258,7 @@ class TestFairness:
         assert self.of(0.0, 0.0) is None
         assert self.of() is None
 
+    @settings(deadline=None)
     @given(st.lists(st.floats(0.01, 1.0), min_size=1, max_size=30), st.floats(0.1, 1.0))
     def test_between_1_over_n_and_1_whatever_the_unit(self, shares, unit):
         found = self.of(*shares)
@@ -265,6 +266,7 @@ class TestFairness:
         assert self.of(*(unit * share for share in shares)) == pytest.approx(found)
 
 
+@settings(deadline=None)
 @given(
     st.lists(
         st.tuples(

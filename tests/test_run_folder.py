@@ -9,11 +9,15 @@ from datetime import datetime
 from pathlib import Path
 
 import pandas as pd
+import pyarrow.parquet as pq
 import pytest
 
+from desim_uav import qoe
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
 from desim_uav.experiment import command
-from desim_uav.experiment.command import read_counted, run_to_folder
+from desim_uav.experiment import run as experiment_run
+from desim_uav.experiment.command import read_counted, read_summary, run_to_folder
+from desim_uav.experiment.run import headline
 from desim_uav.records import EPISODES, REQUESTS, USERS, to_frame
 from desim_uav.run_folder import TABLES, Draft, Place, read_table
 from desim_uav.scenario.load import load, loads, scenario_hash
@@ -184,7 +188,7 @@ class TestUnwritable:
         def simulated(*_):
             pytest.fail("simulated before looking for a place")
 
-        monkeypatch.setattr(command, "run", simulated)
+        monkeypatch.setattr(command, "play", simulated)
 
     def test_beneath_a_file(self):
         Path("file").touch()
@@ -225,6 +229,51 @@ class TestUnwritable:
             run()
 
 
+class TestInParts:
+    """A long run is written as it goes, and read back so."""
+
+    @pytest.fixture
+    def two_by_two(self, monkeypatch):
+        monkeypatch.setattr(experiment_run, "BATCH", 2)
+
+    def test_the_tables_are_those_of_one_piece(self, monkeypatch, two_by_two):
+        options = {"overrides": SMALL, "keep_events": True, "episodes": 4, "warmup": 1}
+        parts = run("case8", **options)
+        monkeypatch.setattr(experiment_run, "BATCH", 50)
+        whole = run("case8", **options)
+        assert pq.ParquetFile(parts / "requests.parquet").num_row_groups == 3
+        assert pq.ParquetFile(whole / "requests.parquet").num_row_groups == 1
+        same_tables(parts, whole)
+
+    def test_what_is_said_of_them_too(self, two_by_two):
+        folder = run("case8", overrides=SMALL, episodes=5)
+        found, groups = read_summary(folder, "service")
+        requests = pd.read_parquet(folder / "requests.parquet")
+        expected = headline(requests, pd.read_parquet(folder / "episodes.parquet"))
+        assert {name: found[name] for name in expected} == pytest.approx(expected)
+        for one, other in zip(groups, qoe.grouped(requests, "service"), strict=True):
+            assert one.pop("service") == other.pop("service")
+            assert one == pytest.approx(other)
+
+    def test_many_rows_are_put_down_before_many_episodes(self, monkeypatch):
+        monkeypatch.setattr(experiment_run, "ROWS", 1)
+        folder = run("case8", overrides=SMALL, episodes=3)
+        assert pq.ParquetFile(folder / "episodes.parquet").num_row_groups == 3
+
+    def test_a_flipped_bit_is_noticed(self, two_by_two):
+        """Values have checksums, page by page."""
+        file = run("case8", overrides=SMALL, episodes=4) / "requests.parquet"
+        content = file.read_bytes()
+        last = pq.ParquetFile(file).metadata.row_group(1)
+        for column in (last.column(k) for k in range(last.num_columns)):
+            begins = column.dictionary_page_offset or column.data_page_offset
+            flipped = bytearray(content)
+            flipped[begins + column.total_compressed_size - 2] ^= 16
+            file.write_bytes(flipped)
+            with pytest.raises(PolicyError, match=r"requests.parquet: not a readable Parquet file"):
+                read_summary(file.parent)
+
+
 class TestWholeOrNotAtAll:
     def test_a_run_leaves_its_folder_and_nothing_else(self):
         run()
@@ -259,7 +308,7 @@ class TestWholeOrNotAtAll:
         assert names("runs") == []
 
     @pytest.mark.parametrize("error", [KeyboardInterrupt, RuntimeError, SystemExit])
-    @pytest.mark.parametrize("method", ["write_text", "write_json", "write_table", "publish"])
+    @pytest.mark.parametrize("method", ["write_text", "write_json", "tables", "publish"])
     def test_whatever_ends_the_writing_leaves_nothing(self, error, method, monkeypatch):
         def end(*_):
             raise error

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -16,14 +16,23 @@ import pandas as pd
 from desim_uav import __version__, qoe
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError
+from desim_uav.experiment.interrupt import asked_to_stop
 from desim_uav.experiment.progress import progress
-from desim_uav.experiment.run import headline, run, run_settings
+from desim_uav.experiment.run import (
+    Played,
+    Tally,
+    counted,
+    is_batch,
+    play,
+    run_settings,
+    tabulate,
+)
 from desim_uav.policies import Policy, load_policy
-from desim_uav.records import EPISODES, REQUESTS
-from desim_uav.run_folder import Place, read_table, world_content
+from desim_uav.records import EPISODES, REQUESTS, to_frame
+from desim_uav.run_folder import Draft, Place, read_parts, read_table, world_content
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
-from desim_uav.world import build_world
+from desim_uav.world import World, build_world
 
 MANIFEST = {"scenario": str, "policy": str, "seed": int}
 """What ``qoe`` reads of ``manifest.json``."""
@@ -55,8 +64,8 @@ def run_to_folder(
 ) -> Done:
     """Run and write the run folder. Raises the errors of its parts before anything is written.
 
-    ``engine``: des or batch. Ctrl-C keeps the episodes that have ended; where none of the counted
-    ones has, nothing is kept and the KeyboardInterrupt goes on.
+    ``engine``: des or batch. Ctrl-C ends it after the episode under way, a second one at once; what
+    has ended is kept. Where no counted episode has, nothing is, and a KeyboardInterrupt is raised.
     """
     seed = scenario.seed
     policy = load_policy(policy_name)
@@ -70,18 +79,16 @@ def run_to_folder(
     started = datetime.now(UTC)
     with place.draft() as draft:
         with progress(show_progress, warmup + episodes, engine=engine) as advance:
-            results, interrupted = run(
-                world, policy, policy_name, seed, episodes, warmup, keep_events, advance, engine
+            episodes_played = play(
+                world, policy, policy_name, seed, episodes, warmup, keep_events, engine
             )
-        counted = int((results.episodes["episode"] >= 0).sum())
-        if interrupted and not counted:
+            tally, by_service = _record(world, episodes_played, keep_events, draft, advance)
+        if not tally.episodes:
             raise KeyboardInterrupt
+        interrupted = tally.episodes < episodes
         settings = run_settings(world, policy, keep_events)
         draft.write_text("scenario.yaml", dump(scenario))
         draft.write_json("world.json", world_content(world))
-        for name, frame in vars(results).items():
-            if frame is not None:
-                draft.write_table(name, frame)
         draft.write_json(
             "manifest.json",
             {
@@ -94,7 +101,7 @@ def run_to_folder(
                 "ceilings": ["tallest" if c else "none" for c in settings.ceilings],
                 "carry_over": settings.carry_over,
                 "warmup": warmup,
-                "episodes": counted,
+                "episodes": tally.episodes,
                 "episodes_asked": episodes,
                 "interrupted": interrupted,
                 "command": command,
@@ -106,19 +113,77 @@ def run_to_folder(
         run_dir = place.publish(draft)
     named = {"scenario": scenario.name, "policy": policy_name, "seed": seed}
     return Done(
-        named | headline(results.requests, results.episodes) | {"run_dir": str(run_dir)},
-        qoe.grouped(_counted(results.requests), "service"),
+        named | tally.headline() | {"run_dir": str(run_dir)},
+        by_service.summaries(),
         interrupted,
     )
 
 
+def _record(
+    world: World,
+    episodes: Iterable[Played],
+    keep_events: bool,
+    draft: Draft,
+    advance: Callable[[], None],
+) -> tuple[Tally, qoe.Groups]:
+    """Write the tables of episodes as they end: of all that happened, one batch is in memory.
+
+    What is said of the counted ones, and of their requests by service. It ends when it is asked to.
+    """
+    tally, by_service = Tally(), qoe.Groups("service")
+    played: list[Played] = []
+    with asked_to_stop("this episode") as stop, draft.tables() as write:
+
+        def put_down() -> None:
+            with stop.undisturbed():
+                results = tabulate(world, played, keep_events)
+                for name, frame in vars(results).items():
+                    if frame is not None:
+                        write(name, frame)
+                tally.add(results.requests, results.episodes)
+                by_service.add(counted(results.requests))
+                played.clear()
+
+        try:
+            for episode in episodes:
+                played.append(episode)
+                advance()
+                if is_batch(played):
+                    put_down()
+                if stop():
+                    break
+        except KeyboardInterrupt:
+            pass
+        if played:
+            put_down()
+    return tally, by_service
+
+
+def read_summary(
+    folder: Path, by: str | None = None
+) -> tuple[dict[str, Any], list[dict[str, Any]] | None]:
+    """The summary of a finished run, and of its requests in groups. Raises PolicyError.
+
+    One row group is in memory at a time.
+    """
+    tally, groups = Tally(), None if by is None else qoe.Groups(by)
+    no_episodes = to_frame(EPISODES, [])
+    for requests in read_parts(folder, "requests", REQUESTS):
+        tally.add(requests, no_episodes)
+        if groups is not None:
+            groups.add(counted(requests))
+    for episodes in read_parts(folder, "episodes", EPISODES):
+        tally.add(to_frame(REQUESTS, []), episodes)
+    manifest = _read_manifest(folder / "manifest.json")
+    summary = {key: manifest[key] for key in MANIFEST} | tally.headline()
+    told = None if groups is None else groups.summaries()
+    return summary | {"run_dir": str(folder)}, told
+
+
 def read_counted(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
     """The summary and the counted requests of a finished run. Raises PolicyError."""
-    requests = read_table(folder, "requests", REQUESTS)
-    episodes = read_table(folder, "episodes", EPISODES)
-    manifest = _read_manifest(folder / "manifest.json")
-    summary = {key: manifest[key] for key in MANIFEST} | headline(requests, episodes)
-    return summary | {"run_dir": str(folder)}, _counted(requests)
+    summary, _ = read_summary(folder)
+    return summary, counted(read_table(folder, "requests", REQUESTS))
 
 
 def _read_manifest(file: Path) -> dict[str, Any]:
@@ -150,10 +215,6 @@ def _label(policy_name: str) -> str:
         path = Path(policy_name)
         return f"table-{path.absolute().parent.name if path.stem == 'policy' else path.stem}"
     return policy_name
-
-
-def _counted(requests: pd.DataFrame) -> pd.DataFrame:
-    return requests[requests["episode"] >= 0]
 
 
 def versions() -> dict[str, str]:

@@ -16,7 +16,7 @@ from typing import Any
 
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError, ScenarioError, UsageError
-from desim_uav.experiment.command import read_counted
+from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.evaluate import MEASURES, evaluate
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate, paired
@@ -272,7 +272,7 @@ def _read(folder: Path) -> _Run:
         raise PolicyError(
             f"{folder}: no such run folder (for a scenario, say which policies: --policies)"
         )
-    summary, _ = read_counted(folder)
+    summary, _ = read_summary(folder)
     numbers = read_table(folder, "episodes", EPISODES)["episode"]
     try:
         scenario = load(folder / "scenario.yaml")

@@ -33,16 +33,14 @@ def evaluate(
     """The measures of ``episodes`` episodes after ``warmup``, in the world of the seed.
 
     QoE1 and QoE2 are means over all requests, QoE3 and the reward over episodes. ``engine``: des or
-    batch. Raises KeyboardInterrupt where it is interrupted: half a replication is none.
+    batch.
     """
     scenario = scenario.model_copy(update={"seed": seed})
     world = build_world(scenario, scenario.effective_world_seed)
     policy = load_policy(policy_name)
-    results, interrupted = run(
+    results = run(
         world, policy, policy_name, seed, episodes, warmup, on_episode=on_episode, engine=engine
     )
-    if interrupted:
-        raise KeyboardInterrupt
     measured: dict[str, Any] = headline(results.requests, results.episodes)
     drone_episodes = episodes * scenario.drones.count
     measured["crashes_per_drone_episode"] = measured["crashes"] / drone_episodes

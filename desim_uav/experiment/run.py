@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import Any
@@ -19,8 +19,8 @@ from desim_uav.policies.base import Policy, decide
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.world import World
 
-BATCH = 50
-"""Episodes that are put into tables together."""
+BATCH, ROWS = 50, 200_000
+"""Episodes that are put into tables together, unless they have more rows before."""
 
 
 @dataclass
@@ -33,6 +33,10 @@ class Results:
     users: pd.DataFrame
     events: pd.DataFrame | None
     legs: pd.DataFrame | None
+
+
+Played = tuple[EpisodeLog, SamplePath]
+"""An episode that has ended."""
 
 
 def run_settings(world: World, policy: Policy, keep_events: bool) -> RunSettings:
@@ -51,30 +55,22 @@ def run(
     keep_events: bool = False,
     on_episode: Callable[[], None] = lambda: None,
     engine: str = "des",
-) -> tuple[Results, bool]:
-    """Run ``warmup`` + ``episodes`` episodes; (tables, was it interrupted?).
+) -> Results:
+    """Run ``warmup`` + ``episodes`` episodes, all in memory.
 
-    Warm-up episodes have negative numbers. ``engine``: des or batch. Ctrl-C keeps what was
-    finished.
+    Warm-up episodes have negative numbers. ``engine``: des or batch.
     """
-    parts: dict[int, Results] = {}  # by first episode: to tabulate a batch again changes nothing
-    played: list[tuple[EpisodeLog, SamplePath]] = []
-    interrupted = False
-    try:
-        for episode in play(
-            world, policy, policy_name, seed, episodes, warmup, keep_events, engine
-        ):
-            played.append(episode)
-            if len(played) == BATCH:
-                parts[played[0][0].episode] = _tabulate(world, played, keep_events)
-                played = []
-            on_episode()
-    except KeyboardInterrupt:
-        interrupted = True
+    parts: list[Results] = []
+    played: list[Played] = []
+    for episode in play(world, policy, policy_name, seed, episodes, warmup, keep_events, engine):
+        played.append(episode)
+        if is_batch(played):
+            parts.append(tabulate(world, played, keep_events))
+            played = []
+        on_episode()
     if played or not parts:
-        first = played[0][0].episode if played else 0
-        parts[first] = _tabulate(world, played, keep_events)
-    return _joined(list(parts.values())), interrupted
+        parts.append(tabulate(world, played, keep_events))
+    return _joined(parts)
 
 
 def play(
@@ -103,18 +99,46 @@ def play(
         yield simulation.log, path
 
 
+class Tally:
+    """What a run says of itself: the measures over its counted episodes, added as they end."""
+
+    def __init__(self) -> None:
+        self.episodes = 0
+        self._requests = qoe.Totals()
+        self._suppressed = self._crashes = 0
+        self._qoe3, self._reward = qoe.Mean(), qoe.Mean()
+
+    def add(self, requests: pd.DataFrame, episodes: pd.DataFrame) -> None:
+        """Add the tables of some episodes; warm-up does not count."""
+        episodes = episodes[episodes["episode"] >= 0]
+        self._requests.add(counted(requests))
+        self.episodes += len(episodes)
+        self._suppressed += int(episodes["suppressed"].sum())
+        self._crashes += int(episodes["crashes"].sum())
+        self._qoe3.add(episodes["qoe3_percent"].to_numpy())
+        self._reward.add(episodes["reward"].to_numpy())
+
+    def headline(self) -> dict[str, Any]:
+        """The measures."""
+        return self._requests.summary() | {
+            "episodes": self.episodes,
+            "suppressed": self._suppressed,
+            "qoe3_percent": self._qoe3.value(),
+            "crashes": self._crashes,
+            "reward_mean": self._reward.value(),
+        }
+
+
 def headline(requests: pd.DataFrame, episodes: pd.DataFrame) -> dict[str, Any]:
-    """What a run says of itself: the measures over its counted episodes."""
-    requests = requests[requests["episode"] >= 0]
-    episodes = episodes[episodes["episode"] >= 0]
-    rewards = episodes["reward"].dropna()
-    return qoe.summary(requests) | {
-        "episodes": len(episodes),
-        "suppressed": int(episodes["suppressed"].sum()),
-        "qoe3_percent": float(episodes["qoe3_percent"].mean()) if len(episodes) else None,
-        "crashes": int(episodes["crashes"].sum()),
-        "reward_mean": float(rewards.mean()) if len(rewards) else None,
-    }
+    """The same of whole tables."""
+    tally = Tally()
+    tally.add(requests, episodes)
+    return tally.headline()
+
+
+def counted(requests: pd.DataFrame) -> pd.DataFrame:
+    """The requests of all episodes but those of warm-up."""
+    return requests[requests["episode"] >= 0]
 
 
 @contextmanager
@@ -131,9 +155,16 @@ def _blame(policy_name: str, episode: int, step: int | None = None) -> Iterator[
         ) from error
 
 
-def _tabulate(
-    world: World, played: list[tuple[EpisodeLog, SamplePath]], keep_events: bool
-) -> Results:
+def is_batch(played: Sequence[Played]) -> bool:
+    """Is it time to put these episodes into tables?"""
+    rows = sum(
+        len(log.requests) + len(log.events or ()) + len(path.walks.legs) for log, path in played
+    )
+    return len(played) == BATCH or rows >= ROWS
+
+
+def tabulate(world: World, played: Sequence[Played], keep_events: bool) -> Results:
+    """The tables of some episodes."""
     logs = [log for log, _ in played]
     requests = tables.requests_table(logs, world)
     return Results(

@@ -120,7 +120,7 @@ def train_to_folder(
         _save(training, rows, folder)  # before anything else: a folder to be resumed has one
     write_whole(folder / "scenario.yaml", dump(scenario).encode())
     on_start(first)
-    with asked_to_stop() as stop:
+    with asked_to_stop("these episodes") as stop:
         while training.episode < scenario.learning.episodes and not stop():
             after = training.episode + checkpoint_every
             next_saved = min(after - after % checkpoint_every, scenario.learning.episodes)

@@ -35,11 +35,7 @@ TABLES = ("requests", "steps", "episodes", "users", "events")
 
 def results_of(case: str, policy: str, seed: int = 11) -> Results:
     world = build_world(load(scenario_path(case)), seed)
-    results, interrupted = run(
-        world, load_policy(policy), policy, seed, episodes=3, warmup=1, keep_events=True
-    )
-    assert not interrupted
-    return results
+    return run(world, load_policy(policy), policy, seed, episodes=3, warmup=1, keep_events=True)
 
 
 def assert_same(first: dict[str, pd.DataFrame], second: dict[str, pd.DataFrame]) -> None:

@@ -19,7 +19,7 @@ def test_the_measures_of_quality_are_of_one_thing(case: str, policy: str):
     scenario = load(scenario_path(case))
     for seed in range(3):
         world = build_world(scenario, seed)
-        results, _ = run(world, load_policy(policy), policy, seed, episodes=2, warmup=1)
+        results = run(world, load_policy(policy), policy, seed, episodes=2, warmup=1)
         assert len(results.episodes) == 3
         for episode in results.episodes.itertuples():
             assert 0 <= episode.qoe1_percent <= 100

@@ -616,7 +616,7 @@ def test_maskable_ppo_finds_the_best_cell_of_case_1(seed: int, tmp_path: Path):
     world = build_world(configured("case1"), seed)
     assert world.scenario.episode.carry_over
     policy = Lawful(load_policy(f"sb3:{file}"))
-    results, _ = run(world, policy, "mine", seed, episodes=20, warmup=2)
+    results = run(world, policy, "mine", seed, episodes=20, warmup=2)
     assert policy.commands == 22 * 30
     done = headline(results.requests, results.episodes)
     best = most_users(world) / 14

@@ -219,7 +219,7 @@ def test_the_shipped_table_does_what_the_readme_says():
     from desim_uav.shipped import scenario_path
 
     world = build_world(load(scenario_path("case8")), 0)
-    results, _ = run(world, Greedy("case8.npz"), "case8.npz", 0)
+    results = run(world, Greedy("case8.npz"), "case8.npz", 0)
     told = headline(results.requests, results.episodes)
     readme = (Path(__file__).parents[2] / "README.md").read_text(encoding="utf-8")
     qoe1, qoe3 = (f"to {told[name]:.1f} %" for name in ("qoe1_percent", "qoe3_percent"))
