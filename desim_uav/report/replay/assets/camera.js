@@ -44,7 +44,7 @@ export class Camera {
   /** Zoom by a factor; the point of the map under (px, py) stays there. */
   zoomBy(factor, px = this.width / 2, py = this.height / 2) {
     const [fromX, fromY] = [this.mapX(px), this.mapY(py)];
-    this.zoom = Math.min(24, Math.max(1, this.zoom * factor));
+    this.zoom = Math.min(24, Math.max(this.tilted ? 0.5 : 1, this.zoom * factor));
     this.update();
     if (!this.tilted) {
       this.x += fromX - this.mapX(px);
@@ -73,7 +73,7 @@ export class Camera {
     const extentX = Math.abs(width * this.cosYaw) + Math.abs(depth * this.sinYaw);
     const extentY = Math.abs(width * this.sinYaw) + Math.abs(depth * this.cosYaw);
     const heightSeen = extentY * this.sinPitch + this.tallest * this.lift * this.cosPitch;
-    this.near = 0.94 * this.zoom
+    this.near = 1.05 * this.zoom
       * Math.min(this.width / (extentX * 1.14), this.height / (heightSeen * 1.12));
     this.stamp = [this.tilted, this.width, this.height, this.zoom, this.x, this.y,
       this.yaw, this.pitch].join();
@@ -95,7 +95,7 @@ export class Camera {
     const depth = this.far + back * this.cosPitch - up * this.sinPitch;
     const scale = (this.near * this.far) / depth;
     out[0] = this.width / 2 + scale * right;
-    out[1] = this.height * 0.53 - scale * (back * this.sinPitch + up * this.cosPitch);
+    out[1] = this.height * 0.495 - scale * (back * this.sinPitch + up * this.cosPitch);
     out[2] = scale;
     return out;
   }

@@ -103,6 +103,7 @@ function start() {
     scene.selection = selection?.what === "request"
       ? { what: "user", index: player.episode.request.user[selection.index] } : selection;
     timeline.select(selection?.what === "drone" ? selection.index : -1);
+    scene.reveal(scene.selection);
     redraw();
     if (!player.playing) address.write();
   });

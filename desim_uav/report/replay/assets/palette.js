@@ -3,10 +3,14 @@
 export const STATE_COLOURS = ["", "#56B4E9", "#D55E00", "#009E73"]; // idle: the theme's grey
 export const SHAPES = ["circle", "square", "triangle", "diamond", "cross", "star"];
 
-const DRONES = ["#0072B2", "#E69F00", "#CC79A7", "#6B7785"];
+const DRONES = {
+  light: ["#0072B2", "#E69F00", "#CC79A7", "#6B7785"],
+  dark: ["#3D9BDC", "#E69F00", "#CC79A7", "#98A4B1"],
+};
+let drones = DRONES.light;
 
 /** A drone's colour. Users' states have the others of the palette. */
-export const droneColour = (d) => DRONES[d % DRONES.length];
+export const droneColour = (d) => drones[d % drones.length];
 
 /** Black or white, whichever is read on a colour. */
 export function inkOn(colour) {
@@ -20,10 +24,11 @@ export function inkOn(colour) {
 /** The colours of the present theme, which the style sheet holds. */
 export function readTheme() {
   const style = getComputedStyle(document.documentElement);
+  drones = style.colorScheme === "dark" ? DRONES.dark : DRONES.light;
   const of = (name) => style.getPropertyValue(`--${name}`).trim();
   const theme = {};
   for (const name of ["paper", "map", "ink", "muted", "faint", "line", "grid", "idle", "accent",
-    "danger", "roof-low", "roof-high"]) theme[name] = of(name);
+    "danger", "roof-low", "roof-high", "on-roof"]) theme[name] = of(name);
   return theme;
 }
 

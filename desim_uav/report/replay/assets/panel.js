@@ -2,7 +2,7 @@
 
 import { describe, howMany, modeOf, tell } from "./details.js";
 import { clock, droneColour, inkOn, percent, words } from "./palette.js";
-import { drawUser } from "./scene.js";
+import { drawUser, RADII } from "./scene.js";
 import { STATES, WAITING } from "./state.js";
 
 const byId = (id) => document.getElementById(id);
@@ -88,8 +88,12 @@ export class Panel {
       ctx.scale(ratio, ratio);
       drawUser(ctx, 9, 9, r, doing, service, { ...theme, map: theme.paper }, colour);
     };
-    for (const { doing, sample } of this.states) paint(sample, [3, 4, 5.2, 5.2][doing], doing, -1);
+    for (const { doing, sample } of this.states) paint(sample, RADII[doing], doing, -1);
     for (const { service, sample } of this.services) paint(sample, 5.2, WAITING, service, theme.ink);
+    this.drones.forEach(({ chip }, d) => {
+      chip.style.backgroundColor = droneColour(d);
+      chip.style.color = inkOn(droneColour(d));
+    });
   }
 
   #fillDrones() {
@@ -98,8 +102,6 @@ export class Panel {
       const button = element("button");
       button.type = "button";
       const chip = element("span", "chip", String(d));
-      chip.style.backgroundColor = droneColour(d);
-      chip.style.color = inkOn(droneColour(d));
       const [mode, users, left] = ["mode", "users", "left"].map((name) => element("span", name));
       const meter = element("span", "meter");
       const fill = element("span");
@@ -113,7 +115,7 @@ export class Panel {
       const row = element("li");
       row.append(button);
       byId("drones").append(row);
-      return { button, mode, users, fill, left };
+      return { button, chip, mode, users, fill, left };
     });
   }
 

@@ -1,5 +1,6 @@
 // The map at a moment: ground, stations and their queues, users, links, drones, crashes.
 
+import { Crowd, stampOf } from "./crowd.js";
 import {
   clock, droneColour, inkOn, SHAPES, STATE_COLOURS, trace,
 } from "./palette.js";
@@ -14,6 +15,7 @@ const place = [0, 0, 0];
 const FONT = "system-ui, -apple-system, 'Segoe UI', sans-serif";
 const MANY_USERS = 1500;
 const MANY_DRONES = 20;
+const CLOSE_PX = 22; // of a cell: from there on each drone and pad of many has room
 
 export class Scene {
   constructor(run, canvas, camera) {
@@ -67,10 +69,21 @@ export class Scene {
     this.#drawStations();
     this.#drawCrashes();
     this.#drawDrones();
+    this.#nameFallen();
     this.#drawRing();
     if (camera.tilted && camera.lift > 1.05) this.#write(
       `heights × ${camera.lift.toFixed(1)}`, 12, camera.height - 12, "left", this.theme.muted,
     );
+  }
+
+  /** Move the map so that what is chosen can be seen. */
+  reveal(what) {
+    const { camera, state } = this;
+    if (!what || !state || camera.tilted) return;
+    this.#locate();
+    const { px, py } = this.whereIs(what);
+    if (px > 0 && py > 0 && px < camera.width && py < camera.height) return;
+    camera.pan(camera.width / 2 - px, camera.height / 2 - py);
   }
 
   /** The drone, user or station next to a point of the picture; null where there is none. */
@@ -111,6 +124,11 @@ export class Scene {
       drone.docked = state.station[d] >= 0 && state.mode[d] !== FLYING && state.mode[d] !== RETURNING;
     });
     this.small = run.drones > MANY_DRONES;
+    const cellPx = (size[0] / cells[0]) * (camera.tilted ? camera.near : camera.scale);
+    this.tiny = this.small && cellPx < CLOSE_PX;
+    const far = run.users > MANY_USERS && cellPx < CLOSE_PX;
+    if (far !== this.far) this.sprites.clear();
+    this.far = far;
   }
 
   // ---- layers
@@ -239,33 +257,51 @@ export class Scene {
     }
     const order = [...groups.keys()].sort((a, b) => (a & 3) - (b & 3));
     ctx.setTransform(1, 0, 0, 1, 0, 0);
-    for (const key of order) {
-      const sprite = this.#userSprite(key & 3, (key >> 2) - 1);
-      const half = sprite.width / 2;
-      for (const u of groups.get(key)) {
-        ctx.drawImage(
-          sprite,
-          Math.round(this.px[u] * this.ratio - half),
-          Math.round(this.py[u] * this.ratio - half),
-        );
+    if (run.users > MANY_USERS) this.#drawCrowd(order, groups);
+    else {
+      for (const key of order) {
+        const sprite = this.#userSprite(key & 3, (key >> 2) - 1);
+        const half = sprite.width / 2;
+        for (const u of groups.get(key)) {
+          ctx.drawImage(
+            sprite,
+            Math.round(this.px[u] * this.ratio - half),
+            Math.round(this.py[u] * this.ratio - half),
+          );
+        }
       }
     }
     ctx.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
+  }
+
+  #drawCrowd(order, groups) {
+    const { width, height } = this.canvas;
+    if (!width || !height) return;
+    if (this.crowd?.width !== width || this.crowd.height !== height) this.crowd = new Crowd(width, height);
+    this.crowd.clear();
+    for (const key of order) {
+      const sprite = this.#userSprite(key & 3, (key >> 2) - 1);
+      sprite.stamp ??= stampOf(sprite);
+      for (const u of groups.get(key)) {
+        this.crowd.put(sprite.stamp, this.px[u] * this.ratio, this.py[u] * this.ratio);
+      }
+    }
+    this.crowd.show(this.ctx);
   }
 
   #userSprite(doing, service) {
     const key = doing * 100 + service;
     let sprite = this.sprites.get(key);
     if (sprite) return sprite;
-    const big = this.run.users > MANY_USERS ? 0.5 : 1;
-    const r = (doing >= WAITING ? 5.2 : doing === IDLE ? 3 : 4) * big;
+    const r = (this.far ? RADII_FAR : RADII)[doing];
     const side = Math.ceil((2 * r * 1.3 + 4) * this.ratio);
     sprite = document.createElement("canvas");
     sprite.width = sprite.height = side + (side % 2);
     const ctx = sprite.getContext("2d");
     ctx.scale(this.ratio, this.ratio);
     const middle = sprite.width / this.ratio / 2;
-    drawUser(ctx, middle, middle, r, doing, service, this.theme);
+    if (this.far) drawDot(ctx, middle, middle, r, doing, service, this.theme);
+    else drawUser(ctx, middle, middle, r, doing, service, this.theme);
     this.sprites.set(key, sprite);
     return sprite;
   }
@@ -299,6 +335,11 @@ export class Scene {
     this.stations.forEach(({ px, py, dock }, s) => {
       ctx.fillStyle = theme.paper;
       ctx.strokeStyle = theme.ink;
+      if (this.tiny) {
+        ctx.fillStyle = theme.ink;
+        ctx.fillRect(px - 4, py - 4, 8, 8);
+        return;
+      }
       ctx.lineWidth = this.#isChosen("station", s) ? 2.5 : 1.5;
       ctx.beginPath();
       ctx.roundRect(px - 10, py - 10, 20, 20, 5);
@@ -308,7 +349,7 @@ export class Scene {
       ctx.beginPath();
       for (const [x, y] of BOLT) ctx.lineTo(px + x, py + y);
       ctx.fill();
-      this.#drawDock(px, py + 24, dock, run.pads);
+      this.#drawDock(px, py + 29, dock, run.pads);
     });
   }
 
@@ -363,23 +404,38 @@ export class Scene {
     const { event } = episode;
     const crash = this.run.kinds.indexOf("crash");
     const fallen = state.marks.filter((i) => event.kind[i] === crash && i < state.sums.next);
+    this.fallen = [];
     for (const i of fallen) {
-      episode.dronePlace(event.drone[i], event.tUs[i], place);
+      const d = event.drone[i];
+      episode.dronePlace(d, event.tUs[i], place);
       camera.project(place[0], place[1], 0, at);
       const [x, y] = at;
-      for (const [width, colour] of [[6, theme.paper], [2.75, theme.danger]]) {
+      const r = this.tiny ? 4 : 7;
+      const lies = state.mode[d] === CRASHED && state.sinceUs[d] === event.tUs[i];
+      for (const [width, colour] of [[6, theme.map], [2.75, theme.danger]]) {
         ctx.strokeStyle = colour;
-        ctx.lineWidth = width;
+        ctx.globalAlpha = lies ? 1 : 0.55; // another has taken its place since
+        ctx.lineWidth = this.tiny ? width / 1.6 : width;
         ctx.beginPath();
-        ctx.moveTo(x - 7, y - 7);
-        ctx.lineTo(x + 7, y + 7);
-        ctx.moveTo(x + 7, y - 7);
-        ctx.lineTo(x - 7, y + 7);
+        ctx.moveTo(x - r, y - r);
+        ctx.lineTo(x + r, y + r);
+        ctx.moveTo(x + r, y - r);
+        ctx.lineTo(x - r, y + r);
         ctx.stroke();
       }
-      if (fallen.length <= 30) {
-        this.#write(`${event.drone[i]} crashed ${clock(event.tUs[i])}`, x + 12, y, "left", theme.danger, 600);
-      }
+      ctx.globalAlpha = 1;
+      if (lies && !this.tiny) this.fallen.push({ text: `${d} crashed ${clock(event.tUs[i])}`, x, y: y + 17 });
+    }
+  }
+
+  /** The names of what lies crashed, above all else, one below the other. */
+  #nameFallen() {
+    const rows = new Map();
+    for (const { text, x, y } of this.fallen) {
+      const key = `${Math.round(x / 40)},${Math.round(y / 10)}`;
+      const before = rows.get(key) ?? 0;
+      rows.set(key, before + 1);
+      this.#write(text, x, y + 13 * before, "center", this.theme.danger, 600);
     }
   }
 
@@ -397,7 +453,7 @@ export class Scene {
       const key = `${Math.round(drone.px / 6)},${Math.round(drone.py / 6)}`;
       const others = beside.get(key) ?? 0;
       beside.set(key, others + 1);
-      drone.px += others * 26; // those that share a place stand side by side
+      drone.px += this.tiny ? 0 : others * (this.small ? 17 : 26); // those that share a place stand side by side
       this.#drawDrone(d);
     }
   }
@@ -426,6 +482,7 @@ export class Scene {
   #drawDrone(d) {
     const { ctx, theme, state } = this;
     const { px, py } = this.drones[d];
+    if (this.tiny) return this.#drawBody(d, px, py, 4.5, state.mode[d] === RETURNING, false);
     const r = this.small ? 6.5 : 9;
     if (!this.small) {
       const arm = 11;
@@ -449,11 +506,12 @@ export class Scene {
     this.#drawBattery(d, px, py, r + 3, this.small ? 1.5 : 3);
     this.#drawBody(d, px, py, r, state.mode[d] === RETURNING);
     if (!this.small && state.mode[d] === RETURNING) {
-      this.#write("returning", px, py + 26, "center", theme.ink);
+      this.#write("returning", px, py - 25, "center", theme.ink);
     }
+    return undefined;
   }
 
-  #drawBody(d, x, y, r, hollow) {
+  #drawBody(d, x, y, r, hollow, numbered = true) {
     const { ctx, theme } = this;
     const colour = droneColour(d);
     ctx.fillStyle = hollow ? theme.paper : colour;
@@ -463,6 +521,7 @@ export class Scene {
     ctx.arc(x, y, r, 0, 2 * Math.PI);
     ctx.fill();
     ctx.stroke();
+    if (!numbered) return;
     ctx.fillStyle = hollow ? theme.ink : inkOn(colour);
     ctx.font = `600 ${Math.round(r * (d > 99 ? 0.9 : 1.25))}px ${FONT}`;
     ctx.textAlign = "center";
@@ -524,7 +583,17 @@ export class Scene {
   }
 }
 
+export const RADII = [3, 4, 5.2, 5.2]; // by state
+const RADII_FAR = [1, 1.6, 1.5, 2.3];
 const BOLT = [[1.5, -7], [-5, 1.5], [-0.5, 1.5], [-1.5, 7], [5, -1.5], [0.5, -1.5]];
+
+/** A user of thousands: what is served is larger. */
+function drawDot(ctx, x, y, r, doing, service, theme) {
+  ctx.beginPath();
+  trace(ctx, service < 0 ? "circle" : SHAPES[service % SHAPES.length], x, y, r);
+  ctx.fillStyle = STATE_COLOURS[doing] || theme.idle;
+  ctx.fill();
+}
 
 /** A user: by its state, and where it has a request by the shape of its service. */
 export function drawUser(ctx, x, y, r, doing, service, theme, ink = null) {

@@ -41,7 +41,7 @@ export class Timeline {
     this.ratio = Math.min(3, window.devicePixelRatio || 1);
     this.width = width;
     this.height = height;
-    this.left = width < 520 ? 82 : 118;
+    this.left = width < 520 ? 102 : 118;
     this.canvas.width = Math.round(width * this.ratio);
     this.canvas.height = Math.round(height * this.ratio);
     this.stale = true;
@@ -86,8 +86,10 @@ export class Timeline {
   }
 
   #lane(k) {
-    const height = (this.height - MARKS - AXIS - GAP * this.lanes.length) / this.lanes.length;
-    return { top: MARKS + k * (height + GAP), height };
+    const shares = this.lanes.map((lane) => lane.share ?? 1);
+    const sum = (list) => list.reduce((a, b) => a + b, 0);
+    const unit = (this.height - MARKS - AXIS - GAP * this.lanes.length) / sum(shares);
+    return { top: MARKS + sum(shares.slice(0, k)) * unit + k * GAP, height: shares[k] * unit };
   }
 
   #drawCharts() {
@@ -155,7 +157,10 @@ export class Timeline {
     const room = (this.width - this.left - RIGHT) / 52;
     const tick = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 86400]
       .map((s) => s * 1e6).find((us) => durationUs / us <= room) ?? durationUs;
-    for (let t = 0; t <= durationUs; t += tick) ctx.fillText(clock(t), this.#x(t), bottom + 4);
+    for (let t = 0; t <= durationUs; t += tick) {
+      const half = ctx.measureText(clock(t)).width / 2;
+      ctx.fillText(clock(t), Math.min(this.width - half, this.#x(t)), bottom + 4);
+    }
   }
 
   /** Crashes as crosses, charges as bars from the first moment on a pad to the last. */
@@ -163,14 +168,16 @@ export class Timeline {
     const { theme, state, run } = this;
     const { event } = state.episode;
     const begun = new Map();
-    ctx.lineWidth = 4;
+    const rows = Math.min(run.drones, 4); // one below the other, as far as there is room
+    ctx.lineWidth = rows > 1 ? 14 / rows - 1 : 4;
     ctx.lineCap = "butt";
     const bar = (d, from, to) => {
+      const y = rows > 1 ? 5 + ((d % rows) + 0.5) * (14 / rows) : 12;
       ctx.strokeStyle = droneColour(d);
       ctx.globalAlpha = 0.85;
       ctx.beginPath();
-      ctx.moveTo(this.#x(from), 12);
-      ctx.lineTo(Math.max(this.#x(from) + 2, this.#x(to)), 12);
+      ctx.moveTo(this.#x(from), y);
+      ctx.lineTo(Math.max(this.#x(from) + 2, this.#x(to)), y);
       ctx.stroke();
       ctx.globalAlpha = 1;
     };
@@ -217,7 +224,7 @@ export class Timeline {
       ctx.textBaseline = "middle";
       ctx.fillText(text, 4, y);
     };
-    write(this.width < 520 ? "on pads, crashes" : "on a pad · crashes ×", 12, theme.muted, 400);
+    write("on pads, × crash", 12, theme.muted, 400);
     this.lanes.forEach((lane, k) => {
       const { top, height } = this.#lane(k);
       const rows = lane.labels(now, state, this.width < 520);
@@ -229,8 +236,8 @@ export class Timeline {
         ctx.lineWidth = 1.5;
         ctx.setLineDash(row.line.dash ?? []);
         ctx.beginPath();
-        ctx.moveTo(this.left - 26, y);
-        ctx.lineTo(this.left - 8, y);
+        ctx.moveTo(this.left - (this.width < 520 ? 20 : 24), y);
+        ctx.lineTo(this.left - 6, y);
         ctx.stroke();
         ctx.setLineDash([]);
       });
@@ -273,7 +280,7 @@ function lanesOf(run, state) {
   ];
   const lanes = [
     {
-      low: 0, high: 100, lines: [qoe1, qoe3],
+      low: 0, high: 100, share: 1.6, lines: [qoe1, qoe3],
       labels: (now) => [
         { text: `QoE1 ${percent(now.qoe1)}`, line: qoe1 },
         { text: `QoE3 ${percent(now.qoe3)}`, line: qoe3 },

@@ -23,7 +23,7 @@ export function drawFlatGround(ctx, run, camera, theme) {
       ctx.fillStyle = roof(theme, height / camera.tallest);
       ctx.fillRect(x, y, dx + 0.5, dy + 0.5);
       if (!named) continue;
-      ctx.fillStyle = theme.muted;
+      ctx.fillStyle = theme["on-roof"];
       ctx.fillText(`${Math.round(height)} m`, x + 4, y + 4);
     }
   }
