@@ -60,7 +60,7 @@ def write_replay(
     html: Path | None = None,
     episodes: str | None = None,
     show_progress: bool = True,
-    most_bytes: int = MOST_BYTES,
+    most_bytes: int | None = None,
 ) -> Written:
     """Write the page of a run, ``replay.html`` in its folder unless told otherwise.
 
@@ -71,7 +71,7 @@ def write_replay(
     wanted = folder.chosen(episodes)
     encoder = Encoder(folder)
     blocks: list[bytes] = []
-    size = 0.0
+    size, limit = 0.0, MOST_BYTES if most_bytes is None else most_bytes
     again = folder.in_time is None
     total = wanted[-1] - folder.episodes[0] + 1 if again else len(wanted)
     with progress(show_progress, total, engine=folder.manifest["engine"]) as advance:
@@ -80,7 +80,7 @@ def write_replay(
             for number, of_episode in each:
                 block = encoder.episode(number, of_episode)
                 size += len(block) * BASE64
-                if episodes is None and blocks and size > most_bytes:
+                if episodes is None and blocks and size > limit:
                     break
                 blocks.append(block)
     shown = wanted[: len(blocks)]
