@@ -6,7 +6,7 @@ it holds.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -75,8 +75,8 @@ def write_replay(
     again = folder.in_time is None
     total = wanted[-1] - folder.episodes[0] + 1 if again else len(wanted)
     with progress(show_progress, total, engine=folder.manifest["engine"]) as advance:
-        found = played_again(folder, wanted, advance) if again else _stored(folder, wanted, advance)
-        with closing(found) as each:
+        source = played_again if again else _stored
+        with closing(source(folder, wanted, advance)) as each:
             for number, of_episode in each:
                 block = encoder.episode(number, of_episode)
                 size += len(block) * BASE64
@@ -92,7 +92,7 @@ def write_replay(
 
 def _stored(
     folder: RunFolder, wanted: list[int], advance: Callable[[], None]
-) -> Iterator[tuple[int, Tables]]:
+) -> Generator[tuple[int, Tables]]:
     for number in wanted:
         yield number, folder.of_episode(number)
         advance()
@@ -100,7 +100,7 @@ def _stored(
 
 def played_again(
     folder: RunFolder, wanted: list[int], advance: Callable[[], None] = lambda: None
-) -> Iterator[tuple[int, Tables]]:
+) -> Generator[tuple[int, Tables]]:
     """The tables of these episodes, events and legs among them, by playing the run again.
 
     Raises PolicyError where what comes out is not what the folder holds.
@@ -166,6 +166,6 @@ def _arrow(name: str, frame: Any) -> pa.Table:
 def _not_again(folder: RunFolder, reason: str) -> PolicyError:
     policy = folder.manifest["policy"]
     return PolicyError(
-        f"{folder.path}: it has no events, and cannot be played again: {reason} (policy {policy!r}; "
-        "from the folder the run was made in? run it again with --events)"
+        f"{folder.path}: it has no events, and cannot be played again: {reason} "
+        f"(policy {policy!r}; from the folder the run was made in? run it again with --events)"
     )

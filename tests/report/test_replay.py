@@ -164,7 +164,9 @@ class TestBlocks:
         assert columns["walk.count"].sum() == len(users)
         assert columns["walk.t_us"] / US == pytest.approx(users["t_s"].to_numpy())
         for axis in "xy":
-            assert columns[f"walk.{axis}"] == pytest.approx(users[f"{axis}_m"].to_numpy(), abs=0.006)
+            assert columns[f"walk.{axis}"] == pytest.approx(
+                users[f"{axis}_m"].to_numpy(), abs=0.006
+            )
 
     def test_batteries_go_through_what_was_recorded(self, episode):
         tables, columns, encoder = episode
@@ -296,7 +298,7 @@ class TestPage:
     def test_asks_for_nothing_and_lets_only_its_own_script_run(self, busy):
         html = write_replay(busy).file.read_text(encoding="utf-8")
         (policy,) = re.findall(r'http-equiv="Content-Security-Policy" content="([^"]*)"', html)
-        (script,) = re.findall(r'<script type="module">(.*?)</script>', html, re.DOTALL)
+        (script,) = re.findall(r"<script>(.*?)</script>", html, re.DOTALL)
         (style,) = re.findall(r"<style>(.*?)</style>", html, re.DOTALL)
         for name, text in (("script-src", script), ("style-src", style)):
             digest = base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
@@ -420,7 +422,13 @@ class TestRefused:
 
     @pytest.mark.parametrize(
         ("key", "value"),
-        [("scenario", 1), ("policy", None), ("seed", True), ("engine", "x"), ("ceilings", ["none"])],
+        [
+            ("scenario", 1),
+            ("policy", None),
+            ("seed", True),
+            ("engine", "x"),
+            ("ceilings", ["none"]),
+        ],
     )
     def test_a_manifest(self, busy, key, value):
         spoil_json(busy / "manifest.json", **{key: value})

@@ -114,7 +114,7 @@ def _read(coding: str, body: bytes) -> NDArray[np.float64]:
 def _from_varints(body: bytes) -> NDArray[np.int64]:
     raw = np.frombuffer(body, np.uint8)
     last = raw < 0x80
-    of = np.cumsum(last) - last
+    of: NDArray[np.int64] = np.cumsum(last) - last
     firsts = np.flatnonzero(np.concatenate(([True], last[:-1]))) if len(raw) else np.empty(0, int)
     shift = 7 * (np.arange(len(raw)) - firsts[of])
     parts = (raw & 0x7F).astype(np.uint64) << shift.astype(np.uint64)

@@ -112,7 +112,7 @@ class Encoder:
         self._expect(
             bool(((kbps >= 0) & (kbps <= 1e9)).all()), "requests", "bandwidth_kbps: out of range"
         )
-        return np.rint(kbps * 1000).astype(np.int64)
+        return _whole(kbps * 1000)
 
     def _events(self, events: pd.DataFrame, requests: int, duration_us: int) -> dict[str, Whole]:
         """The events in a reader's order, what they do not concern as -1."""
@@ -342,13 +342,13 @@ class Encoder:
             raise self._error(table, problem)
 
     def _finite(self, frame: pd.DataFrame, table: str, name: str) -> NDArray[np.float64]:
-        values = frame[name].to_numpy(np.float64)
+        values: NDArray[np.float64] = frame[name].to_numpy(np.float64)
         fits = bool((np.isfinite(values) & (np.abs(values) < 1e9)).all())
         self._expect(fits, table, f"{name}: empty or far too large")
         return values
 
     def _us(self, frame: pd.DataFrame, table: str, name: str, lowest: int) -> Whole:
-        us = np.rint(self._finite(frame, table, name) * US).astype(np.int64)
+        us = _whole(self._finite(frame, table, name) * US)
         self._expect(bool((us >= lowest).all()), table, f"{name}: below {lowest / US:g} s")
         return us
 
@@ -365,10 +365,14 @@ class Encoder:
             code = code.where(frame[name].notna(), none)
         unknown = frame[name][code.isna()]
         self._expect(unknown.empty, table, f"{name}: {next(iter(unknown), None)!r} is not known")
-        return code.to_numpy(np.int64)
+        return _whole(code.to_numpy(np.float64))
 
 
 NOTHING: frozenset[str] = frozenset()
+
+
+def _whole(values: NDArray[np.float64]) -> Whole:
+    return np.rint(values).astype(np.int64)
 
 
 def _event_columns(events: dict[str, Whole]) -> dict[str, Column]:

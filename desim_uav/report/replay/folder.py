@@ -1,4 +1,4 @@
-"""A run folder as a replay reads it: whoever wrote it, its files are checked before they are used."""
+"""A run folder as a replay reads it: its files, anyone's, are checked before they are used."""
 
 from __future__ import annotations
 
@@ -40,7 +40,8 @@ class RunFolder:
         cells = [int(number) for number in self.scenario.map.cells]
         if self.world["cells"] != cells:
             raise PolicyError(
-                f"{path / 'world.json'}: cells: {self.world['cells']}, but scenario.yaml has {cells}"
+                f"{path / 'world.json'}: cells: {self.world['cells']}, "
+                f"but scenario.yaml has {cells}"
             )
 
     @cached_property
@@ -206,4 +207,6 @@ def _are_numbers(value: Any, length: int | None = None) -> bool:
 
 def _is_cluster(value: Any) -> bool:
     names = {"x_m", "y_m", "radius_m"}
-    return isinstance(value, dict) and names <= set(value) and all(_is_number(value[n]) for n in names)
+    return (
+        isinstance(value, dict) and names <= set(value) and all(_is_number(value[n]) for n in names)
+    )

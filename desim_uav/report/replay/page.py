@@ -48,12 +48,13 @@ def page(common: Mapping[str, Any], blocks: list[bytes]) -> bytes:
 
 
 def bundle() -> str:
-    """All modules as one script: a page on a disk cannot import others. Each keeps its own names."""
-    return "\n".join(_room(name, asset(f"{name}.js")) for name in MODULES)
+    """All modules as one script, as a page on a disk cannot import; each keeps its own names."""
+    rooms = "\n".join(_room(name, asset(f"{name}.js")) for name in MODULES)
+    return f'(() => {{\n"use strict";\n{rooms}\n}})();'
 
 
 def _room(name: str, text: str) -> str:
-    """A module as a function's inside: its imports come from the rooms before, it returns exports."""
+    """A module as the inside of a function, which returns its exports."""
     exports = ", ".join(match[2] for match in EXPORT.finditer(text))
     inside = EXPORT.sub(r"\1", IMPORT.sub(r"const \1 = $\2;", text))
     return f"const ${name} = (() => {{\n{inside}return {{ {exports} }};\n}})();"
