@@ -252,6 +252,7 @@ class Encoder:
         if self.capacity_us is None:
             return {}
         counts, times, values = [], [], []
+        begins_with = self._batteries_before(number)
         for drone in range(self.drones):
             own = steps[steps["drone"] == drone].sort_values("step")
             records = self._us(own, "steps", "battery_s", 0)
@@ -261,7 +262,7 @@ class Encoder:
                 for t, kind in zip(events["t_us"][mine], events["kind"][mine], strict=True)
             ]
             knots = battery_knots(
-                self._battery_before(number, drone),
+                begins_with[drone],
                 [(self.step_us * (k + 1), int(b)) for k, b in enumerate(records)],
                 told,
                 self.capacity_us,
@@ -276,21 +277,17 @@ class Encoder:
             "battery.us": delta(values),
         }
 
-    def _battery_before(self, number: int, drone: int) -> int:
-        """What a drone begins with: full, or what the episode before has left it."""
+    def _batteries_before(self, number: int) -> list[int]:
+        """What each drone begins with: full, or what the episode before has left it."""
         assert self.capacity_us is not None
         steps = self.folder.tables["steps"]
-        steps = steps[(steps["episode"] == number - 1) & (steps["drone"] == drone)]
-        last = steps[steps["step"] == self.scenario.episode.steps - 1]
+        last = (steps["episode"] == number - 1) & (steps["step"] == self.scenario.episode.steps - 1)
+        ends = steps[last].sort_values("drone")
         battery = self.scenario.drones.battery
-        if not self.folder.manifest["carry_over"] or len(last) != 1 or battery is None:
-            return self.capacity_us
-        if battery.on_crash == "end_episode":
-            before = self.folder.tables["steps"]
-            before = before[before["episode"] == number - 1]
-            if before["crashed"][before["step"] == self.scenario.episode.steps - 1].any():
-                return self.capacity_us
-        return int(self._us(last, "steps", "battery_s", 0)[0])
+        ended = battery is not None and battery.on_crash == "end_episode" and ends["crashed"].any()
+        if not self.folder.manifest["carry_over"] or len(ends) != self.drones or ended:
+            return [self.capacity_us] * self.drones
+        return [int(us) for us in self._us(ends, "steps", "battery_s", 0)]
 
     # ---- what episodes have in common
 
@@ -313,9 +310,11 @@ class Encoder:
             "capacity_us": self.capacity_us,
             "pads": scenario.stations.pads,
             "three_d": scenario.three_d,
-            "map": {
-                key: world[key]
-                for key in ("size_m", "cells", "cell_height_m", "stations", "clusters")
+            "map": {key: world[key] for key in ("size_m", "cells", "stations", "clusters")}
+            | {
+                "cell_height_m": [
+                    [round(h, 2) for h in column] for column in world["cell_height_m"]
+                ]
             },
             "kinds": KINDS,
             "modes": [mode.name.lower() for mode in Mode],

@@ -85,8 +85,7 @@ function ofDrone(state, d) {
     rows.push(["battery", `${clock(batteryUs)} min, ${percent((100 * batteryUs) / run.capacity_us, 0)}`]);
   }
   rows.push(["action", action(state, d)]);
-  const limit = run.bandwidth_bps === null ? "" : ` of ${kbps(run.bandwidth_bps)}`;
-  rows.push(["bandwidth in use", `${kbps(state.usedBps[d])}${limit}`]);
+  rows.push(["bandwidth in use", shareOf(state.usedBps[d], run.bandwidth_bps)]);
   rows.push(["attached users", String(state.attachedTo[d])], ["served requests", String(state.servedBy[d])]);
   const served = [];
   for (let u = 0; u < run.users && served.length < 13; u += 1) {
@@ -97,6 +96,14 @@ function ofDrone(state, d) {
     rows.push(["serves users", served.length > 12 ? `${list} …` : list]);
   }
   return { title: `Drone ${d}`, tag: modeOf(state, d), rows };
+}
+
+/** A bandwidth of a limit, the unit once where it is the same. */
+function shareOf(bps, limitBps) {
+  if (limitBps === null) return kbps(bps);
+  const [used, unit] = kbps(bps).split(" ");
+  return kbps(limitBps).endsWith(unit) || bps === 0 ? `${used} of ${kbps(limitBps)}`
+    : `${used} ${unit} of ${kbps(limitBps)}`;
 }
 
 export function modeOf(state, d) {

@@ -4,8 +4,8 @@ export const STATE_COLOURS = ["", "#56B4E9", "#D55E00", "#009E73"]; // idle: the
 export const SHAPES = ["circle", "square", "triangle", "diamond", "cross", "star"];
 
 const DRONES = {
-  light: ["#0072B2", "#E69F00", "#CC79A7", "#6B7785"],
-  dark: ["#3D9BDC", "#E69F00", "#CC79A7", "#98A4B1"],
+  light: ["#0072B2", "#E69F00", "#CC79A7", "#6B7785", "#332288", "#8C510A"],
+  dark: ["#3D9BDC", "#E69F00", "#CC79A7", "#98A4B1", "#9C92F0", "#C68A4E"],
 };
 let drones = DRONES.light;
 

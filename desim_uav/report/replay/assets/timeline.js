@@ -168,8 +168,8 @@ export class Timeline {
     const { theme, state, run } = this;
     const { event } = state.episode;
     const begun = new Map();
-    const rows = Math.min(run.drones, 4); // one below the other, as far as there is room
-    ctx.lineWidth = rows > 1 ? 14 / rows - 1 : 4;
+    const rows = Math.min(run.drones, 6); // one below the other, as far as there is room
+    ctx.lineWidth = rows > 1 ? Math.max(1.75, 14 / rows - 1) : 4;
     ctx.lineCap = "butt";
     const bar = (d, from, to) => {
       const y = rows > 1 ? 5 + ((d % rows) + 0.5) * (14 / rows) : 12;
