@@ -1,6 +1,6 @@
 // The page: the data, the player, and what shows it. `window.replay` is for scripts and tests:
 //
-//   await replay.ready                      the first episode is shown
+//   await replay.ready                      the first episode is drawn
 //   replay.episodes                         the numbers of the episodes of this page
 //   await replay.seek(episode, t_s, phase)  show a time; of that instant, phases up to `phase` (all)
 //   replay.state()                          what is shown: drones, users, stations, measures
@@ -9,6 +9,7 @@
 //   replay.play(), replay.pause(), replay.setSpeed(times)
 //   replay.select({what: "user" | "drone" | "station" | "request", index} or null)
 //   replay.draw()                           draw once, now
+// What they change is drawn and said when they are done.
 
 import { Camera } from "./camera.js";
 import { updateTip, wire } from "./controls.js";
@@ -141,15 +142,25 @@ function start() {
   wire({ run, player, camera, scene, timeline, panel, redraw, setTheme, isDark });
   player.setSpeed(60);
 
+  const show = () => {
+    if (!player.state) return;
+    stale = false;
+    saidAt = 0;
+    draw();
+    say(performance.now());
+  };
   const ready = address.read().then(() => {
     window.addEventListener("hashchange", () => address.read());
+    scene.resize();
+    timeline.resize();
+    show();
     requestAnimationFrame(frame);
   }).catch((error) => {
     byId("message").textContent = `This page cannot be read: ${error.message}`;
     byId("message").hidden = false;
     throw error;
   });
-  window.replay = scripted(run, player, ready, draw);
+  window.replay = scripted(run, player, ready, draw, show);
 }
 
 /** The part of the address behind #: which moment is shown, of what. */
@@ -178,7 +189,7 @@ function addressOf(player) {
   return { read, write };
 }
 
-function scripted(run, player, ready, draw) {
+function scripted(run, player, ready, draw, show) {
   const numbers = run.episodes.map((about) => about.episode);
   const moment = (i) => {
     const { kind, tUs, text } = tell(player.state, i);
@@ -192,15 +203,21 @@ function scripted(run, player, ready, draw) {
       const index = numbers.indexOf(episode);
       if (index < 0) throw new RangeError(`there is no episode ${episode}`);
       await player.open(index, tS * US, phase);
+      show();
     },
     stepEvent: (direction, kinds = null) => {
       const wanted = kinds && new Set(kinds.map((kind) => run.kinds.indexOf(kind)));
-      return player.stepEvent(direction, wanted) ? moment(player.told) : null;
+      const found = player.stepEvent(direction, wanted);
+      show();
+      return found ? moment(player.told) : null;
     },
     play: () => player.play(),
     pause: () => player.pause(),
     setSpeed: (times) => player.setSpeed(times),
-    select: (selection) => player.select(selection),
+    select: (selection) => {
+      player.select(selection);
+      show();
+    },
     draw,
     state: () => told(run, player),
   });
