@@ -477,6 +477,38 @@ def compare(
         raise typer.Exit(130)
 
 
+@app.command()
+def replay(
+    run_dir: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="The folder of a run.")],
+    html: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="Instead of RUN_DIR/replay.html.")
+    ] = None,
+    episodes: Annotated[
+        str | None, typer.Option(metavar="0-9", help="Which, as 0-3,8; else the counted ones.")
+    ] = None,
+    open_it: Annotated[bool, typer.Option("--open", help="Show it in the browser.")] = False,
+    as_json: Json = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+) -> None:
+    """Write a page that plays a run's episodes in continuous time; any browser opens it."""
+    from desim_uav.experiment.replay import write_replay
+
+    done = write_replay(run_dir, html, episodes, not quiet)
+    if done.left_out:
+        _complain(
+            f"{done.file}: it holds episodes {done.episodes[0]} to {done.episodes[-1]}; with the "
+            f"{len(done.left_out)} others it would pass 25 MiB: choose some with --episodes"
+        )
+    if as_json:
+        print(json.dumps(done.summary(), indent=1))
+    else:
+        print(done.file)
+    if open_it:
+        import webbrowser
+
+        webbrowser.open(done.file.resolve().as_uri())
+
+
 def _refuse_how_to_run(context: typer.Context) -> None:
     """Finished runs are as they are. Raises UsageError for an option that says how to run."""
     for option in ("seeds", "first_seed", "episodes", "warmup", "overrides", "jobs", "engine"):

@@ -1,0 +1,171 @@
+"""What ``desim-uav replay`` does: a run folder in, one page out.
+
+Runs that kept no events are played again from what their folder says of them, and held against what
+it holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+
+from desim_uav.engine.base import EpisodeLog
+from desim_uav.errors import DesimError, PolicyError
+from desim_uav.experiment import tables
+from desim_uav.experiment.progress import progress
+from desim_uav.experiment.run import play
+from desim_uav.policies import load_policy
+from desim_uav.report.replay.data import Encoder
+from desim_uav.report.replay.folder import RunFolder, Tables
+from desim_uav.report.replay.page import page
+from desim_uav.run_folder import TABLES, world_content, write_whole
+from desim_uav.sample_path import SamplePath
+from desim_uav.world import World, build_world
+
+MOST_BYTES = 25 * 2**20
+"""Of a page, unless more is asked for."""
+
+BASE64 = 4 / 3
+COMPARED = ("requests", "steps", "users", "episodes")
+
+
+@dataclass
+class Written:
+    """The page of a run: where it is, what it shows, and of what there was no room."""
+
+    file: Path
+    size: int
+    episodes: list[int]
+    left_out: list[int]
+    played_again: bool
+
+    def summary(self) -> dict[str, Any]:
+        """For a program to read."""
+        return {
+            "html": str(self.file),
+            "bytes": self.size,
+            "episodes": self.episodes,
+            "left_out": self.left_out,
+            "played_again": self.played_again,
+        }
+
+
+def write_replay(
+    run_dir: Path,
+    html: Path | None = None,
+    episodes: str | None = None,
+    show_progress: bool = True,
+    most_bytes: int | None = None,
+) -> Written:
+    """Write the page of a run, ``replay.html`` in its folder unless told otherwise.
+
+    ``episodes``: such as ``0-9``; without it, the counted ones, as many as fit. Raises PolicyError
+    where the folder is unreadable, does not fit together, or cannot be played again.
+    """
+    folder = RunFolder(run_dir)
+    wanted = folder.chosen(episodes)
+    encoder = Encoder(folder)
+    blocks: list[bytes] = []
+    size, limit = 0.0, MOST_BYTES if most_bytes is None else most_bytes
+    again = folder.in_time is None
+    total = wanted[-1] - folder.episodes[0] + 1 if again else len(wanted)
+    with progress(show_progress, total, engine=folder.manifest["engine"]) as advance:
+        source = played_again if again else _stored
+        with closing(source(folder, wanted, advance)) as each:
+            for number, of_episode in each:
+                block = encoder.episode(number, of_episode)
+                size += len(block) * BASE64
+                if episodes is None and blocks and size > limit:
+                    break
+                blocks.append(block)
+    shown = wanted[: len(blocks)]
+    content = page(encoder.common(shown), blocks)
+    file = run_dir / "replay.html" if html is None else html
+    write_whole(file, content)
+    return Written(file, len(content), shown, wanted[len(blocks) :], again)
+
+
+def _stored(
+    folder: RunFolder, wanted: list[int], advance: Callable[[], None]
+) -> Generator[tuple[int, Tables]]:
+    for number in wanted:
+        yield number, folder.of_episode(number)
+        advance()
+
+
+def played_again(
+    folder: RunFolder, wanted: list[int], advance: Callable[[], None] = lambda: None
+) -> Generator[tuple[int, Tables]]:
+    """The tables of these episodes, events and legs among them, by playing the run again.
+
+    Raises PolicyError where what comes out is not what the folder holds.
+    """
+    world, logs = _begin(folder)
+    rest = set(wanted)
+    with closing(logs):
+        while rest:
+            try:
+                log, path = next(logs)
+            except DesimError as error:
+                raise _not_again(folder, str(error)) from error
+            if log.episode in rest:
+                rest.remove(log.episode)
+                yield log.episode, _checked(folder, world, log, path)
+            advance()
+
+
+def _begin(folder: RunFolder) -> tuple[World, Any]:
+    """The world of a run, and its episodes to come. Raises PolicyError where they cannot."""
+    manifest, scenario = folder.manifest, folder.scenario
+    name = manifest["policy"]
+    try:
+        policy = load_policy(name)
+        world = build_world(scenario, manifest["world_seed"])
+    except DesimError as error:
+        raise _not_again(folder, str(error)) from error
+    if world_content(world) != folder.world:
+        raise _not_again(folder, "world.json is not the world of scenario.yaml and this seed")
+    if manifest["ceilings"] != ["tallest" if policy.ceiling else "none"] * scenario.drones.count:
+        raise _not_again(folder, f"policy {name!r} has another ceiling than it had")
+    last = folder.episodes[-1] + 1
+    warmup, engine = manifest["warmup"], manifest["engine"]
+    return world, play(world, policy, name, manifest["seed"], last, warmup, True, engine)
+
+
+def _checked(folder: RunFolder, world: World, log: EpisodeLog, path: SamplePath) -> Tables:
+    """The tables of an episode that was played again, as it was stored."""
+    requests = tables.requests_table([log], world)
+    made = {
+        "requests": requests,
+        "steps": tables.steps_table([log]),
+        "users": tables.users_table([path], world),
+        "episodes": tables.episodes_table([log], world, requests),
+        "events": tables.events_table([log]),
+        "legs": tables.legs_table([log]),
+    }
+    stored = folder.of_episode(log.episode)
+    for name in COMPARED:
+        if not _arrow(name, made[name]).equals(_arrow(name, stored[name])):
+            raise _not_again(
+                folder, f"episode {log.episode}: {name}.parquet is not what comes out now"
+            )
+    return made
+
+
+def _arrow(name: str, frame: Any) -> pa.Table:
+    from desim_uav.records import arrow_schema
+
+    return pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
+
+
+def _not_again(folder: RunFolder, reason: str) -> PolicyError:
+    policy = folder.manifest["policy"]
+    return PolicyError(
+        f"{folder.path}: it has no events, and cannot be played again: {reason} "
+        f"(policy {policy!r}; from the folder the run was made in? run it again with --events)"
+    )

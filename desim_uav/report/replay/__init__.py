@@ -1,0 +1,1 @@
+"""One self-contained page that plays a run's episodes in continuous time."""

@@ -1,0 +1,193 @@
+// What is said of a user, a drone, a station, a request or an event, as rows of [name, value].
+
+import { clock, kbps, percent, span, words } from "./palette.js";
+import { CHARGED, CHARGING, CRASHED, FLYING, QUEUED, RETURNING, STATES } from "./state.js";
+
+const place = [0, 0, 0];
+
+export function describe(state, { what, index }) {
+  return { user: ofUser, drone: ofDrone, station: ofStation, request: ofRequest }[what](state, index);
+}
+
+/** How many of a kind there are; the number of a chosen one is below it. */
+export function howMany(state, what) {
+  const { run, episode } = state;
+  return {
+    user: run.users, drone: run.drones, station: run.map.stations.length,
+    request: episode.request.count,
+  }[what];
+}
+
+const metres = (x, y) => `${x.toFixed(1)}, ${y.toFixed(1)} m`;
+const drones = (list) => (list.length ? list.join(", ") : "none");
+
+function ofUser(state, u) {
+  const { episode } = state;
+  const doing = state.userState(u);
+  const [x, y] = [new Float64Array(1), new Float64Array(1)];
+  whereUser(episode, u, state.tUs, x, y);
+  const rows = [["place", metres(x[0], y[0])]];
+  if (episode.walk.z[u] > 0) rows.push(["height", `${episode.walk.z[u].toFixed(1)} m`]);
+  rows.push(["held by", state.holder[u] >= 0 ? `drone ${state.holder[u]}` : "no drone"]);
+  rows.push(["in the footprints of", drones(state.covering(u))]);
+  const own = [...episode.requestsOfUser(u)];
+  const asked = own.filter((r) => episode.request.tUs[r] <= state.tUs);
+  const open = state.request[u];
+  if (open >= 0) rows.push(...requestRows(state.requestSoFar(open)));
+  else {
+    const next = own.find((r) => episode.request.tUs[r] > state.tUs);
+    rows.push(["open request", "none"]);
+    if (next !== undefined) rows.push(["asks again", `at ${clock(episode.request.tUs[next], 1)}`]);
+  }
+  rows.push(["requests so far", String(asked.length)]);
+  return { title: `User ${u}`, tag: STATES[doing], rows };
+}
+
+export function whereUser(episode, u, tUs, x, y) {
+  const { walk } = episode;
+  let k = walk.first[u];
+  const last = walk.first[u + 1] - 1;
+  while (k < last && walk.tUs[k + 1] <= tUs) k += 1;
+  const length = k < last ? walk.tUs[k + 1] - walk.tUs[k] : 0;
+  const share = length > 0 ? Math.max(0, (tUs - walk.tUs[k]) / length) : 0;
+  const next = share > 0 ? k + 1 : k;
+  x[0] = walk.x[k] + share * (walk.x[next] - walk.x[k]);
+  y[0] = walk.y[k] + share * (walk.y[next] - walk.y[k]);
+}
+
+function requestRows(told) {
+  const rows = [
+    ["request", `${told.request}, ${words(told.service)}`],
+    ["asked", `${clock(told.askedUs, 1)}, for ${span(told.requiredUs)}`],
+    ["bandwidth", kbps(told.bandwidthBps)],
+    ["served so far", `${span(told.servedUs)} (${percent((100 * told.servedUs) / told.requiredUs, 0)})`],
+    ["first served", told.firstUs === null ? "not yet" : clock(told.firstUs, 1)],
+    ["served by", drones(told.drones)],
+  ];
+  if (told.endUs !== null) rows.push(["ended", `${clock(told.endUs, 1)}, ${told.outcome}`]);
+  return rows;
+}
+
+function ofRequest(state, r) {
+  const told = state.requestSoFar(r);
+  const tag = !told.asked ? "not yet asked" : told.endUs !== null ? told.outcome
+    : told.by >= 0 ? "served" : "waiting";
+  return { title: `Request ${r}`, tag, rows: [["user", String(told.user)], ...requestRows(told)] };
+}
+
+function ofDrone(state, d) {
+  const { run, episode } = state;
+  episode.dronePlace(d, state.tUs, place);
+  const rows = [["place", metres(place[0], place[1])]];
+  if (run.three_d) rows.push(["altitude", `${place[2].toFixed(0)} m`]);
+  const batteryUs = episode.batteryUs(d, state.tUs);
+  if (batteryUs !== null) {
+    rows.push(["battery", `${clock(batteryUs)} min, ${percent((100 * batteryUs) / run.capacity_us, 0)}`]);
+  }
+  rows.push(["action", action(state, d)]);
+  rows.push(["bandwidth in use", shareOf(state.usedBps[d], run.bandwidth_bps)]);
+  rows.push(["attached users", String(state.attachedTo[d])], ["served requests", String(state.servedBy[d])]);
+  const served = [];
+  for (let u = 0; u < run.users && served.length < 13; u += 1) {
+    if (state.served[u] && state.holder[u] === d) served.push(u);
+  }
+  if (served.length) {
+    const list = served.slice(0, 12).join(", ");
+    rows.push(["serves users", served.length > 12 ? `${list} …` : list]);
+  }
+  return { title: `Drone ${d}`, tag: modeOf(state, d), rows };
+}
+
+/** A bandwidth of a limit, the unit once where it is the same. */
+function shareOf(bps, limitBps) {
+  if (limitBps === null) return kbps(bps);
+  const [used, unit] = kbps(bps).split(" ");
+  return kbps(limitBps).endsWith(unit) || bps === 0 ? `${used} of ${kbps(limitBps)}`
+    : `${used} ${unit} of ${kbps(limitBps)}`;
+}
+
+export function modeOf(state, d) {
+  return words(state.run.modes[state.mode[d]]);
+}
+
+/** What a drone is about, and for how long still. */
+function action(state, d) {
+  const { run, episode } = state;
+  const mode = state.mode[d];
+  const k = state.stepNow() * run.drones + d;
+  const since = span(state.tUs - state.sinceUs[d]);
+  if (mode === CRASHED) return `lies crashed for ${since}`;
+  if (mode === QUEUED) return `waits for a pad for ${since}`;
+  if (mode === CHARGING) return `charges for ${since}`;
+  if (mode === CHARGED) return `is charged for ${since}`;
+  const leg = episode.legAt(d, state.tUs);
+  const leftUs = episode.leg.tUs[leg] + episode.leg.durationUs[leg] - state.tUs;
+  if (mode === RETURNING) {
+    return leftUs > 0 ? `returns; ${span(leftUs)} left of this hop` : "returns to a station";
+  }
+  const [told, taken] = [run.actions[episode.step.told[k]], run.actions[episode.step.taken[k]]];
+  const unlike = told && told !== taken ? ` (told ${words(told)})` : "";
+  if (mode === FLYING && leftUs > 0) return `${words(taken)}${unlike}, ${span(leftUs)} left`;
+  const moved = episode.leg.durationUs[leg] > 0
+    && episode.leg.tUs[leg] >= state.stepNow() * run.step_us;
+  if (taken !== "hover" && !moved) return `hovers: ${words(taken)} is blocked`;
+  return moved ? `hovers after ${words(taken)}${unlike}` : `hovers${unlike}`;
+}
+
+function ofStation(state, s) {
+  const { run } = state;
+  const [ix, iy] = run.map.stations[s];
+  const dock = state.dock(s);
+  const { size_m: size, cells } = run.map;
+  return {
+    title: `Station ${s}`,
+    tag: `${dock.charging.length} of ${run.pads} pad${run.pads > 1 ? "s" : ""} taken`,
+    rows: [
+      ["place", metres(((ix + 0.5) * size[0]) / cells[0], ((iy + 0.5) * size[1]) / cells[1])],
+      ["on a pad", drones(dock.charging)],
+      ["wait for a pad", drones(dock.queue)],
+      ["charged", drones(dock.charged)],
+    ],
+  };
+}
+
+const TOLD = {
+  request: (e) => `user ${e.user} asks: request ${e.request}`,
+  serve: (e) => `drone ${e.drone} serves user ${e.user}, request ${e.request}`,
+  stop: (e) => `drone ${e.drone} stops serving user ${e.user}`,
+  complete: (e) => `request ${e.request} of user ${e.user} is completed`,
+  refuse: (e) => `request ${e.request} of user ${e.user} is refused`,
+  close: (e) => `request ${e.request} of user ${e.user} is closed`,
+  enter: (e) => `user ${e.user} enters the footprint of drone ${e.drone}`,
+  exit: (e) => `user ${e.user} leaves the footprint of drone ${e.drone}`,
+  attach: (e) => `user ${e.user} attaches to drone ${e.drone}`,
+  detach: (e) => `user ${e.user} detaches from drone ${e.drone}`,
+  decide: (e) => `drone ${e.drone} is told: ${e.action}`,
+  depart: (e) => `drone ${e.drone} departs`,
+  blocked: (e) => `drone ${e.drone} is blocked`,
+  arrive: (e) => `drone ${e.drone} arrives`,
+  land: (e) => `drone ${e.drone} lands at station ${e.station}`,
+  charge: (e) => `drone ${e.drone} charges at station ${e.station}`,
+  charged: (e) => `drone ${e.drone} is charged`,
+  deplete: (e) => `the battery of drone ${e.drone} is empty`,
+  crash: (e) => `drone ${e.drone} crashes`,
+  respawn: (e) => `drone ${e.drone} is replaced at station ${e.station}`,
+};
+
+/** An event in a sentence, and what it is of. */
+export function tell(state, i) {
+  const { run, episode } = state;
+  const { event } = episode;
+  const kind = run.kinds[event.kind[i]];
+  const e = {
+    drone: event.drone[i], user: event.user[i], request: event.request[i], station: event.station[i],
+  };
+  if (kind === "decide") {
+    const step = Math.floor(event.tUs[i] / run.step_us);
+    e.action = words(run.actions[episode.step.taken[step * run.drones + e.drone]] ?? "");
+  }
+  return {
+    kind, tUs: event.tUs[i], text: TOLD[kind](e),
+    of: e.user >= 0 ? { what: "user", index: e.user } : { what: "drone", index: e.drone },
+  };
+}

@@ -1,0 +1,267 @@
+// The page: the data, the player, and what shows it. `window.replay` is for scripts and tests:
+//
+//   await replay.ready                      the first episode is drawn
+//   replay.episodes                         the numbers of the episodes of this page
+//   await replay.seek(episode, t_s, phase)  show a time; of that instant, phases up to `phase` (all)
+//   replay.state()                          what is shown: drones, users, stations, measures
+//   replay.stepEvent(1 or -1, [kinds])      to the next event of these kinds (all), or the one before;
+//                                           {kind, t_s, text} of it, null where there is none
+//   replay.play(), replay.pause(), replay.setSpeed(times)
+//   replay.select({what: "user" | "drone" | "station" | "request", index} or null)
+//   replay.draw()                           draw once, now
+// What they change is drawn and said when they are done.
+
+import { Camera } from "./camera.js";
+import { updateTip, wire } from "./controls.js";
+import { canInflate, readJson } from "./decode.js";
+import { tell } from "./details.js";
+import { US } from "./episode.js";
+import { clock, readTheme } from "./palette.js";
+import { Panel } from "./panel.js";
+import { Player, SPEEDS } from "./player.js";
+import { Scene } from "./scene.js";
+import { STATES } from "./state.js";
+import { Timeline } from "./timeline.js";
+
+const byId = (id) => document.getElementById(id);
+const KINDS_OF_CHOICE = ["user", "drone", "station", "request"];
+const WORDS_EVERY_MS = 120;
+const ADDRESS_AFTER_MS = 250;
+
+function start() {
+  if (!canInflate()) {
+    byId("message").textContent = "This browser cannot unpack the data of this page "
+      + "(DecompressionStream is missing). Chrome and Edge 103, Firefox 113, Safari 16.4 and later can.";
+    return;
+  }
+  const run = readJson("run");
+  const player = new Player(run);
+  const camera = new Camera(run);
+  const scene = new Scene(run, byId("map"), camera);
+  const timeline = new Timeline(run, byId("timeline"));
+  const panel = new Panel(run, player);
+  let stale = true;
+  let saidAt = 0;
+  const redraw = () => { stale = true; };
+
+  // ---- colours
+  const darkByNature = window.matchMedia("(prefers-color-scheme: dark)");
+  const isDark = () => (document.documentElement.dataset.theme ?? (darkByNature.matches ? "dark" : "light")) === "dark";
+  const setTheme = (name) => {
+    if (name) document.documentElement.dataset.theme = name;
+    byId("theme").setAttribute("aria-pressed", String(isDark()));
+    const theme = readTheme();
+    for (const part of [scene, timeline, panel]) part.setTheme(theme);
+    redraw();
+  };
+  darkByNature.addEventListener("change", () => setTheme(null));
+  setTheme(null);
+
+  // ---- drawing
+  const draw = () => {
+    if (!player.state) return;
+    scene.draw(player.state);
+    timeline.draw();
+  };
+  const say = (now) => {
+    if (player.playing && now - saidAt < WORDS_EVERY_MS) return;
+    saidAt = now;
+    panel.update();
+    updateTip(player, scene);
+    const { tUs, episode } = player.state;
+    const slider = byId("timeline");
+    slider.setAttribute("aria-valuemax", String(episode.durationUs / US));
+    slider.setAttribute("aria-valuenow", String(tUs / US));
+    slider.setAttribute("aria-valuetext", `${clock(tUs, 1)} of ${clock(episode.durationUs)}`);
+  };
+  let before = null;
+  const frame = (now) => {
+    if (player.playing && before !== null) player.advance(Math.min(100, now - before));
+    before = now;
+    if (stale && player.state) {
+      stale = false;
+      draw();
+      say(now);
+    }
+    requestAnimationFrame(frame);
+  };
+  const observer = new ResizeObserver(() => {
+    scene.resize();
+    timeline.resize();
+    redraw();
+  });
+  observer.observe(scene.canvas);
+  observer.observe(timeline.canvas);
+
+  // ---- what changes
+  const address = addressOf(player);
+  player.addEventListener("moment", () => {
+    redraw();
+    if (!player.playing) address.write();
+  });
+  player.addEventListener("selection", () => {
+    const { selection } = player;
+    scene.selection = selection?.what === "request"
+      ? { what: "user", index: player.episode.request.user[selection.index] } : selection;
+    timeline.select(selection?.what === "drone" ? selection.index : -1);
+    scene.reveal(scene.selection);
+    redraw();
+    if (!player.playing) address.write();
+  });
+  player.addEventListener("loading", () => {
+    byId("message").textContent = "Reading …";
+    byId("message").hidden = false;
+  });
+  player.addEventListener("episode", () => {
+    byId("message").hidden = true;
+    byId("episode").selectedIndex = player.episode.index;
+    byId("earlier").disabled = player.episode.index === 0;
+    byId("later").disabled = player.episode.index === run.episodes.length - 1;
+    timeline.setState(player.state);
+    byId("number").max = panel.limit(byId("what").value);
+    byId("map").setAttribute("aria-label", `Map of episode ${player.episode.about.episode}: `
+      + `${run.drones} drones, ${run.users} users, ${run.map.stations.length} stations`);
+    if (!player.selection) scene.selection = null;
+  });
+  player.addEventListener("playing", () => {
+    byId("play").setAttribute("aria-pressed", String(player.playing));
+    byId("play").setAttribute("aria-label", player.playing ? "Pause" : "Play");
+    saidAt = 0;
+    redraw();
+    if (!player.playing) {
+      address.write();
+      panel.announce();
+    }
+  });
+  player.addEventListener("speed", () => {
+    const nearest = SPEEDS.findLastIndex((speed) => speed <= player.speed);
+    byId("speed").value = String(Math.max(0, nearest));
+    byId("speed").setAttribute("aria-valuetext", `${player.speed} times`);
+    byId("speed-now").textContent = `${player.speed} ×`;
+  });
+  wire({ run, player, camera, scene, timeline, panel, redraw, setTheme, isDark });
+  player.setSpeed(60);
+
+  const show = () => {
+    if (!player.state) return;
+    stale = false;
+    saidAt = 0;
+    draw();
+    say(performance.now());
+  };
+  const ready = address.read().then(() => {
+    window.addEventListener("hashchange", () => address.read());
+    scene.resize();
+    timeline.resize();
+    show();
+    requestAnimationFrame(frame);
+  }).catch((error) => {
+    byId("message").textContent = `This page cannot be read: ${error.message}`;
+    byId("message").hidden = false;
+    throw error;
+  });
+  window.replay = scripted(run, player, ready, draw, show);
+}
+
+/** The part of the address behind #: which moment is shown, of what. */
+function addressOf(player) {
+  const { run } = player;
+  let timer = 0;
+  const write = () => { // later, and once: browsers allow only so many changes
+    clearTimeout(timer);
+    timer = setTimeout(() => {
+      if (player.playing) return;
+      const parts = [`episode=${player.episode.about.episode}`, `t=${player.state.tUs / US}`];
+      if (player.selection) parts.push(`${player.selection.what}=${player.selection.index}`);
+      history.replaceState(null, "", `#${parts.join("&")}`);
+    }, ADDRESS_AFTER_MS);
+  };
+  const read = async () => {
+    const asked = new URLSearchParams(location.hash.slice(1));
+    const whole = (name) => (/^-?\d+$/.test(asked.get(name) ?? "") ? Number(asked.get(name)) : null);
+    const place = run.episodes.findIndex((about) => about.episode === whole("episode"));
+    const t = Number(asked.get("t") ?? 0);
+    player.pause();
+    await player.open(Math.max(0, place), Number.isFinite(t) ? t * US : 0);
+    const what = KINDS_OF_CHOICE.find((name) => whole(name) !== null);
+    if (what) player.select({ what, index: whole(what) });
+  };
+  return { read, write };
+}
+
+function scripted(run, player, ready, draw, show) {
+  const numbers = run.episodes.map((about) => about.episode);
+  const moment = (i) => {
+    const { kind, tUs, text } = tell(player.state, i);
+    return { kind, t_s: tUs / US, text };
+  };
+  return Object.freeze({
+    ready,
+    episodes: numbers,
+    seek: async (episode, tS, phase = null) => {
+      await ready;
+      const index = numbers.indexOf(episode);
+      if (index < 0) throw new RangeError(`there is no episode ${episode}`);
+      await player.open(index, tS * US, phase);
+      show();
+    },
+    stepEvent: (direction, kinds = null) => {
+      const wanted = kinds && new Set(kinds.map((kind) => run.kinds.indexOf(kind)));
+      const found = player.stepEvent(direction, wanted);
+      show();
+      return found ? moment(player.told) : null;
+    },
+    play: () => player.play(),
+    pause: () => player.pause(),
+    setSpeed: (times) => player.setSpeed(times),
+    select: (selection) => {
+      player.select(selection);
+      show();
+    },
+    draw,
+    state: () => told(run, player),
+  });
+}
+
+/** All that is shown, in plain values. */
+function told(run, player) {
+  const { state } = player;
+  const { episode } = state;
+  const [x, y] = [new Float64Array(run.users), new Float64Array(run.users)];
+  episode.userPlaces(state.tUs, x, y);
+  const { qoe1, qoe2, qoe3, reward, requests, completed, open, crashes } = state.measures();
+  return {
+    episode: episode.about.episode,
+    t_s: state.tUs / US,
+    playing: player.playing,
+    speed: player.speed,
+    selection: player.selection,
+    events: state.sums.next,
+    drones: Array.from({ length: run.drones }, (_, d) => {
+      const [xM, yM, zM] = episode.dronePlace(d, state.tUs, [0, 0, 0]);
+      const batteryUs = episode.batteryUs(d, state.tUs);
+      return {
+        x_m: xM, y_m: yM, z_m: zM,
+        mode: run.modes[state.mode[d]],
+        battery_s: batteryUs === null ? null : batteryUs / US,
+        attached_users: state.attachedTo[d],
+        served_requests: state.servedBy[d],
+        bandwidth_kbps: state.usedBps[d] / 1000,
+      };
+    }),
+    users: Array.from({ length: run.users }, (_, u) => ({
+      x_m: x[u], y_m: y[u], z_m: episode.walk.z[u],
+      state: STATES[state.userState(u)],
+      service: state.request[u] < 0 ? null : run.services[episode.request.service[state.request[u]]],
+      request: state.request[u] < 0 ? null : state.request[u],
+      holder: state.holder[u] < 0 ? null : state.holder[u],
+    })),
+    stations: run.map.stations.map((_, s) => state.dock(s)),
+    measures: {
+      qoe1_percent: qoe1, qoe2_iterations: qoe2, qoe3_percent: qoe3,
+      reward, requests, completed, open, crashes,
+    },
+  };
+}
+
+start();

@@ -1,0 +1,99 @@
+// Colours (Okabe and Ito's, told apart by the colour-blind), shapes of services, and words.
+
+export const STATE_COLOURS = ["", "#56B4E9", "#D55E00", "#009E73"]; // idle: the theme's grey
+export const SHAPES = ["circle", "square", "triangle", "diamond", "cross", "star"];
+
+const DRONES = {
+  light: ["#0072B2", "#E69F00", "#CC79A7", "#6B7785", "#332288", "#8C510A"],
+  dark: ["#3D9BDC", "#E69F00", "#CC79A7", "#98A4B1", "#9C92F0", "#C68A4E"],
+};
+let drones = DRONES.light;
+
+/** A drone's colour. Users' states have the others of the palette. */
+export const droneColour = (d) => drones[d % drones.length];
+
+/** Black or white, whichever is read on a colour. */
+export function inkOn(colour) {
+  const [r, g, b] = [1, 3, 5].map((at) => {
+    const c = parseInt(colour.slice(at, at + 2), 16) / 255;
+    return c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4;
+  });
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.22 ? "#111418" : "#FFFFFF";
+}
+
+/** The colours of the present theme, which the style sheet holds. */
+export function readTheme() {
+  const style = getComputedStyle(document.documentElement);
+  drones = style.colorScheme === "dark" ? DRONES.dark : DRONES.light;
+  const of = (name) => style.getPropertyValue(`--${name}`).trim();
+  const theme = {};
+  for (const name of ["paper", "map", "ink", "muted", "faint", "line", "grid", "idle", "accent",
+    "danger", "roof-low", "roof-high", "on-roof"]) theme[name] = of(name);
+  return theme;
+}
+
+/** A colour between two, as #RRGGBB. */
+export function between(low, high, share) {
+  const part = (at) => {
+    const [a, b] = [low, high].map((colour) => parseInt(colour.slice(at, at + 2), 16));
+    return Math.round(a + (b - a) * share).toString(16).padStart(2, "0");
+  };
+  return `#${part(1)}${part(3)}${part(5)}`;
+}
+
+/** Trace the outline of a shape of radius r around (x, y). */
+export function trace(ctx, shape, x, y, r) {
+  if (shape === "square") ctx.rect(x - r * 0.88, y - r * 0.88, 1.76 * r, 1.76 * r);
+  else if (shape === "circle") {
+    ctx.moveTo(x + r, y);
+    ctx.arc(x, y, r, 0, 2 * Math.PI);
+  } else {
+    POINTS[shape].forEach(([dx, dy], k) => {
+      if (k === 0) ctx.moveTo(x + r * dx, y + r * dy);
+      else ctx.lineTo(x + r * dx, y + r * dy);
+    });
+    ctx.closePath();
+  }
+}
+
+const POINTS = {
+  triangle: [[0, -1.2], [1.1, 0.8], [-1.1, 0.8]],
+  diamond: [[0, -1.25], [1.25, 0], [0, 1.25], [-1.25, 0]],
+  cross: [[-0.4, -1.1], [0.4, -1.1], [0.4, -0.4], [1.1, -0.4], [1.1, 0.4], [0.4, 0.4], [0.4, 1.1],
+    [-0.4, 1.1], [-0.4, 0.4], [-1.1, 0.4], [-1.1, -0.4], [-0.4, -0.4]],
+  star: Array.from({ length: 10 }, (_, k) => {
+    const [r, a] = [k % 2 ? 0.55 : 1.3, (k * Math.PI) / 5];
+    return [r * Math.sin(a), -r * Math.cos(a)];
+  }),
+};
+
+// ---- words
+
+/** A time as minutes and seconds: 12:34, or with so many digits of a second, 12:34.567. */
+export function clock(us, digits = 0) {
+  const sign = us < 0 ? "-" : "";
+  const unit = 10 ** (6 - digits);
+  const units = Math.floor(Math.abs(us) / unit);
+  const perMinute = 60 * 10 ** digits;
+  const minutes = Math.floor(units / perMinute);
+  const rest = String(units % perMinute).padStart(2 + digits, "0");
+  const whole = rest.slice(0, rest.length - digits);
+  return `${sign}${minutes}:${whole}${digits ? `.${rest.slice(-digits)}` : ""}`;
+}
+
+/** A length of time: 48 s, 12 min 5 s. */
+export function span(us) {
+  const s = us / 1e6;
+  if (s < 60) return `${s < 10 && s % 1 ? s.toFixed(1) : Math.round(s)} s`;
+  const whole = Math.round(s);
+  const rest = whole % 60;
+  return `${Math.floor(whole / 60)} min${rest ? ` ${rest} s` : ""}`;
+}
+
+export const kbps = (bps) => (bps >= 1e6 ? `${+(bps / 1e6).toFixed(2)} Mbit/s`
+  : `${+(bps / 1e3).toFixed(1)} kbit/s`);
+
+export const words = (name) => name.replaceAll("_", " ");
+
+export const percent = (value, digits = 1) => (value === null || Number.isNaN(value)
+  ? "–" : `${value.toFixed(digits)} %`);

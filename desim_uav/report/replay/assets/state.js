@@ -1,0 +1,388 @@
+// Who is held, served, waiting, and what every drone is about: the events of an episode, replayed.
+//
+// Events stand in a reader's order: by instant, by phase, and in a phase what lets go of a user
+// before what takes it. Copies of the state every so many events make any moment near.
+
+export const IDLE = 0;
+export const ATTACHED = 1;
+export const WAITING = 2;
+export const SERVED = 3;
+export const STATES = ["idle", "attached", "waiting", "served"];
+
+export const FLYING = 0;
+export const RETURNING = 1;
+export const QUEUED = 2;
+export const CHARGING = 3;
+export const CHARGED = 4;
+export const CRASHED = 5;
+
+const COPIES = 200;
+const SAMPLES = 720;
+const ALL_PHASES = 99;
+
+export class State {
+  constructor(episode) {
+    const { run } = episode;
+    this.episode = episode;
+    this.run = run;
+    this.applyKind = run.kinds.map((kind) => this[`_${kind}`] ?? this._nothing);
+    this.goto = run.actions.indexOf("goto_charging_station");
+    this.charge = run.actions.indexOf("charge");
+    this.arrays = {
+      holder: new Int16Array(run.users).fill(-1),
+      request: new Int32Array(run.users).fill(-1),
+      served: new Uint8Array(run.users),
+      mode: new Uint8Array(run.drones),
+      station: new Int16Array(run.drones).fill(-1),
+      sinceUs: new Float64Array(run.drones),
+      attachedTo: new Int32Array(run.drones),
+      servedBy: new Int32Array(run.drones),
+      usedBps: new Float64Array(run.drones),
+    };
+    Object.assign(this, this.arrays);
+    this.sums = {
+      next: 0, // the first event that has not happened yet
+      atUs: 0, // up to when the integrals reach
+      attachedUs: 0, unservedUs: 0, qoe1: 0, // integrals over time
+      rate: 0, attached: 0, open: 0, serving: 0, asked: 0, done: 0, crashes: 0,
+    };
+    this.tUs = 0;
+    this.#begin();
+    this.chargingAtFirst = [...this.mode.keys()].filter((d) => this.mode[d] === CHARGING);
+    this.#readThrough();
+    this.seek(0);
+  }
+
+  // ---- moving in time
+
+  /** Go to a time, in microseconds. Of that instant itself, phases up to `phase` have happened:
+   *  all, but at the episode's end only what comes before everything is let go of. */
+  seek(tUs, phase = null) {
+    const { event, durationUs } = this.episode;
+    const t = Math.min(Math.max(Math.round(tUs), 0), durationUs);
+    const last = phase ?? (t === durationUs ? this.run.record_phase - 1 : ALL_PHASES);
+    this.#goTo(countUpTo(event, t, last));
+    this.#integrateTo(t);
+    this.tUs = t;
+  }
+
+  /** Go to right after event number i has happened. */
+  seekEvent(i) {
+    this.#goTo(i + 1);
+    this.tUs = this.episode.event.tUs[i];
+    this.#integrateTo(this.tUs);
+  }
+
+  /** The number of the next event (direction 1) or that before the present one (-1) whose kind is
+   *  among `kinds` (null: all); -1 where there is none. */
+  findEvent(direction, kinds) {
+    const { event } = this.episode;
+    let i = direction > 0 ? this.sums.next : this.sums.next - 1;
+    if (direction < 0 && i >= 0 && event.tUs[i] === this.tUs) i -= 1; // the present one
+    while (i >= 0 && i < event.count) {
+      if (kinds === null || kinds.has(event.kind[i])) return i;
+      i += direction;
+    }
+    return -1;
+  }
+
+  #goTo(next) {
+    const copy = this.#copyBefore(next);
+    if (next < this.sums.next || copy.sums.next > this.sums.next) this.#restore(copy);
+    while (this.sums.next < next) this.#apply(this.sums.next);
+  }
+
+  #apply(i) {
+    const { event } = this.episode;
+    this.#integrateTo(event.tUs[i]);
+    this.applyKind[event.kind[i]].call(
+      this, event.drone[i], event.user[i], event.request[i], event.station[i], event.tUs[i],
+    );
+    this.sums.next = i + 1;
+  }
+
+  /** Forward, or back as far as nothing has happened. Times are whole microseconds, so that two
+   *  of the three integrals are exact. */
+  #integrateTo(tUs) {
+    const { sums } = this;
+    const spanUs = tUs - sums.atUs;
+    sums.attachedUs += sums.attached * spanUs;
+    sums.unservedUs += (sums.open - sums.serving) * spanUs;
+    sums.qoe1 += sums.rate * spanUs;
+    sums.atUs = tUs;
+  }
+
+  // ---- copies
+
+  #begin() {
+    const { episode, run } = this;
+    for (let d = 0; d < run.drones; d += 1) {
+      const k = episode.leg.first[d];
+      const mode = episode.leg.mode[k];
+      this.mode[d] = mode;
+      this.sinceUs[d] = episode.leg.tUs[k];
+      if (mode === QUEUED || mode === CHARGING || mode === CHARGED) {
+        this.station[d] = nearestStation(run, episode.leg.xTo[k], episode.leg.yTo[k]);
+      }
+    }
+  }
+
+  /** Once from beginning to end: copies on the way, the course of the measures, marks. */
+  #readThrough() {
+    const { event, durationUs } = this.episode;
+    const every = Math.max(256, Math.ceil(event.count / COPIES));
+    const course = {
+      tUs: new Float64Array(SAMPLES + 1),
+      qoe1: new Float64Array(SAMPLES + 1).fill(NaN),
+      qoe2: new Float64Array(SAMPLES + 1).fill(NaN),
+      qoe3: new Float64Array(SAMPLES + 1).fill(NaN),
+      usedBps: new Float64Array(SAMPLES + 1),
+    };
+    const marked = new Set(["crash", "respawn", "charge", "charged", "land"]
+      .map((kind) => this.run.kinds.indexOf(kind)));
+    this.marks = [];
+    this.copies = [];
+    let i = 0;
+    for (let s = 0; s <= SAMPLES; s += 1) {
+      const t = (s * durationUs) / SAMPLES;
+      const last = s === SAMPLES ? this.run.record_phase - 1 : ALL_PHASES;
+      const end = countUpTo(event, t, last);
+      for (; i < end; i += 1) {
+        if (i % every === 0) this.copies.push(this.#copy());
+        if (marked.has(event.kind[i])) this.marks.push(i);
+        this.#apply(i);
+      }
+      this.#integrateTo(t);
+      course.tUs[s] = t;
+      const { qoe1, qoe2, qoe3 } = this.measures();
+      course.qoe1[s] = qoe1 ?? NaN;
+      course.qoe2[s] = qoe2 ?? NaN;
+      course.qoe3[s] = qoe3 ?? NaN;
+      course.usedBps[s] = this.usedBps.reduce((sum, used) => sum + used, 0);
+    }
+    if (!this.copies.length) this.copies.push(this.#copy());
+    this.course = course;
+  }
+
+  #copy() {
+    const arrays = {};
+    for (const name of Object.keys(this.arrays)) arrays[name] = this.arrays[name].slice();
+    return { arrays, sums: { ...this.sums } };
+  }
+
+  #restore(copy) {
+    for (const name of Object.keys(this.arrays)) this.arrays[name].set(copy.arrays[name]);
+    Object.assign(this.sums, copy.sums);
+  }
+
+  #copyBefore(next) {
+    let low = 0;
+    let high = this.copies.length - 1;
+    while (low < high) {
+      const middle = (low + high + 1) >> 1;
+      if (this.copies[middle].sums.next <= next) low = middle;
+      else high = middle - 1;
+    }
+    return this.copies[low];
+  }
+
+  // ---- what events do
+
+  _nothing() {}
+
+  _request(d, u, r) {
+    this.request[u] = r;
+    this.sums.open += 1;
+    this.sums.asked += 1;
+  }
+
+  _attach(d, u) {
+    this.holder[u] = d;
+    this.attachedTo[d] += 1;
+    this.sums.attached += 1;
+  }
+
+  _detach(d, u) {
+    this.holder[u] = -1;
+    this.attachedTo[d] -= 1;
+    this.sums.attached -= 1;
+  }
+
+  _serve(d, u, r) {
+    this.served[u] = 1;
+    this.servedBy[d] += 1;
+    this.usedBps[d] += this.episode.request.bandwidthBps[r];
+    this.sums.serving += 1;
+    this.sums.rate += 1 / this.episode.request.requiredUs[r];
+  }
+
+  _stop(d, u, r) {
+    this.served[u] = 0;
+    this.servedBy[d] -= 1;
+    this.usedBps[d] -= this.episode.request.bandwidthBps[r];
+    this.sums.serving -= 1;
+    this.sums.rate -= 1 / this.episode.request.requiredUs[r];
+    if (this.sums.serving === 0) this.sums.rate = 0; // no crumbs of rounding
+  }
+
+  _complete(d, u) {
+    this.sums.done += 1;
+    this._close(d, u);
+  }
+
+  _refuse(d, u) { this._close(d, u); }
+
+  _close(d, u) {
+    this.request[u] = -1;
+    this.sums.open -= 1;
+  }
+
+  _decide(d, u, r, s, tUs) {
+    const action = this.episode.step.taken[Math.floor(tUs / this.run.step_us) * this.run.drones + d];
+    if (action === this.charge) return; // it lands: the next row says so
+    this.mode[d] = action === this.goto ? RETURNING : FLYING;
+    this.station[d] = -1;
+    this.sinceUs[d] = tUs;
+  }
+
+  _land(d, u, r, s, tUs) { this.#become(d, QUEUED, s, tUs); }
+
+  _charge(d, u, r, s, tUs) { this.#become(d, CHARGING, s, tUs); }
+
+  _charged(d, u, r, s, tUs) { this.#become(d, CHARGED, s, tUs); }
+
+  _respawn(d, u, r, s, tUs) { this.#become(d, FLYING, -1, tUs); }
+
+  _crash(d, u, r, s, tUs) {
+    this.#become(d, CRASHED, -1, tUs);
+    this.sums.crashes += 1;
+  }
+
+  #become(d, mode, station, tUs) {
+    this.mode[d] = mode;
+    this.station[d] = station;
+    this.sinceUs[d] = tUs;
+  }
+
+  // ---- what can be asked
+
+  /** The measures so far, as the README defines them; null where nothing was asked for. */
+  measures() {
+    const { sums, run, episode } = this;
+    const steps = Math.min(episode.step.count, Math.floor(sums.atUs / run.step_us));
+    return {
+      qoe1: sums.asked ? (100 * sums.qoe1) / sums.asked : null,
+      qoe2: sums.asked ? sums.unservedUs / run.step_us / sums.asked : null,
+      qoe3: sums.atUs > 0 ? (100 * sums.attachedUs) / (sums.atUs * run.users) : null,
+      reward: episode.rewardSoFar[steps],
+      requests: sums.asked,
+      completed: sums.done,
+      open: sums.open,
+      crashes: sums.crashes,
+    };
+  }
+
+  /** What a user is doing: IDLE, ATTACHED, WAITING or SERVED. */
+  userState(u) {
+    if (this.request[u] >= 0) return this.served[u] ? SERVED : WAITING;
+    return this.holder[u] >= 0 ? ATTACHED : IDLE;
+  }
+
+  /** How many users are in each state. */
+  counts() {
+    const found = [0, 0, 0, 0];
+    for (let u = 0; u < this.run.users; u += 1) found[this.userState(u)] += 1;
+    return found;
+  }
+
+  /** The drones at a station: on its pads, waiting for one in order, and charged. */
+  dock(s) {
+    const here = [];
+    for (let d = 0; d < this.run.drones; d += 1) if (this.station[d] === s) here.push(d);
+    here.sort((a, b) => this.sinceUs[a] - this.sinceUs[b] || a - b);
+    const of = (mode) => here.filter((d) => this.mode[d] === mode);
+    return { charging: of(CHARGING), queue: of(QUEUED), charged: of(CHARGED) };
+  }
+
+  /** What a request has had so far: times in microseconds, null what has not come yet. */
+  requestSoFar(r) {
+    const { episode, run, sums } = this;
+    const { event, request } = episode;
+    const u = request.user[r];
+    const found = {
+      request: r, user: u, service: run.services[request.service[r]],
+      askedUs: request.tUs[r], requiredUs: request.requiredUs[r],
+      bandwidthBps: request.bandwidthBps[r], servedUs: 0, firstUs: null, endUs: null,
+      outcome: null, drones: [], by: -1, sinceUs: 0,
+    };
+    for (const i of episode.eventsOfUser(u)) {
+      if (i >= sums.next) break;
+      if (event.request[i] !== r) continue;
+      const kind = run.kinds[event.kind[i]];
+      if (kind === "serve") {
+        found.by = event.drone[i];
+        found.sinceUs = event.tUs[i];
+      } else if (kind === "stop") {
+        this.#spell(found, event.tUs[i]);
+        found.by = -1;
+      } else if (kind === "complete" || kind === "refuse" || kind === "close") {
+        found.endUs = event.tUs[i];
+        found.outcome = kind === "complete" ? "completed"
+          : kind === "refuse" ? "refused" : found.servedUs > 0 ? "unfinished" : "never served";
+      }
+    }
+    if (found.by >= 0) this.#spell(found, this.tUs);
+    found.asked = request.tUs[r] <= this.tUs;
+    return found;
+  }
+
+  /** A service of 0 µs leaves no trace. */
+  #spell(found, untilUs) {
+    if (untilUs <= found.sinceUs) return;
+    found.servedUs += untilUs - found.sinceUs;
+    found.firstUs ??= found.sinceUs;
+    if (found.drones.at(-1) !== found.by) found.drones.push(found.by);
+  }
+
+  /** The drones whose footprints a user is in. */
+  covering(u) {
+    const found = new Set();
+    const { event } = this.episode;
+    for (const i of this.episode.eventsOfUser(u)) {
+      if (i >= this.sums.next) break;
+      const kind = this.run.kinds[event.kind[i]];
+      if (kind === "enter") found.add(event.drone[i]);
+      if (kind === "exit") found.delete(event.drone[i]);
+    }
+    return [...found].sort((a, b) => a - b);
+  }
+
+  /** The present step: its number, counted from 0. */
+  stepNow() {
+    return Math.min(this.episode.step.count - 1, Math.floor(this.tUs / this.run.step_us));
+  }
+}
+
+/** How many events have happened by a time; of that instant, those of phases up to `last`. */
+function countUpTo(event, tUs, last) {
+  let low = 0;
+  let high = event.count;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    const t = event.tUs[middle];
+    if (t < tUs || (t === tUs && event.phase[middle] <= last)) low = middle + 1;
+    else high = middle;
+  }
+  return low;
+}
+
+export function nearestStation(run, x, y) {
+  const { size_m: size, cells, stations } = run.map;
+  let best = -1;
+  let nearest = Infinity;
+  stations.forEach(([ix, iy], s) => {
+    const far = Math.hypot(((ix + 0.5) * size[0]) / cells[0] - x, ((iy + 0.5) * size[1]) / cells[1] - y);
+    if (far < nearest) [best, nearest] = [s, far];
+  });
+  return best;
+}

@@ -1,0 +1,54 @@
+"""What a drone's battery held between the records of its steps."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+Knot = tuple[int, int]
+"""A time and what the battery held then, both in microseconds; straight lines in between."""
+
+
+def battery_knots(
+    begins_with_us: int,
+    records: Sequence[Knot],
+    events: Sequence[tuple[int, str]],
+    capacity_us: int,
+    full_charge_us: int,
+) -> list[Knot]:
+    """The course of a battery through its records, and its exact corners and jumps between them.
+
+    ``events``: time and kind of what happened to the drone, in order. A battery is empty at a
+    crash, full once charged and in a drone that takes another's place. What it held on landing
+    follows from how it was charged, whatever the model of its drain.
+    """
+    knots = [(0, begins_with_us), *records]
+    for k, (t_us, kind) in enumerate(events):
+        if kind == "crash":
+            knots.append((t_us, 0))
+        elif kind == "respawn":
+            knots += [(t_us, 0), (t_us, capacity_us)]
+        elif kind == "charged":
+            knots.append((t_us, capacity_us))
+        elif kind in ("land", "charge"):
+            held_us = _on_landing(events[k:], records, capacity_us, full_charge_us)
+            knots.append((t_us, held_us))
+    # Stable: a jump stays as it is, and who is replaced at a record is so after it.
+    return sorted(knots, key=lambda knot: knot[0])
+
+
+def _on_landing(
+    events: Sequence[tuple[int, str]],
+    records: Sequence[Knot],
+    capacity_us: int,
+    full_charge_us: int,
+) -> int:
+    """The battery of a drone that lands, or begins to charge, at the first of these events."""
+    charge_us = next((t_us for t_us, kind in events if kind == "charge"), None)
+    if charge_us is None:  # it waits for a pad to the end
+        return records[-1][1]
+    charged_us = next((t_us for t_us, kind in events if kind == "charged"), None)
+    held_us, when_us = records[-1][1], records[-1][0]
+    if charged_us is not None:
+        held_us, when_us = capacity_us, charged_us
+    gained_us = (when_us - charge_us) * capacity_us // full_charge_us
+    return min(capacity_us, max(0, held_us - gained_us))

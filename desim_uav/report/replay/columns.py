@@ -1,0 +1,123 @@
+"""Columns of whole numbers in few bytes: differences, zigzag, groups of seven bits, deflate.
+
+A block is a line of JSON, [[name, coding, count, bytes, scale], …], and behind it the bodies of its
+columns. ``assets/decode.js`` reads it.
+"""
+
+from __future__ import annotations
+
+import json
+import zlib
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+DELTA, PLAIN, BYTES, FLOAT = "delta", "plain", "bytes", "float"
+
+
+class Column(NamedTuple):
+    """Numbers and how they are written.
+
+    ``delta``: each as its difference from the one before; ``plain``: as it is; ``bytes``: 0 … 255;
+    ``float``: eight bytes each. A reader multiplies by ``scale``.
+    """
+
+    values: NDArray[np.generic]
+    coding: str
+    scale: float = 1.0
+
+
+def delta(values: ArrayLike, scale: float = 1.0) -> Column:
+    """Numbers near their neighbours, rounded to multiples of ``scale``."""
+    return Column(_whole(values, scale), DELTA, scale)
+
+
+def plain(values: ArrayLike) -> Column:
+    """Small whole numbers."""
+    return Column(_whole(values, 1.0), PLAIN)
+
+
+def codes(values: ArrayLike) -> Column:
+    """Whole numbers of 0 … 255."""
+    return Column(np.asarray(values, np.uint8), BYTES)
+
+
+def floats(values: ArrayLike) -> Column:
+    """Numbers as they are, to the last bit."""
+    return Column(np.asarray(values, "<f8"), FLOAT)
+
+
+def pack(columns: Mapping[str, Column]) -> bytes:
+    """The block of these columns, deflated."""
+    heads, bodies = [], []
+    for name, column in columns.items():
+        body = _body(column)
+        heads.append([name, column.coding, len(column.values), len(body), column.scale])
+        bodies.append(body)
+    head = json.dumps(heads, separators=(",", ":")).encode() + b"\n"
+    return zlib.compress(head + b"".join(bodies), 9)
+
+
+def unpack(block: bytes) -> dict[str, NDArray[np.float64]]:
+    """The columns of a block, as a page reads them."""
+    head, _, rest = zlib.decompress(block).partition(b"\n")
+    found, at = {}, 0
+    for name, coding, count, size, scale in json.loads(head):
+        values = _read(coding, rest[at : at + size])
+        assert len(values) == count
+        found[name] = values * scale
+        at += size
+    return found
+
+
+def varints(values: NDArray[np.int64]) -> bytes:
+    """Whole numbers, the small ones in one byte: zigzag, then seven bits a byte, the low first."""
+    rest = ((values << 1) ^ (values >> 63)).astype(np.uint64)
+    length = np.ones(len(rest), np.int64)
+    for bits in range(7, 64, 7):
+        length += rest >= np.uint64(1) << np.uint64(bits)
+    ends = np.cumsum(length)
+    out = np.zeros(int(ends[-1]) if len(ends) else 0, np.uint8)
+    starts, place = ends - length, 0
+    going = np.arange(len(rest))
+    while len(going):
+        more = length[going] > place + 1
+        low = (rest[going] & np.uint64(0x7F)).astype(np.uint8)
+        out[starts[going] + place] = low | (more.astype(np.uint8) << 7)
+        rest[going] >>= np.uint64(7)
+        going, place = going[more], place + 1
+    return out.tobytes()
+
+
+def _whole(values: ArrayLike, scale: float) -> NDArray[np.int64]:
+    return np.rint(np.asarray(values, np.float64) / scale).astype(np.int64)
+
+
+def _body(column: Column) -> bytes:
+    if column.coding in (BYTES, FLOAT):
+        return column.values.tobytes()
+    values = column.values.astype(np.int64)
+    return varints(np.diff(values, prepend=0) if column.coding == DELTA else values)
+
+
+def _read(coding: str, body: bytes) -> NDArray[np.float64]:
+    if coding == FLOAT:
+        return np.frombuffer(body, "<f8")
+    if coding == BYTES:
+        return np.frombuffer(body, np.uint8).astype(np.float64)
+    values = _from_varints(body)
+    return (np.cumsum(values) if coding == DELTA else values).astype(np.float64)
+
+
+def _from_varints(body: bytes) -> NDArray[np.int64]:
+    raw = np.frombuffer(body, np.uint8)
+    last = raw < 0x80
+    of: NDArray[np.int64] = np.cumsum(last) - last
+    firsts = np.flatnonzero(np.concatenate(([True], last[:-1]))) if len(raw) else np.empty(0, int)
+    shift = 7 * (np.arange(len(raw)) - firsts[of])
+    parts = (raw & 0x7F).astype(np.uint64) << shift.astype(np.uint64)
+    whole = np.zeros(int(last.sum()), np.uint64)
+    np.add.at(whole, of, parts)
+    return (whole >> np.uint64(1)).astype(np.int64) ^ -(whole & np.uint64(1)).astype(np.int64)
