@@ -72,11 +72,34 @@ def grouped(requests: pd.DataFrame, by: str) -> list[dict[str, Any]]:
 
 def fairness(requests: pd.DataFrame) -> float | None:
     """Jain's index of the users' mean QoE1: 1 where all fare alike, 1/n where one has it all."""
-    users, of_request = np.unique(requests["user"].to_numpy(), return_inverse=True)
-    sums = np.bincount(of_request, requests["qoe1"].to_numpy(), len(users))
-    of_users = sums / np.bincount(of_request, minlength=len(users))
+    of_users = of_each_user(requests)
     squares = float((of_users**2).sum())
     return float(of_users.sum() ** 2 / (len(of_users) * squares)) if squares > 0 else None
+
+
+def gini(requests: pd.DataFrame) -> float | None:
+    """Gini's index of the users' mean QoE1: 0 where all fare alike, 1 - 1/n where one has it all.
+
+    Twice the area between the Lorenz curve and the diagonal.
+    """
+    curve = lorenz(requests)
+    if len(curve) < 2 or np.isnan(curve).any():
+        return None
+    return float(1 - (curve[1:] + curve[:-1]).sum() / (len(curve) - 1))
+
+
+def lorenz(requests: pd.DataFrame) -> NDArray[np.float64]:
+    """What share of all QoE1 the worst-off k of n users have, for k from 0 to n."""
+    rising = np.sort(of_each_user(requests))
+    total = rising.sum()
+    return np.append(0.0, np.cumsum(rising)) / (total if total > 0 else np.nan)
+
+
+def of_each_user(requests: pd.DataFrame) -> NDArray[np.float64]:
+    """The mean QoE1 of each user that asked, by user."""
+    users, of_request = np.unique(requests["user"].to_numpy(), return_inverse=True)
+    sums = np.bincount(of_request, requests["qoe1"].to_numpy(), len(users))
+    return np.asarray(sums / np.bincount(of_request, minlength=len(users)))
 
 
 def _between(start_s: pd.Series, end_s: pd.Series | float) -> pd.Series:
