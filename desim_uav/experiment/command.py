@@ -116,12 +116,13 @@ def read_counted(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
     """The summary and the counted requests of a finished run. Raises PolicyError."""
     requests = read_table(folder, "requests", REQUESTS)
     episodes = read_table(folder, "episodes", EPISODES)
-    manifest = _read_manifest(folder / "manifest.json")
+    manifest = read_manifest(folder / "manifest.json")
     summary = {key: manifest[key] for key in MANIFEST} | headline(requests, episodes)
     return summary | {"run_dir": str(folder)}, _counted(requests)
 
 
-def _read_manifest(file: Path) -> dict[str, Any]:
+def read_manifest(file: Path) -> dict[str, Any]:
+    """What a run says of itself. Raises PolicyError where it is not a run's."""
     try:
         manifest = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
