@@ -10,7 +10,7 @@ from typing import Any
 from urllib.parse import quote
 
 from desim_uav import qoe
-from desim_uav.errors import PolicyError, ScenarioError
+from desim_uav.errors import PolicyError, ScenarioError, UsageError
 from desim_uav.experiment.command import read_counted, read_manifest
 from desim_uav.experiment.compare import compare_runs, csv_place
 from desim_uav.experiment.statistics import estimate
@@ -36,14 +36,23 @@ def report(
     compared, and nothing is written.
     """
     alone = len(folders) == 1
+    if alone and against is not None:
+        raise UsageError("--against goes with several runs")
     place = out if out is not None else folders[0] / NAME if alone else Path(NAME)
     runs = [_read(folder, place) for folder in folders]
-    if alone:
-        text = run_page(runs[0], title)
-    else:
-        content = compare_runs(folders, against).content()
-        text = comparison_page(Compared(content, runs, _by_service(runs, content)), title)
-    write_whole(csv_place(place), text.encode())
+    content = None if alone else compare_runs(folders, against).content()
+    file = csv_place(place)
+    try:
+        if content is None:
+            text = run_page(runs[0], title)
+        else:
+            text = comparison_page(Compared(content, runs, _by_service(runs, content)), title)
+    except (LookupError, TypeError, ValueError, ArithmeticError) as error:
+        raise PolicyError(
+            f"{folders[0] if alone else 'these runs'}: the tables do not fit together: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    write_whole(file, text.encode())
     return place
 
 
@@ -77,7 +86,7 @@ def _link(folder: Path, page: Path) -> str:
         way = os.path.relpath(folder.resolve(), page.resolve().parent)
     except ValueError:  # on another drive
         return folder.resolve().as_uri() + "/"
-    return "" if way == "." else quote(Path(way).as_posix()) + "/"
+    return "" if way == "." else quote(os.fsencode(Path(way).as_posix())) + "/"
 
 
 def _by_service(runs: Sequence[Run], content: dict[str, Any]) -> list[dict[str, Any]]:

@@ -12,21 +12,19 @@ from desim_uav.report.markup import Html, code, facts, folded, joined, paragraph
 from desim_uav.report.page import (
     Picture,
     Run,
+    command_of,
     count,
     gallery,
     heading,
-    how_to_watch,
     number,
     page,
-    provenance_facts,
-    request_table,
     scenario_section,
+    version_facts,
+    worst_requests,
 )
 from desim_uav.report.text import COMPARED, MEASURES
 
 MOST_MAPS = 6
-WORST = 4
-"""So many requests of a policy are listed."""
 
 
 @dataclass(frozen=True)
@@ -184,17 +182,10 @@ def _maps(found: Compared) -> Html:
 
 
 def _worst(found: Compared) -> Html:
-    """The lowest QoE1 of each policy."""
-    parts: list[Html] = []
-    watched: list[Run] = []
-    for policy in found.policies:
-        for run in found.of(policy)[:1]:
-            order = ["qoe1", "wait_s"]
-            lowest = run.requests.sort_values(order, ascending=[True, False], kind="stable")
-            parts += [tag("h3", policy, f", seed {run.summary['seed']}: lowest QoE1")]
-            parts += [request_table(run, lowest.head(WORST))]
-            watched.append(run)
-    return joined([*parts, how_to_watch(watched)])
+    """Of each policy, over all its seeds."""
+    return joined(
+        folded(policy, worst_requests(found.of(policy)), opened=True) for policy in found.policies
+    )
 
 
 def _runs(found: Compared) -> Html:
@@ -210,18 +201,25 @@ def _runs(found: Compared) -> Html:
         for row in found.content["replications"]
     )
     folders = (
-        [run.summary["policy"], run.summary["seed"], code(str(run.folder))] for run in found.runs
+        [
+            run.summary["policy"],
+            run.summary["seed"],
+            code(str(run.folder)),
+            run.manifest.get("engine"),
+            command_of(run),
+        ]
+        for run in found.runs
     )
     return joined(
         [
             folded(
                 "The values of each seed", tag("div", table(headings, values, (0,)), class_="tall")
             ),
-            folded("The folders", table(("policy", "seed", "folder"), folders, (0, 2))),
-            *(
-                folded(f"{run.folder}", tag("div", facts(provenance_facts(run)), class_="facts"))
-                for run in found.runs[:1]
+            folded(
+                "Folders and commands",
+                table(("policy", "seed", "folder", "engine", "command"), folders, (0, 2, 3, 4)),
             ),
+            tag("div", facts(version_facts(found.runs)), class_="facts"),
         ]
     )
 

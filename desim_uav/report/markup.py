@@ -81,9 +81,9 @@ def facts(pairs: Iterable[tuple[str, Any]]) -> Html:
     )
 
 
-def folded(summary: str, *content: Any) -> Html:
-    """What is shown on demand."""
-    return tag("details", tag("summary", summary), *content)
+def folded(summary: str, *content: Any, opened: bool = False) -> Html:
+    """What is shown on demand, or hidden."""
+    return tag("details", tag("summary", summary), *content, open="" if opened else None)
 
 
 def paragraph(*content: Any, class_: str | None = None) -> Html:

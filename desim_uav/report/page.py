@@ -10,6 +10,7 @@ import re
 import shlex
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from heapq import nlargest, nsmallest
 from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
@@ -143,46 +144,53 @@ def gallery(pictures: Sequence[Picture], first: int) -> Html:
     return tag("div", joined(figures, "\n"), class_="figures")
 
 
-def worst_requests(run: Run) -> Html:
-    """The requests that fared worst, each with a link to its moment in the replay."""
-    requests = run.requests
-    served = requests[requests["outcome"] != "never_served"]
-    lowest = requests.sort_values(["qoe1", "wait_s"], ascending=[True, False], kind="stable")
-    longest = served.sort_values("wait_s", ascending=False, kind="stable")
+def worst_requests(runs: Sequence[Run]) -> Html:
+    """The requests that fared worst in some runs, each with a link to its moment in the replay."""
+    every = [(run, row) for run in runs for row in run.requests.itertuples()]
+    served = [(run, row) for run, row in every if row.outcome != "never_served"]
     return joined(
         [
             tag("h3", "Lowest QoE1"),
-            request_table(run, lowest.head(WORST)),
+            request_table(
+                nsmallest(WORST, every, lambda one: (one[1].qoe1, -one[1].wait_s)), len(runs) > 1
+            ),
             tag("h3", "Longest wait before a service"),
-            request_table(run, longest.head(WORST)),
+            request_table(nlargest(WORST, served, lambda one: one[1].wait_s), len(runs) > 1),
+            how_to_watch(runs),
         ]
     )
 
 
-def request_table(run: Run, requests: pd.DataFrame) -> Html:
-    """Some requests of a run."""
+def request_table(chosen: Sequence[tuple[Run, Any]], with_seed: bool) -> Html:
+    """Some requests, each with its run; the number of a request is the link."""
     headings = (
+        *(("seed",) if with_seed else ()),
         *("episode", "request", "user", "service", "asked at", "wait, s", "requested, s"),
-        *("served, s", "QoE1 %", "QoE2 it.", "outcome", ""),
+        *("served, s", "QoE1\u00a0%", "QoE2\u00a0it.", "outcome"),
     )
     rows = (
         (
-            r.episode,
-            r.request_id,
-            r.user,
-            r.service,
-            f"{int(r.t_request_s) // 60}:{int(r.t_request_s) % 60:02d}",
-            number(r.wait_s, ".0f"),
-            number(r.requested_s, ".0f"),
-            number(r.served_s, ".0f"),
-            number(100 * r.qoe1, ".1f"),
-            number(r.qoe2_iterations, ".2f"),
-            str(r.outcome).replace("_", " "),
-            tag("a", "watch", href=moment(run, r.episode, r.t_request_s, r.request_id)),
+            *((run.summary["seed"],) if with_seed else ()),
+            row.episode,
+            tag(
+                "a",
+                row.request_id,
+                href=moment(run, row.episode, row.t_request_s, row.request_id),
+                aria_label=f"request {row.request_id} in the replay",
+            ),
+            row.user,
+            row.service,
+            f"{int(row.t_request_s) // 60}:{int(row.t_request_s) % 60:02d}",
+            number(row.wait_s, ".0f"),
+            number(row.requested_s, ".0f"),
+            number(row.served_s, ".0f"),
+            number(100 * row.qoe1, ".1f"),
+            number(row.qoe2_iterations, ".2f"),
+            str(row.outcome).replace("_", "\u00a0"),
         )
-        for r in requests.itertuples()
+        for run, row in chosen
     )
-    return table(headings, rows, (3, 10, 11))
+    return table(headings, rows, (4, 11) if with_seed else (3, 10))
 
 
 def moment(run: Run, episode: int, t_s: float, request: int) -> str:
@@ -196,14 +204,10 @@ def how_to_watch(runs: Sequence[Run]) -> Html:
     missing = [run for run in runs if not run.has_replay]
     if not missing:
         return Html("")
-    commands = joined(
-        (code(shlex.join(["desim-uav", "replay", str(r.folder)])) for r in missing[:3]), ", "
-    )
-    more = f" and so on for {len(missing) - 3} more" if len(missing) > 3 else ""
-    there = (
-        "The links need a replay beside each run" if len(runs) > 1 else "The links need the replay"
-    )
-    return paragraph(f"{there}: ", commands, f"{more}.", class_="note")
+    commands = (code(shlex.join(["desim-uav", "replay", str(run.folder)])) for run in missing[:3])
+    more = f" and so on, for {count(len(missing), 'run')}" if len(missing) > 3 else ""
+    said = "There is no replay to watch yet. Make it with "
+    return paragraph(said, joined(commands, ", "), f"{more}.", class_="note")
 
 
 def scenario_section(run: Run) -> Html:
@@ -230,7 +234,7 @@ def scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
         ("bandwidth", _or_unlimited(drones["bandwidth_kbps"], "{:g} kbit/s a drone")),
         ("battery", "unlimited" if battery is None else _component(battery)),
         ("motion", _component(drones["motion"])),
-        ("stations", f"{stations['count']}, {stations['pads']} pad(s) each"),
+        ("stations", f"{stations['count']}, {count(stations['pads'], 'pad')} each"),
         ("users", f"{len(users.get('positions_m') or []) or users['count']}"),
         ("mobility", _component(users["mobility"])),
         ("demand", _component(plain["demand"])),
@@ -259,8 +263,6 @@ def _component(plain: dict[str, Any]) -> str:
 def provenance_facts(run: Run) -> list[tuple[str, Any]]:
     """Where a run comes from, as far as its manifest says."""
     said = run.manifest
-    command = said.get("command")
-    versions = said.get("versions")
     return [
         ("folder", code(str(run.folder))),
         ("policy", said["policy"]),
@@ -270,9 +272,25 @@ def provenance_facts(run: Run) -> list[tuple[str, Any]]:
         ("warm-up", said.get("warmup")),
         ("interrupted", "yes" if said.get("interrupted") is True else "no"),
         ("engine", said.get("engine")),
-        ("command", code(shlex.join(map(str, command))) if isinstance(command, list) else None),
+        ("command", command_of(run)),
         ("begun", said.get("started")),
         ("ended", said.get("finished")),
         ("scenario, SHA-256", said.get("scenario_hash")),
-        *(versions.items() if isinstance(versions, dict) else ()),
+        *version_facts([run]),
     ]
+
+
+def command_of(run: Run) -> Html | None:
+    """What was typed."""
+    command = run.manifest.get("command")
+    return code(shlex.join(map(str, command))) if isinstance(command, list) else None
+
+
+def version_facts(runs: Sequence[Run]) -> list[tuple[str, str]]:
+    """What ran: each version there was of it."""
+    found: dict[str, dict[str, None]] = {}
+    for run in runs:
+        versions = run.manifest.get("versions")
+        for name, version in versions.items() if isinstance(versions, dict) else ():
+            found.setdefault(name, {})[str(version)] = None
+    return [(name, ", ".join(versions)) for name, versions in found.items()]

@@ -15,7 +15,6 @@ from desim_uav.report.page import (
     Run,
     count,
     gallery,
-    how_to_watch,
     number,
     page,
     provenance_facts,
@@ -103,7 +102,7 @@ def _figures(run: Run) -> Html:
 
 
 def _worst(run: Run) -> Html:
-    return joined([worst_requests(run), how_to_watch([run])]) if len(run.requests) else Html("")
+    return worst_requests([run]) if len(run.requests) else Html("")
 
 
 def _provenance(run: Run) -> Html:
