@@ -186,7 +186,7 @@ def read_table(folder: Path, name: str, columns: dict[str, str]) -> pd.DataFrame
             raise PolicyError(f"{folder}: no such run folder")
         if not file.is_file():
             raise PolicyError(f"{file}: no such table; is {folder} a run folder?")
-        table = pq.ParquetFile(file).read()
+        table = pq.ParquetFile(file.absolute()).read()  # "a:b/c" would be taken for a URI
         problem = misfit(columns, table)
         frame: pd.DataFrame = table.to_pandas()
     except (pa.ArrowException, OSError, ValueError) as error:

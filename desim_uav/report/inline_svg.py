@@ -9,7 +9,7 @@ from io import BytesIO
 from typing import TYPE_CHECKING, Any
 from xml.etree import ElementTree
 
-from desim_uav.report.markup import Html, tag
+from desim_uav.report.markup import Html, tag, visible
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,6 +33,9 @@ GREYS = 8
 
 LARGEST = 1_000_000
 """Bytes; what is larger becomes a picture of points."""
+
+LONGEST = 80
+"""Letters of a text in a figure."""
 
 NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 LOOK: dict[Any, Any] = {
@@ -80,7 +83,7 @@ def _inert(svg: str, label: str, prefix: str) -> Html:
     _clean(root, prefix)
     del root.attrib["width"], root.attrib["height"]
     root.set("role", "img")
-    root.set("aria-label", label)
+    root.set("aria-label", visible(label, LONGEST))
     return Html(ElementTree.tostring(root, encoding="unicode"))
 
 
@@ -91,6 +94,8 @@ def _clean(element: ElementTree.Element, prefix: str) -> None:
     for name, value in attributes.items():
         if name in ATTRIBUTES and (name != "href" or _own(value)):
             element.set(name, _named(name, value, prefix))
+    if element.text is not None:
+        element.text = visible(element.text, LONGEST)
     for child in list(element):
         if _local(child.tag) in ELEMENTS:
             _clean(child, prefix)
