@@ -1,6 +1,6 @@
 """Are users far from their cluster's centre served worse?
 
-python analysis/distance.py RUN… [FILE.png]
+python analysis/distance.py RUN_DIR… [FILE.png]
 
 A row for each 60 m of distance at the moment of the request, the last one for all beyond: QoE1 in
 percent, mean and 95 % t-interval over seeds, and the number of requests; below the table Spearman's

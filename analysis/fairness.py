@@ -1,6 +1,6 @@
 """How evenly are users served, by policy?
 
-python analysis/fairness.py RUN… [FILE.png]
+python analysis/fairness.py RUN_DIR… [FILE.png]
 
 A row a policy, of the users' mean QoE1 in a run: Jain's index (1: all alike), Gini's (0: all
 alike), the mean of the worst-off tenth of the users beside that of all, in percent; mean and 95 %

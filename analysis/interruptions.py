@@ -1,6 +1,6 @@
 """What does an interruption cost?
 
-python analysis/interruptions.py RUN… [FILE.png]
+python analysis/interruptions.py RUN_DIR… [FILE.png]
 
 A row a policy and service: interrupted requests minus uninterrupted ones of the same seed, service
 and required time, weighted by the interrupted ones, then mean and 95 % t-interval over seeds.

@@ -1,12 +1,12 @@
 """By how much do policies differ on the same users and requests?
 
-python analysis/paired_difference.py RUN… [FILE.png]
+python analysis/paired_difference.py RUN_DIR… [FILE.png]
 
 Runs of two policies or more on common seeds; the first run's policy is the reference. A row a
 measure and policy: that policy minus the reference, seed by seed, mean and 95 % t-interval over the
 seeds they share, and whether zero lies outside. Means are over a seed's
 requests; waits of requests never served count until their end. QoE3, crashes and rewards are not of
-requests: desim-uav compare RUN… has them.
+requests: desim-uav compare RUN_DIR… has them.
 """
 
 import pandas as pd

@@ -1,6 +1,6 @@
 """Which service waits longest, and where?
 
-python analysis/waiting.py RUN… [FILE.png]
+python analysis/waiting.py RUN_DIR… [FILE.png]
 
 A row for each service, anywhere and in each cluster of users, longest first: the time from a
 request to its first service, mean and 95 % t-interval over seeds, and how many never saw one. Those

@@ -219,6 +219,11 @@ def test_paired_difference_needs_two_policies(folders, ask):
 
 @pytest.mark.parametrize("question", QUESTIONS)
 class TestEach:
+    def test_stands_in_the_readme(self, question, ask):
+        asked, _, usage, *_ = ask(question, "--help")[1].splitlines()
+        readme = (SCRIPTS.parent / "README.md").read_text(encoding="utf-8")
+        assert f"| {asked} | `{usage}` |" in readme
+
     def test_draws(self, question, folders, ask, tmp_path):
         picture = tmp_path / "picture.png"
         assert ask(question, *folders, picture)[0] == 0
@@ -236,7 +241,7 @@ class TestEach:
         assert ask(question, tmp_path)[0] == 4
         assert ask(question)[0] == ask(question, "picture.png")[0] == 2
         code, out, _ = ask(question, "--help")
-        assert code == 0 and f"analysis/{question}.py RUN…" in out
+        assert code == 0 and f"analysis/{question}.py RUN_DIR…" in out
         other = played(tmp_path, "hover", 0, "stations.pads=2")
         code, out, err = ask(question, folders[0], other)
         assert (code, out) == (4, "") and "another scenario" in err

@@ -21,7 +21,7 @@ Analysis = Callable[["pd.DataFrame", bool], "Figure | None"]
 
 
 def run_script(analysis: Analysis, about: str | None) -> None:
-    """Analyse the run folders that the command line names, ``RUN… [FILE.png]``.
+    """Analyse the run folders that the command line names, ``RUN_DIR… [FILE.png]``.
 
     The analysis is given what ``read_runs`` reads of them; below its table stands a word on
     intervals where a policy has one seed only. Where something is wrong the program ends with one

@@ -19,7 +19,18 @@ import pandas as pd
 
 from desim_uav import __version__
 from desim_uav.report.inline_svg import drawn
-from desim_uav.report.markup import Html, code, facts, folded, html, joined, paragraph, table, tag
+from desim_uav.report.markup import (
+    Html,
+    code,
+    facts,
+    folded,
+    html,
+    joined,
+    paragraph,
+    table,
+    tag,
+    visible,
+)
 from desim_uav.report.text import MEASURES
 from desim_uav.scenario.load import to_plain
 from desim_uav.scenario.schema import Scenario
@@ -30,6 +41,7 @@ if TYPE_CHECKING:
 OF_EPISODES = {"crashes": ("crashes", "d"), "reward": ("reward", ".2f")}
 """Headings and formats of what is not of requests, beside ``MEASURES``."""
 
+LONGEST_TITLE = 160
 WORST = 8
 """So many of the worst requests are listed."""
 
@@ -68,6 +80,7 @@ class Picture:
 
 def page(title: str, lead: Any, sections: Iterable[tuple[str, Html]]) -> str:
     """The page: its title, a line below it and its sections."""
+    title = visible(title, LONGEST_TITLE)
     filled = [(_anchor(name), name, content) for name, content in sections if content]
     links = tag("nav", joined(tag("a", name, href=f"#{key}") for key, name, _ in filled))
     body = joined(
