@@ -20,9 +20,9 @@ from desim_uav.report.page import (
     page,
     scenario_section,
     version_facts,
-    worst_requests,
 )
 from desim_uav.report.text import COMPARED, MEASURES
+from desim_uav.report.worst import worst_requests
 
 MOST_MAPS = 6
 

@@ -38,8 +38,11 @@ def run_map(run_dir: Path) -> Figure:
     """The map as the first counted episode ends."""
     figure = case_picture(run_dir, first_episode(run_dir))
     figure.set_size_inches(WIDTH + 0.6, WIDTH + 0.4)
-    for legend in figure.legends:
-        legend.set_ncols(2)
+    for legend in list(figure.legends):
+        if len(legend.get_texts()) > 2 * LABELLED:
+            legend.remove()  # a line for each drone leaves no room for the map
+        else:
+            legend.set_ncols(2)
     return figure
 
 
@@ -61,6 +64,7 @@ def qoe_over_episodes(run_dir: Path) -> Figure:
     if len(crashed):
         panels[0].legend(frameon=False, fontsize=8)
     panels[-1].set_xlabel("episode")
+    panels[-1].set_xlim(episodes["episode"].min() - 0.5, episodes["episode"].max() + 0.5)
     panels[-1].locator_params("x", integer=True)
     return figure
 
@@ -93,6 +97,7 @@ def battery(run_dir: Path) -> Figure:
     steps = read_table(run_dir, "steps", STEPS)
     steps = steps[steps["episode"] == first_episode(run_dir)]
     figure, (axes,) = _panels(1, 3.2)
+    landed = steps["mode"].isin(["charging", "queued"])
     drones = sorted(steps["drone"].unique())
     for number, drone in enumerate(drones):
         of_drone = steps[steps["drone"] == drone]
@@ -102,15 +107,14 @@ def battery(run_dir: Path) -> Figure:
         label = f"drone {drone}" if few else None
         style = LINES[number % len(LINES)] if few else "-"
         axes.plot(minutes, left, style, color=colour, label=label, linewidth=1.6 if few else 0.6)
-        for marker, there in (
-            ("s", of_drone["mode"].isin(["charging", "queued"])),
-            ("X", of_drone["crashed"]),
-        ):
-            axes.plot(minutes[there], left[there], marker, color=colour, markersize=4)
+        for marker, there in (("s", landed), ("X", steps["crashed"])):
+            shown = there[of_drone.index]
+            axes.plot(minutes[shown], left[shown], marker, color=colour, markersize=4)
     axes.set(xlabel="time, min", ylabel="battery, min of flight")
-    axes.plot([], [], "s", color="0.5", markersize=4, label="charging, or in the queue")
-    if steps["crashed"].any():
-        axes.plot([], [], "X", color="0.5", markersize=4, label="crashed")
+    said = {"s": (landed, "charging, or in the queue"), "X": (steps["crashed"], "crashed")}
+    for marker, (there, label) in said.items():
+        if there.any():
+            axes.plot([], [], marker, color="0.5", markersize=4, label=label)
     figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure
 

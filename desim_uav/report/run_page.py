@@ -21,9 +21,9 @@ from desim_uav.report.page import (
     qoe_table,
     scenario_section,
     tiles,
-    worst_requests,
 )
 from desim_uav.report.text import MEASURES
+from desim_uav.report.worst import worst_requests
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
