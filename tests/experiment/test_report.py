@@ -103,8 +103,12 @@ def kept(tmp_path_factory):
 def runs(kept, tmp_path, monkeypatch):
     """Copies in the working folder, named as a user names them."""
     monkeypatch.chdir(tmp_path)
+    return copied(kept, tmp_path)
+
+
+def copied(kept, place):
     for folder in kept:
-        shutil.copytree(folder, tmp_path / "runs" / folder.name)
+        shutil.copytree(folder, place / "runs" / folder.name)
     return [Path("runs") / folder.name for folder in kept]
 
 
@@ -196,9 +200,14 @@ class TestOneRun:
 
 
 class TestSeveral:
-    @pytest.fixture
-    def page(self, runs):
-        return Page(report(runs, None, "Three policies", None))
+    @pytest.fixture(scope="class")
+    def page(self, kept, tmp_path_factory):
+        """Of all runs, under the names they have in ``runs``."""
+        place = tmp_path_factory.mktemp("page")
+        with pytest.MonkeyPatch.context() as patch:
+            patch.chdir(place)
+            folders = copied(kept, place)
+            return Page(place / report(folders, None, "Three policies", None))
 
     def test_holds_the_estimates(self, page, runs):
         content = compare_runs(runs).content()
