@@ -112,6 +112,16 @@ def copied(kept, place):
     return [Path("runs") / folder.name for folder in kept]
 
 
+@pytest.fixture(scope="module")
+def page(kept, tmp_path_factory):
+    """Of all runs, under the names they have in ``runs``."""
+    place = tmp_path_factory.mktemp("page")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        folders = copied(kept, place)
+        return Page(place / report(folders, None, "Three policies", None))
+
+
 @pytest.fixture
 def command(capsys, monkeypatch):
     def run(*arguments):
@@ -200,15 +210,6 @@ class TestOneRun:
 
 
 class TestSeveral:
-    @pytest.fixture(scope="class")
-    def page(self, kept, tmp_path_factory):
-        """Of all runs, under the names they have in ``runs``."""
-        place = tmp_path_factory.mktemp("page")
-        with pytest.MonkeyPatch.context() as patch:
-            patch.chdir(place)
-            folders = copied(kept, place)
-            return Page(place / report(folders, None, "Three policies", None))
-
     def test_holds_the_estimates(self, page, runs):
         content = compare_runs(runs).content()
         for section, name in (("policies", "policies"), ("paired-differences", "differences")):
