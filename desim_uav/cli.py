@@ -509,6 +509,24 @@ def replay(
         webbrowser.open(done.file.resolve().as_uri())
 
 
+@app.command()
+def report(
+    runs: Annotated[list[Path], typer.Argument(metavar="RUN_DIR…", help="Folders of runs.")],
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE.html", help="Instead of RUN_DIR/report.html, or report.html."),
+    ] = None,
+    title: Annotated[str | None, typer.Option(metavar="T", help="Of the page.")] = None,
+    against: Annotated[
+        str | None, typer.Option(metavar="P", help="The policy of reference; else the first.")
+    ] = None,
+) -> None:
+    """Write a page on a run, or on several compared, that needs no network and no server."""
+    from desim_uav.experiment.report import report as write_report
+
+    print(write_report(runs, out, title, against))
+
+
 def _refuse_how_to_run(context: typer.Context) -> None:
     """Finished runs are as they are. Raises UsageError for an option that says how to run."""
     for option in ("seeds", "first_seed", "episodes", "warmup", "overrides", "jobs", "engine"):

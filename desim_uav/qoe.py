@@ -68,9 +68,30 @@ def grouped(requests: pd.DataFrame, by: str) -> list[dict[str, Any]]:
 
 def fairness(requests: pd.DataFrame) -> float | None:
     """Jain's index of the users' mean QoE1: 1 where all fare alike, 1/n where one has it all."""
-    found = Fairness()
-    found.add(requests["user"].to_numpy(), requests["qoe1"].to_numpy())
-    return found.value()
+    return Fairness().add(requests).value()
+
+
+def gini(requests: pd.DataFrame) -> float | None:
+    """Gini's index of the users' mean QoE1: 0 where all fare alike, 1 - 1/n where one has it all.
+
+    Twice the area between the Lorenz curve and the diagonal.
+    """
+    curve = lorenz(requests)
+    if len(curve) < 2 or np.isnan(curve).any():
+        return None
+    return float(1 - (curve[1:] + curve[:-1]).sum() / (len(curve) - 1))
+
+
+def lorenz(requests: pd.DataFrame) -> NDArray[np.float64]:
+    """What share of all QoE1 the worst-off k of n users have, for k from 0 to n."""
+    rising = np.sort(of_each_user(requests))
+    total = rising.sum()
+    return np.append(0.0, np.cumsum(rising)) / (total if total > 0 else np.nan)
+
+
+def of_each_user(requests: pd.DataFrame) -> NDArray[np.float64]:
+    """The mean QoE1 of each user that asked, by user."""
+    return Fairness().add(requests).of_each_user()
 
 
 class Totals:
@@ -95,7 +116,7 @@ class Totals:
             self._counts[name] += int(column[name].sum())
         for outcome in OUTCOMES:
             self._counts[outcome] += int((column["outcome"] == outcome).sum())
-        self._fairness.add(requests["user"].to_numpy(), column["qoe1"])
+        self._fairness.add(requests)
         return self
 
     def summary(self) -> dict[str, Any]:
@@ -140,18 +161,23 @@ class Fairness:
     def __init__(self) -> None:
         self._of_users: dict[int, tuple[float, int]] = {}
 
-    def add(self, user: NDArray[np.int64], qoe1: NDArray[np.float64]) -> None:
-        """Add requests: of whom, and how they fared."""
-        users, of_request = np.unique(user, return_inverse=True)
-        sums = np.bincount(of_request, qoe1, len(users))
+    def add(self, requests: pd.DataFrame) -> Fairness:
+        """Add requests; itself."""
+        users, of_request = np.unique(requests["user"].to_numpy(), return_inverse=True)
+        sums = np.bincount(of_request, requests["qoe1"].to_numpy(), len(users))
         counts = np.bincount(of_request, minlength=len(users))
         for one, total, count in zip(users.tolist(), sums.tolist(), counts.tolist(), strict=True):
             before, asked = self._of_users.get(one, (0.0, 0))
             self._of_users[one] = before + total, asked + count
+        return self
+
+    def of_each_user(self) -> NDArray[np.float64]:
+        """The mean QoE1 of each user that asked, by user."""
+        return np.array([total / count for _, (total, count) in sorted(self._of_users.items())])
 
     def value(self) -> float | None:
         """The index; None where nobody was served."""
-        of_users = np.array([total / count for _, (total, count) in sorted(self._of_users.items())])
+        of_users = self.of_each_user()
         squares = float((of_users**2).sum())
         return float(of_users.sum() ** 2 / (len(of_users) * squares)) if squares > 0 else None
 

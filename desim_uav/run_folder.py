@@ -224,7 +224,8 @@ def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.
             raise PolicyError(f"{folder}: no such run folder")
         if not file.is_file():
             raise PolicyError(f"{file}: no such table; is {folder} a run folder?")
-        with pq.ParquetFile(file, page_checksum_verification=True) as parquet_file:
+        whole = file.absolute()  # "a:b/c" would be taken for a URI
+        with pq.ParquetFile(whole, page_checksum_verification=True) as parquet_file:
             groups = range(parquet_file.num_row_groups)
             for rows in ([group] for group in groups) if groups else ([],):
                 table = parquet_file.read_row_groups(rows)

@@ -1,11 +1,23 @@
 """The scripts of analysis/ run and say something sound."""
 
+import json
+import math
 import re
 import runpy
+import shutil
 import sys
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
+from scipy import stats
+
+from desim_uav.experiment.command import run_to_folder
+from desim_uav.experiment.compare import compare_runs
+from desim_uav.experiment.runs import read_runs
+from desim_uav.scenario.load import load
+from desim_uav.shipped import scenario_path
 
 SCRIPTS = Path(__file__).parents[1] / "analysis"
 
@@ -20,3 +32,226 @@ def test_learned_against_optimum(capsys: pytest.CaptureFixture[str], monkeypatch
         reward, best, share, qoe3, best_qoe3 = map(float, cells.split(" | "))
         assert share == pytest.approx(reward / best, abs=2e-3) and share <= 1
         assert qoe3 <= best_qoe3
+
+
+SMALL = ["users.count=16", "episode.steps=20"]
+SEEDS = (0, 1, 2)
+QUESTIONS = ("waiting", "distance", "interruptions", "fairness", "paired_difference")
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    """Two policies on three seeds, in one world."""
+    return [
+        played(tmp_path_factory.mktemp("runs"), policy, seed, "world_seed=0")
+        for policy in ("baseline", "random")
+        for seed in SEEDS
+    ]
+
+
+def played(place, policy, seed, *overrides, case="case8"):
+    done = run_to_folder(
+        load(scenario_path(case), [*(SMALL if case != "tiny" else []), f"seed={seed}", *overrides]),
+        policy,
+        episodes=2,
+        warmup=1,
+        keep_events=False,
+        out=place / f"{policy}-{seed}",
+        command=[],
+        show_progress=False,
+    )
+    return Path(done.summary["run_dir"])
+
+
+@pytest.fixture
+def ask(capsys, monkeypatch):
+    """Run a script; what it printed, or how it failed."""
+
+    def run(question, *arguments):
+        script = str(SCRIPTS / f"{question}.py")
+        monkeypatch.setattr(sys, "argv", [script, *map(str, arguments)])
+        capsys.readouterr()
+        code = 0
+        try:
+            runpy.run_path(script, run_name="__main__")
+        except SystemExit as end:
+            code = end.code
+        return code, *capsys.readouterr()
+
+    return run
+
+
+def table(out):
+    """Its rows, split where two blanks or more stand, or one: cells hold single blanks too."""
+    return [re.sub(r" ± ", "±", line).split() for line in out.splitlines()]
+
+
+def requests_of(folder):
+    found = pd.read_parquet(folder / "requests.parquet")
+    return found[found["episode"] >= 0]
+
+
+def interval(values, digits):
+    """Mean and half-width of a 95 % t-interval, by SciPy, as printed."""
+    low, high = stats.t.interval(0.95, len(values) - 1, np.mean(values), stats.sem(values))
+    return f"{np.mean(values):.{digits}f}±{(high - low) / 2:.{digits}f}"
+
+
+def place(folder, request):
+    """Where a request's user was, by linear interpolation over the walk."""
+    users = pd.read_parquet(folder / "users.parquet")
+    walk = users[(users["episode"] == request.episode) & (users["user"] == request.user)]
+    return [np.interp(request.t_request_s, walk["t_s"], walk[axis]) for axis in ("x_m", "y_m")]
+
+
+def test_where_users_were(folders, tmp_path):
+    static = played(tmp_path, "hover", 0, case="case7")
+    for folder in (folders[1], static):
+        world = json.loads((folder / "world.json").read_text())
+        read = read_runs([folder])
+        assert len(read) == len(requests_of(folder)) > 0
+        for request in read.sample(min(25, len(read)), random_state=0).itertuples():
+            x_m, y_m = place(folder, request)
+            centre = world["clusters"][request.user % len(world["clusters"])]
+            assert (request.x_m, request.y_m) == pytest.approx((x_m, y_m))
+            assert request.from_centre_m == pytest.approx(
+                math.dist((x_m, y_m), (centre["x_m"], centre["y_m"]))
+            )
+            assert request.cell == f"{int(x_m // 240)}, {int(y_m // 240)}"
+
+
+def test_waiting(folders, ask):
+    code, out, _ = ask("waiting", *folders)
+    waits = [requests_of(f).groupby("service")["wait_s"].mean() for f in folders[:3]]
+    rows = {tuple(row[:3]): row[3:] for row in table(out)[1:]}
+    for service in ("throughput", "edge_computing", "data_gathering"):
+        count, wait, _ = rows["baseline", service, "anywhere"]
+        assert wait == interval([mean[service] for mean in waits], 1)
+        assert int(count) == sum((requests_of(f)["service"] == service).sum() for f in folders[:3])
+    never = [(requests_of(f)["outcome"] == "never_served").mean() for f in folders[3:]]
+    assert (code, len(never)) == (0, 3)
+    means = [float(row[-2].partition("±")[0]) for row in table(out)[1:] if row[0] == "random"]
+    assert means == sorted(means, reverse=True)
+
+
+def test_waiting_knows_no_common_cluster_of_two_worlds(ask, tmp_path):
+    apart = [played(tmp_path, "hover", seed) for seed in (0, 1)]
+    _, out, _ = ask("waiting", *apart)
+    assert "anywhere" in out and "cluster" not in out
+    assert "cluster 0" in ask("waiting", apart[0])[1]
+
+
+def test_distance(folders, ask):
+    _, out, _ = ask("distance", *folders)
+    first = out.partition("random")[0]
+    rows = {row[0]: row[2:] for row in table(first)[2:-1]}
+    read = read_runs(folders[:3])
+    assert sum(int(count) for _, count in rows.values()) == len(read)
+    middle = read[(read["from_centre_m"] >= 120) & (read["from_centre_m"] < 180)]
+    of_seeds = [100 * np.mean(of["qoe1"]) for _, of in middle.groupby("seed")]
+    assert rows["120"] == [interval(of_seeds, 1), str(len(middle))]
+    ranks = [
+        stats.spearmanr(of["from_centre_m"], of["qoe1"]).statistic for _, of in read.groupby("seed")
+    ]
+    assert table(first)[-1][-1] == interval(ranks, 3)
+
+
+def test_distance_needs_clusters(ask, tmp_path):
+    bare = played(tmp_path, "hover", 0, case="tiny")
+    code, out, err = ask("distance", bare)
+    assert (code, out) == (4, "") and "no clusters" in err
+
+
+def test_interruptions(folders, ask):
+    _, out, _ = ask("interruptions", *folders)
+    (row,) = [row for row in table(out) if row[:2] == ["random", "all"]]
+    found = []
+    for folder in folders[3:]:
+        served = [r for r in requests_of(folder).itertuples() if r.outcome != "never_served"]
+        costs = []
+        for one in (r for r in served if r.interruptions > 0):
+            alike = [
+                r.qoe2_iterations
+                for r in served
+                if (r.service, r.requested_s) == (one.service, one.requested_s)
+                and r.interruptions == 0
+            ]
+            costs += [one.qoe2_iterations - np.mean(alike)] if alike else []
+        found.append(np.mean(costs))
+    assert row[-1] == interval(found, 2)
+    assert int(row[2]) == sum(
+        (requests_of(f)["outcome"] != "never_served").sum() for f in folders[3:]
+    )
+
+
+def test_fairness(folders, ask):
+    _, out, _ = ask("fairness", *folders)
+    (row,) = [row for row in table(out) if row[0] == "random"]
+    users = [requests_of(f).groupby("user")["qoe1"].mean() for f in folders[3:]]
+    jain = [u.sum() ** 2 / (len(u) * (u**2).sum()) for u in users]
+    gini = [np.abs(np.subtract.outer(u, u)).mean() / (2 * u.mean()) for u in map(np.array, users)]
+    worst = [100 * u.nsmallest(2).mean() for u in users]
+    assert row[1:] == [
+        "3",
+        interval(jain, 3),
+        interval(gini, 3),
+        interval(worst, 1),
+        interval([100 * u.mean() for u in users], 1),
+    ]
+
+
+def test_paired_difference_is_what_compare_says(folders, ask):
+    code, out, _ = ask("paired_difference", *folders)
+    (said,) = compare_runs(folders).content()["differences"]
+    for name, label, scale in (("qoe1_percent", "QoE1,", 1), ("qoe2_iterations", "QoE2,", 1)):
+        (row,) = [row for row in table(out) if row[0] == label]
+        found = said["measures"][name]
+        assert row[5] == "3" and row[2:5] == ["random", "-", "baseline"]
+        assert row[6] == f"{scale * found['mean']:.3f}±{found['half_width']:.3f}"
+        assert ("≠" in row) is found["excludes_zero"]
+    assert code == 0
+
+
+def test_paired_difference_needs_two_policies(folders, ask):
+    code, out, err = ask("paired_difference", *folders[:3])
+    assert (code, out) == (4, "") and "all runs are of one policy, baseline" in err
+
+
+@pytest.mark.parametrize("question", QUESTIONS)
+class TestEach:
+    def test_stands_in_the_readme(self, question, ask):
+        asked, _, usage, *_ = ask(question, "--help")[1].splitlines()
+        readme = (SCRIPTS.parent / "README.md").read_text(encoding="utf-8")
+        assert f"| {asked} | `{usage}` |" in readme
+
+    def test_draws(self, question, folders, ask, tmp_path):
+        picture = tmp_path / "picture.png"
+        assert ask(question, *folders, picture)[0] == 0
+        assert picture.read_bytes().startswith(b"\x89PNG")
+        assert ask(question, *folders, tmp_path / "no" / "picture.png")[0] == 2
+
+    def test_of_one_seed_says_that_it_has_no_interval(self, question, folders, ask):
+        _, out, _ = ask(question, folders[0], folders[3])
+        assert "no interval from a single seed" in out and "±" not in out
+        assert "no interval" not in ask(question, *folders)[1]
+
+    def test_says_what_is_wrong(self, question, folders, ask, tmp_path):
+        code, out, err = ask(question, tmp_path / "nope")
+        assert (code, out) == (4, "") and "no such run folder" in err
+        assert ask(question, tmp_path)[0] == 4
+        assert ask(question)[0] == ask(question, "picture.png")[0] == 2
+        code, out, _ = ask(question, "--help")
+        assert code == 0 and f"analysis/{question}.py RUN_DIR…" in out
+        other = played(tmp_path, "hover", 0, "stations.pads=2")
+        code, out, err = ask(question, folders[0], other)
+        assert (code, out) == (4, "") and "another scenario" in err
+
+    def test_a_name_is_no_formula(self, question, folders, ask, tmp_path):
+        renamed = []
+        for folder in (folders[0], folders[3]):
+            renamed.append(shutil.copytree(folder, tmp_path / folder.name))
+            manifest = json.loads((folder / "manifest.json").read_text())
+            manifest["policy"] += r" $\frac$"
+            (renamed[-1] / "manifest.json").write_text(json.dumps(manifest))
+        code, out, _ = ask(question, *renamed, tmp_path / "picture.svg")
+        assert code == 0 and r"$\frac$" in out

@@ -498,6 +498,11 @@ class TestReadBack:
         self.rewrite(folder, "episodes", lambda f: f[f["episode"] >= 0])
         assert read_counted(folder)[0] == summary
 
+    def test_a_folder_whose_name_looks_like_an_address(self, folder, monkeypatch):
+        monkeypatch.chdir(folder.parent)
+        odd = folder.relative_to(folder.parent).rename("a:b%41#?")
+        assert len(read_table(odd, "requests", REQUESTS))
+
     def test_tables_come_as_they_were_written(self, folder):
         assert len(read_table(folder, "users", USERS).columns) == len(USERS)
         assert list(read_table(folder, "requests", REQUESTS)) == list(REQUESTS)

@@ -174,7 +174,7 @@ def read_summary(
             groups.add(counted(requests))
     for episodes in read_parts(folder, "episodes", EPISODES):
         tally.add(to_frame(REQUESTS, []), episodes)
-    manifest = _read_manifest(folder / "manifest.json")
+    manifest = read_manifest(folder / "manifest.json")
     summary = {key: manifest[key] for key in MANIFEST} | tally.headline()
     told = None if groups is None else groups.summaries()
     return summary | {"run_dir": str(folder)}, told
@@ -186,7 +186,8 @@ def read_counted(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
     return summary, counted(read_table(folder, "requests", REQUESTS))
 
 
-def _read_manifest(file: Path) -> dict[str, Any]:
+def read_manifest(file: Path) -> dict[str, Any]:
+    """What a run says of itself. Raises PolicyError where it is not a run's."""
     try:
         manifest = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:

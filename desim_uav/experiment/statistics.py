@@ -44,6 +44,13 @@ class Estimate:
             return None
         return not self.low <= 0.0 <= self.high
 
+    def __format__(self, form: str) -> str:
+        """``mean ± half_width``, as far as there are such, each in a format of numbers."""
+        if self.mean is None:
+            return "-"
+        mean = format(self.mean, form)
+        return mean if self.half_width is None else f"{mean} ± {self.half_width:{form}}"
+
     def _at(self, side: int) -> float | None:
         if self.mean is None or self.half_width is None:
             return None

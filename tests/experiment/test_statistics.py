@@ -103,3 +103,9 @@ def test_nineteen_of_twenty_intervals_hold_the_mean():
         found = estimate(rng.normal(3.0, 2.0, 5).tolist())
         held += found.low <= 3.0 <= found.high
     assert held / 4000 == pytest.approx(0.95, abs=4 * math.sqrt(0.95 * 0.05 / 4000))
+
+
+def test_is_shown_as_far_as_there_is_one():
+    assert f"{Estimate(3, 12.345, 0.5):.1f}" == "12.3 ± 0.5"
+    assert f"{estimate([3.0]):.2f}" == "3.00"
+    assert f"{estimate([]):.2f}" == "-"

@@ -1,0 +1,61 @@
+"""How evenly are users served, by policy?
+
+python analysis/fairness.py RUN_DIR… [FILE.png]
+
+A row a policy, of the users' mean QoE1 in a run: Jain's index (1: all alike), Gini's (0: all
+alike), the mean of the worst-off tenth of the users beside that of all, in percent; mean and 95 %
+t-interval over seeds. The picture holds the Lorenz curves, averaged over seeds: the deeper one sags
+under the diagonal, the less even.
+"""
+
+import math
+
+import numpy as np
+import pandas as pd
+
+from desim_uav import qoe
+from desim_uav.experiment.script import run_script
+from desim_uav.experiment.statistics import estimate
+
+MEASURES = {
+    "Jain": (qoe.fairness, ".3f"),
+    "Gini": (qoe.gini, ".3f"),
+    "worst tenth, QoE1 %": (lambda requests: worst_tenth(qoe.of_each_user(requests)), ".1f"),
+    "all, QoE1 %": (lambda requests: 100 * qoe.of_each_user(requests).mean(), ".1f"),
+}
+
+
+def main(runs, with_figure):
+    """Print the table; the Lorenz curves."""
+    rows, curves = [], {}
+    for policy, of_policy in runs.groupby("policy", sort=False):
+        seeds = [found for _, found in of_policy.groupby(["seed", "world_seed"])]
+        values = (f"{estimate(map(of, seeds)):{form}}" for of, form in MEASURES.values())
+        rows.append((policy, len(seeds), *values))
+        curves[policy] = [qoe.lorenz(found) for found in seeds]
+    print(pd.DataFrame(rows, columns=("policy", "seeds", *MEASURES)).to_string(index=False))
+    return lorenz_curves(curves) if with_figure else None
+
+
+def worst_tenth(of_users):
+    """The mean of the lowest tenth, one user at least, in percent."""
+    return 100 * np.sort(of_users)[: math.ceil(len(of_users) / 10)].mean()
+
+
+def lorenz_curves(curves):
+    """The share of all QoE1 over the share of users, worst-off first."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(5, 4.6), layout="constrained")
+    axes = figure.add_subplot(xlabel="share of users, worst-off first", ylabel="share of all QoE1")
+    shares = np.linspace(0, 1, 101)
+    axes.plot(shares, shares, color="0.6", linewidth=0.8, label="all alike")
+    for (policy, found), style in zip(curves.items(), ("-", "--", ":", "-.") * 99, strict=False):
+        of_seeds = [np.interp(shares, np.linspace(0, 1, len(curve)), curve) for curve in found]
+        axes.plot(shares, np.mean(of_seeds, axis=0), style, label=policy)
+    axes.legend(frameon=False)
+    return figure
+
+
+if __name__ == "__main__":
+    run_script(main, __doc__)

@@ -1,0 +1,112 @@
+"""What ``desim-uav report`` does: read the folders, compare them, write the page."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+from urllib.parse import quote
+
+from desim_uav import qoe
+from desim_uav.errors import PolicyError, ScenarioError, UsageError
+from desim_uav.experiment.command import read_counted, read_manifest
+from desim_uav.experiment.compare import compare_runs, csv_place
+from desim_uav.experiment.statistics import estimate
+from desim_uav.records import EPISODES
+from desim_uav.report.comparison_page import Compared, comparison_page
+from desim_uav.report.page import Run
+from desim_uav.report.run_page import run_page
+from desim_uav.report.text import MEASURES
+from desim_uav.report.world import read_world
+from desim_uav.run_folder import read_table, write_whole
+from desim_uav.scenario.load import load
+
+NAME = "report.html"
+
+
+def report(
+    folders: Sequence[Path], out: Path | None, title: str | None, against: str | None
+) -> Path:
+    """Write the report of a run, or of runs compared; where it stands.
+
+    It stands in the run's folder, that of several in the working folder, unless ``out`` says where.
+    ``against``: the policy of reference. Raises PolicyError for folders that cannot be read or
+    compared, and nothing is written.
+    """
+    alone = len(folders) == 1
+    if alone and against is not None:
+        raise UsageError("--against goes with several runs")
+    place = out if out is not None else folders[0] / NAME if alone else Path(NAME)
+    runs = [_read(folder, place) for folder in folders]
+    content = None if alone else compare_runs(folders, against).content()
+    file = csv_place(place)
+    try:
+        if content is None:
+            text = run_page(runs[0], title)
+        else:
+            text = comparison_page(Compared(content, runs, _by_service(runs, content)), title)
+    except (LookupError, TypeError, ValueError, ArithmeticError) as error:
+        raise PolicyError(
+            f"{folders[0] if alone else 'these runs'}: the tables do not fit together: "
+            f"{type(error).__name__}: {error}"
+        ) from error
+    write_whole(file, text.encode())
+    return place
+
+
+def _read(folder: Path, page: Path) -> Run:
+    summary, requests = read_counted(folder)
+    file = folder / "scenario.yaml"
+    if not summary["episodes"]:
+        raise PolicyError(f"{folder}: no episode was counted")
+    try:
+        scenario = load(file)
+    except ScenarioError as error:
+        raise PolicyError(error.problems[0]) from error
+    read_world(folder)
+    manifest = read_manifest(folder / "manifest.json")
+    episodes = read_table(folder, "episodes", EPISODES)
+    return Run(
+        folder,
+        _link(folder, page),
+        manifest,
+        summary,
+        requests,
+        episodes[episodes["episode"] >= 0],
+        scenario,
+        file.read_text(encoding="utf-8"),
+    )
+
+
+def _link(folder: Path, page: Path) -> str:
+    """The address of a folder as seen from a page, to be put before a file's name."""
+    try:
+        way = os.path.relpath(folder.resolve(), page.resolve().parent)
+    except ValueError:  # on another drive
+        return folder.resolve().as_uri() + "/"
+    return "" if way == "." else quote(os.fsencode(Path(way).as_posix())) + "/"
+
+
+def _by_service(runs: Sequence[Run], content: dict[str, Any]) -> list[dict[str, Any]]:
+    """For each service and policy the estimates over its runs."""
+    found: dict[tuple[str, str], list[dict[str, Any]]] = {}
+    for run in runs:
+        for row in qoe.grouped(run.requests, "service"):
+            found.setdefault((row["service"], run.summary["policy"]), []).append(row)
+    order = [row["policy"] for row in content["policies"]]
+    return [
+        {
+            "service": service,
+            "policy": policy,
+            "measures": {
+                name: asdict(estimate(row[name] for row in rows))
+                for name in MEASURES
+                if name in rows[0]
+            },
+        }
+        for (service, policy), rows in sorted(
+            found.items(), key=lambda item: (item[0][0], order.index(item[0][1]))
+        )
+    ]

@@ -1,0 +1,78 @@
+"""The requests of finished runs in one frame, with who flew and where the user was."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+
+from desim_uav.experiment.command import read_counted
+from desim_uav.experiment.compare import compare_runs
+from desim_uav.records import USERS
+from desim_uav.report.world import read_world
+from desim_uav.run_folder import read_table
+
+
+def read_runs(folders: Sequence[Path]) -> pd.DataFrame:
+    """The counted requests of runs that can be compared, one under the other.
+
+    Beside the columns of ``requests.parquet``: ``policy``, ``seed`` and ``world_seed`` of the run,
+    the user's place as it asked, ``x_m``, ``y_m`` and ``cell`` as "ix, iy", its ``cluster``, and
+    ``from_centre_m``, how far from that cluster's centre it was; where the scenario has no
+    clusters both are missing. Raises PolicyError as ``compare_runs`` does.
+    """
+    tables = [read_counted(folder) for folder in folders]
+    replications = compare_runs(folders).replications
+    frames = [
+        _placed(requests, folder).assign(
+            policy=replication.policy, seed=replication.seed, world_seed=replication.world_seed
+        )
+        for (_, requests), folder, replication in zip(tables, folders, replications, strict=True)
+    ]
+    return pd.concat(frames, ignore_index=True)
+
+
+def _placed(requests: pd.DataFrame, folder: Path) -> pd.DataFrame:
+    """Requests with the columns of place."""
+    world = read_world(folder)
+    x_m, y_m = _place(requests, read_table(folder, "users", USERS))
+    (width, depth), (nx, ny) = world["size_m"], world["cells"]
+    ix = np.clip(x_m // (width / nx), 0, nx - 1)
+    iy = np.clip(y_m // (depth / ny), 0, ny - 1)
+    placed = requests.assign(x_m=x_m, y_m=y_m, cluster=pd.NA, from_centre_m=np.nan)
+    placed["cell"] = [f"{x:.0f}, {y:.0f}" for x, y in zip(ix, iy, strict=True)]
+    if world["clusters"]:
+        cluster = requests["user"].to_numpy() % len(world["clusters"])  # dealt round robin
+        centres = np.array([(c["x_m"], c["y_m"]) for c in world["clusters"]])[cluster]
+        placed["cluster"] = cluster
+        placed["from_centre_m"] = np.hypot(x_m - centres[:, 0], y_m - centres[:, 1])
+    return placed.astype({"cluster": "Int64"})
+
+
+def _place(
+    requests: pd.DataFrame, way_points: pd.DataFrame
+) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...]:
+    """Where each request's user was at its time: on the line between two way points."""
+    asked = requests[["episode", "user", "t_request_s"]].reset_index(drop=True)
+    asked = asked.reset_index(names="row").sort_values("t_request_s", kind="stable")
+    points = way_points[["episode", "user", "t_s", "x_m", "y_m"]].sort_values("t_s", kind="stable")
+    before, after = (
+        pd.merge_asof(
+            asked,
+            points,
+            left_on="t_request_s",
+            right_on="t_s",
+            by=["episode", "user"],
+            direction=direction,
+        ).sort_values("row")
+        for direction in ("backward", "forward")
+    )
+    before, after = before.fillna(after), after.fillna(before)
+    passed_s = (before["t_request_s"] - before["t_s"]).to_numpy()
+    leg_s = (after["t_s"] - before["t_s"]).to_numpy()
+    share = np.divide(passed_s, leg_s, out=np.zeros(len(asked)), where=leg_s > 0)
+    starts, ends = (found[["x_m", "y_m"]].to_numpy() for found in (before, after))
+    x_m, y_m = (starts + share[:, None] * (ends - starts)).T
+    return x_m, y_m

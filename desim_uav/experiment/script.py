@@ -1,0 +1,73 @@
+"""The command line of an analysis script: run folders, perhaps a picture, and clear errors."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from desim_uav.errors import DesimError, PolicyError, UsageError
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+PICTURES = (".png", ".svg", ".pdf")
+
+Analysis = Callable[["pd.DataFrame", bool], "Figure | None"]
+"""Prints its table of the requests of some runs; draws a figure where it is asked for one."""
+
+
+def run_script(analysis: Analysis, about: str | None) -> None:
+    """Analyse the run folders that the command line names, ``RUN_DIR… [FILE.png]``.
+
+    The analysis is given what ``read_runs`` reads of them; below its table stands a word on
+    intervals where a policy has one seed only. Where something is wrong the program ends with one
+    message and its exit code. ``about``, the script's docstring, is its help.
+    """
+    from desim_uav.experiment.runs import read_runs
+
+    arguments = sys.argv[1:]
+    if not arguments or {"-h", "--help"} & set(arguments):
+        print(about, file=sys.stdout if arguments else sys.stderr)
+        sys.exit(0 if arguments else UsageError.exit_code)
+    try:
+        folders, picture = _told(arguments)
+        runs = read_runs(folders)
+        if runs.empty:
+            raise PolicyError("nobody asked for anything in these runs")
+        _analyse(analysis, runs, picture)
+        if runs.groupby("policy")["seed"].nunique().min() == 1:
+            print("no interval from a single seed: its requests and episodes are correlated")
+        print(end="", flush=True)
+    except DesimError as error:
+        print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except BrokenPipeError:  # nobody reads on
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        sys.exit(1)
+
+
+def _told(arguments: list[str]) -> tuple[list[Path], Path | None]:
+    """The folders, and the picture to draw. Raises UsageError."""
+    *others, last = map(Path, arguments)
+    if last.suffix.lower() not in PICTURES or last.is_dir():
+        return [*others, last], None
+    if not others:
+        raise UsageError(f"{last}: of which run? Name its folder before the picture")
+    return others, last
+
+
+def _analyse(analysis: Analysis, runs: pd.DataFrame, picture: Path | None) -> None:
+    """Raises UsageError where the picture cannot be written."""
+    from matplotlib import rc_context
+
+    with rc_context({"text.parse_math": False}):  # a policy's name is no formula
+        figure = analysis(runs, picture is not None)
+        try:
+            if picture is not None and figure is not None:
+                figure.savefig(picture, dpi=150)
+        except OSError as error:
+            raise UsageError(f"cannot write {picture}: {error.strerror or error}") from error

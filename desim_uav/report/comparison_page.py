@@ -1,0 +1,240 @@
+"""The report of several runs: policies compared on common seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+from desim_uav.report import page_figures
+from desim_uav.report.markup import Html, code, facts, folded, joined, paragraph, table, tag
+from desim_uav.report.page import (
+    Picture,
+    Run,
+    command_of,
+    count,
+    gallery,
+    heading,
+    number,
+    page,
+    scenario_section,
+    version_facts,
+)
+from desim_uav.report.text import COMPARED, MEASURES
+from desim_uav.report.worst import worst_requests
+
+MOST_MAPS = 6
+
+
+@dataclass(frozen=True)
+class Compared:
+    """A comparison and its runs.
+
+    ``content`` as ``compare --json`` prints it, ``runs`` as they were given, ``by_service`` for
+    each service and policy the estimates of ``MEASURES`` over seeds.
+    """
+
+    content: dict[str, Any]
+    runs: Sequence[Run]
+    by_service: Sequence[dict[str, Any]]
+
+    @property
+    def policies(self) -> list[str]:
+        """Their names, the first run's first."""
+        return [row["policy"] for row in self.content["policies"]]
+
+    def of(self, policy: str) -> list[Run]:
+        """The runs of a policy, by seed."""
+        runs = (run for run in self.runs if run.summary["policy"] == policy)
+        return sorted(runs, key=lambda run: int(run.summary["seed"]))
+
+
+def comparison_page(found: Compared, title: str | None) -> str:
+    """The page."""
+    content = found.content
+    seeds = {run.summary["seed"] for run in found.runs}
+    said = f"{content['scenario']}: {', '.join(found.policies)}"
+    lead = (
+        f"{count(len(found.runs), 'run')} on {count(len(seeds), 'seed')}, each of "
+        f"{count(content['episodes'], 'episode')} after {content['warmup']} of warm-up"
+    )
+    return page(title or said, lead, ((name, section(found)) for name, section in SECTIONS))
+
+
+def _policies(found: Compared) -> Html:
+    """Means over seeds."""
+    return joined(
+        [
+            _estimates(found.content["policies"], "seeds"),
+            paragraph(
+                "Mean over seeds and 95 % t-interval. A seed is a replication: its episodes are "
+                "averaged first. ",
+                _alone(found.content["policies"]),
+                class_="note",
+            ),
+        ]
+    )
+
+
+def _differences(found: Compared) -> Html:
+    """Each policy minus the one of reference."""
+    rows = found.content["differences"]
+    if not rows:
+        return Html("")
+    apart = [row["policy"] for row in rows if not row["seeds"]]
+    return joined(
+        [
+            _estimates(rows, "pairs"),
+            paragraph(
+                f"Difference from {found.content['against']} on the seeds (and worlds) that both "
+                "have, so on the same users and requests. Bold: the 95 % t-interval excludes "
+                "zero. ",
+                _alone(rows),
+                f"No seed and world in common: {', '.join(apart)}." if apart else None,
+                class_="note",
+            ),
+        ]
+    )
+
+
+def _alone(rows: Sequence[dict[str, Any]]) -> str | None:
+    single = any(found["n"] == 1 for row in rows for found in row["measures"].values())
+    return "No interval from a single seed. " if single else None
+
+
+def _estimates(rows: Sequence[dict[str, Any]], counted: str) -> Html:
+    headings = ["policy", counted, *(heading(label) for label, _ in COMPARED.values())]
+    cells = (
+        [
+            row["policy"],
+            len(row["seeds"]),
+            *(estimate_cell(row["measures"][name], form) for name, (_, form) in COMPARED.items()),
+        ]
+        for row in rows
+    )
+    return table(headings, cells, (0,))
+
+
+def estimate_cell(found: dict[str, Any], form: str) -> Html:
+    """A mean and its half-width, the interval below them."""
+    mean, half_width = number(found["mean"], form), found["half_width"]
+    if half_width is None:
+        return joined([mean])
+    said = f"{mean} ± {half_width:{form}}"
+    low, high = found["mean"] - half_width, found["mean"] + half_width
+    name = "strong" if found.get("excludes_zero") else "span"
+    return joined([tag(name, said), tag("small", f"[{low:{form}}, {high:{form}}]")])
+
+
+def _intervals(found: Compared) -> Html:
+    """The two tables as pictures."""
+    content = found.content
+    pictures = [
+        Picture(
+            "Policies",
+            "Mean over seeds, 95 % t-interval.",
+            partial(page_figures.interval_panels, content["policies"], found.policies, False),
+        )
+    ]
+    if content["differences"]:
+        against = f"Minus {content['against']}, paired by seed, 95 % t-interval."
+        draw = partial(page_figures.interval_panels, content["differences"], found.policies, True)
+        pictures.append(Picture("Differences", against, draw))
+    return gallery(pictures, 0)
+
+
+def _services(found: Compared) -> Html:
+    """By service and policy, means over seeds."""
+    there = found.by_service[0]["measures"] if found.by_service else {}
+    shown = {name: look for name, look in MEASURES.items() if name in there}
+    headings = ["service", "policy", *(heading(label) for label, _ in shown.values())]
+    rows = (
+        [
+            row["service"],
+            row["policy"],
+            *(
+                _short(row["measures"][name], ".1f" if form == "d" else form)
+                for name, (_, form) in shown.items()
+            ),
+        ]
+        for row in found.by_service
+    )
+    note = "Of a run: mean over seeds ± half-width of the 95 % t-interval."
+    return joined([table(headings, rows, (0, 1)), paragraph(note, class_="note")])
+
+
+def _short(found: dict[str, Any], form: str) -> str:
+    half_width = found["half_width"]
+    return number(found["mean"], form) + ("" if half_width is None else f" ± {half_width:{form}}")
+
+
+def _maps(found: Compared) -> Html:
+    """How each policy flew on its first seed."""
+    pictures = []
+    for policy in found.policies[:MOST_MAPS]:
+        run = found.of(policy)[0]
+        said = f"Seed {run.summary['seed']}, the first counted episode, as it ended."
+        pictures.append(Picture(policy, said, partial(page_figures.run_map, run.folder)))
+    left = len(found.policies) - len(pictures)
+    more = paragraph(f"Those of {left} more policies are left out.", class_="note")
+    return joined([gallery(pictures, 2), more if left else None])
+
+
+def _worst(found: Compared) -> Html:
+    """Of each policy, over all its seeds."""
+    return joined(
+        folded(policy, worst_requests(found.of(policy)), opened=True) for policy in found.policies
+    )
+
+
+def _runs(found: Compared) -> Html:
+    """The values of each seed, and where each run comes from."""
+    headings = ["policy", "seed", "world", *(heading(label) for label, _ in COMPARED.values())]
+    values = (
+        [
+            row["policy"],
+            row["seed"],
+            row["world_seed"],
+            *(number(row[name], form) for name, (_, form) in COMPARED.items()),
+        ]
+        for row in found.content["replications"]
+    )
+    folders = (
+        [
+            run.summary["policy"],
+            run.summary["seed"],
+            code(str(run.folder)),
+            run.manifest.get("engine"),
+            command_of(run),
+        ]
+        for run in found.runs
+    )
+    return joined(
+        [
+            folded(
+                "The values of each seed", tag("div", table(headings, values, (0,)), class_="tall")
+            ),
+            folded(
+                "Folders and commands",
+                table(("policy", "seed", "folder", "engine", "command"), folders, (0, 2, 3, 4)),
+            ),
+            tag("div", facts(version_facts(found.runs)), class_="facts"),
+        ]
+    )
+
+
+def _scenario(found: Compared) -> Html:
+    return scenario_section(found.runs[0])
+
+
+SECTIONS: tuple[tuple[str, Callable[[Compared], Html]], ...] = (
+    ("Policies", _policies),
+    ("Paired differences", _differences),
+    ("Intervals", _intervals),
+    ("By service", _services),
+    ("Maps", _maps),
+    ("Worst requests", _worst),
+    ("Scenario", _scenario),
+    ("Runs", _runs),
+)

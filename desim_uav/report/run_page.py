@@ -1,0 +1,118 @@
+"""The report of one run."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from desim_uav import qoe
+from desim_uav.report import page_figures
+from desim_uav.report.markup import Html, facts, folded, joined, paragraph, tag
+from desim_uav.report.page import (
+    Picture,
+    Run,
+    count,
+    gallery,
+    number,
+    page,
+    provenance_facts,
+    qoe_table,
+    scenario_section,
+    tiles,
+)
+from desim_uav.report.text import MEASURES
+from desim_uav.report.worst import worst_requests
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_EPISODES = 200
+"""So many have a row."""
+
+FIGURES: tuple[tuple[str, str, Callable[[Path], Figure]], ...] = (
+    ("Map", "The first counted episode: walks, paths, and where it ended.", page_figures.run_map),
+    ("QoE over episodes", "The counted ones.", page_figures.qoe_over_episodes),
+    ("Services", "How their requests ended; how many there were.", page_figures.service_outcomes),
+    ("Battery", "The first counted episode, at the end of each step.", page_figures.battery),
+)
+"""Title, what it shows, and how it is drawn from the run's folder."""
+
+
+def run_page(run: Run, title: str | None) -> str:
+    """The page."""
+    said = "{scenario}, {policy}, seed {seed}".format(**run.summary)
+    much = f"{count(run.summary['episodes'], 'episode')}, {count(len(run.requests), 'request')}"
+    lead = much if title is None else f"{said}: {much}"
+    return page(title or said, lead, ((name, section(run)) for name, section in SECTIONS))
+
+
+def _quality(run: Run) -> Html:
+    """The tables of QoE."""
+    found = run.summary
+    served = f"{found['completed']} of {found['requests']}"
+    first = [
+        ("QoE1", f"{number(found['qoe1_percent'], '.1f') or '-'} %"),
+        ("QoE2", f"{number(found['qoe2_iterations'], '.2f') or '-'} it."),
+        ("QoE3", f"{number(found['qoe3_percent'], '.1f') or '-'} %"),
+        ("requests completed", served),
+        ("crashes", str(found["crashes"])),
+        ("reward an episode", number(found["reward_mean"], ".2f") or "-"),
+    ]
+    every = {"service": "all"} | {name: found[name] for name in MEASURES}
+    rows = [every, *qoe.grouped(run.requests, "service")]
+    return joined(
+        [
+            tiles(first),
+            tag("h3", "By service"),
+            qoe_table("service", rows),
+            paragraph(
+                "QoE1: the share of the requested time that was served, a mean over requests. "
+                "QoE2: the time a request was open and not served, in steps. QoE3: the share of "
+                "users attached to a drone, over time. One seed is one replication: its requests "
+                "and episodes depend on each other, so there are no intervals here.",
+                class_="note",
+            ),
+            tag("h3", "By episode"),
+            _by_episode(run),
+        ]
+    )
+
+
+def _by_episode(run: Run) -> Html:
+    of_requests = {row["episode"]: row for row in qoe.grouped(run.requests, "episode")}
+    columns = ["episode", "qoe3_percent", "crashes", "reward"]
+    rows = [
+        {"requests": 0} | of_requests.get(row["episode"], {}) | row
+        for row in run.episodes[columns].to_dict("records")
+    ]
+    shown = tag("div", qoe_table("episode", rows[:MOST_EPISODES]), class_="tall", tabindex=0)
+    if len(rows) <= 12:
+        return shown
+    more = paragraph(
+        f"The first {MOST_EPISODES} of {len(rows)}; desim-uav qoe --by episode prints all.",
+        class_="note",
+    )
+    return folded(f"{len(rows)} episodes", shown, more if len(rows) > MOST_EPISODES else None)
+
+
+def _figures(run: Run) -> Html:
+    return gallery([Picture(t, said, partial(draw, run.folder)) for t, said, draw in FIGURES], 0)
+
+
+def _worst(run: Run) -> Html:
+    return worst_requests([run]) if len(run.requests) else Html("")
+
+
+def _provenance(run: Run) -> Html:
+    return tag("div", facts(provenance_facts(run)), class_="facts")
+
+
+SECTIONS: tuple[tuple[str, Callable[[Run], Html]], ...] = (
+    ("Quality of experience", _quality),
+    ("Figures", _figures),
+    ("Worst requests", _worst),
+    ("Scenario", scenario_section),
+    ("Provenance", _provenance),
+)

@@ -1,0 +1,80 @@
+"""The requests that fared worst, each with a link to its moment in the replay."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from heapq import nlargest, nsmallest
+from typing import Any
+
+from desim_uav.report.markup import Html, code, joined, paragraph, table, tag
+from desim_uav.report.page import Run, count, number
+
+WORST = 8
+"""So many are listed."""
+
+
+def worst_requests(runs: Sequence[Run]) -> Html:
+    """The requests that fared worst in some runs, each with a link to its moment in the replay."""
+    every = [(run, row) for run in runs for row in run.requests.itertuples()]
+    served = [(run, row) for run, row in every if row.outcome != "never_served"]
+    return joined(
+        [
+            tag("h3", "Lowest QoE1"),
+            request_table(
+                nsmallest(WORST, every, lambda one: (one[1].qoe1, -one[1].wait_s)), len(runs) > 1
+            ),
+            tag("h3", "Longest wait before a service"),
+            request_table(nlargest(WORST, served, lambda one: one[1].wait_s), len(runs) > 1),
+            how_to_watch(runs),
+        ]
+    )
+
+
+def request_table(chosen: Sequence[tuple[Run, Any]], with_seed: bool) -> Html:
+    """Some requests, each with its run; the number of a request is the link."""
+    headings = (
+        *(("seed",) if with_seed else ()),
+        *("episode", "request", "user", "service", "asked at", "wait, s", "requested, s"),
+        *("served, s", "QoE1\u00a0%", "QoE2\u00a0it.", "outcome"),
+    )
+    rows = (
+        (
+            *((run.summary["seed"],) if with_seed else ()),
+            row.episode,
+            tag(
+                "a",
+                row.request_id,
+                href=moment(run, row.episode, row.t_request_s, row.request_id),
+                aria_label=f"request {row.request_id} in the replay",
+            ),
+            row.user,
+            row.service,
+            f"{int(row.t_request_s) // 60}:{int(row.t_request_s) % 60:02d}",
+            number(row.wait_s, ".0f"),
+            number(row.requested_s, ".0f"),
+            number(row.served_s, ".0f"),
+            number(100 * row.qoe1, ".1f"),
+            number(row.qoe2_iterations, ".2f"),
+            str(row.outcome).replace("_", "\u00a0"),
+        )
+        for run, row in chosen
+    )
+    return table(headings, rows, (4, 11) if with_seed else (3, 10))
+
+
+def moment(run: Run, episode: int, t_s: float, request: int) -> str:
+    """The address of a request's first moment in the replay of its run."""
+    at_s = f"{t_s:.6f}".rstrip("0").rstrip(".")
+    return f"{run.link}replay.html#episode={episode}&t={at_s}&request={request}"
+
+
+def how_to_watch(runs: Sequence[Run]) -> Html:
+    """Which commands make the replays that are still missing."""
+    missing = [run for run in runs if not run.has_replay]
+    if not missing:
+        return Html("")
+    commands = (code(shlex.join(["desim-uav", "replay", str(run.folder)])) for run in missing[:3])
+    more = f" and so on, for {count(len(missing), 'run')}" if len(missing) > 3 else ""
+    said = "There is no replay to watch yet. Make it with "
+    return paragraph(said, joined(commands, ", "), f"{more}.", class_="note")
