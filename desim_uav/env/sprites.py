@@ -12,6 +12,7 @@ from PIL.ImageFont import FreeTypeFont
 ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
 BLUE, VERMILLION = "#0072B2", "#D55E00"
 INK, GREY, PALE, WHITE = "#1E1E1E", "#8C8C8C", "#D9D9D6", "#FFFFFF"
+NAMED = (ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, INK, GREY, PALE, WHITE)
 
 FINE = 4
 """How much larger a sprite is drawn than it is shown."""
