@@ -21,13 +21,10 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import Measures, UserState
 from desim_uav.model.motion import REST, Leg, Transit
 from desim_uav.model.rules import US, Mode, Phase
+from desim_uav.report.batteries import PHASES, Floats, knots
 from desim_uav.report.record import Run
 
-Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
-
-PHASES = 16
-"""An instant and a phase are one number, ``t_us * PHASES + phase``, which sorts as they do."""
 
 LEADS_TO = {
     "decide": Mode.FLYING,
@@ -149,13 +146,14 @@ class Playback:
     @cached_property
     def batteries(self) -> list[tuple[Floats, Floats] | None]:
         """For each drone where its battery is known, (t_s, s); it is linear in between."""
-        return [battery_knots(self, drone) for drone in range(len(self._tracks))]
+        drones = range(self.run.scenario.drones.count)
+        return [knots(self.run, self.episode, self._events, drone) for drone in drones]
 
     def _battery_s(self, drone: int, t_us: int) -> float | None:
-        knots = self.batteries[drone]
-        if knots is None:
+        known = self.batteries[drone]
+        if known is None:
             return None
-        t_s, battery_s = knots
+        t_s, battery_s = known
         after = int(np.searchsorted(t_s, t_us / US, "right"))
         if after == len(t_s):
             return float(battery_s[-1])
@@ -186,7 +184,7 @@ class Playback:
         first, last = events["kind"] == begins, events["kind"] == ends
 
         def column(name: str, rows: pd.Series) -> Ints:
-            return events.loc[rows, name].fillna(-1).to_numpy(np.int64)
+            return np.asarray(events.loc[rows, name].fillna(-1), np.int64)
 
         return Spells(
             *(column(name, first) for name in ("drone", "user", "request_id", "key", "t_us")),
@@ -202,10 +200,10 @@ class Playback:
 
         def key_of(rows: pd.DataFrame) -> Ints:
             keys = pd.Series(rows["key"].to_numpy(), rows["request_id"].to_numpy(np.int64))
-            return keys[requests["request_id"]].to_numpy(np.int64)
+            return np.asarray(keys[requests["request_id"]], np.int64)
 
-        columns = (requests[name].to_numpy() for name in Requests._fields[:5])
-        return Requests(*columns, key_of(opened), key_of(closed))
+        columns = [requests[name].to_numpy() for name in Requests._fields[:5]]
+        return Requests._make([*columns, key_of(opened), key_of(closed)])
 
     def _users_at(self, key: int) -> tuple[Ints, Ints, Ints]:
         """By user the drone that holds it and the one that serves it; and who has a request."""
@@ -327,63 +325,3 @@ Place = tuple[float, float, float]
 def _places(leg: dict[str, Any]) -> tuple[Place, Place]:
     start, end = ((leg[f"x_{s}_m"], leg[f"y_{s}_m"], leg[f"z_{s}_m"]) for s in ("from", "to"))
     return start, end
-
-
-def battery_knots(playback: Playback, drone: int) -> tuple[Floats, Floats] | None:
-    """Where a drone's battery is known, (t_s, s): at steps' ends, and where its change changes.
-
-    What a landed drone has is reckoned back from its charge, which is at a constant rate. None
-    where the battery is unlimited.
-    """
-    run = playback.run
-    battery = run.scenario.drones.battery
-    if battery is None:
-        return None
-    full_s = run.world.capacity_us / US
-    rate = full_s / (run.world.full_charge_us / US)
-    steps = run.of("steps", playback.episode)
-    steps = steps[steps["drone"] == drone]
-    events = playback._events[playback._events["drone"] == drone]
-    known = [(0.0, -1, _first_battery_s(playback, drone, full_s))]
-    at_record = (t_us * PHASES + Phase.RECORD for t_us in (steps["t_s"] * US).round().astype(int))
-    known += zip(steps["t_s"], at_record, steps["battery_s"], strict=True)
-    for kind, battery_s in (("charged", full_s), ("crash", 0.0), ("respawn", full_s)):
-        rows = events[events["kind"] == kind]
-        known += [
-            (t / US, key, battery_s) for t, key in zip(rows["t_us"], rows["key"], strict=True)
-        ]
-    known.sort()
-    keys = [key for _, key, _ in known]
-    landed: list[tuple[float, int, float]] = []
-    for kind, since in (("charge", None), ("land", "charge")):
-        for t_us, key in events.loc[events["kind"] == kind, ["t_us", "key"]].to_numpy(np.int64):
-            after = int(np.searchsorted(keys, key, "right"))
-            if after == len(known):
-                continue
-            begun_us = t_us if since is None else _next(events, since, key)
-            t_s, _, battery_s = known[after]
-            waits_s = 0.0 if begun_us is None else max(0.0, t_s - begun_us / US)
-            charging = begun_us is not None and t_s > begun_us / US
-            landed.append(
-                (t_us / US, int(key), battery_s - rate * waits_s if charging else battery_s)
-            )
-    known = sorted(known + landed)
-    t_s, _, battery_s = (np.array(column) for column in zip(*known, strict=True))
-    return t_s, np.clip(battery_s, 0.0, full_s)
-
-
-def _next(events: pd.DataFrame, kind: str, key: int) -> int | None:
-    """When the next event of a kind is."""
-    later = events.loc[(events["kind"] == kind) & (events["key"] >= key), "t_us"]
-    return None if later.empty else int(later.iloc[0])
-
-
-def _first_battery_s(playback: Playback, drone: int, full_s: float) -> float:
-    """What a drone begins an episode with: what it carries over, else all of it."""
-    run, before = playback.run, playback.episode - 1
-    steps = run.of("steps", before)
-    if not run.scenario.episode.carry_over or steps.empty:
-        return full_s
-    if round(run.duration_s(before) * US) < run.world.horizon_us:
-        return full_s  # a crash ended that episode, and this one starts afresh
-    return float(steps.loc[steps["drone"] == drone, "battery_s"].iloc[-1])

@@ -88,6 +88,11 @@ class Run:
         return world
 
     @property
+    def map(self) -> dict[str, Any]:
+        """What ``world.json`` says of the world."""
+        return world_content(self.world)
+
+    @property
     def name(self) -> str:
         """What a figure of the run is headed with."""
         manifest = self.manifest

@@ -7,6 +7,7 @@ import tempfile
 from collections.abc import Callable, Iterator
 from itertools import chain, pairwise
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 import numpy as np
@@ -26,7 +27,6 @@ from desim_uav.run_folder import write_whole
 FPS, SPEED = 12.0, 120.0
 """Frames a second, and simulated seconds in a second: half an hour lasts 15 s, 181 frames."""
 
-WIDTHS = (160, 1920)
 MOST_FRAMES = 20_000
 COLOURS, SAMPLES = 127, 8
 """Of a GIF's palette, and how many frames it is made of, about."""
@@ -82,18 +82,25 @@ class Film:
     def _snapshot(self, moment: Moment) -> Snapshot:
         world = self.playback.run.world
         step, steps = moment.t_us // world.step_us, world.scenario.episode.steps
-        capacity_s = world.facts.capacity_s
         grid = world.grid
         served = np.bincount(moment.serving[moment.serving >= 0], minlength=len(moment.modes))
         held = np.bincount(moment.holders[moment.holders >= 0], minlength=len(moment.modes))
         seen = tuple(
             Observation(
-                *(drone, step, steps, grid.cell_of(x, y), grid.level_of(z)),
-                *(mode, battery_s, capacity_s, None, int(held[drone]), int(served[drone]), 0.0),
+                drone,
+                step,
+                steps,
+                grid.cell_of(x, y),
+                grid.level_of(z),
+                moment.modes[drone],
+                moment.batteries_s[drone],
+                world.facts.capacity_s,
+                None,
+                int(held[drone]),
+                int(served[drone]),
+                0.0,
             )
-            for drone, ((x, y, z), mode, battery_s) in enumerate(
-                zip(moment.drones_m.tolist(), moment.modes, moment.batteries_s, strict=True)
-            )
+            for drone, (x, y, z) in enumerate(moment.drones_m.tolist())
         )
         return Snapshot(step, moment.t_us, False, False, seen, (), (), (), ())
 
@@ -165,15 +172,22 @@ def _durations_ms(film: Film) -> list[int]:
     return [*(b - a for a, b in pairwise([0, *ends[:-1]])), LAST_MS]
 
 
+def need_ffmpeg() -> ModuleType:
+    """The package that has ffmpeg. Raises MissingExtraError."""
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise MissingExtraError("--mp4", "video") from error
+    found: ModuleType = imageio_ffmpeg
+    return found
+
+
 def write_mp4(film: Film, out: Path, on_frame: OnFrame = lambda: None) -> None:
     """Write an MP4: H.264, yuv420p, which every browser and slide shows.
 
     Raises MissingExtraError without imageio-ffmpeg, DesimError where it cannot be written.
     """
-    try:
-        import imageio_ffmpeg
-    except ImportError as error:
-        raise MissingExtraError("--mp4", "video") from error
+    imageio_ffmpeg = need_ffmpeg()
     with tempfile.TemporaryDirectory() as folder:
         place = Path(folder) / "film.mp4"
         writer = imageio_ffmpeg.write_frames(

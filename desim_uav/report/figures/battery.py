@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.model.rules import US, Mode
-from desim_uav.report.figures.style import MOST_PANELS, look, styled
+from desim_uav.report.batteries import first_battery_s
+from desim_uav.report.figures.style import MOST_PANELS, headed, look, styled
 from desim_uav.report.figures.visits import chosen_drones
 from desim_uav.report.playback import Playback
 from desim_uav.report.record import Run
@@ -27,6 +28,8 @@ SPANS: dict[Mode, dict[str, Any]] = {
     Mode.CRASHED: {"facecolor": "#F8D9C6", "hatch": "\\\\\\\\", "edgecolor": "#D55E00"},
 }
 """How the time in each mode is shaded; serving flight is white."""
+
+CRASH: dict[str, Any] = {"marker": "X", "ls": "", "color": "#D55E00", "ms": 9, "mec": "black"}
 
 
 @styled
@@ -46,7 +49,7 @@ def battery_figure(run_dir: Path, episode: int | None = None, drone: int | None 
     exact = all((run_dir / f"{name}.parquet").exists() for name in ("events", "legs"))
     figure = Figure(figsize=(7.2, 0.9 + 1.35 * len(drones)))
     panels = figure.subplots(len(drones), 1, sharex=True, squeeze=False)[:, 0]
-    full_min, seen = battery.autonomy_min, set()
+    full_min, seen, crashed = battery.autonomy_min, set[Mode](), False
     for axes, number in zip(panels, drones, strict=True):
         t_s, left_s = battery_curve(run, episode, number, exact)
         axes.plot(t_s / 60, left_s / 60, **(look(number) | {"linestyle": "-"}), zorder=3)
@@ -55,18 +58,20 @@ def battery_figure(run_dir: Path, episode: int | None = None, drone: int | None 
             seen.add(mode)
             if mode in SPANS:
                 axes.axvspan(start_s / 60, end_s / 60, linewidth=0, alpha=0.9, **SPANS[mode])
-            if mode is Mode.CRASHED and start_s > 0:
-                axes.plot(start_s / 60, 0, "X", color="#D55E00", ms=9, mec="black", clip_on=False)
+        fallen_min = [t_s / 60 for t_s in crashes_s(run, episode, number, exact)]
+        if fallen_min:
+            crashed = True
+            axes.plot(fallen_min, [0] * len(fallen_min), **CRASH, clip_on=False)
         _label(axes, number, full_min, run.duration_s(episode))
     panels[-1].set_xlabel("time, min")
     how = "" if exact else " (from step to step: the run kept no events)"
-    figure.suptitle(f"Battery. {run.name}, episode {episode}{how}", fontsize=9.5)
+    headed(figure, f"Battery. {run.name}, episode {episode}{how}")
     handles: list[Any] = [
         Patch(label=mode.name.lower(), linewidth=0, **SPANS[mode]) for mode in SPANS if mode in seen
     ]
     handles += panels[0].plot([], [], color="0.4", ls=":", label="may return below")
-    if Mode.CRASHED in seen:
-        handles += panels[0].plot([], [], "X", color="#D55E00", mec="black", label="crash")
+    if crashed:
+        handles += panels[0].plot([], [], **CRASH, label="crash")
     figure.legend(handles=handles, loc="outside lower center", ncols=6)
     return figure
 
@@ -87,7 +92,8 @@ def battery_curve(
         return knots
     steps = run.of("steps", episode)
     mine = steps[steps["drone"] == drone]
-    return mine["t_s"].to_numpy(), mine["battery_s"].to_numpy()
+    first_s = first_battery_s(run, episode, drone)
+    return np.array([0.0, *mine["t_s"]]), np.array([first_s, *mine["battery_s"]])
 
 
 def modes_of(
@@ -103,3 +109,14 @@ def modes_of(
     for t_s, mode in steps.loc[steps["drone"] == drone, ["t_s", "mode"]].itertuples(index=False):
         yield before_s, t_s, Mode[mode.upper()]
         before_s = t_s
+
+
+def crashes_s(run: Run, episode: int, drone: int, exact: bool) -> list[float]:
+    """When a drone crashed; without events, the end of the step in which it did."""
+    if exact:
+        events = run.of("events", episode)
+        crashes = events[(events["kind"] == "crash") & (events["drone"] == drone)]
+        return [t_us / US for t_us in crashes["t_us"].tolist()]
+    spans = [*modes_of(run, episode, drone, exact)]
+    steps = zip([None, *(mode for *_, mode in spans)], spans, strict=False)
+    return [t_s for before, (_, t_s, mode) in steps if mode is Mode.CRASHED and before is not mode]

@@ -19,7 +19,7 @@ from desim_uav.report.figures.map import (
     draw_stations,
 )
 from desim_uav.report.figures.style import look, styled
-from desim_uav.report.record import Run, read_json
+from desim_uav.report.record import Run
 
 
 @styled
@@ -33,7 +33,7 @@ def case_picture(run_dir: Path, episode: int = 0, minute: float = math.inf) -> F
     steps, users = (
         frame[frame["t_s"] <= minute * 60] for frame in (run.of(n, episode) for n in PARTS)
     )
-    world = read_json(run_dir / "world.json")
+    world = run.map
     radius_m = run.scenario.drones.footprint_radius_m
 
     figure = Figure(figsize=(7.2, 6.4))

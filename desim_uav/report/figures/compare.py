@@ -7,7 +7,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from desim_uav.report.figures.style import COLOURS, marker, styled
+from desim_uav.report.figures.style import COLOURS, headed, marker, styled
 
 PANELS = {
     "qoe1_percent": "QoE1, %",
@@ -42,7 +42,7 @@ def compare_figure(found: dict[str, Any]) -> Figure:
     panels[0][0].set_title("Mean over seeds")
     if differences:
         panels[1][0].set_title(f"Difference from {found['against']}, paired by seed")
-    figure.suptitle(_title(found), fontsize=9.5)
+    headed(figure, _title(found))
     return figure
 
 
@@ -59,7 +59,10 @@ def _draw(axes: Axes, rows: list[dict[str, Any]], names: list[str], measure: str
         found, number = row["measures"][measure], names.index(row["policy"])
         if found["mean"] is None:
             continue
-        dressed = {"color": COLOURS[number % len(COLOURS)], "marker": marker(number)}
+        dressed: dict[str, Any] = {
+            "color": COLOURS[number % len(COLOURS)],
+            "marker": marker(number),
+        }
         width = found["half_width"] or None
         axes.errorbar(found["mean"], place, xerr=width, capsize=3, ls="none", zorder=3, **dressed)
     axes.set_yticks(range(len(rows)), [_short(row["policy"]) for row in rows])

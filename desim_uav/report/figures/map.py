@@ -56,11 +56,11 @@ def draw_clusters(axes: Axes, world: dict[str, Any]) -> None:
         axes.add_patch(circle)
 
 
-def draw_stations(axes: Axes, world: dict[str, Any], size: float = 110) -> None:
+def draw_stations(axes: Axes, world: dict[str, Any], size: float = 110, **look: Any) -> None:
     """A square where one can charge."""
     if world["stations"]:
         xs, ys = zip(*(centre_m(world, cell) for cell in world["stations"]), strict=True)
-        axes.scatter(xs, ys, size, marker="s", label="charging station", zorder=3, **STATION)
+        axes.scatter(xs, ys, size, marker="s", label="charging station", zorder=3, **STATION | look)
 
 
 def draw_field(axes: Axes, world: dict[str, Any], values: NDArray[np.float64], **look: Any) -> Any:
@@ -79,4 +79,6 @@ def mark_cells(
     for k, (ix, iy) in enumerate(np.argwhere(cells)):
         corner = (ix * width / nx, iy * depth / ny)
         name = label if k == 0 else None
-        axes.add_patch(Rectangle(corner, width / nx, depth / ny, label=name, **look))
+        patch = Rectangle(corner, width / nx, depth / ny, label=name, **look)
+        patch.set_in_layout(False)
+        axes.add_patch(patch)

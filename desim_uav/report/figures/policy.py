@@ -21,7 +21,7 @@ from desim_uav.model.rules import MOVES, Action, Mode, mask
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.tabular import QTable
 from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
-from desim_uav.report.figures.style import grid_of, styled
+from desim_uav.report.figures.style import grid_of, headed, styled
 from desim_uav.run_folder import world_content, world_hash
 from desim_uav.scenario.load import loads
 from desim_uav.world import World, build_world
@@ -37,7 +37,7 @@ SYMBOLS = {
     Action.CHARGE: ("P", "charge"),
 }
 NEVER: dict[str, Any] = {"facecolor": "#F2F2F2", "edgecolor": "0.72", "hatch": "....", "lw": 0}
-BUILT: dict[str, Any] = {"facecolor": "0.55", "edgecolor": "0.35", "lw": 0.5}
+BUILT: dict[str, Any] = {"facecolor": "0.86", "edgecolor": "0.3", "hatch": "/////", "lw": 0.5}
 
 
 @styled
@@ -63,17 +63,17 @@ def policy_figure(
     values = np.concatenate([s.value[s.visited] for s in slices] or [np.zeros(1)])
     low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
     world = world_content(read.world)
-    drawn = None
+    drawn: Any = None
     for axes, number, shown in zip(panels, drones, slices, strict=True):
         shade = np.where(shown.visited, shown.value, np.nan)
         drawn = draw_field(axes, world, shade, cmap=SHADES, vmin=low, vmax=high)
         draw_cells(axes, world)
         mark_cells(axes, world, shown.built, "building", **BUILT)
         mark_cells(axes, world, ~shown.visited & ~shown.built, "never visited", **NEVER)
-        draw_stations(axes, world, size=150)
+        draw_stations(axes, world, size=150, facecolor="none")
         _draw_actions(axes, read, shown)
         axes.set_title(f"drone {number}")
-    figure.suptitle(_title(read, battery_min, level), fontsize=9.5)
+    headed(figure, _title(read, battery_min, level))
     figure.colorbar(drawn, ax=panels, shrink=0.8, label="value of the best action")
     figure.legend(handles=_legend(slices, read), loc="outside lower center", ncols=4)
     return figure
@@ -196,7 +196,8 @@ def _draw_actions(axes: Axes, read: Reading, shown: Slice) -> None:
             reach_x, reach_y = 0.33 * dx * grid.cell_m[0], 0.33 * dy * grid.cell_m[1]
             arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.1, "shrinkA": 0, "shrinkB": 0}
             ends = ((x + reach_x, y + reach_y), (x - reach_x, y - reach_y))
-            axes.annotate("", *ends, arrowprops=arrow | {"mutation_scale": 8}, zorder=6)
+            drawn = axes.annotate("", *ends, arrowprops=arrow | {"mutation_scale": 8}, zorder=6)
+            drawn.set_in_layout(False)  # it stays on the map, and there are many
         else:
             axes.plot(x, y, SYMBOLS[action][0], color=colour, markersize=5.5, mew=0, zorder=6)
 
@@ -206,7 +207,7 @@ def _legend(slices: list[Slice], read: Reading) -> list[Any]:
     on = {read.world.actions[a] for s in slices for a in np.unique(s.action[s.visited & ~s.built])}
     entries: list[Any] = []
     if on & {action for action in MOVES if MOVES[action][2] == 0}:
-        entries.append(Line2D([], [], color=INK, marker=r"$\rightarrow$", ls="", label="move"))
+        entries.append(Line2D([], [], color=INK, marker=">", ms=5, lw=1.1, label="move"))
     entries += [
         Line2D([], [], color=INK, marker=symbol, ls="", ms=5.5, mew=0, label=word)
         for action, (symbol, word) in SYMBOLS.items()
@@ -215,7 +216,7 @@ def _legend(slices: list[Slice], read: Reading) -> list[Any]:
     if any((s.visited & ~s.built & ~s.tried).any() for s in slices):
         entries.append(Patch(color=UNTRIED, label="in this colour: never tried there"))
     if read.world.stations:
-        look = {"mfc": "white", "mec": "black", "mew": 1.4, "ms": 9}
+        look: dict[str, Any] = {"mfc": "none", "mec": "black", "mew": 1.4, "ms": 9}
         entries.append(Line2D([], [], marker="s", ls="", label="charging station", **look))
     if any(s.built.any() for s in slices):
         entries.append(Patch(label="building", **BUILT))

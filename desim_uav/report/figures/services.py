@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -11,11 +12,11 @@ from matplotlib.figure import Figure
 
 from desim_uav.errors import PolicyError
 from desim_uav.qoe import OUTCOMES
-from desim_uav.report.figures.style import FAIR, look, styled
+from desim_uav.report.figures.style import FAIR, headed, look, styled
 from desim_uav.report.figures.visits import counted_episodes
 from desim_uav.report.record import Run
 
-BARS = {
+BARS: dict[str, dict[str, Any]] = {
     "completed": {"facecolor": "#009E73", "hatch": "", "edgecolor": "white"},
     "unfinished": {"facecolor": FAIR, "hatch": "////", "edgecolor": "0.35"},
     "never_served": {"facecolor": "#D55E00", "hatch": "....", "edgecolor": "black"},
@@ -48,9 +49,9 @@ def services_figure(run_dir: Path, episode: int | None = None) -> Figure:
     panels[2].set(title="QoE1", xlabel="QoE1 of a request, %", xlim=(0, 100))
     panels[2].set_ylabel("requests with at most so much, %")
     which = f"episode {episode}" if episode is not None else f"{len(episodes)} episode(s)"
-    figure.suptitle(f"Services. {run.name}, {which}", fontsize=9.5)
+    headed(figure, f"Services. {run.name}, {which}")
     handles = [*panels[0].containers, *panels[1].lines]
-    names = [*(outcome.replace("_", " ") for outcome in OUTCOMES), *services]
+    names = [*(word.replace("_", " ") for word in (*OUTCOMES, *services))]
     figure.legend(handles, names, loc="outside lower center", ncols=6)
     return figure
 

@@ -16,7 +16,7 @@ from desim_uav.report.figures.case import case_picture
 from desim_uav.report.figures.map import centre_m
 from desim_uav.report.figures.style import look, styled
 from desim_uav.report.playback import Moment, Playback
-from desim_uav.report.record import Run, read_json
+from desim_uav.report.record import Run
 
 AROUND = np.linspace(0.0, 2.0 * math.pi, 73)
 PATH_S = 5.0
@@ -39,18 +39,21 @@ def snapshot_figure(
     playback = Playback(run, episode)
     t_us = playback.duration_us
     t_us = t_us if minute is None else min(t_us, round(minute * 60 * US))
-    figure = Figure(figsize=(7.6, 5.6))
-    axes = figure.add_subplot(projection="3d", computed_zorder=False)
+    figure = Figure(figsize=(7.6, 5.0))
+    figure.set_layout_engine("none")
+    axes = figure.add_axes((0.0, 0.075, 0.94, 0.97), projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
-    world = read_json(run_dir / "world.json")
+    world = run.map
     moment = playback.at(t_us)
     _draw_ground(axes, world)
     _draw_footprints(axes, moment, run.scenario.drones.footprint_radius_m, world)
     axes.scatter(*moment.users_m.T, s=9, c="0.2", depthshade=False, label="user", zorder=4)
     _draw_buildings(axes, world)
     _draw_drones(axes, playback, moment)
-    axes.set_title(f"{run.name}, episode {episode}, minute {t_us / US / 60:g}")
-    figure.legend(loc="outside lower center", ncols=3)
+    figure.suptitle(
+        f"{run.name}, episode {episode}, minute {t_us / US / 60:g}", y=0.985, fontsize=9.5
+    )
+    figure.legend(loc="lower center", ncols=3)
     return figure
 
 
@@ -76,9 +79,9 @@ def _draw_ground(axes: Any, world: dict[str, Any]) -> None:
     axes.set(xlim=(0, width), ylim=(0, depth), zlim=(0, top))
     axes.set_xlabel("x, m", labelpad=6)
     axes.set_ylabel("y, m", labelpad=6)
-    axes.set_zlabel("altitude, m", labelpad=2)
+    axes.set_zlabel("altitude, m\n(stretched)", labelpad=4)
     longest = max(width, depth)
-    axes.set_box_aspect((width / longest, depth / longest, 0.22), zoom=1.15)
+    axes.set_box_aspect((width / longest, depth / longest, 0.22), zoom=1.2)
     axes.set_zticks([0, *world["levels_m"]])
     axes.view_init(elev=36, azim=-60)
     axes.grid(visible=False)
@@ -96,8 +99,9 @@ def _draw_buildings(axes: Any, world: dict[str, Any]) -> None:
     for k, (ix, iy) in enumerate(order):
         axes.bar3d(
             *(ix * dx, iy * dy, 0, dx, dy, heights[ix, iy]),
-            color="0.72",
-            edgecolor="0.35",
+            color="0.85",
+            edgecolor="0.4",
+            clip_on=False,
             linewidth=0.5,
             shade=True,
             zorder=5,

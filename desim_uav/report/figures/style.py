@@ -65,6 +65,12 @@ def to_bytes(figure: Figure, suffix: str) -> bytes:
     return file.getvalue()
 
 
+def headed(figure: Figure, text: str) -> None:
+    """Write what a figure is of over it."""
+    figure.suptitle(text, fontsize=9.5)
+    figure.set_layout_engine("constrained", h_pad=0.07)
+
+
 def look(number: int) -> dict[str, Any]:
     """Colour and dashes of the line of this number: any two neighbours differ in both."""
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": DASHES[number % len(DASHES)]}
@@ -84,5 +90,5 @@ def grid_of(count: int, width: float, height: float, across: int = 3) -> tuple[F
         raise UsageError(f"{count} panels, at most {MOST_PANELS}: choose one with --drone")
     columns = min(count, across)
     rows = -(-count // columns)
-    figure = Figure(figsize=(width * columns + 0.7, height * rows + 0.8))
+    figure = Figure(figsize=(width * columns + 0.7, height * rows + 0.9))
     return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from desim_uav.errors import PolicyError, ScenarioError, UsageError
 from desim_uav.records import TRAINING
-from desim_uav.report.figures.style import look, styled
+from desim_uav.report.figures.style import headed, look, styled
 from desim_uav.report.record import read_json
 from desim_uav.run_folder import read_table
 from desim_uav.scenario.load import load, to_plain
@@ -68,11 +68,14 @@ def training_figure(folders: Sequence[Path], window: int | None = None) -> Figur
             seeds = f"{len(of_seeds)} seed" + "s" * (len(of_seeds) > 1)
             _draw(axes, of_seeds, name, window, number, f"{algorithm}, {seeds}")
         axes.set(ylabel=label, xlim=(0, max(len(t.curves) for t in trainings)))
+        if name != "reward":
+            top = 102 if name.endswith("_percent") else max(axes.get_ylim()[1], 0.1)
+            axes.set_ylim(0, top)
         axes.set_xlabel("episode")
         axes.tick_params(labelbottom=True)
     bands = any(len(of_seeds) > 1 for of_seeds in by_algorithm.values())
     _explain(panels[-1], panels[0], window, bands)
-    figure.suptitle(f"Training. {trainings[0].settings['name']}", fontsize=9.5)
+    headed(figure, f"Training. {trainings[0].settings['name']}")
     return figure
 
 

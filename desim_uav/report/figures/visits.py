@@ -12,9 +12,9 @@ from numpy.typing import NDArray
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.model.grid import cell_index
 from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
-from desim_uav.report.figures.style import grid_of, styled
+from desim_uav.report.figures.style import grid_of, headed, styled
 from desim_uav.report.playback import Playback
-from desim_uav.report.record import Run, read_json
+from desim_uav.report.record import Run
 
 US_MIN = 60_000_000
 
@@ -30,10 +30,10 @@ def visits_figure(run_dir: Path, episode: int | None = None, drone: int | None =
     drones = chosen_drones(run, drone)
     episodes = counted_episodes(run, episode)
     minutes, exact = visit_minutes(run, episodes)
-    world = read_json(run_dir / "world.json")
+    world = run.map
     figure, panels = grid_of(len(drones), width=3.3, height=3.1)
     top = max(minutes[drones].max(), 1e-9)
-    drawn = None
+    drawn: Any = None
     for axes, number in zip(panels, drones, strict=True):
         shown = np.where(minutes[number] > 0, minutes[number], np.nan)
         drawn = draw_field(axes, world, shown, cmap="YlGnBu", vmin=0, vmax=top)
@@ -45,7 +45,7 @@ def visits_figure(run_dir: Path, episode: int | None = None, drone: int | None =
         axes.set_title(f"drone {number}: {minutes[number].sum():.1f} min")
     which = f"episode {episode}" if episode is not None else f"mean of {len(episodes)} episode(s)"
     how = "" if exact else ", counted at the steps' ends (the run kept no events)"
-    figure.suptitle(f"Serving flight. {run.name}, {which}{how}", fontsize=9.5)
+    headed(figure, f"Serving flight. {run.name}, {which}{how}")
     figure.colorbar(drawn, ax=panels, shrink=0.8, label="serving flight, min an episode")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
