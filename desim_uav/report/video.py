@@ -154,15 +154,15 @@ def write_gif(film: Film, out: Path, on_frame: OnFrame = lambda: None) -> None:
 
 
 def _palette(film: Film) -> Image.Image:
-    """The colours of the whole film: those that words are said with, and what some frames have."""
+    """The colours of the whole film: those with a meaning, and what some frames have."""
     frames = [film.frame(t_us) for t_us in film.times_us[:: max(1, len(film) // SAMPLES)]]
     sheet = Image.new("RGB", (film.size[0], film.size[1] * len(frames)))
     for number, frame in enumerate(frames):
         sheet.paste(frame, (0, number * film.size[1]))
-    told = [getrgb(colour) for colour in sprites.NAMED]
-    found = sheet.quantize(COLOURS - len(told), Image.Quantize.MEDIANCUT, dither=NO_DITHER)
+    meant = [getrgb(colour) for colour in sprites.NAMED]
+    found = sheet.quantize(COLOURS - len(meant), Image.Quantize.MEDIANCUT, dither=NO_DITHER)
     palette = Image.new("P", (1, 1))
-    palette.putpalette([*chain.from_iterable(told), *(found.getpalette() or [])])
+    palette.putpalette([*chain.from_iterable(meant), *(found.getpalette() or [])])
     return palette
 
 

@@ -60,16 +60,16 @@ def policy_figure(
         raise UsageError(f"--drone {drone}: {name} has the drones 0 to {len(table.q) - 1}")
     slices = [read.shown(number, battery_min, level) for number in drones]
     figure, panels = grid_of(len(drones), width=3.5, height=3.3)
-    values = np.concatenate([s.value[s.visited] for s in slices] or [np.zeros(1)])
+    values = np.concatenate([s.value[s.learned] for s in slices] or [np.zeros(1)])
     low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
     world = world_content(read.world)
     drawn: Any = None
     for axes, number, shown in zip(panels, drones, slices, strict=True):
-        shade = np.where(shown.visited, shown.value, np.nan)
+        shade = np.where(shown.learned, shown.value, np.nan)
         drawn = draw_field(axes, world, shade, cmap=SHADES, vmin=low, vmax=high)
         draw_cells(axes, world)
         mark_cells(axes, world, shown.built, "building", **BUILT)
-        mark_cells(axes, world, ~shown.visited & ~shown.built, "never visited", **NEVER)
+        mark_cells(axes, world, ~shown.learned & ~shown.built, "nothing learned", **NEVER)
         draw_stations(axes, world, size=150, facecolor="none")
         _draw_actions(axes, read, shown)
         axes.set_title(f"drone {number}")
@@ -83,13 +83,14 @@ def policy_figure(
 class Slice:
     """What a drone has learned for each cell (nx, ny), at one level and charge.
 
-    ``action`` is the index of the best allowed one, ``tried`` says whether it was ever tried;
-    ``visited``: was anything? ``built``: cells that cannot be entered at the level.
+    ``action`` is the index of the best allowed one; ``tried`` says whether anything was learned of
+    it, ``learned`` whether of any: what is as it began was never visited, or was worth nothing.
+    ``built``: cells that cannot be entered at the level.
     """
 
     action: NDArray[np.int64]
     value: NDArray[np.float64]
-    visited: NDArray[np.bool_]
+    learned: NDArray[np.bool_]
     tried: NDArray[np.bool_]
     built: NDArray[np.bool_]
 
@@ -136,7 +137,7 @@ class Reading:
 
     @cached_property
     def _beginning(self) -> NDArray[np.float32]:
-        """The table as the training began with it: what is still so was never tried."""
+        """The table as the training began with it: of what is still so nothing was learned."""
         world, about = self.world, self.table.about
         learning = world.scenario.learning
         features = world.scenario.observation.features(world.facts)
@@ -185,9 +186,9 @@ class Reading:
 
 
 def _draw_actions(axes: Axes, read: Reading, shown: Slice) -> None:
-    """An arrow for a move, a symbol for anything else; in vermillion what was never tried."""
+    """An arrow for a move, else a symbol; in vermillion where nothing was learned of it."""
     grid = read.world.grid
-    for ix, iy in np.argwhere(shown.visited & ~shown.built):
+    for ix, iy in np.argwhere(shown.learned & ~shown.built):
         x, y = grid.centre(ix, iy)
         action = read.world.actions[shown.action[ix, iy]]
         colour = INK if shown.tried[ix, iy] else UNTRIED
@@ -204,7 +205,7 @@ def _draw_actions(axes: Axes, read: Reading, shown: Slice) -> None:
 
 def _legend(slices: list[Slice], read: Reading) -> list[Any]:
     """An entry for all that is on the maps, and nothing else."""
-    on = {read.world.actions[a] for s in slices for a in np.unique(s.action[s.visited & ~s.built])}
+    on = {read.world.actions[a] for s in slices for a in np.unique(s.action[s.learned & ~s.built])}
     entries: list[Any] = []
     if on & {action for action in MOVES if MOVES[action][2] == 0}:
         entries.append(Line2D([], [], color=INK, marker=">", ms=5, lw=1.1, label="move"))
@@ -213,15 +214,15 @@ def _legend(slices: list[Slice], read: Reading) -> list[Any]:
         for action, (symbol, word) in SYMBOLS.items()
         if action in on
     ]
-    if any((s.visited & ~s.built & ~s.tried).any() for s in slices):
-        entries.append(Patch(color=UNTRIED, label="in this colour: never tried there"))
+    if any((s.learned & ~s.built & ~s.tried).any() for s in slices):
+        entries.append(Patch(color=UNTRIED, label="in this colour: nothing learned of it"))
     if read.world.stations:
         look: dict[str, Any] = {"mfc": "none", "mec": "black", "mew": 1.4, "ms": 9}
         entries.append(Line2D([], [], marker="s", ls="", label="charging station", **look))
     if any(s.built.any() for s in slices):
         entries.append(Patch(label="building", **BUILT))
-    if any((~s.visited & ~s.built).any() for s in slices):
-        entries.append(Patch(label="never visited", **NEVER))
+    if any((~s.learned & ~s.built).any() for s in slices):
+        entries.append(Patch(label="nothing learned", **NEVER))
     return entries
 
 
