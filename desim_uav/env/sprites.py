@@ -79,8 +79,11 @@ def station() -> Image.Image:
 
 @lru_cache(maxsize=8)
 def font(size: int) -> FreeTypeFont | ImageFont.ImageFont:
-    """Pillow's own."""
-    return ImageFont.load_default(size)
+    """Pillow's own; what it has written once it remembers."""
+    found = ImageFont.load_default(size)
+    if isinstance(found, FreeTypeFont):
+        found.getmask2 = lru_cache(maxsize=2048)(found.getmask2)  # type: ignore[method-assign]
+    return found
 
 
 def _canvas(size: int, fine: int = FINE) -> tuple[Image.Image, ImageDraw.ImageDraw]:
