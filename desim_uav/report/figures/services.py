@@ -44,10 +44,10 @@ def services_figure(run_dir: Path, episode: int | None = None) -> Figure:
     qoe1s = [100 * _of(requests, service)["qoe1"] for service in services]
     _draw_shares(panels[1], waits, services)
     _draw_shares(panels[2], qoe1s, services)
-    panels[1].set(title="Waiting time", xlabel="wait until first served, min", xlim=(0, None))
-    panels[1].set_ylabel("requests that waited at most so long, %")
-    panels[2].set(title="QoE1", xlabel="QoE1 of a request, %", xlim=(0, 100))
-    panels[2].set_ylabel("requests with at most so much, %")
+    panels[1].set(title="Waiting time", xlabel="waited at most, min", xlim=(0, None))
+    panels[1].set_ylabel("requests, %")
+    panels[2].set(title="QoE1", xlabel="QoE1 at most, %", xlim=(0, 100))
+    panels[2].set_ylabel("requests, %")
     which = f"episode {episode}" if episode is not None else f"{len(episodes)} episode(s)"
     headed(figure, f"Services. {run.name}, {which}")
     handles = [*panels[0].containers, *panels[1].lines]

@@ -39,9 +39,9 @@ def snapshot_figure(
     playback = Playback(run, episode)
     t_us = playback.duration_us
     t_us = t_us if minute is None else min(t_us, round(minute * 60 * US))
-    figure = Figure(figsize=(7.6, 5.0))
+    figure = Figure(figsize=(7.6, 5.2))
     figure.set_layout_engine("none")
-    axes = figure.add_axes((0.0, 0.075, 0.94, 0.97), projection="3d", computed_zorder=False)
+    axes = figure.add_axes((0.0, 0.1, 0.94, 0.95), projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
     world = run.map
     moment = playback.at(t_us)
