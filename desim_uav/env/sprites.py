@@ -82,7 +82,7 @@ def font(size: int) -> FreeTypeFont | ImageFont.ImageFont:
     """Pillow's own; what it has written once it remembers."""
     found = ImageFont.load_default(size)
     if isinstance(found, FreeTypeFont):
-        found.getmask2 = lru_cache(maxsize=2048)(found.getmask2)  # type: ignore[method-assign]
+        found.getmask2 = lru_cache(maxsize=2048)(found.getmask2)  # type: ignore[method-assign,assignment]
     return found
 
 

@@ -19,6 +19,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import Measures, UserState
+from desim_uav.errors import PolicyError
 from desim_uav.model.motion import REST, Leg, Transit
 from desim_uav.model.rules import US, Mode, Phase
 from desim_uav.report.batteries import PHASES, Floats, knots
@@ -35,6 +36,9 @@ LEADS_TO = {
     "respawn": Mode.FLYING,
 }
 """The mode each kind of event puts a drone in; that of ``depart`` is its leg's."""
+
+
+MODES = tuple(mode.name.lower() for mode in Mode)
 
 
 class Moment(NamedTuple):
@@ -121,7 +125,13 @@ class Playback:
     def _tracks(self) -> list[Track]:
         legs = self.run.of("legs", self.episode)
         drones = range(self.run.scenario.drones.count)
+        if set(legs["drone"]) != set(drones) or not set(legs["mode"]) <= set(MODES):
+            raise self._unfit("legs", "they are not of its drones")
         return [Track(legs[legs["drone"] == drone], self.run) for drone in drones]
+
+    def _unfit(self, name: str, why: str) -> PolicyError:
+        file = self.run.folder / f"{name}.parquet"
+        return PolicyError(f"{file}: not of this run, episode {self.episode}: {why}")
 
     @cached_property
     def _changes(self) -> list[tuple[Ints, list[Mode]]]:
@@ -131,6 +141,9 @@ class Playback:
         for drone, track in enumerate(self._tracks):
             mine = events[events["drone"] == drone]
             flown = dict(zip(track.starts_us.tolist(), track.modes, strict=True))
+            departures = mine.loc[mine["kind"] == "depart", "t_us"]
+            if not set(departures) <= set(flown):
+                raise self._unfit("events", "a departure has no leg")
             modes = [
                 flown[t_us] if kind == "depart" else LEADS_TO[kind]
                 for kind, t_us in zip(mine["kind"], mine["t_us"].tolist(), strict=True)
@@ -182,6 +195,8 @@ class Playback:
         events = self._events[self._events["kind"].isin([begins, ends])]
         events = events.sort_values(["drone", "user"], kind="stable")
         first, last = events["kind"] == begins, events["kind"] == ends
+        if first.sum() != last.sum():
+            raise self._unfit("events", f"not each {begins} has its {ends}")
 
         def column(name: str, rows: pd.Series) -> Ints:
             return np.asarray(events.loc[rows, name].fillna(-1), np.int64)

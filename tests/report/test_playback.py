@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from desim_uav.engine.des import Simulation
@@ -14,6 +15,7 @@ from desim_uav.policies import load_policy
 from desim_uav.policies.base import decide
 from desim_uav.report.playback import Playback
 from desim_uav.report.record import Run
+from desim_uav.run_folder import parquet
 from desim_uav.sample_path import draw
 from tests.report.helpers import make_run
 
@@ -136,3 +138,18 @@ def test_episodes_are_asked_for_by_their_number(tmp_path):
     assert run.episode(-1) == -1
     with pytest.raises(UsageError, match=r"--episode 5: .* has the episodes -1 to 1"):
         run.episode(5)
+
+
+def test_events_and_legs_of_another_run(tmp_path):
+    folder = make_run(tmp_path / "r", "case8", "baseline", SMALL)
+    events, legs = (pd.read_parquet(folder / f"{name}.parquet") for name in ("events", "legs"))
+    for name, frame, message in (
+        ("events", events[events["kind"] != "stop"], "not each serve has its stop"),
+        ("legs", legs[legs["drone"] > 0], "they are not of its drones"),
+        ("legs", legs[legs["t_s"] != 60], "a departure has no leg"),
+    ):
+        (folder / f"{name}.parquet").write_bytes(parquet(name, frame))
+        with pytest.raises(PolicyError, match=message):
+            Playback(Run(folder), 0).at(0)
+        (folder / "events.parquet").write_bytes(parquet("events", events))
+        (folder / "legs.parquet").write_bytes(parquet("legs", legs))

@@ -18,7 +18,7 @@ from desim_uav.report.figures.map import (
     draw_clusters,
     draw_stations,
 )
-from desim_uav.report.figures.style import look, styled
+from desim_uav.report.figures.style import look, named, styled
 from desim_uav.report.record import Run
 
 
@@ -76,7 +76,7 @@ def _draw_drones(axes: Axes, steps: pd.DataFrame, world: dict[str, Any], radius_
         axes.plot(xs, ys, **dressed, linewidth=1.6, zorder=4)
         mode = path["mode"].iloc[-1] if len(path) else "flying"
         colour = dressed["color"]
-        label = f"drone {drone}, {mode}"
+        label = named(drone, len(world["start_cells"]), f"drone {drone}, {mode}")
         axes.plot(xs[-1], ys[-1], "X", color=colour, markersize=9, label=label, zorder=5)
         if mode == "flying":
             footprint = Circle((xs[-1], ys[-1]), radius_m, color=colour, alpha=0.13, linewidth=0)

@@ -36,6 +36,8 @@ SYMBOLS = {
     Action.GOTO_CHARGING_STATION: ("*", "go to a charging station"),
     Action.CHARGE: ("P", "charge"),
 }
+ARROW: dict[str, Any] = {"pivot": "mid", "angles": "xy", "scale_units": "xy", "scale": 1}
+ARROW |= {"headwidth": 4.5, "headlength": 4.5, "headaxislength": 4}
 NEVER: dict[str, Any] = {"facecolor": "#F2F2F2", "edgecolor": "0.72", "hatch": "....", "lw": 0}
 BUILT: dict[str, Any] = {"facecolor": "0.86", "edgecolor": "0.3", "hatch": "/////", "lw": 0.5}
 
@@ -188,19 +190,24 @@ class Reading:
 def _draw_actions(axes: Axes, read: Reading, shown: Slice) -> None:
     """An arrow for a move, else a symbol; in vermillion where nothing was learned of it."""
     grid = read.world.grid
-    for ix, iy in np.argwhere(shown.learned & ~shown.built):
-        x, y = grid.centre(ix, iy)
-        action = read.world.actions[shown.action[ix, iy]]
+    cells = np.argwhere(shown.learned & ~shown.built)
+    by_action: dict[Action, list[tuple[float, float, str]]] = {}
+    for ix, iy in cells.tolist():
         colour = INK if shown.tried[ix, iy] else UNTRIED
+        at = by_action.setdefault(read.world.actions[shown.action[ix, iy]], [])
+        at.append((*grid.centre(ix, iy), colour))
+    size = min(1.0, 10 / max(grid.cells))
+    for action, places in by_action.items():
+        xs, ys, colours = zip(*places, strict=True)
         dx, dy, _ = MOVES.get(action, (0, 0, 0))
         if dx or dy:
-            reach_x, reach_y = 0.33 * dx * grid.cell_m[0], 0.33 * dy * grid.cell_m[1]
-            arrow = {"arrowstyle": "-|>", "color": colour, "lw": 1.1, "shrinkA": 0, "shrinkB": 0}
-            ends = ((x + reach_x, y + reach_y), (x - reach_x, y - reach_y))
-            drawn = axes.annotate("", *ends, arrowprops=arrow | {"mutation_scale": 8}, zorder=6)
-            drawn.set_in_layout(False)  # it stays on the map, and there are many
+            length = (0.66 * dx * grid.cell_m[0], 0.66 * dy * grid.cell_m[1])
+            us, vs = ([part] * len(xs) for part in length)
+            axes.quiver(xs, ys, us, vs, color=colours, zorder=6, **ARROW, width=0.009 * size)
         else:
-            axes.plot(x, y, SYMBOLS[action][0], color=colour, markersize=5.5, mew=0, zorder=6)
+            dot = (6.5 * size) ** 2
+            symbol, gid = SYMBOLS[action][0], action.name
+            axes.scatter(xs, ys, dot, c=colours, marker=symbol, lw=0, zorder=6, gid=gid)
 
 
 def _legend(slices: list[Slice], read: Reading) -> list[Any]:

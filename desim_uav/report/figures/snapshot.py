@@ -14,7 +14,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-u
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.figures.case import case_picture
 from desim_uav.report.figures.map import centre_m
-from desim_uav.report.figures.style import look, styled
+from desim_uav.report.figures.style import look, named, styled
 from desim_uav.report.playback import Moment, Playback
 from desim_uav.report.record import Run
 
@@ -130,11 +130,12 @@ def _draw_drones(axes: Any, playback: Playback, moment: Moment) -> None:
         axes.plot(*paths[drone].T, **dressed, linewidth=1.5, zorder=6)
         axes.plot([x, x], [y, y], [0, z], color="0.3", ls=":", linewidth=0.8, zorder=6)
         mode = moment.modes[drone].name.lower()
+        height = f" at {z:.0f} m" if z else ""
         axes.plot(
             *([x], [y], [z], "X"),
             color=dressed["color"],
             markersize=9,
             markeredgecolor="white",
-            label=f"drone {drone}, {mode}" + (f" at {z:.0f} m" if z else ""),
+            label=named(drone, len(paths), f"drone {drone}, {mode}" + height),
             zorder=7,
         )

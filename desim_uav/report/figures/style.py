@@ -23,7 +23,7 @@ DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (1
 HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "----", "++++")
 GOOD, FAIR, BAD = "#009E73", "#F0E442", "#D55E00"
 
-MOST_PANELS = 24
+MOST_PANELS, MOST_NAMED = 24, 9
 ENDINGS = (".png", ".pdf", ".svg")
 METADATA: dict[str, dict[str, Any]] = {
     ".png": {"Software": None},
@@ -92,3 +92,10 @@ def grid_of(count: int, width: float, height: float, across: int = 3) -> tuple[F
     rows = -(-count // columns)
     figure = Figure(figsize=(width * columns + 0.7, height * rows + 0.9))
     return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
+
+
+def named(drone: int, drones: int, text: str) -> str | None:
+    """A drone's entry in a legend; where there are many, one for all."""
+    if drones <= MOST_NAMED:
+        return text
+    return f"drone, one of {drones}" if drone == 0 else None

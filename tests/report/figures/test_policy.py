@@ -4,6 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgba
+from matplotlib.quiver import Quiver
 
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.train import table_of
@@ -24,15 +26,17 @@ def table(name):
 
 def drawn_at(axes, read):
     """What stands in each cell: an arrow's direction, or a symbol; and its colour."""
-    found = {}
-    for arrow in axes.texts:
-        (x1, y1), (x0, y0) = arrow.xy, arrow.get_position()
-        cell = read.world.grid.cell_of((x0 + x1) / 2, (y0 + y1) / 2)
-        colour = arrow.arrow_patch.get_edgecolor()
-        found[cell] = (float(np.sign(x1 - x0)), float(np.sign(y1 - y0))), colour
-    for mark in axes.lines:
-        cell = read.world.grid.cell_of(mark.get_xdata()[0], mark.get_ydata()[0])
-        found[cell] = mark.get_marker(), mark.get_color()
+    found, cell_of = {}, read.world.grid.cell_of
+    for arrows in (c for c in axes.collections if isinstance(c, Quiver)):
+        for (x, y), u, v, colour in zip(
+            arrows.XY, arrows.U, arrows.V, arrows.get_facecolor(), strict=True
+        ):
+            found[cell_of(x, y)] = (float(np.sign(u)), float(np.sign(v))), tuple(colour)
+    for action, (symbol, _) in SYMBOLS.items():
+        for marks in axes.collections:
+            if marks.get_gid() == action.name:
+                for (x, y), colour in zip(marks.get_offsets(), marks.get_facecolor(), strict=True):
+                    found[cell_of(x, y)] = symbol, tuple(colour)
     return found
 
 
@@ -106,8 +110,6 @@ def test_untried_actions_have_a_colour_of_their_own():
     figure = policy_figure(table("case8.npz"), "case8.npz", 15, 0, drone=0)
     read = Reading(table("case8.npz"), "case8.npz")
     shown = read.shown(0, 15, 0)
-    from matplotlib.colors import to_rgba
-
     for cell, (_, colour) in drawn_at(figure.axes[0], read).items():
         assert (to_rgba(colour) == to_rgba(UNTRIED)) == (not shown.tried[cell])
     assert not shown.tried[shown.learned].all()
