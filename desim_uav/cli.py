@@ -527,6 +527,93 @@ def report(
     print(write_report(runs, out, title, against))
 
 
+@app.command()
+def plot(
+    kind: Annotated[
+        str,
+        typer.Argument(
+            metavar="KIND",
+            help="training, compare, visits, policy, battery, services or snapshot.",
+        ),
+    ],
+    runs: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="RUN…", help="The folder of a run or training; for policy also a table."
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option("-o", "--out", metavar="FILE", help=".png, .pdf or .svg; else RUN/KIND.png."),
+    ] = None,
+    episode: Annotated[
+        int | None, typer.Option(metavar="N", help="visits, battery, services, snapshot: this one.")
+    ] = None,
+    minute: Annotated[
+        float | None, typer.Option(metavar="M", min=0, help="snapshot: then; else at the end.")
+    ] = None,
+    drone: Annotated[
+        int | None, typer.Option(metavar="D", min=0, help="visits, policy, battery: this one.")
+    ] = None,
+    window: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="training: episodes of a running mean.")
+    ] = None,
+    battery_min: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="policy: minutes left; else half.")
+    ] = None,
+    level: Annotated[
+        int | None, typer.Option(metavar="K", min=0, help="policy: from 0, the lowest.")
+    ] = None,
+    against: Annotated[
+        str | None, typer.Option(metavar="P", help="compare: the policy of reference.")
+    ] = None,
+) -> None:
+    """Draw a figure of runs, trainings or a learned policy."""
+    from desim_uav.experiment.plot import plot as draw
+
+    asked: dict[str, Any] = {"episode": episode, "minute": minute, "drone": drone, "window": window}
+    asked |= {"battery_min": battery_min, "level": level, "against": against}
+    print(draw(kind, runs, out, asked))
+
+
+@app.command()
+def video(
+    run_dir: Annotated[
+        Path, typer.Argument(metavar="RUN_DIR", help="The folder of a run with --events.")
+    ],
+    gif: Annotated[Path | None, typer.Option(metavar="FILE.gif", help="An endless one.")] = None,
+    mp4: Annotated[
+        Path | None, typer.Option(metavar="FILE.mp4", help="H.264 (needs the extra video).")
+    ] = None,
+    episode: Annotated[
+        int | None, typer.Option(metavar="N", help="Else the first that counts.")
+    ] = None,
+    fps: Annotated[float, typer.Option(metavar="N", min=1, max=60, help="Frames a second.")] = 12,
+    speed: Annotated[
+        float, typer.Option(metavar="N", min=0.1, max=3600, help="Simulated seconds in a second.")
+    ] = 120,
+    width: Annotated[
+        int, typer.Option(metavar="N", min=160, max=1920, help="In pixels; height is 3/4 of it.")
+    ] = 800,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")] = False,
+) -> None:
+    """Film an episode of a run, in continuous time."""
+    from desim_uav.experiment.plot import film
+
+    made = film(
+        run_dir,
+        gif,
+        mp4,
+        episode=episode,
+        fps=fps,
+        speed=speed,
+        width=width,
+        show_progress=not quiet,
+    )
+    for place in made:
+        print(place)
+
+
 def _refuse_how_to_run(context: typer.Context) -> None:
     """Finished runs are as they are. Raises UsageError for an option that says how to run."""
     for option in ("seeds", "first_seed", "episodes", "warmup", "overrides", "jobs", "engine"):

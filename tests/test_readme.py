@@ -117,3 +117,22 @@ def test_the_commands_are_those_there_are():
 def test_the_picture_stands_beside_its_command():
     assert (ROOT / "docs" / "case8.png").is_file()
     assert "analysis/case_picture.py runs/picture docs/case8.png 0 20" in README
+
+
+@pytest.mark.parametrize(
+    ("file", "command"),
+    [
+        ("policy.png", "desim-uav plot policy case8.npz -o docs/policy.png"),
+        ("replay.gif", "desim-uav video runs/learned --gif docs/replay.gif --speed 240"),
+    ],
+)
+def test_figures_stand_beside_their_commands(file, command):
+    assert f"](docs/{file})" in README and command in README
+    assert (ROOT / "docs" / file).stat().st_size < 1.5e6
+
+
+def test_the_kinds_of_figures_are_those_there_are():
+    from desim_uav.experiment.plot import KINDS
+
+    (table,) = re.findall(r"^\| `desim-uav plot …`.*?\n\n", README, re.MULTILINE | re.DOTALL)
+    assert set(re.findall(r"^\| `(\w+) ", table, re.MULTILINE)) == set(KINDS)

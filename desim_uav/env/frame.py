@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from desim_uav.engine.base import Engine, UserState
+from desim_uav.engine.base import Measures, UserState
 from desim_uav.env.sprites import (
     BLUE,
     GREEN,
@@ -47,6 +48,19 @@ USERS = {
 COLOURS = {Mode.FLYING: INK, Mode.RETURNING: INK, Mode.CRASHED: VERMILLION}
 
 
+class Scene(Protocol):
+    """What a frame shows beside the drones' observations: an engine does, and a logged episode."""
+
+    def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where drones and users are: (drones, 3) and (users, 3)."""
+
+    def user_states(self) -> list[UserState]:
+        """What each user is doing."""
+
+    def measures(self) -> Measures:
+        """The quality of experience so far."""
+
+
 class Painter:
     """Draws frames of one world; what does not change in it is drawn once."""
 
@@ -60,10 +74,14 @@ class Painter:
         self.background = self._drawn_background()
         self.footprint = ring(BLUE, world.scenario.drones.footprint_radius_m * self.scale)
 
-    def frame(self, engine: Engine, shown: Snapshot, title: str) -> NDArray[np.uint8]:
+    def frame(self, scene: Scene, shown: Snapshot, title: str) -> NDArray[np.uint8]:
         """The picture: (600, 800, 3). ``title`` stands under the scenario's name."""
-        drones_m, users_m = engine.positions_m()
-        states = engine.user_states()
+        return np.array(self.picture(scene, shown, title))
+
+    def picture(self, scene: Scene, shown: Snapshot, title: str) -> Image.Image:
+        """The same as a picture of Pillow's."""
+        drones_m, users_m = scene.positions_m()
+        states = scene.user_states()
         picture = self.map.copy()
         where = [self._pixel(x, y) for x, y, _ in drones_m.tolist()]
         for seen, (x, y) in zip(shown.observations, where, strict=True):
@@ -77,10 +95,10 @@ class Painter:
         frame.paste(picture, self.corner)
         draw = ImageDraw.Draw(frame)
         self._write_time(draw, shown, title)
-        self._write_measures(draw, engine)
+        self._write_measures(draw, scene)
         self._write_users(draw, Counter(states))
         self._write_drones(draw, shown.observations, drones_m[:, 2].tolist())
-        return np.array(frame)
+        return frame
 
     def _pixel(self, x_m: float, y_m: float) -> tuple[float, float]:
         """Where a point of the map is in its picture."""
@@ -170,9 +188,9 @@ class Painter:
         done = LEFT + (RIGHT - LEFT) * shown.t_us / self.world.horizon_us
         draw.rectangle((LEFT, 101, done, 104), fill=BLUE)
 
-    def _write_measures(self, draw: ImageDraw.ImageDraw, engine: Engine) -> None:
+    def _write_measures(self, draw: ImageDraw.ImageDraw, scene: Scene) -> None:
         """The quality of experience so far."""
-        qoe1, qoe2, qoe3 = engine.measures()
+        qoe1, qoe2, qoe3 = scene.measures()
         rows = ((qoe1, "{:.1f} %"), (qoe2, "{:.2f} steps"), (qoe3, "{:.1f} %"))
         for row, (value, form) in enumerate(rows):
             text = "-" if value is None else form.format(value)

@@ -12,6 +12,7 @@ from PIL.ImageFont import FreeTypeFont
 ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
 BLUE, VERMILLION = "#0072B2", "#D55E00"
 INK, GREY, PALE, WHITE = "#1E1E1E", "#8C8C8C", "#D9D9D6", "#FFFFFF"
+NAMED = (ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, INK, GREY, PALE, WHITE)
 
 FINE = 4
 """How much larger a sprite is drawn than it is shown."""
@@ -78,8 +79,11 @@ def station() -> Image.Image:
 
 @lru_cache(maxsize=8)
 def font(size: int) -> FreeTypeFont | ImageFont.ImageFont:
-    """Pillow's own."""
-    return ImageFont.load_default(size)
+    """Pillow's own; what it has written once it remembers."""
+    found = ImageFont.load_default(size)
+    if isinstance(found, FreeTypeFont):
+        found.getmask2 = lru_cache(maxsize=2048)(found.getmask2)  # type: ignore[method-assign,assignment]
+    return found
 
 
 def _canvas(size: int, fine: int = FINE) -> tuple[Image.Image, ImageDraw.ImageDraw]:

@@ -186,18 +186,18 @@ def the_scenario(arguments: Sequence[str]) -> str:
     return arguments[0]
 
 
-def csv_place(out: Path) -> Path:
-    """Where ``--out`` points, links followed. Raises UsageError where no file can be written."""
+def csv_place(out: Path, option: str = "--out") -> Path:
+    """Where an option points, links followed. Raises UsageError where no file can be written."""
     try:
         place = out.resolve()
         if place.exists() and not place.is_file():
-            raise UsageError(f"--out {out}: exists and is not a file")
+            raise UsageError(f"{option} {out}: exists and is not a file")
         place.parent.mkdir(parents=True, exist_ok=True)
     except (OSError, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise UsageError(f"--out {out}: {reason}") from error
+        raise UsageError(f"{option} {out}: {reason}") from error
     if not os.access(place.parent, os.W_OK):
-        raise UsageError(f"--out {out}: the folder cannot be written to")
+        raise UsageError(f"{option} {out}: the folder cannot be written to")
     return place
 
 

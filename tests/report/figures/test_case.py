@@ -12,7 +12,7 @@ from desim_uav.report.figures import case_picture
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 @pytest.fixture

@@ -1,0 +1,155 @@
+"""What ``desim-uav plot`` and ``desim-uav video`` do around a drawing: which folder, which file."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from desim_uav.errors import PolicyError, UsageError
+from desim_uav.experiment.compare import compare_runs
+from desim_uav.experiment.compare import csv_place as file_place
+from desim_uav.policies.tabular import read_table
+from desim_uav.registry import did_you_mean
+from desim_uav.run_folder import write_whole
+from desim_uav.shipped import find_table
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Kind:
+    """A kind of figure: how it is drawn, of how many folders, and the options it has."""
+
+    draw: Callable[..., Figure]
+    options: Sequence[str] = ()
+    several: bool = field(default=False)
+
+
+def _training(folders: Sequence[Path], **options: Any) -> Figure:
+    from desim_uav.report.figures import training_figure
+
+    return training_figure(folders, **options)
+
+
+def _compare(folders: Sequence[Path], against: str | None = None) -> Figure:
+    from desim_uav.report.figures import compare_figure
+
+    return compare_figure(compare_runs(folders, against).content())
+
+
+def _visits(folder: Path, **options: Any) -> Figure:
+    from desim_uav.report.figures import visits_figure
+
+    return visits_figure(folder, **options)
+
+
+def _policy(source: Path, **options: Any) -> Figure:
+    """Of a table's file, a shipped one's name, or the folder of a training."""
+    from desim_uav.report.figures import policy_figure
+
+    if source.is_dir() and not (source / "policy.npz").exists():
+        raise PolicyError(f"{source}: not a training folder: no policy.npz")
+    file = source / "policy.npz" if source.is_dir() else find_table(str(source))
+    return policy_figure(read_table(file), str(source), **options)
+
+
+def _battery(folder: Path, **options: Any) -> Figure:
+    from desim_uav.report.figures import battery_figure
+
+    return battery_figure(folder, **options)
+
+
+def _services(folder: Path, **options: Any) -> Figure:
+    from desim_uav.report.figures import services_figure
+
+    return services_figure(folder, **options)
+
+
+def _snapshot(folder: Path, **options: Any) -> Figure:
+    from desim_uav.report.figures import snapshot_figure
+
+    return snapshot_figure(folder, **options)
+
+
+KINDS: Mapping[str, Kind] = {
+    "training": Kind(_training, ("window",), several=True),
+    "compare": Kind(_compare, ("against",), several=True),
+    "visits": Kind(_visits, ("episode", "drone")),
+    "policy": Kind(_policy, ("battery_min", "level", "drone")),
+    "battery": Kind(_battery, ("episode", "drone")),
+    "services": Kind(_services, ("episode",)),
+    "snapshot": Kind(_snapshot, ("episode", "minute")),
+}
+
+
+def plot(kind: str, sources: Sequence[Path], out: Path | None, options: Mapping[str, Any]) -> Path:
+    """Draw a figure and write it whole; its file. Options that are None are not asked for.
+
+    Raises UsageError for what cannot be asked for, PolicyError for what cannot be read.
+    """
+    from desim_uav.report.figures.style import ending, to_bytes
+
+    if kind not in KINDS:
+        raise UsageError(f"{kind}{did_you_mean(kind, KINDS)}; allowed: {', '.join(KINDS)}")
+    chosen, asked = KINDS[kind], {key: v for key, v in options.items() if v is not None}
+    for key in asked:
+        if key not in chosen.options:
+            of = [name for name, other in KINDS.items() if key in other.options]
+            raise UsageError(
+                f"--{key.replace('_', '-')} goes with {', '.join(of)}, not with {kind}"
+            )
+    if len(sources) > 1 and not chosen.several:
+        raise UsageError(f"{kind}: one folder, not {len(sources)}: {', '.join(map(str, sources))}")
+    place = _default(kind, sources) if out is None else out
+    suffix = ending(place)
+    target = file_place(place)
+    figure = chosen.draw(list(sources) if chosen.several else sources[0], **asked)
+    write_whole(target, to_bytes(figure, suffix))
+    return place
+
+
+def _default(kind: str, sources: Sequence[Path]) -> Path:
+    """In the one folder, else in the working folder, for a table's file under its name."""
+    if len(sources) == 1 and sources[0].is_dir():
+        return sources[0] / f"{kind}.png"
+    if kind == "policy":
+        return Path(f"{sources[0].stem}.png")
+    return Path(f"{kind}.png")
+
+
+def film(
+    folder: Path,
+    gif: Path | None,
+    mp4: Path | None,
+    *,
+    episode: int | None,
+    fps: float,
+    speed: float,
+    width: int,
+    show_progress: bool,
+) -> list[Path]:
+    """Write an episode as a GIF, an MP4, or both; the files. Raises the errors of its parts."""
+    from desim_uav.experiment.progress import progress
+    from desim_uav.report import video
+    from desim_uav.report.playback import Playback
+    from desim_uav.report.record import Run
+
+    asked = [(gif, ".gif", video.write_gif), (mp4, ".mp4", video.write_mp4)]
+    wanted = [(out, end, write) for out, end, write in asked if out is not None]
+    if not wanted:
+        raise UsageError("say where to: --gif FILE.gif or --mp4 FILE.mp4")
+    for out, end, _ in wanted:
+        if out.suffix.lower() != end:
+            raise UsageError(f"--{end[1:]} {out}: a file that ends in {end}")
+    if mp4 is not None:
+        video.need_ffmpeg()
+    places = [file_place(out, f"--{end[1:]}") for out, end, _ in wanted]
+    run = Run(folder)
+    made = video.Film(Playback(run, run.episode(episode)), fps, speed, width)
+    with progress(show_progress, len(made) * len(wanted), "frames") as advance:
+        for place, (_, _, write) in zip(places, wanted, strict=True):
+            write(made, place, advance)
+    return [out for out, *_ in wanted]

@@ -1,0 +1,23 @@
+"""Figures of runs, trainings and policies, each drawn from a folder or file alone."""
+
+from desim_uav.report.figures.battery import battery_figure
+from desim_uav.report.figures.case import case_picture
+from desim_uav.report.figures.compare import compare_figure
+from desim_uav.report.figures.policy import policy_figure
+from desim_uav.report.figures.services import services_figure
+from desim_uav.report.figures.snapshot import snapshot_figure
+from desim_uav.report.figures.style import to_bytes
+from desim_uav.report.figures.training import training_figure
+from desim_uav.report.figures.visits import visits_figure
+
+__all__ = [
+    "battery_figure",
+    "case_picture",
+    "compare_figure",
+    "policy_figure",
+    "services_figure",
+    "snapshot_figure",
+    "to_bytes",
+    "training_figure",
+    "visits_figure",
+]

@@ -1,0 +1,77 @@
+"""Policies beside each other: means over seeds with their intervals, and paired differences."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from desim_uav.report.figures.style import COLOURS, headed, marker, styled
+
+PANELS = {
+    "qoe1_percent": "QoE1, %",
+    "qoe2_iterations": "QoE2, steps",
+    "qoe3_percent": "QoE3, %",
+    "crashes_per_drone_episode": "crashes a drone\nand episode",
+    "reward_mean": "reward of\nan episode",
+}
+
+
+@styled
+def compare_figure(found: dict[str, Any]) -> Figure:
+    """A row of panels with a mean and interval a policy, and below it what they differ by.
+
+    ``found`` is the plain content of a comparison: ``policies`` and ``differences``, each with
+    ``policy``, ``seeds`` and ``measures`` (mean, low, high; None where there is none).
+    """
+    policies, differences = found["policies"], found["differences"]
+    names = [row["policy"] for row in policies]
+    rows = 2 if differences else 1
+    heights = [len(policies) + 0.6, len(differences) + 0.6][:rows]
+    figure = Figure(figsize=(10.2, 1.7 + 0.34 * sum(heights) + 0.55 * (rows - 1)))
+    panels = figure.subplots(rows, len(PANELS), squeeze=False, height_ratios=heights)
+    for column, (measure, label) in enumerate(PANELS.items()):
+        _draw(panels[0][column], policies, names, measure)
+        if differences:
+            _draw(panels[1][column], differences, names, measure)
+            panels[1][column].axvline(0, color="0.3", ls="-", linewidth=0.9, zorder=1)
+        panels[-1][column].set_xlabel(label)
+        for row in panels[:, 1:]:
+            row[column - 1].tick_params(labelleft=False)
+    panels[0][0].set_title("Mean over seeds")
+    if differences:
+        panels[1][0].set_title(f"Difference from {found['against']}, paired by seed")
+    headed(figure, _title(found))
+    return figure
+
+
+def _title(found: dict[str, Any]) -> str:
+    counts = sorted({len(row["seeds"]) for row in found["policies"]})
+    seeds = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    told = f"{found['scenario']}, {seeds} seed(s) of {found['episodes']} episode(s)"
+    return f"{told}: {found['confidence']:.0%} t-intervals over seeds"
+
+
+def _draw(axes: Axes, rows: list[dict[str, Any]], names: list[str], measure: str) -> None:
+    """A point and its interval a policy, from top to bottom."""
+    for place, row in enumerate(rows):
+        found, number = row["measures"][measure], names.index(row["policy"])
+        if found["mean"] is None:
+            continue
+        dressed: dict[str, Any] = {
+            "color": COLOURS[number % len(COLOURS)],
+            "marker": marker(number),
+        }
+        width = found["half_width"] or None
+        axes.errorbar(found["mean"], place, xerr=width, capsize=3, ls="none", zorder=3, **dressed)
+    axes.set_yticks(range(len(rows)), [_short(row["policy"]) for row in rows])
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.margins(x=0.12)
+    axes.grid(visible=False, axis="y")
+    axes.locator_params(axis="x", nbins=4)
+
+
+def _short(name: str) -> str:
+    """A policy's name, from its end where it is long: that of a file is there."""
+    return name if len(name) <= 26 else "…" + name[-25:]

@@ -1,0 +1,84 @@
+"""The map of a world under a figure: cells, buildings, charging stations, clusters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.patches import Circle, Rectangle
+from numpy.typing import NDArray
+
+STATION: dict[str, Any] = {"facecolor": "white", "edgecolor": "black", "linewidth": 1.4}
+
+
+def centre_m(world: dict[str, Any], cell: Sequence[int]) -> tuple[float, float]:
+    """The middle of a cell of ``world.json``."""
+    (width, depth), (nx, ny), (ix, iy) = world["size_m"], world["cells"], cell
+    return (ix + 0.5) * width / nx, (iy + 0.5) * depth / ny
+
+
+def draw_cells(axes: Axes, world: dict[str, Any]) -> None:
+    """The frame of a map, in metres, with a line between cells."""
+    (width, depth), (nx, ny) = world["size_m"], world["cells"]
+    axes.set_xticks(np.linspace(0, width, nx + 1), minor=True)
+    axes.set_yticks(np.linspace(0, depth, ny + 1), minor=True)
+    axes.grid(visible=False, which="major")
+    axes.grid(visible=True, which="minor", color="0.88", linewidth=0.6)
+    axes.tick_params(which="minor", length=0)
+    axes.set(xlim=(0, width), ylim=(0, depth), aspect="equal", xlabel="x, m", ylabel="y, m")
+    axes.spines[["top", "right"]].set_visible(True)
+
+
+def draw_buildings(axes: Axes, world: dict[str, Any]) -> Any:
+    """Buildings, the taller the darker; None where there are none."""
+    width, depth = world["size_m"]
+    heights = np.array(world["cell_height_m"])
+    if not heights.any():
+        return None
+    shown = np.ma.masked_equal(heights.T, 0.0)
+    extent = (0, width, 0, depth)
+    return axes.imshow(shown, origin="lower", extent=extent, cmap="Greys", vmin=0, alpha=0.75)
+
+
+def draw_clusters(axes: Axes, world: dict[str, Any]) -> None:
+    """The discs users live in."""
+    for k, cluster in enumerate(world["clusters"]):
+        circle = Circle(
+            (cluster["x_m"], cluster["y_m"]),
+            cluster["radius_m"],
+            fill=False,
+            color="0.45",
+            linestyle=":",
+            label="cluster" if k == 0 else None,
+        )
+        axes.add_patch(circle)
+
+
+def draw_stations(axes: Axes, world: dict[str, Any], size: float = 110, **look: Any) -> None:
+    """A square where one can charge."""
+    if world["stations"]:
+        xs, ys = zip(*(centre_m(world, cell) for cell in world["stations"]), strict=True)
+        axes.scatter(xs, ys, size, marker="s", label="charging station", zorder=3, **STATION | look)
+
+
+def draw_field(axes: Axes, world: dict[str, Any], values: NDArray[np.float64], **look: Any) -> Any:
+    """A value for each cell (nx, ny), as shade; masked ones stay white."""
+    width, depth = world["size_m"]
+    return axes.imshow(
+        np.ma.masked_invalid(values.T), origin="lower", extent=(0, width, 0, depth), **look
+    )
+
+
+def mark_cells(
+    axes: Axes, world: dict[str, Any], cells: NDArray[np.bool_], label: str, **look: Any
+) -> None:
+    """Fill some cells (nx, ny), with one entry in the legend."""
+    (width, depth), (nx, ny) = world["size_m"], world["cells"]
+    for k, (ix, iy) in enumerate(np.argwhere(cells)):
+        corner = (ix * width / nx, iy * depth / ny)
+        name = label if k == 0 else None
+        patch = Rectangle(corner, width / nx, depth / ny, label=name, **look)
+        patch.set_in_layout(False)
+        axes.add_patch(patch)

@@ -1,0 +1,245 @@
+"""A learned policy one can read: the best action in each cell, and what it is worth."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LinearSegmentedColormap
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from numpy.typing import NDArray
+
+from desim_uav.errors import DesimError, PolicyError, UsageError
+from desim_uav.learning.initial_q import initial_q
+from desim_uav.learning.learner import load_algorithm
+from desim_uav.model.rules import MOVES, Action, Mode, mask
+from desim_uav.model.streams import Purpose, Streams
+from desim_uav.policies.tabular import QTable
+from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
+from desim_uav.report.figures.style import grid_of, headed, styled
+from desim_uav.run_folder import world_content, world_hash
+from desim_uav.scenario.load import loads
+from desim_uav.world import World, build_world
+
+KNOWN = ("cell_x", "cell_y", "level", "battery_min")
+SHADES = LinearSegmentedColormap.from_list("value", ["#F7FBFF", "#C6DFF0", "#56B4E9", "#3E86B5"])
+INK, UNTRIED = "#101010", "#C8501E"
+SYMBOLS = {
+    Action.HOVER: ("o", "hover"),
+    Action.UP: ("^", "a level up"),
+    Action.DOWN: ("v", "a level down"),
+    Action.GOTO_CHARGING_STATION: ("*", "go to a charging station"),
+    Action.CHARGE: ("P", "charge"),
+}
+ARROW: dict[str, Any] = {"pivot": "mid", "angles": "xy", "scale_units": "xy", "scale": 1}
+ARROW |= {"headwidth": 4.5, "headlength": 4.5, "headaxislength": 4}
+NEVER: dict[str, Any] = {"facecolor": "#F2F2F2", "edgecolor": "0.72", "hatch": "....", "lw": 0}
+BUILT: dict[str, Any] = {"facecolor": "0.86", "edgecolor": "0.3", "hatch": "/////", "lw": 0.5}
+
+
+@styled
+def policy_figure(
+    table: QTable,
+    name: str,
+    battery_min: int | None = None,
+    level: int | None = None,
+    drone: int | None = None,
+) -> Figure:
+    """One map a drone: in each cell the best allowed action, on the shade of its value.
+
+    The battery holds ``battery_min`` minutes (half of it), the drone is at ``level`` (the lowest).
+    Raises PolicyError for a table of other states, UsageError for a state it does not have.
+    """
+    read = Reading(table, name)
+    battery_min, level = read.battery_min(battery_min), read.level(level)
+    drones = list(range(len(table.q))) if drone is None else [drone]
+    if not 0 <= drones[0] < len(table.q):
+        raise UsageError(f"--drone {drone}: {name} has the drones 0 to {len(table.q) - 1}")
+    slices = [read.shown(number, battery_min, level) for number in drones]
+    figure, panels = grid_of(len(drones), width=3.5, height=3.3)
+    values = np.concatenate([s.value[s.learned] for s in slices] or [np.zeros(1)])
+    low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
+    world = world_content(read.world)
+    drawn: Any = None
+    for axes, number, shown in zip(panels, drones, slices, strict=True):
+        shade = np.where(shown.learned, shown.value, np.nan)
+        drawn = draw_field(axes, world, shade, cmap=SHADES, vmin=low, vmax=high)
+        draw_cells(axes, world)
+        mark_cells(axes, world, shown.built, "building", **BUILT)
+        mark_cells(axes, world, ~shown.learned & ~shown.built, "nothing learned", **NEVER)
+        draw_stations(axes, world, size=150, facecolor="none")
+        _draw_actions(axes, read, shown)
+        axes.set_title(f"drone {number}")
+    headed(figure, _title(read, battery_min, level))
+    figure.colorbar(drawn, ax=panels, shrink=0.8, label="value of the best action")
+    figure.legend(handles=_legend(slices, read), loc="outside lower center", ncols=4)
+    return figure
+
+
+@dataclass(frozen=True)
+class Slice:
+    """What a drone has learned for each cell (nx, ny), at one level and charge.
+
+    ``action`` is the index of the best allowed one; ``tried`` says whether anything was learned of
+    it, ``learned`` whether of any: what is as it began was never visited, or was worth nothing.
+    ``built``: cells that cannot be entered at the level.
+    """
+
+    action: NDArray[np.int64]
+    value: NDArray[np.float64]
+    learned: NDArray[np.bool_]
+    tried: NDArray[np.bool_]
+    built: NDArray[np.bool_]
+
+
+class Reading:
+    """A table and the world it is about."""
+
+    def __init__(self, table: QTable, name: str) -> None:
+        """Raises PolicyError where it has states or actions that have no place on a map."""
+        self.table, self.name = table, name
+        self.sizes = {feature: high + 1 for feature, high in table.about["features"]}
+        unknown = [feature for feature in self.sizes if feature not in KNOWN]
+        if unknown or not {"cell_x", "cell_y"} <= set(self.sizes):
+            raise PolicyError(
+                f"{name}: a map shows states of {', '.join(KNOWN)}, not of {', '.join(self.sizes)}"
+            )
+        try:
+            scenario = loads(table.about["scenario_yaml"])
+            self.world: World = build_world(scenario, table.about["world_seed"])
+        except (KeyError, TypeError, DesimError) as error:
+            raise PolicyError(f"{name}: its scenario cannot be read: {error}") from error
+        if world_hash(self.world) != table.about["world_hash"]:
+            raise PolicyError(f"{name}: its scenario has another world than it was learned in")
+        here = [action.name.lower() for action in self.world.actions]
+        sizes = (self.sizes["cell_x"], self.sizes["cell_y"])
+        if here != table.about["actions"] or sizes != self.world.grid.cells:
+            raise PolicyError(f"{name}: its states and actions are not those of its scenario")
+
+    def battery_min(self, asked: int | None) -> int | None:
+        """Minutes left, half of them unless asked for; None without a battery."""
+        return self._of("battery_min", "--battery-min", asked, lambda size: (size - 1) // 2)
+
+    def level(self, asked: int | None) -> int | None:
+        """The level, the lowest unless asked for; None on a flat map."""
+        return self._of("level", "--level", asked, lambda size: 0)
+
+    def _of(self, feature: str, option: str, asked: int | None, usual: Any) -> int | None:
+        size = self.sizes.get(feature)
+        if size is None and asked is not None:
+            raise UsageError(f"{option} {asked}: {self.name} has no {feature} in its states")
+        if size is not None and asked is not None and not 0 <= asked < size:
+            raise UsageError(f"{option} {asked}: {self.name} has 0 to {size - 1}")
+        return None if size is None else usual(size) if asked is None else asked
+
+    @cached_property
+    def _beginning(self) -> NDArray[np.float32]:
+        """The table as the training began with it: of what is still so nothing was learned."""
+        world, about = self.world, self.table.about
+        learning = world.scenario.learning
+        features = world.scenario.observation.features(world.facts)
+        tables = load_algorithm(about["algorithm"]).tables
+        streams = Streams(about["seed"], Purpose.LEARNER)
+        found = []
+        for drone in range(len(self.table.q)):
+            rng = streams.generator(drone)
+            each = [
+                initial_q(learning.initial_q, features, world.actions, world.facts, rng)
+                for _ in range(tables)
+            ]
+            found.append(np.mean(each, axis=0, dtype=np.float32))
+        return np.array(found)
+
+    def shown(self, drone: int, battery_min: int | None, level: int | None) -> Slice:
+        """What a drone has learned at one level, with exactly so many minutes left."""
+        at = {"level": level, "battery_min": battery_min}
+        index = tuple(slice(None) if f.startswith("cell") else at[f] for f in self.sizes)
+        shape = (*self.sizes.values(), -1)
+        q, first = (of[drone].reshape(shape)[index] for of in (self.table.q, self._beginning))
+        legal = self._legal(battery_min, level)
+        best = np.where(legal, q, -np.inf).argmax(axis=2)
+        chosen = best[:, :, None]
+        changed = q != first
+        return Slice(
+            best,
+            np.take_along_axis(q, chosen, 2)[:, :, 0].astype(float),
+            changed.any(axis=2),
+            np.take_along_axis(changed, chosen, 2)[:, :, 0],
+            self.world.grid.blocked[level or 0],
+        )
+
+    def _legal(self, battery_min: int | None, level: int | None) -> NDArray[np.bool_]:
+        """(nx, ny, actions): what a drone in flight may be told there."""
+        world = self.world
+        battery_us = None if battery_min is None else battery_min * 60_000_000
+        may_return = battery_us is not None and battery_us <= world.return_below_us
+        full = battery_us is None or battery_us >= world.capacity_us
+        elsewhere = mask(world.actions, Mode.FLYING, may_return, False)
+        legal = np.tile(np.array(elsewhere), (*world.grid.cells, 1))
+        if not full and not level:
+            for cell in world.stations:
+                legal[cell] = mask(world.actions, Mode.FLYING, may_return, True)
+        return legal
+
+
+def _draw_actions(axes: Axes, read: Reading, shown: Slice) -> None:
+    """An arrow for a move, else a symbol; in vermillion where nothing was learned of it."""
+    grid = read.world.grid
+    cells = np.argwhere(shown.learned & ~shown.built)
+    by_action: dict[Action, list[tuple[float, float, str]]] = {}
+    for ix, iy in cells.tolist():
+        colour = INK if shown.tried[ix, iy] else UNTRIED
+        at = by_action.setdefault(read.world.actions[shown.action[ix, iy]], [])
+        at.append((*grid.centre(ix, iy), colour))
+    size = min(1.0, 10 / max(grid.cells))
+    for action, places in by_action.items():
+        xs, ys, colours = zip(*places, strict=True)
+        dx, dy, _ = MOVES.get(action, (0, 0, 0))
+        if dx or dy:
+            length = (0.66 * dx * grid.cell_m[0], 0.66 * dy * grid.cell_m[1])
+            us, vs = ([part] * len(xs) for part in length)
+            axes.quiver(xs, ys, us, vs, color=colours, zorder=6, **ARROW, width=0.009 * size)
+        else:
+            dot = (6.5 * size) ** 2
+            symbol, gid = SYMBOLS[action][0], action.name
+            axes.scatter(xs, ys, dot, c=colours, marker=symbol, lw=0, zorder=6, gid=gid)
+
+
+def _legend(slices: list[Slice], read: Reading) -> list[Any]:
+    """An entry for all that is on the maps, and nothing else."""
+    on = {read.world.actions[a] for s in slices for a in np.unique(s.action[s.learned & ~s.built])}
+    entries: list[Any] = []
+    if on & {action for action in MOVES if MOVES[action][2] == 0}:
+        entries.append(Line2D([], [], color=INK, marker=">", ms=5, lw=1.1, label="move"))
+    entries += [
+        Line2D([], [], color=INK, marker=symbol, ls="", ms=5.5, mew=0, label=word)
+        for action, (symbol, word) in SYMBOLS.items()
+        if action in on
+    ]
+    if any((s.learned & ~s.built & ~s.tried).any() for s in slices):
+        entries.append(Patch(color=UNTRIED, label="in this colour: nothing learned of it"))
+    if read.world.stations:
+        look: dict[str, Any] = {"mfc": "none", "mec": "black", "mew": 1.4, "ms": 9}
+        entries.append(Line2D([], [], marker="s", ls="", label="charging station", **look))
+    if any(s.built.any() for s in slices):
+        entries.append(Patch(label="building", **BUILT))
+    if any((~s.learned & ~s.built).any() for s in slices):
+        entries.append(Patch(label="nothing learned", **NEVER))
+    return entries
+
+
+def _title(read: Reading, battery_min: int | None, level: int | None) -> str:
+    about = read.table.about
+    told = (
+        f"{read.name}: {about['algorithm']}, {about['scenario']}, world seed {about['world_seed']}"
+    )
+    if battery_min is not None:
+        told += f"; {battery_min} min left"
+    if level is not None:
+        told += f", at {read.world.grid.levels_m[level]:g} m"
+    return told

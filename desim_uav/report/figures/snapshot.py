@@ -1,0 +1,141 @@
+"""The paper's figure 1: a three-dimensional map at a moment, with drones, footprints and paths."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
+
+from desim_uav.model.rules import US, Mode
+from desim_uav.report.figures.case import case_picture
+from desim_uav.report.figures.map import centre_m
+from desim_uav.report.figures.style import look, named, styled
+from desim_uav.report.playback import Moment, Playback
+from desim_uav.report.record import Run
+
+AROUND = np.linspace(0.0, 2.0 * math.pi, 73)
+PATH_S = 5.0
+"""Paths are drawn with a point every so many seconds."""
+
+
+@styled
+def snapshot_figure(
+    run_dir: Path, episode: int | None = None, minute: float | None = None
+) -> Figure:
+    """The map at ``minute`` of an episode (its end), seen from the south-west.
+
+    Crosses are drones, lines their paths so far, filled circles their footprints. A flat map is
+    drawn flat. Raises PolicyError where the folder is not a run's or kept no events.
+    """
+    run = Run(run_dir)
+    episode = run.episode(episode)
+    if not run.scenario.three_d:
+        return case_picture(run_dir, episode, math.inf if minute is None else minute)
+    playback = Playback(run, episode)
+    t_us = playback.duration_us
+    t_us = t_us if minute is None else min(t_us, round(minute * 60 * US))
+    figure = Figure(figsize=(7.6, 5.2))
+    figure.set_layout_engine("none")
+    axes = figure.add_axes((0.0, 0.1, 0.94, 0.95), projection="3d", computed_zorder=False)
+    assert isinstance(axes, Axes3D)
+    world = run.map
+    moment = playback.at(t_us)
+    _draw_ground(axes, world)
+    _draw_footprints(axes, moment, run.scenario.drones.footprint_radius_m, world)
+    axes.scatter(*moment.users_m.T, s=9, c="0.2", depthshade=False, label="user", zorder=4)
+    _draw_buildings(axes, world)
+    _draw_drones(axes, playback, moment)
+    figure.suptitle(
+        f"{run.name}, episode {episode}, minute {t_us / US / 60:g}", y=0.985, fontsize=9.5
+    )
+    figure.legend(loc="lower center", ncols=3)
+    return figure
+
+
+def _draw_ground(axes: Any, world: dict[str, Any]) -> None:
+    (width, depth), (nx, ny) = world["size_m"], world["cells"]
+    for x in np.linspace(0, width, nx + 1):
+        axes.plot([x, x], [0, depth], 0, color="0.85", ls="-", linewidth=0.5, zorder=1)
+    for y in np.linspace(0, depth, ny + 1):
+        axes.plot([0, width], [y, y], 0, color="0.85", ls="-", linewidth=0.5, zorder=1)
+    dx, dy = width / nx / 3, depth / ny / 3
+    for k, cell in enumerate(world["stations"]):
+        x, y = centre_m(world, cell)
+        corners = [
+            (x - dx, y - dy, 0),
+            (x + dx, y - dy, 0),
+            (x + dx, y + dy, 0),
+            (x - dx, y + dy, 0),
+        ]
+        name = "charging station" if k == 0 else None
+        look = {"facecolor": "white", "edgecolor": "black", "linewidth": 1.4, "zorder": 3}
+        axes.add_collection3d(Poly3DCollection([corners], label=name, **look))
+    top = max(world["open_levels_m"] + [float(np.max(world["cell_height_m"]))])
+    axes.set(xlim=(0, width), ylim=(0, depth), zlim=(0, top))
+    axes.set_xlabel("x, m", labelpad=6)
+    axes.set_ylabel("y, m", labelpad=6)
+    axes.set_zlabel("altitude, m\n(stretched)", labelpad=4)
+    longest = max(width, depth)
+    axes.set_box_aspect((width / longest, depth / longest, 0.22), zoom=1.2)
+    axes.set_zticks([0, *world["levels_m"]])
+    axes.view_init(elev=36, azim=-60)
+    axes.grid(visible=False)
+    for pane in (axes.xaxis, axes.yaxis, axes.zaxis):
+        pane.set_pane_color((1, 1, 1, 0))
+
+
+def _draw_buildings(axes: Any, world: dict[str, Any]) -> None:
+    (width, depth), (nx, ny) = world["size_m"], world["cells"]
+    heights = np.array(world["cell_height_m"], dtype=float)
+    built = np.argwhere(heights > 0)
+    # From the back to the front: what is nearer to the eye covers what is behind it.
+    order = sorted(built.tolist(), key=lambda cell: cell[0] - nx * 1.7 * cell[1] / ny)
+    dx, dy = width / nx, depth / ny
+    for k, (ix, iy) in enumerate(order):
+        axes.bar3d(
+            *(ix * dx, iy * dy, 0, dx, dy, heights[ix, iy]),
+            color="0.85",
+            edgecolor="0.4",
+            clip_on=False,
+            linewidth=0.5,
+            shade=True,
+            zorder=5,
+            label="building" if k == 0 else None,
+        )
+
+
+def _draw_footprints(axes: Any, moment: Moment, radius_m: float, world: dict[str, Any]) -> None:
+    width, depth = world["size_m"]
+    for drone, (x, y, _) in enumerate(moment.drones_m.tolist()):
+        if moment.modes[drone] is not Mode.FLYING:
+            continue
+        around_x = np.clip(x + radius_m * np.cos(AROUND), 0, width)
+        around_y = np.clip(y + radius_m * np.sin(AROUND), 0, depth)
+        disc = np.column_stack((around_x, around_y, np.zeros_like(AROUND)))
+        colour = look(drone)["color"]
+        axes.add_collection3d(Poly3DCollection([disc], facecolor=colour, alpha=0.16, zorder=2))
+        axes.plot(*disc.T, **look(drone), linewidth=0.9, zorder=2)
+
+
+def _draw_drones(axes: Any, playback: Playback, moment: Moment) -> None:
+    times_us = np.append(np.arange(0, moment.t_us, round(PATH_S * US)), moment.t_us)
+    paths = playback.paths_m(times_us)
+    for drone, (x, y, z) in enumerate(moment.drones_m.tolist()):
+        dressed = look(drone)
+        axes.plot(*paths[drone].T, **dressed, linewidth=1.5, zorder=6)
+        axes.plot([x, x], [y, y], [0, z], color="0.3", ls=":", linewidth=0.8, zorder=6)
+        mode = moment.modes[drone].name.lower()
+        height = f" at {z:.0f} m" if z else ""
+        axes.plot(
+            *([x], [y], [z], "X"),
+            color=dressed["color"],
+            markersize=9,
+            markeredgecolor="white",
+            label=named(drone, len(paths), f"drone {drone}, {mode}" + height),
+            zorder=7,
+        )

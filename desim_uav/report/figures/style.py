@@ -1,0 +1,101 @@
+"""One look for all figures, and how they become files."""
+
+from __future__ import annotations
+
+import io
+from collections.abc import Callable
+from functools import wraps
+from pathlib import Path
+from typing import Any, ParamSpec, TypeVar
+
+import matplotlib as mpl
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from desim_uav.errors import UsageError
+
+STYLE = Path(__file__).parents[1] / "desim_uav.mplstyle"
+
+# Okabe and Ito's colours, told apart by the colour-blind. Neighbours differ in lightness, for grey.
+COLOURS = ("#0072B2", "#E69F00", "#000000", "#D55E00", "#56B4E9", "#CC79A7", "#009E73")
+MARKERS = ("o", "s", "^", "D", "v", "P", "X")
+DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
+HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "----", "++++")
+GOOD, FAIR, BAD = "#009E73", "#F0E442", "#D55E00"
+
+MOST_PANELS, MOST_NAMED = 24, 9
+ENDINGS = (".png", ".pdf", ".svg")
+METADATA: dict[str, dict[str, Any]] = {
+    ".png": {"Software": None},
+    ".pdf": {"Creator": None, "Producer": None, "CreationDate": None},
+    ".svg": {"Creator": None, "Date": None},
+}
+"""Nothing of when and by what: the same figure is the same file."""
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+def styled(draw: Callable[P, T]) -> Callable[P, T]:
+    """Let a function draw in the one style, whatever the user's own settings are."""
+
+    @wraps(draw)
+    def drawn(*args: P.args, **kwargs: P.kwargs) -> T:
+        with mpl.rc_context():
+            mpl.rcdefaults()
+            mpl.rcParams.update(mpl.rc_params_from_file(STYLE, use_default_template=False))
+            return draw(*args, **kwargs)
+
+    return drawn
+
+
+def ending(out: Path) -> str:
+    """The format a file's name asks for. Raises UsageError, naming those there are."""
+    found = out.suffix.lower()
+    if found not in ENDINGS:
+        raise UsageError(f"--out {out}: a figure ends in {', '.join(ENDINGS)}")
+    return found
+
+
+@styled
+def to_bytes(figure: Figure, suffix: str) -> bytes:
+    """A figure as a file of one of ``ENDINGS``: the same figure gives the same bytes."""
+    file = io.BytesIO()
+    figure.savefig(file, format=suffix[1:], metadata=METADATA[suffix])
+    return file.getvalue()
+
+
+def headed(figure: Figure, text: str) -> None:
+    """Write what a figure is of over it."""
+    figure.suptitle(text, fontsize=9.5)
+    figure.set_layout_engine("constrained", h_pad=0.07)
+
+
+def look(number: int) -> dict[str, Any]:
+    """Colour and dashes of the line of this number: any two neighbours differ in both."""
+    return {"color": COLOURS[number % len(COLOURS)], "linestyle": DASHES[number % len(DASHES)]}
+
+
+def marker(number: int) -> str:
+    """The marker of this number."""
+    return MARKERS[number % len(MARKERS)]
+
+
+def grid_of(count: int, width: float, height: float, across: int = 3) -> tuple[Figure, list[Axes]]:
+    """A figure with so many panels, row by row; ``width`` and ``height`` of one, in inches.
+
+    Raises UsageError for more than one can look at.
+    """
+    if count > MOST_PANELS:
+        raise UsageError(f"{count} panels, at most {MOST_PANELS}: choose one with --drone")
+    columns = min(count, across)
+    rows = -(-count // columns)
+    figure = Figure(figsize=(width * columns + 0.7, height * rows + 0.9))
+    return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
+
+
+def named(drone: int, drones: int, text: str) -> str | None:
+    """A drone's entry in a legend; where there are many, one for all."""
+    if drones <= MOST_NAMED:
+        return text
+    return f"drone, one of {drones}" if drone == 0 else None

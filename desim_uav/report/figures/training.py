@@ -1,0 +1,163 @@
+"""The paper's figure 2: how reward and QoE come along in training, over seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from desim_uav.errors import PolicyError, ScenarioError, UsageError
+from desim_uav.records import TRAINING
+from desim_uav.report.figures.style import headed, look, styled
+from desim_uav.report.record import read_json
+from desim_uav.run_folder import read_table
+from desim_uav.scenario.load import load, to_plain
+
+CURVES = {
+    "reward": "reward of an episode",
+    "qoe1_percent": "QoE1, %",
+    "qoe2_iterations": "QoE2, steps",
+    "qoe3_percent": "QoE3, %",
+    "crashes": "crashes a drone and episode",
+}
+"""Each a mean over the drones; QoE is of all of them together."""
+
+WINDOWS = 50
+"""A curve is smoothed over this part of the training unless told otherwise."""
+
+
+@dataclass(frozen=True)
+class Trained:
+    """What a training folder holds; ``settings`` are the scenario without its seeds."""
+
+    folder: Path
+    algorithm: str
+    seeds: tuple[int, int]
+    settings: dict[str, Any]
+    curves: pd.DataFrame
+
+
+@styled
+def training_figure(folders: Sequence[Path], window: int | None = None) -> Figure:
+    """Curves of trainings by algorithm: means over seeds, with bands of a standard deviation.
+
+    Each is a running mean over ``window`` episodes (a fiftieth of them). Raises PolicyError for
+    folders that are no trainings or not of one scenario.
+    """
+    trainings = [read_training(folder) for folder in folders]
+    check_alike(trainings)
+    shortest = min(len(training.curves) for training in trainings)
+    window = max(1, shortest // WINDOWS) if window is None else window
+    if window > shortest:
+        raise UsageError(f"--window {window}: there are {shortest} episodes")
+    by_algorithm: dict[str, list[Trained]] = {}
+    for training in trainings:
+        by_algorithm.setdefault(training.algorithm, []).append(training)
+
+    figure = Figure(figsize=(9.6, 5.0))
+    panels = figure.subplots(2, 3, sharex=True).ravel()
+    for axes, (name, label) in zip(panels, CURVES.items(), strict=False):
+        for number, (algorithm, of_seeds) in enumerate(by_algorithm.items()):
+            seeds = f"{len(of_seeds)} seed" + "s" * (len(of_seeds) > 1)
+            _draw(axes, of_seeds, name, window, number, f"{algorithm}, {seeds}")
+        axes.set(ylabel=label, xlim=(0, max(len(t.curves) for t in trainings)))
+        if name != "reward":
+            top = 102 if name.endswith("_percent") else max(axes.get_ylim()[1], 0.1)
+            axes.set_ylim(0, top)
+        axes.set_xlabel("episode")
+        axes.tick_params(labelbottom=True)
+    bands = any(len(of_seeds) > 1 for of_seeds in by_algorithm.values())
+    _explain(panels[-1], panels[0], window, bands)
+    headed(figure, f"Training. {trainings[0].settings['name']}")
+    return figure
+
+
+def smoothed(curves: Sequence[pd.Series], window: int) -> tuple[NDArray[Any], ...]:
+    """Of one curve a seed: the last episode of each window, and mean and deviation over seeds."""
+    running = [curve.rolling(window, min_periods=1).mean()[window - 1 :] for curve in curves]
+    together = np.array(running)
+    deviation = together.std(axis=0, ddof=1) if len(together) > 1 else np.zeros(together.shape[1])
+    return np.arange(window, window + together.shape[1]), together.mean(axis=0), deviation
+
+
+def _draw(
+    axes: Axes, trainings: list[Trained], name: str, window: int, number: int, label: str
+) -> None:
+    episodes, mean, deviation = smoothed([t.curves[name] for t in trainings], window)
+    dressed = look(number)
+    if len(trainings) > 1:
+        low, high = mean - deviation, mean + deviation
+        axes.fill_between(episodes, low, high, color=dressed["color"], alpha=0.2, linewidth=0)
+    axes.plot(episodes, mean, label=label, **dressed)
+
+
+def _explain(axes: Axes, drawn: Axes, window: int, bands: bool) -> None:
+    """The panel that is left has the legend."""
+    axes.set_axis_off()
+    told = f"running means over {window} episode(s)"
+    told += "\nbands: ± 1 standard deviation over seeds" if bands else ""
+    handles, names = drawn.get_legend_handles_labels()
+    legend = axes.legend(handles, names, loc="center", title=told, fontsize=9, title_fontsize=8)
+    legend.set_alignment("left")
+
+
+def read_training(folder: Path) -> Trained:
+    """A training folder. Raises PolicyError where it is none, or not finished."""
+    if folder.is_dir() and not (folder / "training.parquet").exists():
+        known = (folder / "checkpoint.npz").exists()
+        raise PolicyError(
+            f"{folder}: the training has not ended; go on with --resume"
+            if known
+            else f"{folder}: not a training folder: no training.parquet"
+        )
+    table = read_table(folder, "training", TRAINING)
+    manifest = read_json(folder / "manifest.json")
+    try:
+        plain = to_plain(load(folder / "scenario.yaml"))
+        algorithm = str(manifest["algorithm"])
+        seeds = int(manifest["seed"]), int(manifest["world_seed"])
+    except ScenarioError as error:
+        raise PolicyError(str(error)) from error
+    except (KeyError, TypeError, ValueError) as error:
+        raise PolicyError(f"{folder / 'manifest.json'}: not of a training: no {error}") from error
+    if table.empty:
+        raise PolicyError(f"{folder}: no episode has ended")
+    settings = {key: value for key, value in plain.items() if key not in ("seed", "world_seed")}
+    curves = table.groupby("episode")[list(CURVES)].mean().reset_index(drop=True)
+    return Trained(folder, algorithm, seeds, settings, curves)
+
+
+def check_alike(trainings: Sequence[Trained]) -> None:
+    """Raises PolicyError unless all are of one scenario, and those of an algorithm are seeds of it.
+
+    World, demand and rewards must agree among all; learning too within an algorithm.
+    """
+    first = trainings[0]
+    by_algorithm: dict[str, Trained] = {}
+    of_seed: dict[tuple[str, tuple[int, int]], Path] = {}
+    for training in trainings:
+        _compare(training, first, ("learning", "name"))
+        same = by_algorithm.setdefault(training.algorithm, training)
+        _compare(training, same, ("name",))
+        before = of_seed.setdefault((training.algorithm, training.seeds), training.folder)
+        if before is not training.folder:
+            raise PolicyError(
+                f"{training.folder}: {training.algorithm} on seed {training.seeds[0]} once more; "
+                f"{before} is that already"
+            )
+
+
+def _compare(one: Trained, other: Trained, but: tuple[str, ...]) -> None:
+    for key, value in one.settings.items():
+        if key not in but and value != other.settings.get(key):
+            raise PolicyError(
+                f"{one.folder}: another scenario than {other.folder}: {key} is "
+                f"{value}, not {other.settings.get(key)}"
+            )

@@ -1,0 +1,342 @@
+"""An episode in continuous time: who was where, doing what, at any instant.
+
+Positions are exact: drones by their legs and the motion's own profiles, users by their way points.
+States are what the events up to the instant add up to. An instant is asked for with a phase, up to
+and including which it is told; by default all of it, at the episode's end all but the record that
+closes everything.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from desim_uav.engine.base import Measures, UserState
+from desim_uav.errors import PolicyError
+from desim_uav.model.motion import REST, Leg, Transit
+from desim_uav.model.rules import US, Mode, Phase
+from desim_uav.report.batteries import PHASES, Floats, knots
+from desim_uav.report.record import Run
+
+Ints = NDArray[np.int64]
+
+LEADS_TO = {
+    "decide": Mode.FLYING,
+    "land": Mode.QUEUED,
+    "charge": Mode.CHARGING,
+    "charged": Mode.CHARGED,
+    "crash": Mode.CRASHED,
+    "respawn": Mode.FLYING,
+}
+"""The mode each kind of event puts a drone in; that of ``depart`` is its leg's."""
+
+
+MODES = tuple(mode.name.lower() for mode in Mode)
+
+
+class Moment(NamedTuple):
+    """The state at an instant. Metres; ``batteries_s`` are None where the battery is unlimited.
+
+    ``holders``: the drone each user is attached to, or -1; ``serving``: the drone that serves its
+    request, or -1.
+    """
+
+    t_us: int
+    drones_m: Floats
+    modes: tuple[Mode, ...]
+    batteries_s: tuple[float | None, ...]
+    users_m: Floats
+    states: list[UserState]
+    holders: Ints
+    serving: Ints
+    measures: Measures
+
+
+@dataclass(frozen=True)
+class Playback:
+    """One episode of a run that kept its events."""
+
+    run: Run
+    episode: int
+
+    @cached_property
+    def duration_us(self) -> int:
+        """How long it lasted."""
+        return round(self.run.duration_s(self.episode) * US)
+
+    def at(self, t_us: int, phase: int | None = None) -> Moment:
+        """The state at an instant, up to and including ``phase``."""
+        if phase is None:
+            phase = PHASES - 1 if t_us < self.duration_us else Phase.ATTACHMENT
+        key = t_us * PHASES + phase
+        holders, serving, asking = self._users_at(key)
+        states = np.full(len(holders), UserState.IDLE)
+        states[holders >= 0] = UserState.ATTACHED
+        states[asking] = UserState.OPEN
+        states[serving >= 0] = UserState.SERVED
+        modes = tuple(self._mode(drone, key) for drone in range(len(self._tracks)))
+        return Moment(
+            t_us,
+            np.array([track.position_m(t_us) for track in self._tracks]),
+            modes,
+            tuple(self._battery_s(drone, t_us) for drone in range(len(modes))),
+            self._users_m(t_us),
+            [UserState(state) for state in states],
+            holders,
+            serving,
+            self._measures(t_us, key),
+        )
+
+    # ---- drones
+
+    def paths_m(self, times_us: Ints) -> Floats:
+        """Where each drone was at some times: (drones, times, 3)."""
+        times = times_us.tolist()
+        return np.array([[track.position_m(t_us) for t_us in times] for track in self._tracks])
+
+    def spans(self, drone: int) -> Iterator[tuple[int, int, Mode]]:
+        """A drone's modes one after the other: from, to (µs), mode."""
+        keys, modes = self._changes[drone]
+        starts = [0, *(keys[1:] // PHASES).tolist()]
+        for start, end, mode in zip(starts, [*starts[1:], self.duration_us], modes, strict=True):
+            if end > start:
+                yield start, end, mode
+
+    def cell_times_us(self, drone: int) -> Iterator[tuple[int, int, tuple[int, int]]]:
+        """From when to when a drone served from which cell: half of a transit is in either."""
+        track, cell_of = self._tracks[drone], self.run.world.grid.cell_of
+        middles = (track.starts_us + track.ends_us) // 2
+        for start, end, mode in self.spans(drone):
+            if mode is not Mode.FLYING:
+                continue
+            cuts = middles[(start < middles) & (middles < end)].tolist()
+            for a, b in pairwise([start, *sorted(cuts), end]):
+                x, y, _ = track.position_m((a + b) // 2)
+                yield a, b, cell_of(x, y)
+
+    @cached_property
+    def _tracks(self) -> list[Track]:
+        legs = self.run.of("legs", self.episode)
+        drones = range(self.run.scenario.drones.count)
+        if set(legs["drone"]) != set(drones) or not set(legs["mode"]) <= set(MODES):
+            raise self._unfit("legs", "they are not of its drones")
+        return [Track(legs[legs["drone"] == drone], self.run) for drone in drones]
+
+    def _unfit(self, name: str, why: str) -> PolicyError:
+        file = self.run.folder / f"{name}.parquet"
+        return PolicyError(f"{file}: not of this run, episode {self.episode}: {why}")
+
+    @cached_property
+    def _changes(self) -> list[tuple[Ints, list[Mode]]]:
+        """For each drone the keys of what changes its mode, and the mode each leads to."""
+        events = self._events[self._events["kind"].isin([*LEADS_TO, "depart"])]
+        found = []
+        for drone, track in enumerate(self._tracks):
+            mine = events[events["drone"] == drone]
+            flown = dict(zip(track.starts_us.tolist(), track.modes, strict=True))
+            departures = mine.loc[mine["kind"] == "depart", "t_us"]
+            if not set(departures) <= set(flown):
+                raise self._unfit("events", "a departure has no leg")
+            modes = [
+                flown[t_us] if kind == "depart" else LEADS_TO[kind]
+                for kind, t_us in zip(mine["kind"], mine["t_us"].tolist(), strict=True)
+            ]
+            keys = np.concatenate(([-1], mine["key"].to_numpy()))
+            found.append((keys, [track.modes[0], *modes]))
+        return found
+
+    def _mode(self, drone: int, key: int) -> Mode:
+        keys, modes = self._changes[drone]
+        return modes[int(np.searchsorted(keys, key, "right")) - 1]
+
+    @cached_property
+    def batteries(self) -> list[tuple[Floats, Floats] | None]:
+        """For each drone where its battery is known, (t_s, s); it is linear in between."""
+        drones = range(self.run.scenario.drones.count)
+        return [knots(self.run, self.episode, self._events, drone) for drone in drones]
+
+    def _battery_s(self, drone: int, t_us: int) -> float | None:
+        known = self.batteries[drone]
+        if known is None:
+            return None
+        t_s, battery_s = known
+        after = int(np.searchsorted(t_s, t_us / US, "right"))
+        if after == len(t_s):
+            return float(battery_s[-1])
+        share = (t_us / US - t_s[after - 1]) / (t_s[after] - t_s[after - 1])
+        return float(battery_s[after - 1] + share * (battery_s[after] - battery_s[after - 1]))
+
+    # ---- users
+
+    @cached_property
+    def _events(self) -> pd.DataFrame:
+        events = self.run.of("events", self.episode)
+        return events.assign(key=events["t_us"] * PHASES + events["phase"])
+
+    @cached_property
+    def attachments(self) -> Spells:
+        """Who was attached to which drone, and when."""
+        return self._spells("attach", "detach")
+
+    @cached_property
+    def services(self) -> Spells:
+        """Whose request was served by which drone, and when."""
+        return self._spells("serve", "stop")
+
+    def _spells(self, begins: str, ends: str) -> Spells:
+        """Each beginning with the end that belongs to it: the next of its drone and user."""
+        events = self._events[self._events["kind"].isin([begins, ends])]
+        events = events.sort_values(["drone", "user"], kind="stable")
+        first, last = events["kind"] == begins, events["kind"] == ends
+        if first.sum() != last.sum():
+            raise self._unfit("events", f"not each {begins} has its {ends}")
+
+        def column(name: str, rows: pd.Series) -> Ints:
+            return np.asarray(events.loc[rows, name].fillna(-1), np.int64)
+
+        return Spells(
+            *(column(name, first) for name in ("drone", "user", "request_id", "key", "t_us")),
+            *(column(name, last) for name in ("key", "t_us")),
+        )
+
+    @cached_property
+    def _requests(self) -> Requests:
+        requests = self.run.of("requests", self.episode)
+        events = self._events.dropna(subset=["request_id"])
+        opened = events[events["kind"] == "request"]
+        closed = events[events["kind"].isin(["complete", "refuse", "close"])]
+
+        def key_of(rows: pd.DataFrame) -> Ints:
+            keys = pd.Series(rows["key"].to_numpy(), rows["request_id"].to_numpy(np.int64))
+            return np.asarray(keys[requests["request_id"]], np.int64)
+
+        columns = [requests[name].to_numpy() for name in Requests._fields[:5]]
+        return Requests._make([*columns, key_of(opened), key_of(closed)])
+
+    def _users_at(self, key: int) -> tuple[Ints, Ints, Ints]:
+        """By user the drone that holds it and the one that serves it; and who has a request."""
+        count = len(self.run.world.homes)
+        holders, serving = np.full(count, -1), np.full(count, -1)
+        for drones, spells in ((holders, self.attachments), (serving, self.services)):
+            on = spells.on(key)
+            drones[spells.user[on]] = spells.drone[on]
+        requests = self._requests
+        is_open = (requests.from_key <= key) & (key < requests.to_key)
+        return holders, serving, requests.user[is_open]
+
+    @cached_property
+    def _walks(self) -> tuple[Ints, Ints, Floats, int]:
+        """Way points by user and time: keys, times, places; and how many µs a user has of keys."""
+        points = self.run.of("users", self.episode).sort_values(["user", "t_s"], kind="stable")
+        t_us = (points["t_s"] * US).round().to_numpy(np.int64)
+        room = int(t_us.max()) + 1
+        places = points[["x_m", "y_m", "z_m"]].to_numpy(np.float64)
+        return points["user"].to_numpy(np.int64) * room + t_us, t_us, places, room
+
+    def _users_m(self, t_us: int) -> Floats:
+        keys, times, places, room = self._walks
+        asked = np.arange(len(self.run.world.homes)) * room + min(t_us, room - 1)
+        before = np.searchsorted(keys, asked, "right") - 1
+        after = np.minimum(before + 1, len(keys) - 1)
+        length = times[after] - times[before]
+        moves = length > 0  # else it is a user's last way point
+        share = np.where(moves, (t_us - times[before]) / np.where(moves, length, 1), 0.0)
+        found: Floats = places[before] + share[:, None] * (places[after] - places[before])
+        return found
+
+    # ---- what it adds up to
+
+    def _measures(self, t_us: int, key: int) -> Measures:
+        """The quality of experience so far, open requests by what they have had so far."""
+        requests, served, held = self._requests, self.services, self.attachments
+        begun = requests.from_key <= key
+        held_us = held.lasted_us(t_us, key).sum()
+        users = len(self.run.world.homes)
+        qoe3 = float(100 * held_us / (t_us * users)) if t_us else None
+        if not begun.any():
+            return Measures(None, None, qoe3)
+        of_request = np.searchsorted(requests.request_id, served.request_id)
+        served_us = np.bincount(of_request, served.lasted_us(t_us, key), len(begun))[begun]
+        end_s = np.minimum(requests.t_end_s[begun], t_us / US)
+        open_us = (end_s - requests.t_request_s[begun]) * US
+        qoe1 = 100 * float((served_us / US / requests.requested_s[begun]).mean())
+        qoe2 = float((open_us - served_us).mean()) / self.run.world.step_us
+        return Measures(qoe1, qoe2, qoe3)
+
+
+class Requests(NamedTuple):
+    """The requests of an episode, in order of their numbers, as columns."""
+
+    request_id: Ints
+    user: Ints
+    t_request_s: Floats
+    t_end_s: Floats
+    requested_s: Floats
+    from_key: Ints
+    to_key: Ints
+
+
+class Spells(NamedTuple):
+    """Times of one drone and user each, as columns; keys as in ``PHASES``."""
+
+    drone: Ints
+    user: Ints
+    request_id: Ints
+    from_key: Ints
+    from_us: Ints
+    to_key: Ints
+    to_us: Ints
+
+    def on(self, key: int) -> NDArray[np.bool_]:
+        """Which of them are under way."""
+        return (self.from_key <= key) & (key < self.to_key)
+
+    def lasted_us(self, t_us: int, key: int) -> Ints:
+        """How long each has lasted."""
+        begun = self.from_key <= key
+        return np.where(begun, np.minimum(self.to_us, t_us) - self.from_us, 0)
+
+
+class Track:
+    """The legs of a drone in an episode, and where they put it at any time."""
+
+    def __init__(self, legs: pd.DataFrame, run: Run) -> None:
+        self.starts_us: Ints = (legs["t_s"] * US).round().to_numpy(np.int64)
+        self.modes = [Mode[mode.upper()] for mode in legs["mode"]]
+        self.ends_us = self.starts_us + (legs["duration_s"] * US).round().to_numpy(np.int64)
+        self.places = [_places(row) for row in legs.to_dict("records")]
+        self._legs = [self._leg(number, run) for number in range(len(legs))]
+
+    def _leg(self, number: int, run: Run) -> Leg:
+        start, end = self.places[number]
+        length_m = float(sum(abs(b - a) for a, b in zip(start, end, strict=True)))
+        transit: Transit = REST
+        if self.ends_us[number] > self.starts_us[number]:
+            motion = run.scenario.drones.motion
+            if self.modes[number] is Mode.FLYING:
+                transit = motion.epoch_transit(length_m, run.scenario.episode.step_s)
+            else:
+                transit = motion.fastest_transit(length_m)
+        return Leg(transit, start[:2], end[:2], start[2], end[2])
+
+    def position_m(self, t_us: int) -> tuple[float, float, float]:
+        """x, y, z: along the last leg begun, then at its end."""
+        last = int(np.searchsorted(self.starts_us, t_us, "right")) - 1
+        if t_us >= self.ends_us[last]:
+            return self.places[last][1]
+        return self._legs[last].position_m((t_us - int(self.starts_us[last])) / US)
+
+
+Place = tuple[float, float, float]
+
+
+def _places(leg: dict[str, Any]) -> tuple[Place, Place]:
+    start, end = ((leg[f"x_{s}_m"], leg[f"y_{s}_m"], leg[f"z_{s}_m"]) for s in ("from", "to"))
+    return start, end

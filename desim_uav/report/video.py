@@ -1,0 +1,212 @@
+"""A run's episode as a moving picture: GIF, or MP4 in H.264."""
+
+from __future__ import annotations
+
+import io
+import tempfile
+from collections.abc import Callable, Iterator
+from itertools import chain, pairwise
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+from PIL.ImageColor import getrgb
+
+from desim_uav.engine.base import Measures, UserState
+from desim_uav.env import sprites
+from desim_uav.env.frame import HEIGHT, WIDTH, Painter
+from desim_uav.errors import DesimError, MissingExtraError, UsageError
+from desim_uav.model.rules import US
+from desim_uav.model.state import Observation, Snapshot
+from desim_uav.report.playback import Moment, Playback
+from desim_uav.run_folder import write_whole
+
+FPS, SPEED = 12.0, 120.0
+"""Frames a second, and simulated seconds in a second: half an hour lasts 15 s, 181 frames."""
+
+MOST_FRAMES = 20_000
+COLOURS, SAMPLES = 127, 8
+"""Of a GIF's palette, and how many frames it is made of, about."""
+
+UNCHANGED = np.uint8(COLOURS)
+"""What a GIF has where the picture stays as it was."""
+
+GIF_FPS = 50
+"""Browsers slow down what is faster."""
+
+LAST_MS = 1500
+NO_DITHER = Image.Dither.NONE
+BIT_EXACT = ("-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact")
+"""Nothing of when and by what: the same film is the same file."""
+
+OnFrame = Callable[[], None]
+
+
+class Film:
+    """The frames of an episode, from its beginning to its end, at even times."""
+
+    def __init__(
+        self, playback: Playback, fps: float = FPS, speed: float = SPEED, width: int = WIDTH
+    ) -> None:
+        """``speed``: simulated seconds in a second. Raises UsageError for too many frames."""
+        self.playback = playback
+        self.fps = fps
+        self.size = (2 * (width // 2), 2 * round(width * HEIGHT / WIDTH / 2))  # H.264: even
+        step_us = max(1, round(US * speed / fps))
+        end_us = playback.duration_us
+        self.times_us = [*range(0, end_us, step_us), end_us]
+        if len(self.times_us) > MOST_FRAMES:
+            raise UsageError(
+                f"{len(self.times_us)} frames; at most {MOST_FRAMES}: raise --speed or lower --fps"
+            )
+        self._painter = Painter(playback.run.world)
+        self._title = f"episode {playback.episode}, seed {playback.run.manifest['seed']}"
+
+    def frame(self, t_us: int) -> Image.Image:
+        """The picture at a time."""
+        moment = self.playback.at(t_us)
+        picture = self._painter.picture(Shown(moment), self._snapshot(moment), self._title)
+        if picture.size != self.size:
+            picture = picture.resize(self.size, Image.Resampling.LANCZOS)
+        return picture
+
+    def __iter__(self) -> Iterator[Image.Image]:
+        return map(self.frame, self.times_us)
+
+    def __len__(self) -> int:
+        return len(self.times_us)
+
+    def _snapshot(self, moment: Moment) -> Snapshot:
+        world = self.playback.run.world
+        step, steps = moment.t_us // world.step_us, world.scenario.episode.steps
+        grid = world.grid
+        served = np.bincount(moment.serving[moment.serving >= 0], minlength=len(moment.modes))
+        held = np.bincount(moment.holders[moment.holders >= 0], minlength=len(moment.modes))
+        seen = tuple(
+            Observation(
+                drone,
+                step,
+                steps,
+                grid.cell_of(x, y),
+                grid.level_of(z),
+                moment.modes[drone],
+                moment.batteries_s[drone],
+                world.facts.capacity_s,
+                None,
+                int(held[drone]),
+                int(served[drone]),
+                0.0,
+            )
+            for drone, (x, y, z) in enumerate(moment.drones_m.tolist())
+        )
+        return Snapshot(step, moment.t_us, False, False, seen, (), (), (), ())
+
+
+class Shown:
+    """A moment as the painter asks for it."""
+
+    def __init__(self, moment: Moment) -> None:
+        self.moment = moment
+
+    def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where drones and users are."""
+        return self.moment.drones_m, self.moment.users_m
+
+    def user_states(self) -> list[UserState]:
+        """What each user is doing."""
+        return self.moment.states
+
+    def measures(self) -> Measures:
+        """The quality of experience so far."""
+        return self.moment.measures
+
+
+def write_gif(film: Film, out: Path, on_frame: OnFrame = lambda: None) -> None:
+    """Write an endless GIF: one palette for all frames, made once, and no dithering.
+
+    Raises UsageError for more frames a second than GIF can tell.
+    """
+    if film.fps > GIF_FPS:
+        raise UsageError(f"--fps {film.fps:g}: a GIF has at most {GIF_FPS}")
+    palette = _palette(film)
+
+    def changes() -> Iterator[Image.Image]:
+        before = None
+        for frame in film:
+            reduced = frame.quantize(palette=palette, dither=NO_DITHER)
+            now = np.asarray(reduced)
+            changed = now if before is None else np.where(now == before, UNCHANGED, now)
+            picture = Image.fromarray(changed, "P")
+            picture.putpalette(reduced.getpalette() or [])
+            yield picture
+            before = now
+            on_frame()
+
+    frames = changes()
+    file = io.BytesIO()
+    about: dict[str, Any] = {"duration": _durations_ms(film), "loop": 0, "disposal": 1}
+    about["transparency"] = int(UNCHANGED)
+    next(frames).save(file, "GIF", save_all=True, append_images=frames, optimize=False, **about)
+    write_whole(out, file.getvalue())
+
+
+def _palette(film: Film) -> Image.Image:
+    """The colours of the whole film: those with a meaning, and what some frames have."""
+    frames = [film.frame(t_us) for t_us in film.times_us[:: max(1, len(film) // SAMPLES)]]
+    sheet = Image.new("RGB", (film.size[0], film.size[1] * len(frames)))
+    for number, frame in enumerate(frames):
+        sheet.paste(frame, (0, number * film.size[1]))
+    meant = [getrgb(colour) for colour in sprites.NAMED]
+    found = sheet.quantize(COLOURS - len(meant), Image.Quantize.MEDIANCUT, dither=NO_DITHER)
+    palette = Image.new("P", (1, 1))
+    palette.putpalette([*chain.from_iterable(meant), *(found.getpalette() or [])])
+    return palette
+
+
+def _durations_ms(film: Film) -> list[int]:
+    """How long each frame is shown: whole hundredths of a second, and the last one longer."""
+    ends = [10 * round(100 * (k + 1) / film.fps) for k in range(len(film))]
+    return [*(b - a for a, b in pairwise([0, *ends[:-1]])), LAST_MS]
+
+
+def need_ffmpeg() -> ModuleType:
+    """The package that has ffmpeg. Raises MissingExtraError."""
+    try:
+        import imageio_ffmpeg
+    except ImportError as error:
+        raise MissingExtraError("--mp4", "video") from error
+    found: ModuleType = imageio_ffmpeg
+    return found
+
+
+def write_mp4(film: Film, out: Path, on_frame: OnFrame = lambda: None) -> None:
+    """Write an MP4: H.264, yuv420p, which every browser and slide shows.
+
+    Raises MissingExtraError without imageio-ffmpeg, DesimError where it cannot be written.
+    """
+    imageio_ffmpeg = need_ffmpeg()
+    with tempfile.TemporaryDirectory() as folder:
+        place = Path(folder) / "film.mp4"
+        writer = imageio_ffmpeg.write_frames(
+            str(place),
+            film.size,
+            fps=film.fps,
+            codec="libx264",
+            pix_fmt_out="yuv420p",
+            quality=None,
+            macro_block_size=2,
+            output_params=["-crf", "20", "-movflags", "+faststart", *BIT_EXACT],
+        )
+        try:
+            writer.send(None)
+            for frame in film:
+                writer.send(frame.tobytes())
+                on_frame()
+            writer.close()
+            content = place.read_bytes()
+        except OSError as error:
+            raise DesimError(f"cannot write {out}: {error}") from error
+    write_whole(out, content)

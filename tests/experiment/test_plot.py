@@ -1,0 +1,123 @@
+"""``desim-uav plot`` and ``desim-uav video``: what comes of which folder, and what is refused."""
+
+import sys
+
+import pytest
+from PIL import Image
+
+from desim_uav import cli
+from desim_uav.experiment.plot import KINDS
+from tests.report.helpers import make_run, make_training
+
+
+@pytest.fixture(scope="module")
+def folders(tmp_path_factory):
+    where = tmp_path_factory.mktemp("plotted")
+    small = ("users.count=8", "episode.steps=3")
+    for seed in (0, 1):
+        make_run(where / f"run{seed}", "case8", "hover", (*small, f"seed={seed}"))
+        make_training(
+            where / f"trained{seed}",
+            "case1",
+            ("users.count=4", "episode.steps=3", "learning.episodes=5", f"seed={seed}"),
+        )
+    make_run(where / "bare", "case8", "hover", small, events=False)
+    return where
+
+
+@pytest.fixture
+def ask(folders, monkeypatch, capsys, tmp_path):
+    """Run a command in an empty folder: its code, stdout and stderr."""
+    monkeypatch.chdir(tmp_path)
+
+    def asked(*words):
+        words = [str(folders / w[1:]) if str(w).startswith("@") else str(w) for w in words]
+        monkeypatch.setattr(sys, "argv", ["desim-uav", *words])
+        monkeypatch.setenv("COLUMNS", "300")
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return end.value.code or 0, *capsys.readouterr()
+
+    return asked
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_every_kind_has_its_default_place(ask, folders, kind):
+    source = "trained0" if kind in ("training", "policy") else "run0"
+    code, out, err = ask("plot", kind, f"@{source}")
+    place = folders / source / f"{kind}.png"
+    assert (code, out, err) == (0, f"{place}\n", "")
+    with Image.open(place) as picture:
+        assert min(picture.size) > 300
+
+
+def test_several_folders_go_to_the_working_one(ask, tmp_path):
+    assert ask("plot", "compare", "@run0", "@run1")[:2] == (0, "compare.png\n")
+    assert ask("plot", "training", "@trained0", "@trained1")[:2] == (0, "training.png\n")
+    assert ask("plot", "policy", "case1.npz")[:2] == (0, "case1.png\n")
+    found = sorted(path.name for path in tmp_path.iterdir())
+    assert found == ["case1.png", "compare.png", "training.png"]
+
+
+@pytest.mark.parametrize(("name", "begins"), [("a.svg", b"<?xml"), ("new/b.PDF", b"%PDF")])
+def test_the_ending_says_the_format(ask, tmp_path, name, begins):
+    assert ask("plot", "services", "@run0", "-o", name)[0] == 0
+    assert (tmp_path / name).read_bytes().startswith(begins)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "message"),
+    [
+        (("plot", "visit", "@run0"), 2, "visit (did you mean 'visits'?); allowed: training, comp"),
+        (("plot", "services", "@run0", "-o", "a.jpg"), 2, "a figure ends in .png, .pdf, .svg"),
+        (("plot", "services", "@run0", "-o", "a"), 2, "a figure ends in .png, .pdf, .svg"),
+        (("plot", "battery", "@run0", "@run1"), 2, "battery: one folder, not 2"),
+        (("plot", "battery", "@run0", "--window", 3), 2, "--window goes with training, not with b"),
+        (("plot", "battery", "@run0", "--episode", 3), 2, "--episode 3"),
+        (("plot", "battery", "@run0", "--drone", 3), 2, "--drone 3"),
+        (("plot", "training", "@trained0", "--window", 9), 2, "--window 9: there are 5 episodes"),
+        (("plot", "compare", "@run0", "--against", "hovr"), 2, "did you mean 'hover'?"),
+        (("plot", "compare", "@run0", "@trained0"), 4, "no such table"),
+        (("plot", "compare", "@run0", "@bare"), 4, "hover on seed 0 once more"),
+        (("plot", "training", "@run0"), 4, "not a training folder"),
+        (("plot", "training", "@nowhere"), 4, "no such run folder"),
+        (("plot", "policy", "@run0"), 4, "not a training folder: no policy.npz"),
+        (("plot", "policy", "nowhere.npz"), 4, "not a readable policy file"),
+        (("plot", "visits", "@trained0"), 4, "a run folder?"),
+        (("plot", "snapshot", "@bare"), 4, "the run kept no events; run it again with --events"),
+        (("video", "@run0"), 2, "say where to: --gif FILE.gif or --mp4 FILE.mp4"),
+        (("video", "@run0", "--gif", "a.mp4"), 2, "--gif a.mp4: a file that ends in .gif"),
+        (("video", "@run0", "--mp4", "a"), 2, "--mp4 a: a file that ends in .mp4"),
+        (("video", "@run0", "--gif", "a.gif", "--fps", 0), 2, "--fps"),
+        (("video", "@run0", "--gif", "a.gif", "--fps", 55), 2, "a GIF has at most 50"),
+        (("video", "@run0", "--gif", "a.gif", "--speed", "nan"), 2, "--speed"),
+        (("video", "@run0", "--gif", "a.gif", "--episode", 7), 2, "--episode 7"),
+        (("video", "@bare", "--gif", "a.gif"), 4, "the run kept no events"),
+        (("video", "@trained0", "--gif", "a.gif"), 4, "a run folder?"),
+    ],
+)
+def test_what_is_refused(ask, tmp_path, words, code, message):
+    found, out, err = ask(*words)
+    assert (found, out) == (code, ""), err
+    assert message in " ".join(err.split())
+    assert "Traceback" not in err
+    assert not any(tmp_path.iterdir())
+
+
+def test_mixed_scenarios(ask, folders, tmp_path):
+    other = make_run(tmp_path / "other", "case8", "hover", ("users.count=9", "episode.steps=3"))
+    code, _, err = ask("plot", "compare", "@run0", other)
+    assert code == 4 and "another scenario than" in err and "users.count is 9, not 8" in err
+
+
+def test_a_picture_that_fails_leaves_what_was_there(ask, tmp_path):
+    (tmp_path / "old.png").write_bytes(b"old")
+    assert ask("plot", "snapshot", "@bare", "-o", "old.png")[0] == 4
+    assert (tmp_path / "old.png").read_bytes() == b"old"
+
+
+def test_a_film(ask, tmp_path):
+    code, out, err = ask("video", "@run0", "--gif", "a.gif", "--fps", "5", "--width", "320")
+    assert (code, out, err) == (0, "a.gif\n", "")
+    with Image.open(tmp_path / "a.gif") as gif:
+        assert (gif.size, gif.n_frames) == ((320, 240), 9)  # three minutes, 24 s a frame

@@ -1,0 +1,35 @@
+"""Small runs and trainings to draw."""
+
+from pathlib import Path
+
+from desim_uav.experiment.command import run_to_folder
+from desim_uav.experiment.train import train_to_folder
+from desim_uav.scenario.load import load
+from desim_uav.shipped import scenario_path
+
+
+def make_run(folder, scenario, policy, overrides=(), *, episodes=1, warmup=0, events=True):
+    """A run folder."""
+    done = run_to_folder(
+        load(scenario_path(scenario), list(overrides)),
+        policy,
+        episodes=episodes,
+        warmup=warmup,
+        keep_events=events,
+        out=folder,
+        command=[],
+        show_progress=False,
+    )
+    return Path(done.summary["run_dir"])
+
+
+def make_training(folder, scenario, overrides=()):
+    """A training folder."""
+    train_to_folder(
+        load(scenario_path(scenario), list(overrides)),
+        out=folder,
+        resume=False,
+        checkpoint_every=10**6,
+        command=[],
+    )
+    return folder
