@@ -9,7 +9,8 @@ import pandas as pd
 
 from desim_uav.qoe import OUTCOMES
 from desim_uav.records import EPISODES, REQUESTS, STEPS
-from desim_uav.report.figures import DRONE_COLOURS, case_picture
+from desim_uav.report.figures import case_picture
+from desim_uav.report.figures.style import COLOURS as DRONE_COLOURS
 from desim_uav.report.markup import visible
 from desim_uav.report.text import COMPARED
 from desim_uav.run_folder import read_table
