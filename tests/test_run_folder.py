@@ -595,17 +595,20 @@ class TestReadBack:
     @pytest.mark.parametrize(
         ("content", "problem"),
         [
-            (None, "not a readable manifest: No such file"),
-            (b"", "not a readable manifest: Expecting value"),
-            (b"{", "not a readable manifest"),
-            (b"\xff\xfe", "not a readable manifest: 'utf-8'"),
-            (b"[" * 100_000, "not a readable manifest"),
-            (b"[]", "not the manifest of a run: no scenario"),
-            (b"{}", "not the manifest of a run: no scenario"),
-            (b'{"scenario": "a", "policy": "b"}', "not the manifest of a run: no seed"),
+            (None, "not readable as JSON: No such file"),
+            (b"", "not readable as JSON: Expecting value"),
+            (b"{", "not readable as JSON"),
+            (b"\xff\xfe", "not readable as JSON: 'utf-8'"),
+            (b"[" * 100_000, "not readable as JSON"),
+            (b"[]", "not the manifest of a run: Input should be a valid dictionary"),
+            (b"{}", "not the manifest of a run: scenario: Field required"),
+            (
+                b'{"scenario": "a", "policy": "b"}',
+                "not the manifest of a run: seed: Field required",
+            ),
             (
                 b'{"scenario": "a", "policy": "b", "seed": NaN}',
-                "not the manifest of a run: no seed",
+                "not the manifest of a run: seed: Input should be a valid integer",
             ),
         ],
     )

@@ -135,7 +135,7 @@ def film(
     from desim_uav.experiment.progress import progress
     from desim_uav.report import video
     from desim_uav.report.playback import Playback
-    from desim_uav.report.record import Run
+    from desim_uav.report.run import Run
 
     asked = [(gif, ".gif", video.write_gif), (mp4, ".mp4", video.write_mp4)]
     wanted = [(out, end, write) for out, end, write in asked if out is not None]

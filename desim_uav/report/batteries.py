@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from desim_uav.model.rules import US, Phase
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run
 
 Floats = NDArray[np.float64]
 Known = list[tuple[float, int, float]]

@@ -11,7 +11,7 @@ from desim_uav.report import page_figures
 from desim_uav.report.markup import Html, code, facts, folded, joined, paragraph, table, tag
 from desim_uav.report.page import (
     Picture,
-    Run,
+    Reported,
     command_of,
     count,
     gallery,
@@ -36,7 +36,7 @@ class Compared:
     """
 
     content: dict[str, Any]
-    runs: Sequence[Run]
+    runs: Sequence[Reported]
     by_service: Sequence[dict[str, Any]]
 
     @property
@@ -44,7 +44,7 @@ class Compared:
         """Their names, the first run's first."""
         return [row["policy"] for row in self.content["policies"]]
 
-    def of(self, policy: str) -> list[Run]:
+    def of(self, policy: str) -> list[Reported]:
         """The runs of a policy, by seed."""
         runs = (run for run in self.runs if run.summary["policy"] == policy)
         return sorted(runs, key=lambda run: int(run.summary["seed"]))

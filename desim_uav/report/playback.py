@@ -23,7 +23,7 @@ from desim_uav.errors import PolicyError
 from desim_uav.model.motion import REST, Leg, Transit
 from desim_uav.model.rules import US, Mode, Phase
 from desim_uav.report.batteries import PHASES, Floats, knots
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run
 
 Ints = NDArray[np.int64]
 

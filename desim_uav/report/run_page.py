@@ -12,7 +12,7 @@ from desim_uav.report import page_figures
 from desim_uav.report.markup import Html, facts, folded, joined, paragraph, tag
 from desim_uav.report.page import (
     Picture,
-    Run,
+    Reported,
     count,
     gallery,
     number,
@@ -40,15 +40,17 @@ FIGURES: tuple[tuple[str, str, Callable[[Path], Figure]], ...] = (
 """Title, what it shows, and how it is drawn from the run's folder."""
 
 
-def run_page(run: Run, title: str | None) -> str:
+def run_page(run: Reported, title: str | None) -> str:
     """The page."""
     said = "{scenario}, {policy}, seed {seed}".format(**run.summary)
-    much = f"{count(run.summary['episodes'], 'episode')}, {count(len(run.requests), 'request')}"
+    much = (
+        f"{count(run.summary['episodes'], 'episode')}, {count(run.summary['requests'], 'request')}"
+    )
     lead = much if title is None else f"{said}: {much}"
     return page(title or said, lead, ((name, section(run)) for name, section in SECTIONS))
 
 
-def _quality(run: Run) -> Html:
+def _quality(run: Reported) -> Html:
     """The tables of QoE."""
     found = run.summary
     served = f"{found['completed']} of {found['requests']}"
@@ -61,7 +63,7 @@ def _quality(run: Run) -> Html:
         ("reward an episode", number(found["reward_mean"], ".2f") or "-"),
     ]
     every = {"service": "all"} | {name: found[name] for name in MEASURES}
-    rows = [every, *qoe.grouped(run.requests, "service")]
+    rows = [every, *qoe.grouped(run.counted("requests"), "service")]
     return joined(
         [
             tiles(first),
@@ -80,12 +82,12 @@ def _quality(run: Run) -> Html:
     )
 
 
-def _by_episode(run: Run) -> Html:
-    of_requests = {row["episode"]: row for row in qoe.grouped(run.requests, "episode")}
+def _by_episode(run: Reported) -> Html:
+    of_requests = {row["episode"]: row for row in qoe.grouped(run.counted("requests"), "episode")}
     columns = ["episode", "qoe3_percent", "crashes", "reward"]
     rows = [
         {"requests": 0} | of_requests.get(row["episode"], {}) | row
-        for row in run.episodes[columns].to_dict("records")
+        for row in run.counted("episodes")[columns].to_dict("records")
     ]
     shown = tag("div", qoe_table("episode", rows[:MOST_EPISODES]), class_="tall", tabindex=0)
     if len(rows) <= 12:
@@ -97,19 +99,19 @@ def _by_episode(run: Run) -> Html:
     return folded(f"{len(rows)} episodes", shown, more if len(rows) > MOST_EPISODES else None)
 
 
-def _figures(run: Run) -> Html:
+def _figures(run: Reported) -> Html:
     return gallery([Picture(t, said, partial(draw, run.folder)) for t, said, draw in FIGURES], 0)
 
 
-def _worst(run: Run) -> Html:
-    return worst_requests([run]) if len(run.requests) else Html("")
+def _worst(run: Reported) -> Html:
+    return worst_requests([run]) if run.summary["requests"] else Html("")
 
 
-def _provenance(run: Run) -> Html:
+def _provenance(run: Reported) -> Html:
     return tag("div", facts(provenance_facts(run)), class_="facts")
 
 
-SECTIONS: tuple[tuple[str, Callable[[Run], Html]], ...] = (
+SECTIONS: tuple[tuple[str, Callable[[Reported], Html]], ...] = (
     ("Quality of experience", _quality),
     ("Figures", _figures),
     ("Worst requests", _worst),

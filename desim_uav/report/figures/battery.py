@@ -18,7 +18,7 @@ from desim_uav.report.batteries import first_battery_s
 from desim_uav.report.figures.style import MOST_PANELS, headed, look, styled
 from desim_uav.report.figures.visits import chosen_drones
 from desim_uav.report.playback import Playback
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run
 
 SPANS: dict[Mode, dict[str, Any]] = {
     Mode.RETURNING: {"facecolor": "#FBE9C6", "hatch": "///", "edgecolor": "#E69F00"},

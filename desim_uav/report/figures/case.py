@@ -19,7 +19,7 @@ from desim_uav.report.figures.map import (
     draw_stations,
 )
 from desim_uav.report.figures.style import look, named, styled
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run
 
 
 @styled

@@ -14,7 +14,7 @@ from desim_uav.errors import PolicyError
 from desim_uav.qoe import OUTCOMES
 from desim_uav.report.figures.style import FAIR, headed, look, styled
 from desim_uav.report.figures.visits import counted_episodes
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run
 
 BARS: dict[str, dict[str, Any]] = {
     "completed": {"facecolor": "#009E73", "hatch": "", "edgecolor": "white"},

@@ -16,7 +16,7 @@ from desim_uav.report.figures.case import case_picture
 from desim_uav.report.figures.map import centre_m
 from desim_uav.report.figures.style import look, named, styled
 from desim_uav.report.playback import Moment, Playback
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run
 
 AROUND = np.linspace(0.0, 2.0 * math.pi, 73)
 PATH_S = 5.0

@@ -9,12 +9,12 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from desim_uav.errors import PolicyError, UsageError
+from desim_uav.errors import UsageError
 from desim_uav.model.grid import cell_index
 from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
 from desim_uav.report.figures.style import grid_of, headed, styled
 from desim_uav.report.playback import Playback
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run
 
 US_MIN = 60_000_000
 
@@ -76,12 +76,7 @@ def visit_minutes(run: Run, episodes: list[int]) -> tuple[NDArray[np.float64], b
 
 def counted_episodes(run: Run, episode: int | None) -> list[int]:
     """The one asked for, else all that count. Raises UsageError, PolicyError where none does."""
-    if episode is not None:
-        return [run.episode(episode)]
-    there = [int(number) for number in run.table("episodes")["episode"] if number >= 0]
-    if not there:
-        raise PolicyError(f"{run.folder}: no episode was counted")
-    return there
+    return run.counted_episodes if episode is None else [run.episode(episode)]
 
 
 def chosen_drones(run: Run, drone: int | None) -> list[int]:

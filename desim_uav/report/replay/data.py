@@ -14,7 +14,7 @@ from desim_uav.model.rules import US, Action, Mode, Phase
 from desim_uav.records import EPISODES
 from desim_uav.report.replay.battery import battery_knots
 from desim_uav.report.replay.columns import Column, codes, delta, floats, pack, plain
-from desim_uav.report.replay.folder import RunFolder, Tables
+from desim_uav.report.run import Run, Tables
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,11 +44,11 @@ Whole = NDArray[np.int64]
 class Encoder:
     """Makes the blocks of a folder's episodes, and then what they have in common."""
 
-    def __init__(self, folder: RunFolder) -> None:
-        self.folder = folder
-        self.scenario = folder.scenario
+    def __init__(self, run: Run) -> None:
+        self.run = run
+        self.scenario = run.scenario
         self.drones = self.scenario.drones.count
-        self.users = len(folder.world["users"])
+        self.users = len(run.map["users"])
         self.services = list(self.scenario.services)
         self.step_us = round(self.scenario.episode.step_s * US)
         battery = self.scenario.drones.battery
@@ -72,7 +72,7 @@ class Encoder:
         return pack(columns)
 
     def _row(self, number: int) -> dict[str, Any]:
-        episodes = self.folder.tables["episodes"]
+        episodes = self.run.table("episodes")
         rows = episodes[episodes["episode"] == number].to_dict("records")
         self._expect(len(rows) == 1, "episodes", f"episode {number} has {len(rows)} rows, not one")
         row = cast("dict[str, Any]", rows[0])
@@ -130,7 +130,7 @@ class Encoder:
             "drone": (NAMES_DRONE, self.drones),
             "user": (NAMES_USER, self.users),
             "request_id": (NAMES_REQUEST, requests),
-            "station": (NAMES_STATION, len(self.folder.world["stations"])),
+            "station": (NAMES_STATION, len(self.run.map["stations"])),
         }
         for name, (kinds, end) in limits.items():
             values = found[name]
@@ -280,12 +280,12 @@ class Encoder:
     def _batteries_before(self, number: int) -> list[int]:
         """What each drone begins with: full, or what the episode before has left it."""
         assert self.capacity_us is not None
-        steps = self.folder.tables["steps"]
+        steps = self.run.table("steps")
         last = (steps["episode"] == number - 1) & (steps["step"] == self.scenario.episode.steps - 1)
         ends = steps[last].sort_values("drone")
         battery = self.scenario.drones.battery
         ended = battery is not None and battery.on_crash == "end_episode" and ends["crashed"].any()
-        if not self.folder.manifest["carry_over"] or len(ends) != self.drones or ended:
+        if not self.run.settings.carry_over or len(ends) != self.drones or ended:
             return [self.capacity_us] * self.drones
         return [int(us) for us in self._us(ends, "steps", "battery_s", 0)]
 
@@ -293,14 +293,14 @@ class Encoder:
 
     def common(self, episodes: Sequence[int]) -> dict[str, Any]:
         """What a page is told of the run, once the blocks of its episodes are made."""
-        scenario, manifest, world = self.scenario, self.folder.manifest, self.folder.world
+        scenario, manifest, world = self.scenario, self.run.manifest, self.run.map
         kbps = scenario.drones.bandwidth_kbps
         return {
             "format": FORMAT,
             "scenario": manifest["scenario"],
             "policy": manifest["policy"],
             "seed": str(manifest["seed"]),
-            "world_seed": str(manifest["world_seed"]),
+            "world_seed": str(self.run.settings.world_seed),
             "drones": self.drones,
             "users": self.users,
             "services": self.services,
@@ -334,7 +334,7 @@ class Encoder:
     # ---- what tables must be
 
     def _error(self, table: str, problem: str) -> PolicyError:
-        return PolicyError(f"{self.folder.path / table}.parquet: {problem}")
+        return PolicyError(f"{self.run.folder / table}.parquet: {problem}")
 
     def _expect(self, holds: bool, table: str, problem: str) -> None:
         if not holds:

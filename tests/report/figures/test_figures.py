@@ -28,7 +28,7 @@ from desim_uav.report.figures.style import COLOURS, DASHES, MARKERS
 from desim_uav.report.figures.training import CURVES, smoothed
 from desim_uav.report.figures.visits import visit_minutes
 from desim_uav.report.playback import Playback
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run
 
 
 def titles(figure):
