@@ -1,28 +1,29 @@
-"""What ``desim-uav replay`` does: a run folder in, one page out.
+"""What ``desim-uav replay`` does: a run folder in, one page out; and runs played again.
 
-Runs that kept no events are played again from what their folder says of them, and held against what
-it holds.
+Those that kept no events are played again from what their folder says of them, and held against
+what it holds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pyarrow as pa
 
 from desim_uav.engine.base import EpisodeLog
-from desim_uav.errors import DesimError, PolicyError
+from desim_uav.errors import DesimError, NoEventsError
 from desim_uav.experiment import tables
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.run import play
 from desim_uav.policies import load_policy
 from desim_uav.report.replay.data import Encoder
 from desim_uav.report.replay.page import page
-from desim_uav.report.run import KEPT, Run, Tables
+from desim_uav.report.run import IN_TIME, KEPT, Again, Run, Tables
 from desim_uav.run_folder import TABLES, world_content, write_whole
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World, build_world
@@ -97,12 +98,29 @@ def _stored(
         advance()
 
 
+def playable(run_dir: Path, show_progress: bool = True) -> Run:
+    """A run whose events and legs are there even if it kept none: it is played again for them."""
+    return Run(run_dir, playing_again(show_progress))
+
+
+def playing_again(show_progress: bool = True) -> Again:
+    """What makes the events and legs that a run has not kept. Raises NoEventsError."""
+
+    def again(run: Run, wanted: Sequence[int]) -> Tables:
+        total = max(wanted) - run.episodes[0] + 1
+        with progress(show_progress, total, engine=run.settings.engine) as advance:
+            made = [tables for _, tables in played_again(run, wanted, advance)]
+        return {name: pd.concat([of[name] for of in made], ignore_index=True) for name in IN_TIME}
+
+    return again
+
+
 def played_again(
-    run: Run, wanted: list[int], advance: Callable[[], None] = lambda: None
+    run: Run, wanted: Sequence[int], advance: Callable[[], None] = lambda: None
 ) -> Generator[tuple[int, Tables]]:
     """The tables of these episodes, events and legs among them, by playing the run again.
 
-    Raises PolicyError where what comes out is not what the folder holds.
+    Raises NoEventsError where what comes out is not what the folder holds.
     """
     world, logs = _begin(run)
     rest = set(wanted)
@@ -119,7 +137,7 @@ def played_again(
 
 
 def _begin(run: Run) -> tuple[World, Any]:
-    """The world of a run, and its episodes to come. Raises PolicyError where they cannot."""
+    """The world of a run, and its episodes to come. Raises NoEventsError where they cannot."""
     settings = run.settings
     name = settings.policy
     try:
@@ -160,9 +178,9 @@ def _arrow(name: str, frame: Any) -> pa.Table:
     return pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
 
 
-def _not_again(run: Run, reason: str) -> PolicyError:
+def _not_again(run: Run, reason: str) -> NoEventsError:
     policy = run.settings.policy
-    return PolicyError(
+    return NoEventsError(
         f"{run.folder}: it has no events, and cannot be played again: {reason} "
         f"(policy {policy!r}; from the folder the run was made in? run it again with --events)"
     )

@@ -13,6 +13,7 @@ from desim_uav import qoe
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare import compare_runs, csv_place
+from desim_uav.experiment.replay import playing_again
 from desim_uav.experiment.statistics import estimate
 from desim_uav.report.comparison_page import Compared, comparison_page
 from desim_uav.report.page import Reported
@@ -57,7 +58,7 @@ def _read(folder: Path, page: Path) -> Reported:
     summary, _ = read_summary(folder)
     if not summary["episodes"]:
         raise PolicyError(f"{folder}: no episode was counted")
-    return Reported(folder, link=_link(folder, page), summary=summary)
+    return Reported(folder, playing_again(), link=_link(folder, page), summary=summary)
 
 
 def _link(folder: Path, page: Path) -> str:

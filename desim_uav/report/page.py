@@ -66,6 +66,12 @@ class Picture:
     caption: str
     draw: Callable[[], Figure]
 
+    def untitled(self) -> Figure:
+        """The figure without its heading: its title stands above it."""
+        figure = self.draw()
+        figure.suptitle("")
+        return figure
+
 
 def page(title: str, lead: Any, sections: Iterable[tuple[str, Html]]) -> str:
     """The page: its title, a line below it and its sections."""
@@ -138,7 +144,7 @@ def gallery(pictures: Sequence[Picture], first: int) -> Html:
         tag(
             "figure",
             tag("figcaption", tag("strong", picture.title), f". {picture.caption}"),
-            drawn(picture.draw, picture.title, first + k),
+            drawn(picture.untitled, picture.title, first + k),
             class_="figure",
         )
         for k, picture in enumerate(pictures)

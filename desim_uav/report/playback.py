@@ -22,10 +22,14 @@ from desim_uav.engine.base import Measures, UserState
 from desim_uav.errors import PolicyError
 from desim_uav.model.motion import REST, Leg, Transit
 from desim_uav.model.rules import US, Mode, Phase
-from desim_uav.report.batteries import PHASES, Floats, knots
+from desim_uav.report.batteries import batteries_before_us, battery_knots
 from desim_uav.report.run import Run
 
+Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+PHASES = 16
+"""An instant and a phase are one number, ``t_us * PHASES + phase``, which sorts as they do."""
 
 LEADS_TO = {
     "decide": Mode.FLYING,
@@ -61,7 +65,7 @@ class Moment(NamedTuple):
 
 @dataclass(frozen=True)
 class Playback:
-    """One episode of a run that kept its events."""
+    """One episode of a run that kept its events, or is played again for them."""
 
     run: Run
     episode: int
@@ -108,6 +112,12 @@ class Playback:
         for start, end, mode in zip(starts, [*starts[1:], self.duration_us], modes, strict=True):
             if end > start:
                 yield start, end, mode
+
+    def crashes_us(self, drone: int) -> list[int]:
+        """When a drone crashed."""
+        events = self._events
+        mine = (events["kind"] == "crash") & (events["drone"] == drone)
+        return [int(t_us) for t_us in events.loc[mine, "t_us"]]
 
     def cell_times_us(self, drone: int) -> Iterator[tuple[int, int, tuple[int, int]]]:
         """From when to when a drone served from which cell: half of a transit is in either."""
@@ -157,16 +167,36 @@ class Playback:
         return modes[int(np.searchsorted(keys, key, "right")) - 1]
 
     @cached_property
-    def batteries(self) -> list[tuple[Floats, Floats] | None]:
-        """For each drone where its battery is known, (t_s, s); it is linear in between."""
-        drones = range(self.run.scenario.drones.count)
-        return [knots(self.run, self.episode, self._events, drone) for drone in drones]
+    def batteries(self) -> list[tuple[Floats, Floats]]:
+        """For each drone where its battery is known, (t_s, s); it is linear in between.
+
+        None of them where batteries are unlimited.
+        """
+        if self.run.scenario.drones.battery is None:
+            return []
+        world, steps = self.run.world, self.run.of("steps", self.episode)
+        found = []
+        for drone, begins_us in enumerate(batteries_before_us(self.run, self.episode)):
+            own = steps[steps["drone"] == drone]
+            events = self._events[(self._events["drone"] == drone) & self._events["user"].isna()]
+            knots = battery_knots(
+                begins_us,
+                [
+                    (round(t_s * US), round(left_s * US))
+                    for t_s, left_s in zip(own["t_s"], own["battery_s"], strict=True)
+                ],
+                [*zip(events["t_us"].tolist(), events["kind"], strict=True)],
+                world.capacity_us,
+                world.full_charge_us,
+            )
+            t_us, left_us = np.array(knots, np.float64).T
+            found.append((t_us / US, left_us / US))
+        return found
 
     def _battery_s(self, drone: int, t_us: int) -> float | None:
-        known = self.batteries[drone]
-        if known is None:
+        if not self.batteries:
             return None
-        t_s, battery_s = known
+        t_s, battery_s = self.batteries[drone]
         after = int(np.searchsorted(t_s, t_us / US, "right"))
         if after == len(t_s):
             return float(battery_s[-1])

@@ -10,7 +10,7 @@ from typing import Any
 
 import pandas as pd
 
-from desim_uav.errors import PolicyError, ScenarioError, UsageError
+from desim_uav.errors import NoEventsError, PolicyError, ScenarioError, UsageError
 from desim_uav.report.manifest import Settings, read_manifest, read_settings
 from desim_uav.report.world import read_world, stored_world
 from desim_uav.run_folder import TABLES, read_table
@@ -35,7 +35,7 @@ class Run:
     """
 
     folder: Path
-    again: Callable[[Run, Sequence[int]], Tables] | None = None
+    again: Again | None = None
 
     # ---- what happened
 
@@ -67,13 +67,13 @@ class Run:
     def need(self, episodes: Sequence[int]) -> None:
         """Have events and legs of these episodes at hand, however they are come by.
 
-        Raises PolicyError where there are none.
+        Raises NoEventsError where there are none.
         """
         if self.keeps_events or self._made_of >= set(episodes):
             return
         self.table("requests")  # of what is no run folder at all, more is wrong
         if self.again is None:
-            raise PolicyError(f"{self.folder}: the run kept no events")
+            raise NoEventsError(f"{self.folder}: the run kept no events")
         self._made.update(self.again(self, episodes))
         self._made_of.clear()
         self._made_of.update(episodes)
@@ -196,6 +196,9 @@ class Run:
     def duration_s(self, episode: int) -> float:
         """How long an episode lasted."""
         return float(self.of("episodes", episode)["duration_s"].iloc[0])
+
+
+Again = Callable[[Run, Sequence[int]], Tables]
 
 
 def opened(run: Run | Path) -> Run:

@@ -4,11 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from desim_uav import qoe
-from desim_uav.report import page_figures
+from desim_uav.errors import NoEventsError
+from desim_uav.report.figures import (
+    battery_figure,
+    case_picture,
+    episodes_figure,
+    services_figure,
+)
+from desim_uav.report.figures.style import MOST_PANELS, NARROW
 from desim_uav.report.markup import Html, facts, folded, joined, paragraph, tag
 from desim_uav.report.page import (
     Picture,
@@ -25,19 +30,8 @@ from desim_uav.report.page import (
 from desim_uav.report.text import MEASURES
 from desim_uav.report.worst import worst_requests
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 MOST_EPISODES = 200
 """So many have a row."""
-
-FIGURES: tuple[tuple[str, str, Callable[[Path], Figure]], ...] = (
-    ("Map", "The first counted episode: walks, paths, and where it ended.", page_figures.run_map),
-    ("QoE over episodes", "The counted ones.", page_figures.qoe_over_episodes),
-    ("Services", "How their requests ended; how many there were.", page_figures.service_outcomes),
-    ("Battery", "The first counted episode, at the end of each step.", page_figures.battery),
-)
-"""Title, what it shows, and how it is drawn from the run's folder."""
 
 
 def run_page(run: Reported, title: str | None) -> str:
@@ -100,7 +94,37 @@ def _by_episode(run: Reported) -> Html:
 
 
 def _figures(run: Reported) -> Html:
-    return gallery([Picture(t, said, partial(draw, run.folder)) for t, said, draw in FIGURES], 0)
+    first = run.counted_episodes[0]
+    pictures = [
+        Picture(
+            "Map",
+            "The first counted episode: walks, paths, and where it ended.",
+            partial(case_picture, run, first, width=NARROW),
+        ),
+        Picture("QoE over episodes", "The counted ones.", partial(episodes_figure, run, NARROW)),
+    ]
+    if run.summary["requests"]:
+        said = "How requests ended, how long they waited, and the QoE1 they got."
+        draw = partial(services_figure, run, width=NARROW)
+        pictures.append(Picture("Services", said, draw))
+    problem = _no_battery(run, first)
+    if problem is None:
+        said = "The first counted episode; shaded where a drone does not serve."
+        pictures.append(Picture("Battery", said, partial(battery_figure, run, first, width=NARROW)))
+    return joined([gallery(pictures, 0), paragraph(problem, class_="note") if problem else None])
+
+
+def _no_battery(run: Reported, episode: int) -> str | None:
+    """What keeps the batteries from being drawn."""
+    if run.scenario.drones.battery is None:
+        return "Batteries are unlimited."
+    if run.scenario.drones.count > MOST_PANELS:
+        return "There are too many drones to draw their batteries: desim-uav plot battery --drone."
+    try:
+        run.need([episode])
+    except NoEventsError as error:
+        return f"The batteries cannot be drawn. {error}"
+    return None
 
 
 def _worst(run: Reported) -> Html:

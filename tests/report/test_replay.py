@@ -16,7 +16,7 @@ from desim_uav import cli
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.replay import played_again, write_replay
-from desim_uav.report.replay.battery import battery_knots
+from desim_uav.report.batteries import battery_knots
 from desim_uav.report.replay.columns import codes, delta, floats, pack, plain, unpack
 from desim_uav.report.replay.data import KINDS, TAKING, Encoder
 from desim_uav.report.replay.page import MODULES, asset, bundle, page

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import US, Action, Mode, Phase
 from desim_uav.records import EPISODES
-from desim_uav.report.replay.battery import battery_knots
+from desim_uav.report.batteries import batteries_before_us, battery_knots
 from desim_uav.report.replay.columns import Column, codes, delta, floats, pack, plain
 from desim_uav.report.run import Run, Tables
 
@@ -252,7 +252,7 @@ class Encoder:
         if self.capacity_us is None:
             return {}
         counts, times, values = [], [], []
-        begins_with = self._batteries_before(number)
+        begins_with = batteries_before_us(self.run, number)
         for drone in range(self.drones):
             own = steps[steps["drone"] == drone].sort_values("step")
             records = self._us(own, "steps", "battery_s", 0)
@@ -276,18 +276,6 @@ class Encoder:
             "battery.t_us": delta(times),
             "battery.us": delta(values),
         }
-
-    def _batteries_before(self, number: int) -> list[int]:
-        """What each drone begins with: full, or what the episode before has left it."""
-        assert self.capacity_us is not None
-        steps = self.run.table("steps")
-        last = (steps["episode"] == number - 1) & (steps["step"] == self.scenario.episode.steps - 1)
-        ends = steps[last].sort_values("drone")
-        battery = self.scenario.drones.battery
-        ended = battery is not None and battery.on_crash == "end_episode" and ends["crashed"].any()
-        if not self.run.settings.carry_over or len(ends) != self.drones or ended:
-            return [self.capacity_us] * self.drones
-        return [int(us) for us in self._us(ends, "steps", "battery_s", 0)]
 
     # ---- what episodes have in common
 
