@@ -16,7 +16,7 @@ import pandas as pd
 import pyarrow as pa
 
 from desim_uav.engine.base import EpisodeLog
-from desim_uav.errors import DesimError, NoEventsError
+from desim_uav.errors import DesimError, NoEventsError, PolicyError
 from desim_uav.experiment import tables
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.run import play
@@ -108,7 +108,11 @@ def playing_again(show_progress: bool = True) -> Again:
 
     def again(run: Run, wanted: Sequence[int]) -> Tables:
         total = max(wanted) - run.episodes[0] + 1
-        with progress(show_progress, total, engine=run.settings.engine) as advance:
+        try:
+            engine = run.settings.engine
+        except PolicyError as error:
+            raise NoEventsError(f"{run.folder}: it has no events, and {error}") from error
+        with progress(show_progress, total, engine=engine) as advance:
             made = [tables for _, tables in played_again(run, wanted, advance)]
         return {name: pd.concat([of[name] for of in made], ignore_index=True) for name in IN_TIME}
 

@@ -220,7 +220,7 @@ class TestBlocks:
         for number, duration_s in zip(
             columns["leg.profile"][flown], legs["duration_s"][flown], strict=True
         ):
-            shares = encoder.profiles[int(number)]
+            shares = encoder.flights.profiles[int(number)]
             assert shares[-1][:2] == pytest.approx([duration_s, 1.0])
 
 

@@ -8,6 +8,7 @@ from typing import Any
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
+from matplotlib.patheffects import withStroke
 
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.model.rules import US, Mode
@@ -24,6 +25,9 @@ SPANS: dict[Mode, dict[str, Any]] = {
     Mode.CRASHED: {"facecolor": "#F8D9C6", "hatch": "\\\\\\\\", "edgecolor": "#D55E00"},
 }
 """How the time in each mode is shaded; serving flight is white."""
+
+HALO = withStroke(linewidth=3.5, foreground="white")
+"""Around a curve, which is then seen on any shade."""
 
 CRASH: dict[str, Any] = {"marker": "X", "ls": "", "color": "#D55E00", "ms": 9, "mec": "black"}
 
@@ -50,7 +54,8 @@ def battery_figure(
     seen = set[Mode]()
     for axes, number in zip(panels, drones, strict=True):
         t_s, left_s = playback.batteries[number]
-        axes.plot(t_s / 60, left_s / 60, **(look(number) | {"linestyle": "-"}), zorder=3)
+        colour = look(number)["color"]
+        axes.plot(t_s / 60, left_s / 60, "-", color=colour, path_effects=[HALO], zorder=3)
         axes.axhline(full_min * battery.return_below, color="0.4", ls=":", linewidth=1)
         seen |= _shade(axes, playback, number)
         _label(axes, number, full_min, run.duration_s(episode))
