@@ -16,12 +16,13 @@ from desim_uav import qoe
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
 from desim_uav.experiment import command
 from desim_uav.experiment import run as experiment_run
-from desim_uav.experiment.command import read_counted, read_summary, run_to_folder
+from desim_uav.experiment.command import read_summary, run_to_folder
 from desim_uav.experiment.run import headline
 from desim_uav.records import EPISODES, REQUESTS, USERS, to_frame
 from desim_uav.run_folder import TABLES, Draft, Place, read_table
 from desim_uav.scenario.load import load, loads, scenario_hash
 from desim_uav.shipped import scenario_path
+from tests.report.helpers import read_counted
 
 SMALL = ("users.count=12", "episode.steps=8")
 FILES = ["episodes.parquet", "manifest.json", "requests.parquet", "scenario.yaml", "steps.parquet"]

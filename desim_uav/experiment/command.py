@@ -10,8 +10,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import pandas as pd
-
 from desim_uav import __version__, qoe
 from desim_uav.engine.choose import check_engine
 from desim_uav.experiment.interrupt import asked_to_stop
@@ -28,7 +26,7 @@ from desim_uav.experiment.run import (
 from desim_uav.policies import Policy, load_policy
 from desim_uav.records import EPISODES, REQUESTS, to_frame
 from desim_uav.report.manifest import read_manifest
-from desim_uav.run_folder import Draft, Place, read_parts, read_table, world_content
+from desim_uav.run_folder import Draft, Place, read_parts, world_content
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
@@ -174,12 +172,6 @@ def read_summary(
     named = {key: manifest[key] for key in ("scenario", "policy", "seed")}
     told = None if groups is None else groups.summaries()
     return named | tally.headline() | {"run_dir": str(folder)}, told
-
-
-def read_counted(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
-    """The summary and the counted requests of a finished run. Raises PolicyError."""
-    summary, _ = read_summary(folder)
-    return summary, counted(read_table(folder, "requests", REQUESTS))
 
 
 def _where_it_learned(scenario: Scenario, policy: Policy) -> Scenario:

@@ -15,7 +15,7 @@ import pytest
 from desim_uav import cli, qoe
 from desim_uav.errors import PolicyError
 from desim_uav.experiment import report as reporting
-from desim_uav.experiment.command import read_counted, run_to_folder
+from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.compare import compare_runs
 from desim_uav.experiment.report import report
 from desim_uav.experiment.statistics import estimate
@@ -24,6 +24,7 @@ from desim_uav.report.text import COMPARED, MEASURES
 from desim_uav.run_folder import parquet
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from tests.report.helpers import read_counted
 
 SMALL = ("users.count=12", "episode.steps=10")
 HOSTILE = "</style><script>alert(1)</script>\u202e$\\frac$ \"'onload=x " + "w" * 300
