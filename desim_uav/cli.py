@@ -614,6 +614,22 @@ def video(
         print(place)
 
 
+@app.command()
+def doctor(as_json: Json = False) -> None:
+    """Look at what is installed, what fits together and what can be written, in plain words."""
+    from desim_uav.experiment.doctor import as_content, examine
+    from desim_uav.report.text import print_findings
+
+    findings = examine()
+    content = as_content(findings)
+    if as_json:
+        print(json.dumps(content, indent=1))
+    else:
+        print_findings([(f.verdict, f.what, f.words) for f in findings])
+    if not content["healthy"]:
+        raise typer.Exit(1)
+
+
 def _refuse_how_to_run(context: typer.Context) -> None:
     """Finished runs are as they are. Raises UsageError for an option that says how to run."""
     for option in ("seeds", "first_seed", "episodes", "warmup", "overrides", "jobs", "engine"):
