@@ -157,7 +157,7 @@ class Place:
 
         Raises UsageError where nothing can be written, or somebody is writing to ``out``.
         """
-        path = self.parent / f".unfinished-{uuid.uuid4().hex}"
+        path, new = self.parent / f".unfinished-{uuid.uuid4().hex}", not self.parent.exists()
         try:
             self.parent.mkdir(parents=True, exist_ok=True)
             path.mkdir()
@@ -170,6 +170,9 @@ class Place:
                 yield Draft(path)
         finally:
             shutil.rmtree(path, ignore_errors=True)
+            if new:
+                with suppress(OSError):  # it is not empty where the run stands there
+                    self.parent.rmdir()
 
     def vacant(self) -> Path:
         """A folder that is not there yet, or empty."""

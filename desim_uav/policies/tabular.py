@@ -112,7 +112,11 @@ class Greedy:
         self._q: NDArray[np.float32] | None = None
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """Read the table, if it fits the scenario. Raises PolicyError where it does not."""
+        """Raises PolicyError where the table does not fit the scenario."""
+        self._fit(world)
+
+    def _fit(self, world: World) -> None:
+        """Read the table, if it fits."""
         self._facts = world.facts
         self._encode = world.scenario.observation.encode
         features = world.scenario.observation.features(world.facts)
@@ -129,7 +133,8 @@ class Greedy:
             raise PolicyError(f"{self.file}: it has {what} {learned}; the scenario has {here}")
 
     def notice(self, world: World) -> str:
-        """What to warn of before it acts in a world, or nothing."""
+        """What to warn of before it acts in a world, or nothing. Raises as ``begin`` does."""
+        self._fit(world)
         about = self.about
         if world_hash(world) == about["world_hash"]:
             return ""
