@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -12,6 +13,7 @@ from typing import Any
 
 from desim_uav import __version__, qoe
 from desim_uav.engine.choose import check_engine
+from desim_uav.errors import PolicyError
 from desim_uav.experiment.interrupt import asked_to_stop
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.run import (
@@ -156,22 +158,40 @@ def _record(
 def read_summary(
     folder: Path, by: str | None = None
 ) -> tuple[dict[str, Any], list[dict[str, Any]] | None]:
-    """The summary of a finished run, and of its requests in groups. Raises PolicyError.
+    """The summary of a finished run, and of its requests in groups.
 
-    One row group is in memory at a time.
+    One row group is in memory at a time. Raises PolicyError for tables that are unreadable, or that
+    no run has written so.
     """
     tally, groups = Tally(), None if by is None else qoe.Groups(by)
     no_episodes = to_frame(EPISODES, [])
+    asked: Counter[int] = Counter()
     for requests in read_parts(folder, "requests", REQUESTS):
+        problem = qoe.inconsistency(requests)
+        if problem:
+            raise PolicyError(f"{folder / 'requests.parquet'}: {problem}")
+        asked.update(requests["episode"].tolist())
         tally.add(requests, no_episodes)
         if groups is not None:
             groups.add(counted(requests))
     for episodes in read_parts(folder, "episodes", EPISODES):
         tally.add(to_frame(REQUESTS, []), episodes)
+        for episode, requests in zip(episodes["episode"], episodes["requests"], strict=True):
+            if asked.pop(episode, 0) != requests:
+                raise _of_two_runs(folder, episode)
+    for episode in asked:
+        raise _of_two_runs(folder, episode)
     manifest = read_manifest(folder)
     named = {key: manifest[key] for key in ("scenario", "policy", "seed")}
     told = None if groups is None else groups.summaries()
     return named | tally.headline() | {"run_dir": str(folder)}, told
+
+
+def _of_two_runs(folder: Path, episode: int) -> PolicyError:
+    return PolicyError(
+        f"{folder}: requests.parquet and episodes.parquet are not of one run: they differ in "
+        f"episode {episode}"
+    )
 
 
 def _where_it_learned(scenario: Scenario, policy: Policy) -> Scenario:
