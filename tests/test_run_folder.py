@@ -596,11 +596,11 @@ class TestReadBack:
     @pytest.mark.parametrize(
         ("content", "problem"),
         [
-            (None, "not readable as JSON: No such file"),
-            (b"", "not readable as JSON: Expecting value"),
-            (b"{", "not readable as JSON"),
-            (b"\xff\xfe", "not readable as JSON: 'utf-8'"),
-            (b"[" * 100_000, "not readable as JSON"),
+            (None, "not a readable JSON file: No such file"),
+            (b"", "not a readable JSON file: Expecting value"),
+            (b"{", "not a readable JSON file"),
+            (b"\xff\xfe", "not a readable JSON file: 'utf-8'"),
+            (b"[" * 100_000, "not a readable JSON file"),
             (b"[]", "not the manifest of a run: Input should be a valid dictionary"),
             (b"{}", "not the manifest of a run: scenario: Field required"),
             (

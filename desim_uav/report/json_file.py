@@ -26,7 +26,7 @@ def read_json(file: Path, form: type[Form], what: str) -> dict[str, Any]:
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise PolicyError(f"{file}: not readable as JSON: {reason}") from error
+        raise PolicyError(f"{file}: not a readable JSON file: {reason}") from error
     try:
         form.model_validate(content)
     except ValidationError as error:
