@@ -366,11 +366,11 @@ BROKEN: list[tuple[str, str, Callable[[bytes], bytes], str]] = [
     ),
     ("zeros", "episodes.parquet", lambda c: bytes(len(c)), "not a readable Parquet file"),
     ("a pickle", "requests.parquet", lambda c: pickle.dumps(Trap()), "not a readable Parquet"),
-    ("no JSON", "manifest.json", lambda c: b"{", "not a readable manifest"),
+    ("no JSON", "manifest.json", lambda c: b"{", "not a readable JSON file"),
     ("JSON of nothing", "manifest.json", lambda c: b"null", "not the manifest of a run"),
-    ("no seed", "manifest.json", lambda c: c.replace(b'"seed"', b'"sede"'), "no seed"),
-    ("deep", "manifest.json", lambda c: b"[" * 100_000, "not a readable manifest"),
-    ("no UTF-8", "manifest.json", lambda c: b"\xff" + c, "not a readable manifest"),
+    ("no seed", "manifest.json", lambda c: c.replace(b'"seed"', b'"sede"'), "seed: Field required"),
+    ("deep", "manifest.json", lambda c: b"[" * 100_000, "not a readable JSON file"),
+    ("no UTF-8", "manifest.json", lambda c: b"\xff" + c, "not a readable JSON file"),
 ]
 
 
