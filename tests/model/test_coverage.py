@@ -182,6 +182,11 @@ class TestTheEdge:
             (1_000_001, 0, False),
         ]
 
+    @pytest.mark.parametrize(("metres", "t_us"), [(0.5, 0), (1.5, 2), (2.5, 2), (3.5, 4)])
+    def test_a_half_microsecond_is_rounded_to_the_even_one(self, metres, t_us):
+        # A metre a microsecond: exactly half-way between two of them.
+        assert hover((0, US), [at(R - metres, 0, 1e6)]) == [(t_us, 0, False)]
+
     def test_exit_and_entry_in_one_microsecond_are_nothing(self):
         # Out by 0.2 um at the turn, and back in.
         t = 10 * US
