@@ -1,10 +1,10 @@
-"""Would the tests notice? Spoils the simulator, one thing at a time, and runs the tests that should.
+"""Would the tests notice? Spoils the simulator, one thing at a time, and runs the tests on it.
 
 python tests/mutation.py [--only TEXT] [--list] [--markdown FILE]
 
 Each mutation is made in a copy of the tree, in which the named tests have passed before; the first
 test that fails has noticed it. Run by hand: most of them make the kernels be compiled anew, so all
-take about half an hour. Exit code 6 if one is not noticed, 1 if the tests fail on the tree as it is.
+take about half an hour. Exit code 6: one is not noticed; 1: the tests fail on the tree as it is.
 """
 
 from __future__ import annotations
@@ -101,7 +101,7 @@ MUTATIONS = (
         "model/rules.py",
         "    EXIT = 2\n    ARRIVAL = 3\n    ENTRY = 4\n",
         "    ENTRY = 2\n    ARRIVAL = 3\n    EXIT = 4\n",
-        ("model/test_rules.py", "engine/test_attachment.py", "engine/test_batch.py"),
+        ("engine/test_attachment.py", "engine/test_batch.py"),
     ),
     Mutation(
         "depletions one phase before arrivals, compiled engine",
@@ -116,7 +116,7 @@ MUTATIONS = (
         "engine/des/request.py",
         "self.served_us += elapsed_us",
         "self.served_us = elapsed_us",
-        ("engine/test_requests.py",),
+        ("engine/test_attachment.py",),
     ),
     Mutation(
         "an interruption of 0 µs counts, SimPy engine",
@@ -149,8 +149,8 @@ MUTATIONS = (
     Mutation(
         "a drone on its way home serves on",
         "engine/des/drone.py",
-        "        self._change_mode(RETURNING)\n        self.airlink.silence(self.radio, COVERAGE)\n",
-        "        self._change_mode(RETURNING)\n",
+        "(RETURNING)\n        self.airlink.silence(self.radio, COVERAGE)\n",
+        "(RETURNING)\n",
         ("engine/test_returns.py",),
     ),
     # ---- batteries, stations, episodes
