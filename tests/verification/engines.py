@@ -35,7 +35,7 @@ def figures(quick: bool = False) -> Iterator[Figure]:
                 episodes += 1
                 events += len(one.log.events or ())
                 events_of_both += _in_both(one.log.events, other.log.events)
-    yield Exact("events in both engines, of the SimPy engine's", events_of_both, events)
+    yield Exact("events that both have, of SimPy's", events_of_both, events, cases=episodes)
     yield Exact("episodes of other observations, rewards, rows", unlike, 0, cases=episodes)
 
 

@@ -1,5 +1,7 @@
-"""Cases 1-5: everybody asks at the start for the whole episode, without bandwidth, so that to be
-attached is to be served. Then QoE1 = QoE3 and QoE2 = 30 (1 - QoE1) follow from the definitions.
+"""Cases 1-5: QoE1 = QoE3 and QoE2 = 30 (1 - QoE1).
+
+Everybody asks at the start for the whole episode, without bandwidth, so that to be attached is to
+be served; the rest follows from the definitions.
 """
 
 from __future__ import annotations

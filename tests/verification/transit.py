@@ -40,14 +40,14 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     rng = np.random.default_rng(1)
     limits = rng.uniform((0.01, 0.1, 0.05), (5000.0, 100.0, 50.0), (1000, 3)).tolist()
     yield Exact(
-        "minimum time over T - 1, worst",
+        "T over d/v + v/a or 2 sqrt(d/a), less 1, worst",
         max(abs(_over_theory(d, v, a) - 1) for d, v, a in limits),
         0.0,
         1e-12,
         cases=len(limits),
     )
     yield Exact(
-        "filled step over the quadratic's root - 1, worst",
+        "cruise over (aT - sqrt(a²T² - 4ad)) / 2, less 1, worst",
         max(abs(_over_root(d, a, share) - 1) for d, share, a in limits),
         0.0,
         1e-9,
