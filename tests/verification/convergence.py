@@ -1,7 +1,7 @@
 """The whole engine against a simulator by fixed time steps that shares no code with it.
 
-The simulator is ``tests/reference/fixed_step.py``. What the two must have in common, and why the error goes with dt, stands in
-``tests/engine/test_against_fixed_step.py``.
+That is ``tests/reference/fixed_step.py``. What the two must have in common, and why the error goes
+with dt, stands in ``tests/engine/test_against_fixed_step.py``.
 """
 
 from __future__ import annotations

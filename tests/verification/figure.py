@@ -42,8 +42,8 @@ class Exact:
         """Figure, ours, theory, deviation, limit, number."""
         of = " relative" if self.relative else ""
         limit = f"{self.tolerance:.2g}{of}" if self.tolerance else "equal"
-        digits = 16 if self.tolerance < 1e-12 else 10
-        ours, theory = f"{self.ours:.{digits}g}", f"{self.theory:.{digits}g}"
+        form = "" if self.tolerance < 1e-12 else ".10g"
+        ours, theory = (f"{n:{form}}".removesuffix(".0") for n in (self.ours, self.theory))
         return self.what, ours, theory, f"{self.away:.2g}{of}", limit, f"{self.cases:,}"
 
 
