@@ -9,20 +9,13 @@ from scipy import stats
 
 from desim_uav.errors import ScenarioError
 from desim_uav.model.rules import Action
-from desim_uav.scenario.load import load, loads
+from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
+from tests.verification.figure import check
+from tests.verification.placement import CUT, SIGMA_M, figures, offsets, scenario, world
 
 FLAT = {"map.dimensions": 2, "users.count": 1}
-
-
-def scenario(**changes):
-    overrides = [f"{key.replace('__', '.')}={value}" for key, value in changes.items()]
-    return loads("name: world", overrides=overrides)
-
-
-def world(seed=0, **changes):
-    return build_world(scenario(**changes), seed)
 
 
 def within(values, expected, errors=4.0):
@@ -59,48 +52,16 @@ class TestUsers:
 
     def test_the_truncated_normal(self):
         # r² / 2σ² is exponential, cut off at (2σ)² / 2σ² = 2; the bearing is uniform.
-        options = {"users__clusters": "{count: 2, radius_m: [300, 300]}"}
-        drawn = world(3, map__dimensions=2, users__count=8000, **options)
-        clusters = drawn.clusters[np.arange(8000) % 2]
-        offset = drawn.homes[:, :2] - clusters[:, :2]
-        sigma = 150.0
-        scaled = (offset**2).sum(axis=1) / (2 * sigma**2)
-        cut = 1 - math.exp(-2)
+        offset = offsets(8000)
+        scaled = (offset**2).sum(axis=1) / (2 * SIGMA_M**2)
         assert scaled.max() <= 2.0
-        assert stats.kstest(scaled, lambda e: (1 - np.exp(-e)) / cut).pvalue > 1e-3
+        assert stats.kstest(scaled, lambda e: (1 - np.exp(-e)) / CUT).pvalue > 1e-3
         bearing = np.arctan2(offset[:, 1], offset[:, 0])
         assert stats.kstest(bearing, stats.uniform(-math.pi, 2 * math.pi).cdf).pvalue > 1e-3
-        variance = sigma**2 * (1 - 2 * math.exp(-2) / cut)
-        for axis in range(2):
-            assert within(offset[:, axis], 0.0)
-            assert within(offset[:, axis] ** 2, variance)
         assert within(offset[:, 0] * offset[:, 1], 0.0)
 
-    def test_the_truncated_normal_cut_by_the_map_too(self):
-        # A map narrower than the disc: the moments by integration over what is left.
-        radius, sigma, half = 300.0, 150.0, 100.0
-        drawn = world(
-            4,
-            map__size_m="[200, 2400]",
-            map__cells="[1, 10]",
-            map__dimensions=2,
-            users__count=6000,
-            users__clusters="{count: 1, radius_m: [300, 300]}",
-            drones__battery="null",
-            stations__count=0,
-        )
-        cx, cy, _ = drawn.clusters[0]
-        assert cx == half
-        assert radius <= cy <= 2400.0 - radius
-        x = (np.arange(-400, 400) + 0.5) * (half / 400)
-        y = (np.arange(-400, 400) + 0.5) * (radius / 400)
-        gx, gy = np.meshgrid(x, y)
-        weight = np.exp(-(gx**2 + gy**2) / (2 * sigma**2)) * (gx**2 + gy**2 <= radius**2)
-        offset = drawn.homes[:, :2] - (cx, cy)
-        for axis, coordinate in enumerate((gx, gy)):
-            assert within(offset[:, axis], 0.0)
-            moment = (weight * coordinate**2).sum() / weight.sum()
-            assert within(offset[:, axis] ** 2, moment)
+    def test_the_moments_cut_by_the_disc_and_by_the_map(self):
+        check(figures())
 
     def test_heights_in_a_built_cell(self):
         # Every cell is built, 5 to 15 m; nobody lives above 9 m.

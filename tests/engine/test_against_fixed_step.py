@@ -28,227 +28,26 @@ less than dt, and what the two must have in common follows:
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-from functools import cache
-from itertools import pairwise
-from typing import Any
-
-import numpy as np
 import pytest
 
-from desim_uav.engine.base import EpisodeLog, RunSettings
-from desim_uav.engine.des import Simulation
-from desim_uav.model.rules import Action, Mode, Phase
-from desim_uav.sample_path import SamplePath, draw
-from desim_uav.scenario.load import from_mapping
-from desim_uav.world import World, build_world
-from tests.reference.fixed_step import US, Inputs, Request, Result, simulate, simulate_on
+from desim_uav.model.rules import Mode, Phase
+from tests.reference.fixed_step import US, Result, simulate_on
+from tests.verification.convergence import (
+    DTS_S,
+    FINEST_S,
+    SEEDS,
+    Case,
+    case_of,
+    exact_measures,
+    flown,
+    sampled,
+    sampled_measures,
+    scenario_of,
+    slopes,
+)
+from tests.verification.figure import check
 
-DTS_S = (0.5, 0.25, 0.125, 0.0625)
-FINEST_S = DTS_S[-1]
-SEEDS = range(32)
 MORE_SEEDS = range(32, 400)
-MEASURES = ("served_s", "qoe1", "qoe2", "qoe3", "battery_s")
-
-
-def scenario_of(seed: int) -> dict[str, Any]:
-    rng = np.random.default_rng([7, seed])
-
-    def pick(*options: Any) -> Any:
-        return options[rng.integers(len(options))]
-
-    cells = (int(rng.integers(5, 9)), int(rng.integers(5, 9)))
-    cell_m, step_s = pick((240.0, 60.0), (240.0, 60.0), (200.0, 40.0), (150.0, 60.0))
-    three_d = bool(seed % 2)
-    limited = seed % 4 != 1
-    noisy = limited and seed % 3 == 0
-    drones = int(rng.integers(2, 5))
-    demand = (
-        {"kind": "continuous"},
-        {"kind": "dynamic", "think_time_s": 90.0, "none": 0.2},
-        {"kind": "static"},
-        {"kind": "poisson", "rate_per_hour": 25.0},
-        {"kind": "dynamic", "think_time_s": 40.0},
-    )[seed % 5]
-    size_m = [cells[0] * cell_m, cells[1] * cell_m]
-    battery = {
-        "kind": "endurance",
-        "autonomy_min": pick(3.7, 4.3, 5.6, 6.0, 7.1),
-        "return_below": pick(0.3, 0.5, 0.7),
-        "on_crash": pick("respawn", "respawn", "respawn", "remove"),
-        "respawn_after_min": pick(0.0, 0.5, 1.2, 2.0),
-    }
-    return {
-        "map": {
-            "size_m": size_m,
-            "cells": list(cells),
-            "dimensions": 3 if three_d else 2,
-            "levels": {"min_altitude_m": 20.0, "step_m": 20.0},
-            "obstacles": {"coverage": [0.1, 0.3], "height_m": [15.0, 70.0]} if three_d else None,
-        },
-        "drones": {
-            "count": drones,
-            "footprint_radius_m": pick(1.2, 1.6, 2.1) * cell_m,
-            "bandwidth_kbps": pick(None, 1000.0, 300.0),
-            "motion": {
-                "kind": "bang_coast_bang",
-                "timing": pick("fill_epoch", "minimum_time"),
-            },
-            "battery": battery if limited else None,
-        },
-        "stations": {
-            "count": pick(1, 2, 3) if limited else 0,
-            "radius_m": 0.3 * min(size_m),
-            "pads": pick(1, 1, 2),
-            "full_charge_min": pick(1.3, 2.6, 5.0),
-        },
-        "users": {
-            "count": int(rng.integers(10, 25)),
-            "clusters": {"count": 4, "radius_m": [cell_m, 2 * cell_m]},
-            "mobility": {"kind": "static"}
-            if seed % 7 == 3
-            else {"kind": "random_walk", "speed_mps": pick(1.4, 3.0), "leg_s": pick(60.0, 25.0)},
-        },
-        "demand": demand,
-        "position_noise": {"probability": 0.4, "sigma_cells": 1.0} if noisy else None,
-        "episode": {"steps": 15, "step_s": step_s},
-    }
-
-
-def inputs_of(world: World, path: SamplePath, ceilings: tuple[bool, ...]) -> Inputs:
-    """The world and its sample path in plain numbers; which of equal ways home is the engine's."""
-    scenario, grid = world.scenario, world.grid
-    motion, battery = scenario.drones.motion, scenario.drones.battery
-    levels = tuple(grid.levels_under_ceiling if low else len(grid.levels_m) for low in ceilings)
-
-    def plan(node: tuple[int, int, int], count: int) -> list[tuple[int, int, int]]:
-        way = world.planner.plan(node, count == grid.levels_under_ceiling)
-        assert way is not None
-        return list(way.hops)
-
-    legs = np.array(path.walks.legs, float)
-    legs[:, 0] /= US
-    requests = [Request(int(due), int(need), int(bps)) for due, _, need, bps in path.requests.rows]
-    dies = battery is None or battery.on_crash == "remove"
-    return Inputs(
-        cell_m=grid.cell_m,
-        height_m=grid.height_m,
-        levels_m=grid.levels_m,
-        level_step_m=grid.level_step_m,
-        three_d=scenario.map.dimensions == 3,
-        levels=levels,
-        stations=world.stations,
-        starts=world.starts,
-        radius_m=scenario.drones.footprint_radius_m,
-        bandwidth_bps=world.bandwidth_bps,
-        max_speed_mps=motion.max_speed_mps,
-        max_acceleration_mps2=motion.max_acceleration_mps2,
-        fill_epoch=motion.timing == "fill_epoch",
-        capacity_us=None if battery is None else world.capacity_us,
-        return_below=0.0 if battery is None else battery.return_below,
-        respawn_after_us=None if dies else round(battery.respawn_after_min * 60 * US),
-        charge_us=round(scenario.stations.full_charge_min * 60 * US),
-        pads=scenario.stations.pads,
-        steps=scenario.episode.steps,
-        step_us=world.step_us,
-        legs=split(legs, path.walks.offsets),
-        requests=split(requests, path.requests.offsets),
-        after_previous=path.requests.after_previous,
-        position_error=path.position_error,
-        respawn=path.respawn,
-        plan=plan,
-    )
-
-
-def split(rows: Any, offsets: np.ndarray) -> list[Any]:
-    return [rows[a:b] for a, b in pairwise(offsets.tolist())]
-
-
-@dataclass(frozen=True)
-class Case:
-    """One episode as the engine ran it."""
-
-    world: World
-    inputs: Inputs
-    commands: list[list[int]]
-    log: EpisodeLog
-
-    def count(self, *kinds: str) -> int:
-        return sum(event[2] in kinds for event in self.log.events)
-
-    @property
-    def smooth(self) -> bool:
-        """Bandwidth for everybody at once, and all requests at the start?"""
-        once = all(len(own) <= 1 for own in self.inputs.requests)
-        at_start = self.inputs.after_previous and all(
-            request.due_us == 0 for own in self.inputs.requests for request in own
-        )
-        asked_bps = sum(r.bandwidth_bps for own in self.inputs.requests for r in own)
-        return asked_bps <= self.inputs.bandwidth_bps and once and at_start
-
-
-@cache
-def case_of(seed: int) -> Case:
-    """Fly a scenario with random commands, some of them masked or no action at all."""
-    return flown(seed, scenario_of(seed), episodes=1)[0]
-
-
-def flown(seed: int, mapping: dict[str, Any], episodes: int) -> list[Case]:
-    world = build_world(from_mapping(mapping), seed)
-    rng = np.random.default_rng([8, seed])
-    ceilings = tuple(bool(rng.random() < 0.6) for _ in world.starts)
-    carry_over = world.scenario.episode.carry_over
-    engine = Simulation(world, RunSettings(ceilings, carry_over, keep_events=True))
-    cases = []
-    for episode in range(episodes):
-        path = draw(world, seed, episode)
-        snapshot, commands = engine.reset(path), []
-        while not snapshot.truncated:
-            commands.append([chosen(rng, world, mask) for mask in snapshot.masks])
-            snapshot = engine.step(commands[-1])
-        cases.append(Case(world, inputs_of(world, path, ceilings), commands, engine.log))
-    return cases
-
-
-def chosen(rng: np.random.Generator, world: World, mask: tuple[bool, ...]) -> int:
-    if rng.random() < 0.1:
-        return int(rng.integers(-1, len(mask) + 1))
-    weight = np.array([float(allowed) for allowed in mask])
-    for index, action in enumerate(world.actions):
-        weight[index] *= {Action.GOTO_CHARGING_STATION: 4.0, Action.CHARGE: 4.0}.get(action, 1.0)
-    return int(rng.choice(len(mask), p=weight / weight.sum()))
-
-
-@cache
-def sampled(seed: int, dt_s: float) -> Result:
-    case = case_of(seed)
-    return simulate(case.inputs, case.commands, dt_s)
-
-
-def exact_measures(case: Case) -> dict[str, float]:
-    """The measures of the model, from the engine's requests and attachments."""
-    requests = case.log.requests
-    share = [r.served_us / r.required_us for r in requests]
-    unserved = [r.t_end_us - r.t_request_us - r.served_us for r in requests]
-    return {
-        "served_s": sum(r.served_us for r in requests) / US,
-        "qoe1": 100.0 * float(np.mean(share)) if share else 0.0,
-        "qoe2": float(np.mean(unserved)) / (60 * US) if share else 0.0,
-        "qoe3": 100.0 * case.log.attached_us / (len(case.inputs.legs) * case.world.horizon_us),
-        "battery_s": sum((step.battery_us or 0) for step in case.log.steps) / US,
-    }
-
-
-def sampled_measures(result: Result) -> dict[str, float]:
-    records = [record for step in result.records for record in step]
-    return {
-        "served_s": sum(r.served_us for r in result.requests) / US,
-        "qoe1": result.qoe1,
-        "qoe2": result.qoe2,
-        "qoe3": result.qoe3,
-        "battery_s": sum((record.battery_us or 0) for record in records) / US,
-    }
 
 
 def check_discrete(case: Case, result: Result, dt_s: float) -> None:
@@ -342,22 +141,6 @@ def check_at_finest(seed: int) -> None:
     check_service(case, result, FINEST_S)
 
 
-def pooled_errors(seeds: range) -> dict[str, np.ndarray]:
-    """For each measure and dt the mean error over scenarios, less the tenth furthest off."""
-    errors = np.empty((len(DTS_S), len(MEASURES), len(seeds)))
-    for column, seed in enumerate(seeds):
-        exact = exact_measures(case_of(seed))
-        for row, dt_s in enumerate(DTS_S):
-            close = sampled_measures(sampled(seed, dt_s))
-            errors[row, :, column] = [abs(close[name] - exact[name]) for name in MEASURES]
-    kept = np.sort(errors, axis=-1)[..., : math.ceil(0.9 * len(seeds))].mean(axis=-1)
-    return dict(zip(MEASURES, kept.T, strict=True))
-
-
-def slope(errors: np.ndarray) -> float:
-    return float(np.polyfit(np.log(DTS_S), np.log(errors), 1)[0])
-
-
 @pytest.mark.parametrize("seed", SEEDS)
 def test_agrees_at_the_finest_dt(seed: int) -> None:
     check_at_finest(seed)
@@ -377,10 +160,8 @@ def test_coverage_is_within_dt_an_interval(dt_s: float) -> None:
     assert compared >= 0.9 * len(SEEDS)
 
 
-@pytest.mark.parametrize("measure", MEASURES)
-def test_converges_with_slope_one(measure: str) -> None:
-    errors = pooled_errors(SEEDS)[measure]
-    assert 0.7 <= slope(errors) <= 1.4, errors
+def test_converges_with_slope_one() -> None:
+    check(slopes(SEEDS, 0.3))
 
 
 def test_the_scenarios_have_everything_in_them() -> None:
@@ -431,8 +212,7 @@ def test_agrees_at_the_finest_dt_in_many_scenarios() -> None:
 
 @pytest.mark.slow
 def test_converges_with_slope_one_in_many_scenarios() -> None:
-    slopes = {name: slope(errors) for name, errors in pooled_errors(MORE_SEEDS).items()}
-    assert all(0.8 <= found <= 1.25 for found in slopes.values()), slopes
+    check(slopes(MORE_SEEDS, 0.2))
 
 
 @pytest.mark.slow

@@ -9,63 +9,17 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from desim_uav.engine.base import ClosedRequest, Engine, RunSettings
+from desim_uav.engine.base import RunSettings
 from desim_uav.engine.batch import BatchSimulation, simulation
-from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
-from tests.engine.helpers import scenarios, some_command
+from tests.engine.helpers import scenarios
+from tests.verification.engines import differences, engines
 
 CASES = [f"case{k}" for k in range(1, 10)]
-SUMS = (
-    *("duration_us", "attached_us", "bandwidth_us_bps", "queueing_us", "distance_m"),
-    *("crashed", "charges", "suppressed"),
-)
-
-
-def row(request: ClosedRequest) -> tuple[Any, ...]:
-    return (
-        *(request.request_id, request.user, request.service, request.bandwidth_bps),
-        *(request.required_us, request.served_us, request.attached_us, request.t_request_us),
-        *(request.t_first_us, request.t_end_us, request.interruptions, request.drones),
-        request.outcome,
-    )
-
-
-def engines(world: World, ceilings: tuple[bool, ...]) -> tuple[Engine, Engine]:
-    told = RunSettings(ceilings, world.scenario.episode.carry_over, keep_events=True)
-    return Simulation(world, told), BatchSimulation(world, told)
-
-
-def assert_same_now(one: Engine, other: Engine) -> None:
-    assert one.measures() == other.measures()
-    assert one.user_states() == other.user_states()
-    for places, others in zip(one.positions_m(), other.positions_m(), strict=True):
-        assert (places == others).all()
-
-
-def assert_same_episode(one: Engine, other: Engine, seed: int, episode: int) -> None:
-    """Play an episode with random commands in both."""
-    rng = np.random.default_rng([seed, episode])
-    path = draw(one.world, seed, episode)
-    shown, seen = one.reset(path), other.reset(path)
-    while True:
-        assert shown == seen
-        assert_same_now(one, other)
-        if shown.terminated or shown.truncated:
-            break
-        commands = [some_command(one.world, mask, rng) for mask in shown.masks]
-        shown, seen = one.step(commands), other.step(commands)
-    assert one.log.events == other.log.events
-    assert one.log.legs == other.log.legs
-    assert one.log.steps == other.log.steps
-    assert [row(r) for r in one.log.requests] == [row(r) for r in other.log.requests]
-    for name in SUMS:
-        assert getattr(one.log, name) == getattr(other.log, name), name
-    assert one.carried() == other.carried()
 
 
 @pytest.mark.parametrize("seed", [0, 1])
@@ -75,7 +29,7 @@ def test_the_nine_cases(case: str, seed: int):
     ceilings = tuple(bool((drone + seed) % 2) for drone in range(world.scenario.drones.count))
     one, other = engines(world, ceilings)
     for episode in range(3):
-        assert_same_episode(one, other, seed, episode)
+        assert not differences(one, other, seed, episode)
 
 
 CHANGES = {
@@ -106,7 +60,7 @@ def test_changed_cases(case: str, name: str):
     world = changed(case, name)
     one, other = engines(world, (True,) * world.scenario.drones.count)
     for episode in range(4):
-        assert_same_episode(one, other, 3, episode)
+        assert not differences(one, other, 3, episode)
 
 
 def play_random(scenario: dict[str, Any], seed: int) -> None:
@@ -119,7 +73,7 @@ def play_random(scenario: dict[str, Any], seed: int) -> None:
     ceilings = tuple((rng.random(world.scenario.drones.count) < 0.5).tolist())
     one, other = engines(world, ceilings)
     for episode in range(3):
-        assert_same_episode(one, other, seed, episode)
+        assert not differences(one, other, seed, episode)
 
 
 @settings(max_examples=40, deadline=None)
@@ -141,14 +95,14 @@ def test_five_hundred_users(seed: int):
     world = build_world(load(scenario_path("case9"), ["users.count=500"]), seed)
     one, other = engines(world, (True,) * world.scenario.drones.count)
     for episode in range(2):
-        assert_same_episode(one, other, seed, episode)
+        assert not differences(one, other, seed, episode)
 
 
 def test_an_episode_may_begin_in_the_other_engine():
     world = changed("case9", "crashes")
     one, other = engines(world, (True,) * 6)
     for episode in range(6):
-        assert_same_episode(one, other, 5, episode)
+        assert not differences(one, other, 5, episode)
         if episode % 2:  # each goes on from what the other has told
             from_one, from_other = one.carried(), other.carried()
             one.carry(from_other)
@@ -166,7 +120,7 @@ def test_room_is_made_where_something_does_not_fit(name: str, monkeypatch: pytes
     world = changed("case8", name)
     one, other = engines(world, (True,) * world.scenario.drones.count)
     for episode in range(2):
-        assert_same_episode(one, other, 1, episode)
+        assert not differences(one, other, 1, episode)
 
 
 def test_no_step_outside_an_episode():

@@ -2,32 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from statistics import fmean, stdev
-
-import numpy as np
 import pytest
 
-from desim_uav.engine.des.agenda import Agenda, key
-from desim_uav.engine.des.station import Station
-from desim_uav.model.rules import Mode, Phase
-from tests.engine.helpers import HOP_US, US, Flight, events, fly, path_of, seen, strip
-
-MINUTE = 60 * US
-
+from desim_uav.model.rules import Mode
+from tests.engine.helpers import HOP_US, US, Flight, events, fly, path_of, seen
+from tests.verification.figure import Estimate, check
+from tests.verification.queueing import (
+    MD_C,
+    ROOMY,
+    charged_together,
+    figures,
+    md_c_wait_min,
+    queueing,
+)
 
 # ---- by hand
-
-
-def queueing(drones: int, pads: int, steps: int, full_charge_min: float = 15.0, **changes):
-    """Drones on the station in the middle (cell 4), 600 s of battery."""
-    return strip(
-        changes.pop("starts", [(4, 0)] * drones),
-        battery={"autonomy_min": 10, "return_below": 1.0},
-        stations={"pads": pads, "full_charge_min": full_charge_min},
-        steps=steps,
-        **changes,
-    )
 
 
 def test_three_drones_at_one_pad_wait_for_0_d_and_2d():
@@ -57,10 +46,9 @@ def test_three_drones_at_one_pad_wait_for_0_d_and_2d():
     ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("drones", "pads"), [(1, 1), (2, 2), (3, 3), (2, 5)])
+@pytest.mark.parametrize(("drones", "pads"), ROOMY)
 def test_drones_with_a_pad_each_do_not_wait(drones: int, pads: int):
-    world = queueing(drones, pads, steps=3)
-    log = fly(world, path_of(world), *["hover charge"] * drones)
+    log = charged_together(drones, pads)
     assert log.queueing_us == 0
     assert {event[0] for event in seen(log, "charged")} == {150 * US}
     assert log.charges == drones
@@ -132,49 +120,15 @@ def test_a_queue_is_carried_over():
 # ---- the textbooks'
 
 
-def waits_min(pads: int, rate: float, customers: int, seed: int) -> list[float]:
-    """Waits, in minutes, of Poisson arrivals (``rate`` a minute) that hold a pad for 30 minutes."""
-    agenda = Agenda()
-    station = Station(agenda, 0, (0, 0), pads)
-    gaps_us = np.rint(np.random.default_rng([pads, seed]).exponential(MINUTE / rate, customers))
-    waits = []
-
-    def drone() -> Iterator[object]:
-        landed_us = agenda.now
-        with station.pads.request() as pad:
-            yield pad
-            waits.append((agenda.now - landed_us) / MINUTE)
-            yield agenda.at(agenda.now + 30 * MINUTE, key(Phase.ARRIVAL))
-
-    def arrivals() -> Iterator[object]:
-        for gap_us in gaps_us.astype(int).tolist():
-            yield agenda.at(agenda.now + gap_us, key(Phase.ARRIVAL))
-            agenda.process(drone())
-
-    agenda.process(arrivals())
-    agenda.run()
-    assert len(waits) == customers
-    return waits
-
-
-def check_mean_wait(pads: int, rate: float, expected: float, runs: int, accuracy: float) -> None:
-    """Means of independent runs, after their first 200 drones, within 4 standard errors."""
-    means = [fmean(waits_min(pads, rate, 1700, seed)[200:]) for seed in range(runs)]
-    error = stdev(means) / runs**0.5
-    assert error < accuracy * expected, "not sharp enough to tell"
-    assert abs(fmean(means) - expected) < 4 * error
-
-
-MD_C = [(2, 0.04, 8.79108), (1, 0.02, 22.5)]
-"""Pads, arrivals a minute, mean wait: M/D/2, and M/D/1 by Pollaczek and Khinchine."""
-
-
 @pytest.mark.parametrize(("pads", "rate", "expected"), MD_C)
-def test_a_station_is_an_m_d_c_queue(pads: int, rate: float, expected: float):
-    check_mean_wait(pads, rate, expected, runs=80, accuracy=0.03)
+def test_the_theory(pads: int, rate: float, expected: float):
+    assert md_c_wait_min(pads, rate) == pytest.approx(expected, abs=5e-6)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(("pads", "rate", "expected"), MD_C)
-def test_a_station_is_an_m_d_c_queue_to_a_percent(pads: int, rate: float, expected: float):
-    check_mean_wait(pads, rate, expected, runs=600, accuracy=0.01)
+@pytest.mark.parametrize(
+    ("quick", "accuracy"), [(True, 0.05), pytest.param(False, 0.01, marks=pytest.mark.slow)]
+)
+def test_a_station_is_an_m_d_c_queue(quick: bool, accuracy: float):
+    found = list(figures(quick))
+    check(found)
+    assert all(f.error < accuracy * f.theory for f in found if isinstance(f, Estimate))

@@ -3,23 +3,24 @@
 from __future__ import annotations
 
 import math
-from statistics import fmean, stdev
-from typing import Any
+from statistics import fmean
 
 import numpy as np
 import pytest
 from scipy import stats
 
-from desim_uav.engine.base import EpisodeLog, RunSettings
-from desim_uav.engine.des import Simulation
-from desim_uav.model.rules import Action, Outcome
-from desim_uav.sample_path import draw
-from desim_uav.scenario.load import from_mapping
-from desim_uav.world import World, build_world
-from tests.engine.helpers import US, events, fly, merged, path_of, seen, strip
-
-LOSS = {"kind": "tests.engine.helpers:Loss"}
-
+from desim_uav.model.rules import Outcome
+from tests.engine.helpers import US, events, fly, path_of, seen, strip
+from tests.verification.demand import (
+    LOSS,
+    blocking,
+    engset,
+    erlang,
+    erlang_b,
+    hovered,
+    under_one_drone,
+)
+from tests.verification.figure import check
 
 # ---- by hand
 
@@ -70,84 +71,25 @@ def test_two_arrivals_of_one_instant_are_one_request_though_the_first_is_refused
 # ---- Erlang B
 
 
-def erlang_b(erlangs: float, channels: int) -> float:
-    blocked = 1.0
-    for k in range(1, channels + 1):
-        blocked = erlangs * blocked / (k + erlangs * blocked)
-    return blocked
-
-
-def engset(users: int, erlangs: float, channels: int) -> float:
-    """Calls lost when ``users`` together would offer ``erlangs``, but none while it is served."""
-    blocked, each = 1.0, erlangs / users
-    for k in range(1, channels + 1):
-        offered = each * (users - k)
-        blocked = offered * blocked / (k + offered * blocked)
-    return blocked
-
-
 def test_the_formula():
     assert erlang_b(7, 10) == pytest.approx(0.0787408830, abs=5e-11)
     assert engset(20_000, 7, 10) == pytest.approx(0.0787408830, rel=2e-3)
-
-
-HOLD_MIN = 3.0
-
-
-def under_one_drone(users: int, demand: dict[str, Any], hours: int, **changes: Any) -> World:
-    """Everybody near a hovering drone with no battery to mind."""
-    base = {
-        "map": {"size_m": [720, 720], "cells": [3, 3], "dimensions": 2},
-        "drones": {"count": 1, "start_cells": [[1, 1]], "battery": None},
-        "stations": {"count": 0},
-        "users": {"positions_m": [[360, 360]] * users, "mobility": {"kind": "static"}},
-        "demand": demand,
-        "services": {"unit": {"duration_min": [HOLD_MIN], "bandwidth_kbps": [100]}},
-        "episode": {"steps": hours, "step_s": 3600},
-    }
-    return build_world(from_mapping(merged(base, changes)), 0)
-
-
-def hovered(world: World, seed: int) -> EpisodeLog:
-    engine = Simulation(world, RunSettings((True,), False, keep_events=False))
-    engine.reset(draw(world, seed, 0))
-    for _ in range(world.scenario.episode.steps):
-        engine.step([int(Action.HOVER)])
-    return engine.log
-
-
-def blocked_share(users: int, hours: int, seed: int) -> float:
-    """7 Erlang in all on 10 units: of the requests after the first half hour, the share refused."""
-    demand = {"kind": "poisson", "rate_per_hour": 7 * 60 / HOLD_MIN / users, "mix": {"unit": 1}}
-    drones = {"admission": LOSS, "bandwidth_kbps": 1000}
-    log = hovered(under_one_drone(users, demand, hours, drones=drones), seed)
-    late = [r for r in log.requests if 1800 * US < r.t_request_us < log.duration_us - 180 * US]
-    refused = [r for r in late if r.outcome is Outcome.NEVER_SERVED]
-    served = [r for r in late if r.outcome is Outcome.COMPLETED]
-    assert len(refused) + len(served) == len(late)
-    assert all(r.t_end_us == r.t_request_us for r in refused)
-    assert all(r.t_end_us - r.t_request_us == r.required_us == 180 * US for r in served)
-    return len(refused) / len(late)
-
-
-def check_blocking(users: int, hours: int, runs: int, accuracy: float, expected: float) -> None:
-    """The mean of independent runs, within 4 standard errors."""
-    shares = [blocked_share(users, hours, seed) for seed in range(runs)]
-    error = stdev(shares) / math.sqrt(runs)
-    assert error < accuracy * expected, "not sharp enough to tell"
-    assert abs(fmean(shares) - expected) < 4 * error
 
 
 @pytest.mark.parametrize(("users", "expected"), [(1000, 0.0764929), (40, 0.0325576)])
 def test_blocking_is_what_engset_says_of_some_users(users: int, expected: float):
     # Users do not ask while they are served; 1,000 of them are within 3 % of infinitely many.
     assert engset(users, 7, 10) == pytest.approx(expected, rel=2e-3)
-    check_blocking(users, hours=12, runs=20, accuracy=0.05, expected=engset(users, 7, 10))
+    found = blocking(users, hours=12, runs=20, theory=engset(users, 7, 10))
+    check([found])
+    assert found.error < 0.05 * found.theory, "not sharp enough to tell"
 
 
 @pytest.mark.slow
 def test_blocking_is_what_erlang_says_of_many():
-    check_blocking(users=20_000, hours=60, runs=40, accuracy=0.01, expected=0.0787408830)
+    found = erlang()
+    check([found])
+    assert found.error < 0.01 * found.theory, "not sharp enough to tell"
 
 
 # ---- demand, as it comes out of the engine

@@ -11,29 +11,22 @@ from desim_uav.model.motion import (
     ACCELERATION,
     DISTANCE,
     REST,
-    SPEED,
     START,
     BangCoastBang,
     cruise_speed,
     travelled,
 )
-
-FILL = BangCoastBang(8.3, 4.0, "fill_epoch")
-FAST = BangCoastBang(8.3, 4.0, "minimum_time")
-
-
-def flight_s(transit):
-    return transit.profile[-1, START]
+from tests.verification.figure import check
+from tests.verification.transit import FAST, FILL, figures, flight_s, top_speed
 
 
-def top_speed(transit):
-    return transit.profile[:, SPEED].max()
+def test_figures():
+    check(figures())
 
 
 class TestClosedForms:
     def test_a_cell_in_minimum_time(self):
         transit = FAST.fastest_transit(240.0)
-        assert flight_s(transit) == pytest.approx(30.990662650602406, rel=1e-15)
         assert transit.duration_us == 30_990_663
         assert top_speed(transit) == 8.3
         assert transit.distance_m == 240.0
@@ -44,14 +37,12 @@ class TestClosedForms:
 
     def test_a_short_hop_in_minimum_time_still_cruises(self):
         transit = FAST.fastest_transit(20.0)
-        assert flight_s(transit) == pytest.approx(4.484639, abs=5e-7)
         assert transit.duration_us == 4_484_639
         assert top_speed(transit) == 8.3
 
     def test_below_v_squared_over_a_the_profile_is_triangular(self):
         transit = FAST.fastest_transit(10.0)
-        assert flight_s(transit) == pytest.approx(3.16227766, abs=5e-9)
-        assert top_speed(transit) == pytest.approx(6.32455532, abs=5e-9)
+        assert transit.profile[1, :3] == pytest.approx(transit.profile[2, :3])
         assert travelled(transit.profile, math.sqrt(2.5)) == pytest.approx(5.0, abs=1e-12)
 
     def test_both_forms_meet_at_v_squared_over_a(self):
@@ -63,16 +54,12 @@ class TestClosedForms:
 
     def test_a_cell_that_fills_the_epoch(self):
         transit = FILL.epoch_transit(240.0, 60.0)
-        assert top_speed(transit) == pytest.approx(4.068986030484496, rel=1e-15)
-        assert transit.profile[1, START] == pytest.approx(1.017246508, abs=5e-10)
         assert flight_s(transit) == 60.0
         assert transit.duration_us == 60_000_000
         assert transit.profile[:, ACCELERATION].tolist() == [4.0, 0.0, -4.0, 0.0]
 
     def test_a_level_that_fills_the_epoch(self):
-        transit = FILL.epoch_transit(20.0, 60.0)
-        assert top_speed(transit) == pytest.approx(0.333798, abs=5e-7)
-        assert transit.duration_us == 60_000_000
+        assert FILL.epoch_transit(20.0, 60.0).duration_us == 60_000_000
 
     def test_the_cruise_speed_does_not_cancel(self):
         # (aT - sqrt(a²T² - 4ad)) / 2 loses all digits here; v = d / (T - v/a) does not.

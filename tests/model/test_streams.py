@@ -1,8 +1,5 @@
 """The streams are NumPy's own, and nobody's draws depend on another."""
 
-import hashlib
-from itertools import pairwise
-
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
@@ -15,15 +12,10 @@ from desim_uav.model.streams import Purpose, Streams, next_uniform, next_word
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import loads
 from desim_uav.world import build_world
+from tests.verification.figure import check
+from tests.verification.streams import SEEDS, changed, drawn, each, figures, hashes, numpys
 
-SEEDS = [0, 1, 42, 2**31, 2**32 - 1, 2**32, 2**32 + 1, 2**40 + 12345, 2**63 - 1]
 HORIZON_US = 1_800_000_000
-
-
-def numpys(seed, purpose, entity, episode):
-    """What the model says a stream is."""
-    key = (purpose, entity, episode % 2**32)
-    return np.random.Generator(np.random.SFC64(np.random.SeedSequence(seed, spawn_key=key)))
 
 
 class TestNumPys:
@@ -52,9 +44,7 @@ class TestNumPys:
             assert ours.tolist() == theirs.tolist()
 
     def test_far_along_and_for_many_entities(self):
-        states = Streams(7, Purpose.DEMAND, 3).states(5000)
-        expected = numpys(7, 3, 4999, 3)
-        assert [next_uniform(states[4999]) for _ in range(2000)] == expected.random(2000).tolist()
+        check(figures())
 
     def test_words_are_the_raw_ones(self):
         states = Streams(3, Purpose.RESPAWN, 1).states(1)
@@ -83,19 +73,6 @@ class TestNumPys:
         }
 
 
-def digest(*arrays):
-    """A hash of the bytes of arrays."""
-    hashed = hashlib.sha256()
-    for array in arrays:
-        hashed.update(np.ascontiguousarray(array).tobytes())
-    return hashed.hexdigest()
-
-
-def each(rows, offsets):
-    """A hash for each entity."""
-    return [digest(rows[a:b]) for a, b in pairwise(offsets)]
-
-
 class TestOneMore:
     def test_user_walks(self):
         homes = np.random.default_rng(1).uniform(0.0, 1000.0, (9, 2))
@@ -114,38 +91,6 @@ class TestOneMore:
             each(*demand.requests(n, services, streams, HORIZON_US)[:2]) for n in (20, 21)
         )
         assert some == more[:20]
-
-
-BASE = {
-    "seed": 11,
-    "users.count": 12,
-    "users.clusters.count": 4,
-    "drones.count": 3,
-    "stations.count": 3,
-    "position_noise.probability": 0.5,
-}
-
-
-def drawn(episode=0, seed=None, **changes):
-    """(world, sample path) of a small scenario in 3D with everything random in it."""
-    settings_ = BASE | {key.replace("__", "."): value for key, value in changes.items()}
-    overrides = [f"{key}={value}" for key, value in settings_.items()]
-    scenario = loads("name: streams", overrides=overrides)
-    world = build_world(scenario, scenario.effective_world_seed)
-    return world, draw(world, scenario.seed if seed is None else seed, episode)
-
-
-def hashes(world, path):
-    """The hash of everybody's draws, by purpose."""
-    return {
-        "buildings": [digest(world.grid.height_m)],
-        "clusters": [digest(row) for row in world.clusters],
-        "placement": [digest(row) for row in world.homes],
-        "mobility": each(*path.walks),
-        "demand": each(path.requests.rows, path.requests.offsets),
-        "noise": [digest(row) for row in path.position_error],
-        "respawn": [digest(row) for row in path.respawn],
-    }
 
 
 class TestWholeSamplePaths:
@@ -179,17 +124,12 @@ class TestWholeSamplePaths:
             stations = np.floor(3 * numpys(6, 5, drone, episode).random(31))
             assert path.respawn[drone].tolist() == stations.tolist()
 
-    def test_one_more_user(self):
-        one, other = hashes(*drawn()), hashes(*drawn(users__count=13))
-        for purpose in one:
-            assert other[purpose][: len(one[purpose])] == one[purpose], purpose
-        assert len(other["placement"]) == len(one["placement"]) + 1
-
-    def test_one_more_drone(self):
-        one, other = hashes(*drawn()), hashes(*drawn(drones__count=4))
-        for purpose in one:
-            assert other[purpose][: len(one[purpose])] == one[purpose], purpose
-        assert len(other["noise"]) == len(other["respawn"]) == 4
+    def test_one_more_user_or_drone(self):
+        one = hashes(*drawn())
+        user, drone = hashes(*drawn(users__count=13)), hashes(*drawn(drones__count=4))
+        assert changed(one, user) == changed(one, drone) == []
+        assert len(user["placement"]) == len(one["placement"]) + 1
+        assert len(drone["noise"]) == len(drone["respawn"]) == 4
 
     def test_one_more_cluster(self):
         one, other = hashes(*drawn()), hashes(*drawn(users__clusters__count=5))

@@ -1,0 +1,122 @@
+"""What is the simulator checked against, and does it hold?
+
+python analysis/verification.py [--quick] [--markdown FILE] [PART…]
+
+A row a figure: ours, what theory or something independent says, how far apart they are, how far
+they may be, and of how many cases or independent replications. Exact figures have a tolerance,
+estimates 4 standard errors. Without --quick there are more replications; that takes some minutes.
+Exit code 6 where a figure does not hold. It needs pip install 'desim-uav[test]' and a checkout.
+"""
+
+import argparse
+import platform
+import sys
+from collections.abc import Iterator
+from datetime import UTC, datetime
+from importlib import import_module
+from importlib.metadata import version
+from pathlib import Path
+
+from desim_uav.errors import DesimError, MissingExtraError, UsageError
+from desim_uav.experiment.progress import progress
+
+PARTS = (
+    *("transit", "crossings", "planning", "queueing", "demand", "placement", "streams"),
+    *("determinism", "conservation", "identities", "convergence", "engines", "optimality"),
+)
+COLUMNS = ("", "ours", "theory", "apart", "limit", "n", "holds")
+PACKAGES = ("desim-uav", "numpy", "numba", "simpy", "scipy", "networkx")
+DOES_NOT_HOLD = 6
+
+
+def main() -> int:
+    """Print the tables; the exit code."""
+    told = arguments()
+    tables, failed, total = [], 0, 0
+    with progress(True, len(told.parts), "parts") as advance:
+        for part in told.parts:
+            about, rows = examined(part, told.quick)
+            tables.append(f"### {about}\n\n{drawn(rows)}\n")
+            failed += sum(row[-1] != "yes" for row in rows)
+            total += len(rows)
+            advance()
+    print("\n".join(tables))
+    said = f"{total - failed} of {total} figures hold"
+    print(said, file=sys.stderr)
+    if told.markdown is not None:
+        write(told.markdown, "\n".join((provenance(), f"{said}.\n", *tables)))
+    return DOES_NOT_HOLD if failed else 0
+
+
+def arguments() -> argparse.Namespace:
+    """The command line."""
+    about, _, rest = (__doc__ or "").partition("\n\n")
+    parser = argparse.ArgumentParser(
+        description=about, epilog=rest.partition("\n\n")[2], allow_abbrev=False
+    )
+    parser.add_argument("--quick", action="store_true", help="fewer replications: under a minute")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables there too")
+    parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
+    told = parser.parse_args()
+    unknown = [part for part in told.parts if part not in PARTS]
+    if unknown:
+        parser.error(f"no such part: {unknown[0]} (there are {', '.join(PARTS)})")
+    told.parts = told.parts or PARTS
+    return told
+
+
+def examined(part: str, quick: bool) -> tuple[str, list[tuple[str, ...]]]:
+    """What a part is held against, and its rows; where it cannot be examined that does not hold."""
+    try:
+        module = import_module(f"tests.verification.{part}")
+    except ModuleNotFoundError as error:
+        raise MissingExtraError(Path(__file__).name, "test") from error
+    about = (module.__doc__ or part).partition("\n\n")[0].rstrip(".")
+    return about, list(rows_of(module.figures(quick)))
+
+
+def rows_of(figures: Iterator) -> Iterator[tuple[str, ...]]:
+    """The rows of figures."""
+    try:
+        for figure in figures:
+            yield (*figure.cells(), "yes" if figure.holds else "NO")
+    except (AssertionError, DesimError) as error:
+        yield (f"{type(error).__name__}: {error}".partition("\n")[0], "", "", "", "", "", "NO")
+
+
+def drawn(rows: list[tuple[str, ...]]) -> str:
+    """A Markdown table that can be read as it stands."""
+    table = [COLUMNS, *(tuple(cell.replace("|", "\\|") for cell in row) for row in rows)]
+    widths = [max(3, *map(len, column)) for column in zip(*table, strict=True)]
+    rule = tuple("-" * width for width in widths)
+    return "\n".join(
+        "| " + " | ".join(c.ljust(w) for c, w in zip(row, widths, strict=True)) + " |"
+        for row in (table[0], rule, *table[1:])
+    )
+
+
+def provenance() -> str:
+    """The command, when, and with what."""
+    command = " ".join(["python", "analysis/verification.py", *sys.argv[1:]])
+    packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
+    today = datetime.now(UTC).date().isoformat()
+    return f"`{command}`, {today}, Python {platform.python_version()}, {packages}\n"
+
+
+def write(file: Path, text: str) -> None:
+    """Raises UsageError where it cannot be written."""
+    try:
+        file.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise UsageError(f"cannot write {file}: {error.strerror or error}") from error
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+    try:
+        sys.exit(main())
+    except DesimError as error:
+        print(f"verification.py: {error}", file=sys.stderr)
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)

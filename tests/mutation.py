@@ -1,0 +1,356 @@
+"""Would the tests notice? Spoils the simulator, one thing at a time, and runs the tests on it.
+
+python tests/mutation.py [--only TEXT] [--list] [--markdown FILE]
+
+Each mutation is made in a copy of the tree, in which the named tests have passed before; the first
+test that fails has noticed it. Run by hand: most of them make the kernels be compiled anew, so all
+take about half an hour. Exit code 6: one is not noticed; 1: the tests fail on the tree as it is.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+COPIED = ("desim_uav", "scenarios", "policies", "tests", "analysis", "pyproject.toml", "README.md")
+NOT_NOTICED = 6
+
+
+@dataclass(frozen=True)
+class Mutation:
+    """In ``file`` of ``desim_uav``, ``old`` (which stands there once) is ``new``."""
+
+    what: str
+    file: str
+    old: str
+    new: str
+    tests: tuple[str, ...]
+
+    def applied(self, source: str) -> str:
+        """The file's text, spoiled. Raises ValueError where ``old`` is not there, or twice."""
+        if source.count(self.old) != 1:
+            times = source.count(self.old)
+            raise ValueError(f"{self.what}: {self.file} has {times} times {self.old!r}, not once")
+        return source.replace(self.old, self.new)
+
+
+MUTATIONS = (
+    # ---- geometry and motion
+    Mutation(
+        "a footprint 1 m too wide, SimPy engine",
+        "engine/des/simulation.py",
+        "Crossings(world.scenario.drones.footprint_radius_m, world.area)",
+        "Crossings(world.scenario.drones.footprint_radius_m + 1, world.area)",
+        ("engine/test_footprints.py",),
+    ),
+    Mutation(
+        "a footprint 1 mm too wide, compiled engine",
+        "engine/batch/pack.py",
+        "        scenario.drones.footprint_radius_m,\n        getattr",
+        "        scenario.drones.footprint_radius_m + 1e-3,\n        getattr",
+        ("engine/test_batch.py",),
+    ),
+    Mutation(
+        "no deceleration before arrival",
+        "model/motion.py",
+        "(duration - ramp, distance - ramp_distance, speed, -acceleration),",
+        "(duration - ramp, distance - ramp_distance, speed, 0.0),",
+        ("model/test_motion.py",),
+    ),
+    Mutation(
+        "crossing times rounded half up, not half even",
+        "model/coverage.py",
+        "int(np.rint((at + root) * 1e6))",
+        "int(np.floor((at + root) * 1e6 + 0.5))",
+        ("model/test_coverage.py",),
+    ),
+    Mutation(
+        "durations of transits cut off, not rounded",
+        "model/motion.py",
+        "return Transit(profile, round(duration * US), distance)",
+        "return Transit(profile, int(duration * US), distance)",
+        ("model/test_motion.py",),
+    ),
+    Mutation(
+        "A* with an estimate that is too high",
+        "model/planner.py",
+        "estimate = through + hop_us[0] * abs(jx - goal[0])",
+        "estimate = through + 2 * hop_us[0] * abs(jx - goal[0])",
+        ("model/test_planner.py",),
+    ),
+    # ---- draws and order
+    Mutation(
+        "walks drawn from the stream of demand",
+        "world.py",
+        "streams = Streams(seed, Purpose.MOBILITY, episode)",
+        "streams = Streams(seed, Purpose.DEMAND, episode)",
+        ("model/test_streams.py",),
+    ),
+    Mutation(
+        "entries one phase before exits, SimPy engine",
+        "model/rules.py",
+        "    EXIT = 2\n    ARRIVAL = 3\n    ENTRY = 4\n",
+        "    ENTRY = 2\n    ARRIVAL = 3\n    EXIT = 4\n",
+        ("engine/test_attachment.py", "engine/test_batch.py"),
+    ),
+    Mutation(
+        "depletions one phase before arrivals, compiled engine",
+        "engine/batch/queue.py",
+        "COMPLETION, EXIT, ARRIVAL, ENTRY, REQUEST, DEPLETION = range(1, 7)",
+        "COMPLETION, EXIT, DEPLETION, ARRIVAL, ENTRY, REQUEST = range(1, 7)",
+        ("engine/test_batch.py",),
+    ),
+    # ---- service
+    Mutation(
+        "served time lost where a user loses its drone",
+        "engine/des/request.py",
+        "self.served_us += elapsed_us",
+        "self.served_us = elapsed_us",
+        ("engine/test_attachment.py",),
+    ),
+    Mutation(
+        "an interruption of 0 µs counts, SimPy engine",
+        "engine/des/request.py",
+        "self.interruptions += resumed_us > self.stopped_us",
+        "self.interruptions += resumed_us >= self.stopped_us",
+        ("engine/test_requests.py", "engine/test_attachment.py", "engine/test_measures.py"),
+    ),
+    Mutation(
+        "an interruption of 0 µs counts, compiled engine",
+        "engine/batch/airlink.py",
+        "elif s.i[u + STARTED_US] > s.i[u + STOPPED_US]:",
+        "else:",
+        ("engine/test_batch.py",),
+    ),
+    Mutation(
+        "admission stops at the first request that does not fit",
+        "model/admission.py",
+        "                served.append(request)\n",
+        "                served.append(request)\n            else:\n                break\n",
+        ("engine/test_admission.py",),
+    ),
+    Mutation(
+        "a user attaches to the lowest drone, not to the one it entered first",
+        "engine/des/airlink.py",
+        "key=lambda drone: (covering[drone], drone)",
+        "key=lambda drone: drone",
+        ("engine/test_attachment.py",),
+    ),
+    Mutation(
+        "a drone on its way home serves on",
+        "engine/des/drone.py",
+        "(RETURNING)\n        self.airlink.silence(self.radio, COVERAGE)\n",
+        "(RETURNING)\n",
+        ("engine/test_returns.py",),
+    ),
+    # ---- batteries, stations, episodes
+    Mutation(
+        "the last drone that landed is charged first",
+        "engine/des/station.py",
+        "        self.pads = simpy.Resource(agenda, capacity=pads)\n",
+        "        self.pads = simpy.Resource(agenda, capacity=pads)\n"
+        "        last = type('Last', (list,), {'append': lambda own, one: own.insert(0, one)})\n"
+        "        self.pads.put_queue = last()\n",
+        ("engine/test_charging_queue.py",),
+    ),
+    Mutation(
+        "the end of a charge rounded down",
+        "model/battery.py",
+        "return -((battery_us - capacity_us) * full_charge_us // capacity_us)",
+        "return (capacity_us - battery_us) * full_charge_us // capacity_us",
+        ("model/test_battery.py",),
+    ),
+    Mutation(
+        "a battery that is empty 1 µs late",
+        "engine/des/drone.py",
+        "depleted_us = self.since_us + lasts_us",
+        "depleted_us = self.since_us + lasts_us + 1",
+        ("engine/test_crashes.py",),
+    ),
+    Mutation(
+        "a return allowed at any battery",
+        "engine/des/drone.py",
+        "return self.mode, battery_us <= world.return_below_us, may_charge",
+        "return self.mode, True, may_charge",
+        ("engine/test_masks.py",),
+    ),
+    Mutation(
+        "drones not carried over",
+        "engine/des/simulation.py",
+        "if self.truncated and not self.terminated and self.settings.carry_over:",
+        "if self.truncated and not self.terminated and False:",
+        ("engine/test_carry.py",),
+    ),
+    # ---- measures and rewards
+    Mutation(
+        "QoE1 averaged over served requests only",
+        "qoe.py",
+        'derived["qoe1"] = requests["served_s"] / requests["requested_s"]',
+        'derived["qoe1"] = (requests["served_s"] / requests["requested_s"])'
+        '.where(requests["served_s"] > 0)',
+        ("test_qoe.py",),
+    ),
+    Mutation(
+        "QoE2 without what comes after the first service",
+        "qoe.py",
+        '_between(requests["served_s"], open_s) / step_s',
+        'derived["wait_s"] / step_s',
+        ("test_qoe.py",),
+    ),
+    Mutation(
+        "R1 above 1",
+        "model/rewards.py",
+        "return share if share < 1.0 else 1.0",
+        "return share",
+        ("model/test_rewards.py",),
+    ),
+    Mutation(
+        "R1 above 1, compiled engine",
+        "engine/batch/rewards.py",
+        "share = share if share < 1.0 else 1.0",
+        "share = share + 0.0",
+        ("engine/test_batch.py",),
+    ),
+    Mutation(
+        "danger paid where it should cost",
+        "model/rewards.py",
+        '"return": self.cost_sign * cost * return_cost(drone),',
+        '"return": -self.cost_sign * cost * return_cost(drone),',
+        ("model/test_rewards.py",),
+    ),
+    # ---- learning
+    Mutation(
+        "the greedy action not of the allowed ones",
+        "learning/exploration.py",
+        "    for action in range(len(allowed)):\n        if allowed[action]:\n            value =",
+        "    for action in range(len(allowed)):\n        if True:\n            value =",
+        ("learning/test_algorithms.py",),
+    ),
+    Mutation(
+        "the steps of a return not discounted",
+        "learning/learner.py",
+        "self.discount *= self.gamma",
+        "self.discount = self.gamma",
+        ("learning/test_learner.py",),
+    ),
+    Mutation(
+        "Q-learning from a forbidden next action",
+        "learning/q_learning.py",
+        "        if allowed[candidate]:\n",
+        "        if True:\n",
+        ("learning/test_algorithms.py",),
+    ),
+)
+
+
+def main() -> int:
+    """Spoil, run, tell; the exit code."""
+    told = _arguments()
+    chosen = [m for m in MUTATIONS if told.only in m.what]
+    try:
+        for mutation in chosen:
+            mutation.applied(_source(ROOT, mutation).read_text(encoding="utf-8"))
+    except ValueError as error:
+        print(f"mutation.py: {error}", file=sys.stderr)
+        return 2
+    if told.list or not chosen:
+        print(*(m.what for m in chosen), sep="\n")
+        return 0 if chosen else 2
+    with tempfile.TemporaryDirectory() as folder:
+        tree = Path(folder) / "tree"
+        _copy(tree)
+        if not _passes(tree, chosen):
+            return 1
+        rows = list(_rows(tree, chosen))
+    table = ["| spoiled | in `desim_uav/` | noticed by | s |", "| --- | --- | --- | --- |"]
+    table += [f"| {' | '.join(row)} |" for row in rows]
+    print(*table, sep="\n")
+    if told.markdown is not None:
+        told.markdown.write_text("\n".join(table) + "\n", encoding="utf-8")
+    missed = sum(noticed == "NOT NOTICED" for _, _, noticed, _ in rows)
+    print(f"{len(rows) - missed} of {len(rows)} noticed", file=sys.stderr)
+    return NOT_NOTICED if missed else 0
+
+
+def _arguments() -> argparse.Namespace:
+    summary, _, rest = (__doc__ or "").partition("\n\n")
+    parser = argparse.ArgumentParser(
+        description=summary, epilog=rest.partition("\n\n")[2], allow_abbrev=False
+    )
+    parser.add_argument("--only", default="", metavar="TEXT", help="those whose name holds it")
+    parser.add_argument("--list", action="store_true", help="only say which there are")
+    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the table there too")
+    return parser.parse_args()
+
+
+def _source(tree: Path, mutation: Mutation) -> Path:
+    return tree / "desim_uav" / mutation.file
+
+
+def _copy(tree: Path) -> None:
+    """The tree with its machine code on disk, so that only what is spoiled is compiled anew."""
+    tree.mkdir()
+    for name in COPIED:
+        source = ROOT / name
+        copy = shutil.copytree if source.is_dir() else shutil.copy2
+        copy(source, tree / name)
+
+
+def _passes(tree: Path, chosen: Sequence[Mutation]) -> bool:
+    """Do all their tests pass where nothing is spoiled? Else nothing can be noticed."""
+    tests = sorted({test for mutation in chosen for test in mutation.tests})
+    print(f"unspoiled: {len(tests)} files of tests", file=sys.stderr)
+    failed = _first_failure(tree, tests)
+    if failed:
+        print(f"mutation.py: {failed} fails on the tree as it is", file=sys.stderr)
+    return not failed
+
+
+def _rows(tree: Path, chosen: Sequence[Mutation]) -> Iterator[tuple[str, str, str, str]]:
+    for number, mutation in enumerate(chosen, 1):
+        file = _source(tree, mutation)
+        source = file.read_text(encoding="utf-8")
+        file.write_text(mutation.applied(source), encoding="utf-8")
+        since = time.monotonic()
+        try:
+            failed = _first_failure(tree, mutation.tests)
+        finally:
+            file.write_text(source, encoding="utf-8")
+        seconds = f"{time.monotonic() - since:.0f}"
+        noticed = f"`{failed}`" if failed else "NOT NOTICED"
+        print(f"{number}/{len(chosen)} {mutation.what}: {noticed}, {seconds} s", file=sys.stderr)
+        yield mutation.what, f"`{mutation.file}`", noticed, seconds
+
+
+def _first_failure(tree: Path, tests: Sequence[str]) -> str:
+    """The first test that fails (files of ``tests/``, in this order), or "" if all pass."""
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-rfE", "-p", "no:cacheprovider"]
+    paths = os.pathsep.join([str(tree), os.environ.get("PYTHONPATH", "")])
+    done = subprocess.run(
+        [*command, *(f"tests/{test}" for test in tests)],
+        cwd=tree,
+        env=os.environ | {"PYTHONPATH": paths, "PYTHONDONTWRITEBYTECODE": "1"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    if done.returncode == 0:
+        return ""
+    failed = re.search(r"^(?:FAILED|ERROR) tests/(\S+)", done.stdout, re.MULTILINE)
+    if done.returncode != 1 or failed is None:
+        raise RuntimeError(f"pytest ended with {done.returncode}:\n{done.stdout}{done.stderr}")
+    return failed[1]
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,152 @@
+"""The table of all checks is drawn, and a wrong figure or a test that sees nothing is noticed."""
+
+import re
+import runpy
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests import mutation
+from tests.mutation import MUTATIONS, Mutation
+from tests.verification import placement, planning, transit
+from tests.verification.figure import Estimate, Exact
+
+ROOT = Path(__file__).parents[1]
+SCRIPT = str(ROOT / "analysis" / "verification.py")
+
+
+@pytest.fixture
+def ask(capsys, monkeypatch):
+    """Run the script; (exit code, output, errors)."""
+
+    def run(*arguments):
+        monkeypatch.setattr(sys, "argv", [SCRIPT, *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            runpy.run_path(SCRIPT, run_name="__main__")
+        return end.value.code, *capsys.readouterr()
+
+    return run
+
+
+def rows(text):
+    """The rows of all its tables: their cells."""
+    lines = [line for line in text.splitlines() if line.startswith("| ")]
+    cells = [[cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]] for line in lines]
+    return [row for row in cells if row[0] and not set(row[0]) <= {"-"}]
+
+
+def test_a_table_a_part(ask, tmp_path):
+    file = tmp_path / "checks.md"
+    code, out, err = ask("--quick", "--markdown", file, "transit", "streams")
+    assert (code, err) == (0, f"{len(rows(out))} of {len(rows(out))} figures hold\n")
+    assert re.findall("^### .*", out, re.MULTILINE) == [
+        "### Transits against their closed forms",
+        "### Random streams against NumPy's own generators, and nobody's draws against another's",
+    ]
+    first = rows(out)[0]
+    assert first[0] == "240 m in minimum time, s" and float(first[1]) == 30.990662650602406
+    assert all(len(row) == 7 and row[-1] == "yes" for row in rows(out))
+    written = file.read_text(encoding="utf-8")
+    assert rows(written) == rows(out)
+    assert "`python analysis/verification.py --quick --markdown" in written
+
+
+@pytest.mark.slow
+def test_everything_holds_quickly(ask):
+    code, out, _ = ask("--quick")
+    found = rows(out)
+    assert code == 0 and len(found) > 60
+    assert {row[-1] for row in found} == {"yes"}
+    assert len(re.findall("^### ", out, re.MULTILINE)) == 13
+
+
+def test_a_wrong_figure_is_noticed(ask, monkeypatch):
+    slow = transit.BangCoastBang(8.3, 3.999, "minimum_time")
+    monkeypatch.setattr(transit, "FAST", slow)
+    code, out, err = ask("transit")
+    wrong = [row[0] for row in rows(out) if row[-1] == "NO"]
+    assert code == 6
+    assert "240 m in minimum time, s" in wrong and "240 m in 60 s: cruise, m/s" not in wrong
+    assert err == f"{len(rows(out)) - len(wrong)} of {len(rows(out))} figures hold\n"
+
+
+def test_a_wrong_estimate_is_noticed(ask, monkeypatch):
+    offsets = placement.offsets
+    monkeypatch.setattr(placement, "offsets", lambda users: offsets(users) + 10.0)
+    code, out, _ = ask("placement")
+    wrong = {row[0] for row in rows(out) if row[-1] == "NO"}
+    assert code == 6
+    assert {"cut by disc: mean of x, m", "cut by disc: mean of y, m"} <= wrong
+
+
+def test_a_part_that_fails_does_not_hold(ask, monkeypatch):
+    def broken(_):
+        yield Exact("one", 1.0, 1.0)
+        raise AssertionError("two\nand more")
+
+    monkeypatch.setattr(planning, "figures", broken)
+    code, out, _ = ask("planning")
+    assert code == 6
+    assert [(row[0], row[-1]) for row in rows(out)] == [
+        ("one", "yes"),
+        ("AssertionError: two", "NO"),
+    ]
+
+
+def test_usage(ask, tmp_path):
+    code, out, err = ask("transits")
+    assert (code, out) == (2, "") and "no such part: transits" in err
+    code, _, err = ask("--markdown", tmp_path / "no" / "file.md", "transit")
+    assert code == 2 and "verification.py: cannot write" in err
+
+
+class TestFigures:
+    def test_exact(self):
+        assert Exact("", 1.0, 1.0).holds and not Exact("", 1.0, 1.0 + 1e-15).holds
+        assert Exact("", 1.05, 1.0, 0.06).holds and not Exact("", 1.05, 1.0, 0.04).holds
+        assert Exact("", 105.0, 100.0, 0.06, True).holds
+        assert not Exact("", float("nan"), 1.0, 9.0).holds
+
+    def test_estimates(self):
+        values = [1.0, 2.0, 3.0, 4.0]
+        found = Estimate.of("", values, 2.0)
+        assert (found.ours, found.replications) == (2.5, 4)
+        assert found.error == pytest.approx((5 / 3) ** 0.5 / 2)
+        assert found.holds and not Estimate.of("", values, 5.2).holds
+        assert not Estimate.of("", [2.0, 2.0], 2.5).holds
+
+
+class TestMutations:
+    @pytest.mark.parametrize("spoiled", MUTATIONS, ids=lambda m: m.what)
+    def test_the_source_is_as_it_says(self, spoiled: Mutation):
+        source = (ROOT / "desim_uav" / spoiled.file).read_text(encoding="utf-8")
+        assert spoiled.applied(source) != source
+        assert all((ROOT / "tests" / test).is_file() for test in spoiled.tests)
+
+    def test_what_is_not_noticed_is_said(self, monkeypatch, capsys):
+        first = MUTATIONS[0]
+        failures = iter(["", "", "test_x.py::test_y"])
+        monkeypatch.setattr(mutation, "MUTATIONS", (first, MUTATIONS[1]))
+        monkeypatch.setattr(mutation, "_copy", lambda tree: copied(tree, MUTATIONS[:2]))
+        monkeypatch.setattr(mutation, "_first_failure", lambda *_: next(failures))
+        monkeypatch.setattr(sys, "argv", ["mutation.py"])
+        assert mutation.main() == 6
+        out, err = capsys.readouterr()
+        assert [row[2] for row in rows(out)[1:]] == ["NOT NOTICED", "`test_x.py::test_y`"]
+        assert "1 of 2 noticed" in err
+
+
+def copied(tree, mutations):
+    for spoiled in mutations:
+        file = tree / "desim_uav" / spoiled.file
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_bytes((ROOT / "desim_uav" / spoiled.file).read_bytes())
+
+
+def test_the_document_has_every_figure_and_mutation():
+    document = (ROOT / "docs" / "verification.md").read_text(encoding="utf-8")
+    said = rows(document)
+    assert {m.what for m in MUTATIONS} <= {row[0] for row in said}
+    assert not [row for row in said if "NO" in row or "NOT NOTICED" in row]
+    assert {figure.what for figure in transit.figures()} <= {row[0] for row in said}
