@@ -15,18 +15,9 @@ from desim_uav.experiment.on_ray import import_ray, run_each_on_ray
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.statistics import LEVEL, Estimate
-from desim_uav.experiment.sweep import (
-    Arm,
-    Backend,
-    Failure,
-    Job,
-    Row,
-    arms,
-    estimates,
-    jobs,
-    run_jobs,
-)
+from desim_uav.experiment.sweep import Backend, Failure, Job, Row, estimates, jobs, run_jobs
 from desim_uav.experiment.sweep_folder import FAILED, SweepFolder
+from desim_uav.experiment.sweep_plan import Arm, arms
 from desim_uav.run_folder import write_whole
 
 BACKENDS = ("local", "ray")
