@@ -561,7 +561,7 @@ def sweep(
             say=_complain,
         )
     except KeyboardInterrupt:
-        _complain("interrupted before any job began")
+        _complain("interrupted; what had ended is kept; --resume goes on")
         raise typer.Exit(130) from None
     if as_json:
         print(json.dumps(done.content(), indent=1))

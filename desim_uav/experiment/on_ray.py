@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import signal
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from itertools import islice
 from typing import Any
 
@@ -78,7 +78,8 @@ def _connected(ray: Any, address: str | None) -> Iterator[None]:
         where = "on this machine" if address is None else f"--address {address}"
         raise UsageError(f"--backend ray: {where}: {_first_line(error)}") from error
     try:
-        signal.signal(signal.SIGTERM, before)
+        with suppress(ValueError, TypeError):  # only the main thread may, and only what it knows
+            signal.signal(signal.SIGTERM, before)
         yield
     finally:
         ray.shutdown()
