@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager, redirect_stdout, suppress
 from itertools import islice
 from typing import Any
 
@@ -80,7 +81,8 @@ def _connected(ray: Any, address: str | None) -> Iterator[None]:
     try:
         with suppress(ValueError, TypeError):  # only the main thread may, and only what it knows
             signal.signal(signal.SIGTERM, before)
-        yield
+        with redirect_stdout(sys.stderr):  # where Ray tells of dead workers, and stdout is data's
+            yield
     finally:
         ray.shutdown()
 
