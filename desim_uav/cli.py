@@ -84,11 +84,25 @@ def main() -> NoReturn:
 
 @app.callback(invoke_without_command=True)
 def _root(
+    context: typer.Context,
     version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
 ) -> None:
     if version:
         print(f"desim-uav {__version__}")
         raise typer.Exit
+    if context.invoked_subcommand != "doctor":
+        _check_environment()
+
+
+def _check_environment() -> None:
+    """Raises UsageError for settings of Numba under which nothing would run."""
+    threads = os.environ.get("NUMBA_NUM_THREADS", "1")
+    if not threads.isdecimal() or int(threads) < 1:
+        raise UsageError(f"NUMBA_NUM_THREADS={threads}: must be a whole number from 1 on")
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        raise UsageError(
+            "NUMBA_DISABLE_JIT is set: nothing runs without compiled kernels; unset it"
+        )
 
 
 @app.command()
@@ -715,6 +729,22 @@ def video(
     )
     for place in made:
         print(place)
+
+
+@app.command()
+def doctor(as_json: Json = False) -> None:
+    """Look at what is installed, what fits together and what can be written, in plain words."""
+    from desim_uav.experiment.doctor import as_content, examine
+    from desim_uav.report.text import print_findings
+
+    findings = examine()
+    content = as_content(findings)
+    if as_json:
+        print(json.dumps(content, indent=1))
+    else:
+        print_findings([(f.verdict, f.what, f.words) for f in findings])
+    if not content["healthy"]:
+        raise typer.Exit(1)
 
 
 def _refuse_how_to_run(context: typer.Context) -> None:

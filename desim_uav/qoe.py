@@ -28,7 +28,28 @@ AVERAGED = {
 """Means: of which column, times what."""
 
 COUNTED = ("interruptions", "handovers")
+TOLERANCE_S = 1e-6
 GROUPS: dict[str, type] = {"service": str, "episode": int, "user": int, "outcome": str}
+
+
+def inconsistency(requests: pd.DataFrame) -> str | None:
+    """What in a frame of requests no run can have written, if anything: its first such row."""
+    open_s = requests["t_end_s"] - requests["t_request_s"]
+    most_s = requests["requested_s"].clip(upper=open_s)
+    tests = {
+        "request_id stands twice in its episode": requests.duplicated(["episode", "request_id"]),
+        "t_end_s is before t_request_s": open_s < 0,
+        "served_s is below 0": requests["served_s"] < 0,
+        "served_s is more than was asked for, or than the time it was open": (
+            requests["served_s"] > most_s + TOLERANCE_S
+        ),
+        f"outcome is none of {', '.join(OUTCOMES)}": ~requests["outcome"].isin(OUTCOMES),
+    }
+    for problem, rows in tests.items():
+        if rows.any():
+            row = requests[rows].iloc[0]
+            return f"episode {row['episode']}, request {row['request_id']}: {problem}"
+    return None
 
 
 def derive(requests: pd.DataFrame, duration_s: pd.Series | float, step_s: float) -> pd.DataFrame:

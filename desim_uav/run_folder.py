@@ -9,7 +9,8 @@ import re
 import shutil
 import uuid
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager, nullcontext, suppress
+from datetime import datetime
 from itertools import takewhile
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
@@ -44,6 +45,10 @@ TABLES = {
     "training": TRAINING,
 }
 LONGEST_NAME = 200
+
+fcntl: Any = None
+with suppress(ImportError):
+    import fcntl
 
 
 class Draft:
@@ -94,6 +99,48 @@ class Draft:
             ) from error
 
 
+@contextmanager
+def held(folder: Path) -> Iterator[None]:
+    """Nobody else writes to a folder meanwhile, there or to come; the hold ends with its process.
+
+    Raises UsageError, naming who does.
+    """
+    if fcntl is None:  # a system without such locks
+        yield
+        return
+    file = folder.absolute().parent / f".{folder.absolute().name}.lock"
+    with _locked(file, folder) as own:
+        own.truncate(0)
+        own.write(f"process {os.getpid()}, since {datetime.now():%H:%M:%S}")
+        own.flush()
+        try:
+            yield
+        finally:
+            file.unlink(missing_ok=True)
+
+
+@contextmanager
+def _locked(file: Path, folder: Path) -> Iterator[IO[str]]:
+    while True:
+        try:
+            own = file.open("a+", encoding="utf-8")
+        except OSError as error:
+            raise UsageError(f"cannot write to {folder.parent}: {error.strerror}") from error
+        with own:
+            try:
+                fcntl.flock(own, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                own.seek(0)
+                who = own.read(200) or "another process"
+                raise UsageError(f"{folder}: {who} is writing to it") from None
+            except OSError:  # a file system without locks
+                yield own
+                return
+            if file.exists() and file.stat().st_ino == os.fstat(own.fileno()).st_ino:
+                yield own
+                return
+
+
 class Place:
     """Where a run will stand: ``--out``, or the first free ``runs/NAME``, ``runs/NAME-2`` …."""
 
@@ -108,9 +155,9 @@ class Place:
     def draft(self) -> Iterator[Draft]:
         """A draft beside the place; it is removed again unless it gets published.
 
-        Raises UsageError where nothing can be written.
+        Raises UsageError where nothing can be written, or somebody is writing to ``out``.
         """
-        path = self.parent / f".unfinished-{uuid.uuid4().hex}"
+        path, new = self.parent / f".unfinished-{uuid.uuid4().hex}", not self.parent.exists()
         try:
             self.parent.mkdir(parents=True, exist_ok=True)
             path.mkdir()
@@ -119,9 +166,13 @@ class Place:
         except OSError as error:
             raise UsageError(f"cannot write to {self.parent}: {error.strerror}") from error
         try:
-            yield Draft(path)
+            with nullcontext() if self.target is None else held(self.target):
+                yield Draft(path)
         finally:
             shutil.rmtree(path, ignore_errors=True)
+            if new:
+                with suppress(OSError):  # it is not empty where the run stands there
+                    self.parent.rmdir()
 
     def vacant(self) -> Path:
         """A folder that is not there yet, or empty."""

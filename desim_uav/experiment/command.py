@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import platform
+from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -162,22 +163,40 @@ def _record(
 def read_summary(
     folder: Path, by: str | None = None
 ) -> tuple[dict[str, Any], list[dict[str, Any]] | None]:
-    """The summary of a finished run, and of its requests in groups. Raises PolicyError.
+    """The summary of a finished run, and of its requests in groups.
 
-    One row group is in memory at a time.
+    One row group is in memory at a time. Raises PolicyError for tables that are unreadable, or that
+    no run has written so.
     """
     tally, groups = Tally(), None if by is None else qoe.Groups(by)
     no_episodes = to_frame(EPISODES, [])
+    asked: Counter[int] = Counter()
     for requests in read_parts(folder, "requests", REQUESTS):
+        problem = qoe.inconsistency(requests)
+        if problem:
+            raise PolicyError(f"{folder / 'requests.parquet'}: {problem}")
+        asked.update(requests["episode"].tolist())
         tally.add(requests, no_episodes)
         if groups is not None:
             groups.add(counted(requests))
     for episodes in read_parts(folder, "episodes", EPISODES):
         tally.add(to_frame(REQUESTS, []), episodes)
+        for episode, requests in zip(episodes["episode"], episodes["requests"], strict=True):
+            if asked.pop(episode, 0) != requests:
+                raise _of_two_runs(folder, episode)
+    for episode in asked:
+        raise _of_two_runs(folder, episode)
     manifest = read_manifest(folder / "manifest.json")
     summary = {key: manifest[key] for key in MANIFEST} | tally.headline()
     told = None if groups is None else groups.summaries()
     return summary | {"run_dir": str(folder)}, told
+
+
+def _of_two_runs(folder: Path, episode: int) -> PolicyError:
+    return PolicyError(
+        f"{folder}: requests.parquet and episodes.parquet are not of one run: they differ in "
+        f"episode {episode}"
+    )
 
 
 def read_counted(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:

@@ -166,18 +166,19 @@ def sweep_to_folder(
     for warning in _warnings(tried, asked.seeds):
         say(warning)
     folder = SweepFolder(out, swept)
-    folder.open(path, todo, resume, list(command))
-    finished = folder.rows(todo)
-    left = [job for job in todo if job.id not in finished]
-    if finished:
-        say(f"{len(finished)} of {len(todo)} jobs had ended before")
-    with progress(show_progress, len(left), "jobs", "batch") as advance:
-        rows, failures, interrupted = run_jobs(left, folder, run, advance)
-    finished |= {row["job"]: row for row in rows}
-    ordered = [finished[job.id] for job in todo if job.id in finished]
-    done = Done(out, swept, todo, ordered, failures, interrupted)
-    folder.list_failures(failures)
-    write_whole(out / "table.md", done.markdown(command).encode())
+    with folder.held():
+        folder.open(path, todo, resume, list(command))
+        finished = folder.rows(todo)
+        left = [job for job in todo if job.id not in finished]
+        if finished:
+            say(f"{len(finished)} of {len(todo)} jobs had ended before")
+        with progress(show_progress, len(left), "jobs", "batch") as advance:
+            rows, failures, interrupted = run_jobs(left, folder, run, advance)
+        finished |= {row["job"]: row for row in rows}
+        ordered = [finished[job.id] for job in todo if job.id in finished]
+        done = Done(out, swept, todo, ordered, failures, interrupted)
+        folder.list_failures(failures)
+        write_whole(out / "table.md", done.markdown(command).encode())
     return done
 
 

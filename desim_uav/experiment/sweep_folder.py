@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -19,7 +20,7 @@ from desim_uav.experiment.command import versions
 from desim_uav.experiment.evaluate import MEASURES
 from desim_uav.experiment.grid import Axis
 from desim_uav.experiment.sweep import Failure, Job, Outcome, Row
-from desim_uav.run_folder import write_whole
+from desim_uav.run_folder import held, write_whole
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -37,6 +38,16 @@ class SweepFolder:
         self.columns = {"job": "string"} | {axis.key: axis.dtype for axis in axes}
         self.columns |= {"policy": "string", "algorithm": "string", "seed": "int64"}
         self.columns |= {"world_seed": "int64"} | dict.fromkeys(MEASURES, "float64")
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """No other sweep writes to it meanwhile. Raises UsageError where one does."""
+        try:
+            self.out.absolute().parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"--out {self.out}: {error.strerror or error}") from error
+        with held(self.out):
+            yield
 
     def open(self, path: Path, todo: Sequence[Job], resume: bool, command: list[str]) -> None:
         """Make it a folder of these jobs, or see that it is one; ``path``: of their scenario.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import platform
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -23,12 +24,13 @@ from desim_uav.learning.checkpoint import Checkpoint
 from desim_uav.learning.training import Progress, Training
 from desim_uav.policies.tabular import QTable, described
 from desim_uav.records import TRAINING, to_frame
-from desim_uav.run_folder import Place, parquet, world_content, world_hash, write_whole
+from desim_uav.run_folder import Place, held, parquet, world_content, world_hash, write_whole
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 
-CHECKPOINT, POLICY, MANIFEST = "checkpoint.npz", "policy.npz", "manifest.json"
+CHECKPOINT, BEFORE = "checkpoint.npz", "checkpoint-before.npz"
+POLICY, MANIFEST = "policy.npz", "manifest.json"
 PROVENANCE = ("scenario", "scenario_hash", "algorithm", "seed", "world_seed", "episodes")
 LAST = 100
 """Episodes whose mean a training is summed up by."""
@@ -114,13 +116,13 @@ def train_to_folder(
     world = build_world(scenario, scenario.effective_world_seed)
     training = Training(world, scenario.seed, engine or engine_for(world))
     folder = _resumable(scenario, out) if resume else _new(scenario, out)
-    rows = _resumed(training, folder / CHECKPOINT)
-    first = training.episode
-    if not (folder / CHECKPOINT).exists():
-        _save(training, rows, folder)  # before anything else: a folder to be resumed has one
-    write_whole(folder / "scenario.yaml", dump(scenario).encode())
-    on_start(first)
-    with asked_to_stop("these episodes") as stop:
+    with held(folder), asked_to_stop("these episodes") as stop:
+        rows = _resumed(training, folder / CHECKPOINT)
+        first = training.episode
+        if not (folder / CHECKPOINT).exists():
+            _save(training, rows, folder)  # before anything else: a folder to be resumed has one
+        write_whole(folder / "scenario.yaml", dump(scenario).encode())
+        on_start(first)
         while training.episode < scenario.learning.episodes and not stop():
             after = training.episode + checkpoint_every
             next_saved = min(after - after % checkpoint_every, scenario.learning.episodes)
@@ -174,7 +176,7 @@ def _is_of(scenario: Scenario, folder: Path) -> bool:
     if not (folder / CHECKPOINT).is_file():
         return False
     try:
-        return checkpoint.read(folder / CHECKPOINT).identity == _identity(scenario)
+        return checkpoint.identity(folder / CHECKPOINT) == _identity(scenario)
     except PolicyError:
         return True
 
@@ -183,11 +185,15 @@ def _resumed(training: Training, file: Path) -> list[Progress]:
     """Take a checkpoint up, where there is one: the rows so far. Raises PolicyError."""
     if not file.exists():
         return []
-    found = checkpoint.read(file)
-    if found.identity != _identity(training.world.scenario):
-        raise PolicyError(
-            f"{file}: the checkpoint of another training: its scenario, seeds, or learning differ"
-        )
+    try:
+        if checkpoint.identity(file) != _identity(training.world.scenario):
+            raise PolicyError(
+                f"{file}: the checkpoint of another training: its scenario, seeds, or learning "
+                "differ"
+            )
+        found = checkpoint.read(file, training.q.shape)
+    except PolicyError as error:
+        raise PolicyError(f"{error}{_older(training, file)}") from error
     if found.memory.episode > training.settings.episodes:
         raise PolicyError(
             f"{file}: it has learned for {found.memory.episode} episodes already, more than "
@@ -200,6 +206,18 @@ def _resumed(training: Training, file: Path) -> list[Progress]:
     return found.rows
 
 
+def _older(training: Training, damaged: Path) -> str:
+    """What to say of the checkpoint before one that cannot be taken up: it may be whole."""
+    before = damaged.with_name(BEFORE)
+    try:
+        if checkpoint.identity(before) != _identity(training.world.scenario):
+            return ""
+        episode = checkpoint.read(before, training.q.shape).memory.episode
+    except PolicyError:
+        return ""
+    return f"; the one before is whole, of episode {episode}: mv {before} {damaged}"
+
+
 def _identity(scenario: Scenario) -> str:
     """What a checkpoint must share with a training to be its own: all but how long it goes on."""
     learning = scenario.learning.model_copy(update={"episodes": 1})
@@ -208,7 +226,10 @@ def _identity(scenario: Scenario) -> str:
 
 def _save(training: Training, rows: list[Progress], folder: Path) -> None:
     found = Checkpoint(_identity(training.world.scenario), training.remember(), rows)
-    write_whole(folder / CHECKPOINT, checkpoint.to_bytes(found))
+    content = checkpoint.to_bytes(found)
+    with suppress(OSError):
+        write_whole(folder / BEFORE, (folder / CHECKPOINT).read_bytes())
+    write_whole(folder / CHECKPOINT, content)
 
 
 def _finish(
@@ -238,6 +259,7 @@ def _finish(
         "versions": versions(),
     }
     write_whole(folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
+    (folder / BEFORE).unlink(missing_ok=True)
 
 
 def _summary(training: Training, rows: list[Progress], folder: Path) -> dict[str, Any]:

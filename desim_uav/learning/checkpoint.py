@@ -41,9 +41,13 @@ def to_bytes(checkpoint: Checkpoint) -> bytes:
     return array_file.pack(about, q=memory.q, sums=sums, rows=rows)
 
 
-def read(path: Path) -> Checkpoint:
-    """Read a checkpoint. Raises PolicyError, naming the file."""
-    about, arrays = array_file.unpack(path, "checkpoint", ["q", "sums", "rows"], FORMAT)
+def read(path: Path, q_shape: tuple[int, ...] | None = None) -> Checkpoint:
+    """Read a checkpoint, whose tables are to be of a shape. Raises PolicyError, naming the file."""
+    stored = array_file.Stored(path, "checkpoint", ["q", "sums", "rows"], FORMAT)
+    about, shape = stored.about, stored.forms["q"].shape
+    if q_shape is not None and shape != q_shape:
+        raise PolicyError(f"{path}: a table of shape {shape}, not {q_shape}")
+    arrays = stored.arrays()
     try:
         carried = about["carried"]
         memory = Memory(
@@ -56,6 +60,12 @@ def read(path: Path) -> Checkpoint:
         return Checkpoint(str(about["identity"]), memory, _progress(arrays["rows"]))
     except (KeyError, TypeError, ValueError, IndexError) as error:
         raise PolicyError(f"{path}: not a readable checkpoint: {error!r}") from error
+
+
+def identity(path: Path) -> str:
+    """Which training a checkpoint is of. Raises PolicyError, naming the file."""
+    stored = array_file.Stored(path, "checkpoint", ["q", "sums", "rows"], FORMAT)
+    return str(stored.about.get("identity"))
 
 
 def _drone(values: list[Any]) -> CarriedDrone:

@@ -50,6 +50,5 @@ def digest() -> str:
 
 
 def compiled_before(function: Any) -> bool:
-    """Is there machine code of a kernel on disk, so that its first call will not compile it?"""
-    name = f"{function.__module__.rpartition('.')[2]}.{function.__name__}-*.nbi"
-    return any(Path(function.stats.cache_path).glob(name))
+    """Is there machine code of a kernel on disk, of these very sources?"""
+    return bool(function._cache._cache_file._load_index())

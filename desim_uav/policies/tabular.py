@@ -53,16 +53,31 @@ class QTable:
         return array_file.pack(self.about | {"format": FORMAT}, q=self.q)
 
 
+class TableFile:
+    """The file of a table: what it says of itself. Raises PolicyError, naming it, if it is none."""
+
+    def __init__(self, path: Path) -> None:
+        self._stored = array_file.Stored(path, "policy file", ["q"], FORMAT)
+        self.about = self._stored.about
+        self.form = self._stored.forms["q"]
+        problem = _misfit(self.form, self.about)
+        if problem:
+            raise PolicyError(f"{path}: {problem}")
+
+    def table(self) -> QTable:
+        """The table itself. Raises PolicyError where it is damaged."""
+        q = self._stored.arrays()["q"]
+        if not np.isfinite(q).all():
+            raise PolicyError(f"{self._stored.path}: q has values that are not finite")
+        return QTable(q, self.about)
+
+
 def read_table(path: Path) -> QTable:
     """Read a table. Raises PolicyError, naming the file, where it is none."""
-    about, arrays = array_file.unpack(path, "policy file", ["q"], FORMAT)
-    problem = _misfit(arrays["q"], about)
-    if problem:
-        raise PolicyError(f"{path}: {problem}")
-    return QTable(arrays["q"], about)
+    return TableFile(path).table()
 
 
-def _misfit(q: NDArray[Any], about: dict[str, Any]) -> str:
+def _misfit(q: array_file.Form, about: dict[str, Any]) -> str:
     """What keeps the content of a file from being a table, or nothing."""
     for key, of_type in ABOUT.items():
         if not isinstance(about.get(key), of_type):
@@ -71,14 +86,14 @@ def _misfit(q: NDArray[Any], about: dict[str, Any]) -> str:
     if not all(isinstance(f, list) and len(f) == 2 and isinstance(f[1], int) for f in features):
         return "features must be [name, highest value]"
     states = math.prod(high + 1 for _, high in features)
-    if q.dtype != np.float32 or q.ndim != 3:
+    if q.dtype != np.float32 or len(q.shape) != 3:
         return f"q is {q.dtype} of shape {q.shape}, not float32 (drones, states, actions)"
     if q.shape[1:] != (states, len(about["actions"])):
         return (
             f"q has {q.shape[1]} states and {q.shape[2]} actions, but {states} and "
             f"{len(about['actions'])} are described"
         )
-    return "" if np.isfinite(q).all() else "q has values that are not finite"
+    return ""
 
 
 @register("policy", "table")
@@ -91,29 +106,38 @@ class Greedy:
         if not file:
             raise ValueError("a table needs its file: table:policy.npz, or just policy.npz")
         self.file = file
-        self.table = read_table(find_table(file))
-        self.world_seed: int = self.table.about["world_seed"]
+        self._stored = TableFile(find_table(file))
+        self.about = self._stored.about
+        self.world_seed: int = self.about["world_seed"]
+        self._q: NDArray[np.float32] | None = None
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Raises PolicyError where the table does not fit the scenario."""
+        self._fit(world)
+
+    def _fit(self, world: World) -> None:
+        """Read the table, if it fits."""
         self._facts = world.facts
         self._encode = world.scenario.observation.encode
         features = world.scenario.observation.features(world.facts)
-        about = self.table.about
-        self._require("drones", len(self.table.q), world.scenario.drones.count)
+        about = self.about
+        self._require("drones", self._stored.form.shape[0], world.scenario.drones.count)
         self._require("actions", about["actions"], [a.name.lower() for a in world.actions])
         self._require("states", about["features"], described(features))
         self._sizes = table_sizes(features)
+        if self._q is None:
+            self._q = self._stored.table().q
 
     def _require(self, what: str, learned: Any, here: Any) -> None:
         if learned != here:
             raise PolicyError(f"{self.file}: it has {what} {learned}; the scenario has {here}")
 
     def notice(self, world: World) -> str:
-        """What to warn of before it acts in a world, or nothing."""
-        if world_hash(world) == self.table.about["world_hash"]:
+        """What to warn of before it acts in a world, or nothing. Raises as ``begin`` does."""
+        self._fit(world)
+        about = self.about
+        if world_hash(world) == about["world_hash"]:
             return ""
-        about = self.table.about
         return (
             f"{self.file} was learned in another world: {about['scenario']}, world seed "
             f"{about['world_seed']}"
@@ -123,8 +147,9 @@ class Greedy:
         """What is forced, else the best."""
         if observation.mode not in DECIDES:
             return list(mask).index(True)
+        assert self._q is not None, "begin comes first"
         row = table_row(self._encode(observation, self._facts), self._sizes)
-        return int(np.where(mask, self.table.q[observation.drone, row], -np.inf).argmax())
+        return int(np.where(mask, self._q[observation.drone, row], -np.inf).argmax())
 
 
 def described(features: Sequence[Feature]) -> list[list[Any]]:

@@ -171,6 +171,18 @@ def print_sweep(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     print_table(table)
 
 
+def print_findings(findings: list[tuple[str, str, str]]) -> None:
+    """(verdict, what, words), a line each, wrapped."""
+    table = Table(box=None, show_header=False, padding=(0, 1, 0, 0))
+    table.add_column()
+    table.add_column(no_wrap=True)
+    table.add_column(overflow="fold")
+    look = {"ok": "green", "note": "yellow", "problem": "bold red"}
+    for verdict, what, words in findings:
+        table.add_row(Text(verdict, look[verdict]), Text(what), Text(words))
+    print_table(table)
+
+
 def _print_estimates(title: str, counted: str, rows: list[dict[str, Any]]) -> None:
     """A line for each measure and policy."""
     table = Table(title=Text(title), box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))

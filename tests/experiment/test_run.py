@@ -1,7 +1,12 @@
-"""A run that is interrupted keeps each finished episode once, wherever it was."""
+"""A run is put into tables batch by batch; one that is interrupted keeps each finished episode."""
 
+import os
+import signal
+
+import pandas as pd
 import pytest
 
+from desim_uav.experiment import command
 from desim_uav.experiment import run as experiment
 from desim_uav.policies import load_policy
 from desim_uav.scenario.load import load
@@ -9,45 +14,88 @@ from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
 
 
-@pytest.fixture
-def world(monkeypatch):
+@pytest.fixture(autouse=True)
+def small_batches(monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
     monkeypatch.setattr(experiment, "BATCH", 2)
-    return build_world(load(scenario_path("tiny")), 0)
 
 
-def episodes_of(world, on_episode=lambda: None):
-    results, interrupted = experiment.run(
-        world, load_policy("hover"), "hover", 0, episodes=5, warmup=1, on_episode=on_episode
+def kept(episodes=5, warmup=1):
+    """The episodes that a run has kept, and whether it was interrupted."""
+    done = command.run_to_folder(
+        load(scenario_path("tiny")),
+        "hover",
+        episodes=episodes,
+        warmup=warmup,
+        keep_events=True,
+        out=None,
+        command=[],
+        show_progress=False,
     )
+    folder = done.summary["run_dir"]
+    found = {
+        name: list(dict.fromkeys(pd.read_parquet(f"{folder}/{name}.parquet")["episode"]))
+        for name in ("requests", "steps", "episodes", "users", "events", "legs")
+    }
+    assert all(numbers == found["episodes"] for numbers in found.values())
+    assert done.summary["episodes"] == len([number for number in found["episodes"] if number >= 0])
+    return found["episodes"], done.interrupted
+
+
+def interrupt():
+    os.kill(os.getpid(), signal.SIGINT)
+
+
+def after(calls, action, do):
+    """``do``, with an action before one of its calls."""
+    told = iter(range(1, 100))
+
+    def done(*given):
+        if next(told) == calls:
+            action()
+        return do(*given)
+
+    return done
+
+
+def test_batches_join():
+    world = build_world(load(scenario_path("tiny")), 0)
+    results = experiment.run(world, load_policy("hover"), "hover", 0, episodes=5, warmup=1)
+    assert list(results.episodes["episode"]) == [-1, 0, 1, 2, 3, 4]
     assert set(results.requests["episode"]) == set(results.episodes["episode"])
-    return list(results.episodes["episode"]), interrupted
+    assert kept() == ([-1, 0, 1, 2, 3, 4], False)
 
 
-def test_batches_join(world):
-    assert episodes_of(world) == ([-1, 0, 1, 2, 3, 4], False)
+@pytest.mark.parametrize("calls", [2, 3, 4, 5])
+def test_interrupted_in_an_episode(monkeypatch, calls):
+    """It is finished, and kept."""
+    monkeypatch.setattr(experiment, "draw", after(calls, interrupt, experiment.draw))
+    assert kept() == (list(range(-1, calls - 1)), True)
 
 
-@pytest.mark.parametrize("after", [1, 2, 3, 4, 5])
-def test_interrupted_between_episodes(world, after):
-    ended = []
+@pytest.mark.parametrize("calls", [1, 2, 3])
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_interrupted_while_a_batch_is_put_into_tables(monkeypatch, calls, times):
+    """Batches are put down as a whole, however often one asks for the end."""
 
-    def on_episode():
-        ended.append(None)
-        if len(ended) == after:
-            raise KeyboardInterrupt
+    def insist():
+        for _ in range(times):
+            interrupt()
 
-    assert episodes_of(world, on_episode) == (list(range(-1, after - 1)), True)
+    monkeypatch.setattr(command, "tabulate", after(calls, insist, command.tabulate))
+    assert kept() == (list(range(-1, 2 * calls - 1)), calls < 3)
 
 
-@pytest.mark.parametrize("call", [1, 2, 3])
-def test_interrupted_while_a_batch_is_put_into_tables(world, monkeypatch, call):
-    tabulate, calls = experiment._tabulate, []
+def test_the_second_time_it_ends_at_once(monkeypatch):
+    def twice():
+        interrupt()
+        interrupt()
 
-    def interrupted_once(*args):
-        calls.append(None)
-        if len(calls) == call:
-            raise KeyboardInterrupt
-        return tabulate(*args)
+    monkeypatch.setattr(experiment, "draw", after(4, twice, experiment.draw))
+    assert kept() == ([-1, 0, 1], True)
 
-    monkeypatch.setattr(experiment, "_tabulate", interrupted_once)
-    assert episodes_of(world) == (list(range(-1, 2 * call - 1)), True)
+
+def test_ctrl_c_is_as_it_was_afterwards():
+    before = signal.getsignal(signal.SIGINT)
+    kept(episodes=1, warmup=0)
+    assert signal.getsignal(signal.SIGINT) is before

@@ -19,6 +19,7 @@ from desim_uav.experiment import sweep, sweep_command
 from desim_uav.experiment.evaluate import MEASURES, evaluate
 from desim_uav.experiment.statistics import estimate
 from desim_uav.policies.tabular import read_table
+from desim_uav.run_folder import held
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 
@@ -542,6 +543,13 @@ class TestFolder:
             swept(*flags).failed(2, "--out out: the folder is not empty, and holds no sweep")
         swept(out="out/thesis.tex").failed(2, "exists and is not a folder")
         assert [path.name for path in Path("out").iterdir()] == ["thesis.tex"]
+
+    def test_of_a_sweep_that_goes_on(self, swept):
+        swept("--seeds", 1)
+        with held(Path("out")):
+            swept("--seeds", 2, "--resume").failed(2, "out: process", "is writing to it")
+        assert swept("--seeds", 2, "--resume", out="deep/er/out").code == 0
+        assert (len(dataset("out")), len(dataset("deep/er/out"))) == (1, 2)
 
     def test_begun_and_no_more(self, swept):
         Path("out").mkdir()

@@ -1,6 +1,7 @@
 """Training from the command line: its folder, checkpoints, resuming, and the policy it leaves."""
 
 import json
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -315,11 +316,57 @@ def test_resuming_without_a_folder_finds_the_unfinished_one(tmp_path: Path, monk
 def test_a_checkpoint_with_a_decision_there_is_not(tmp_path: Path):
     trained(tmp_path / "t", small(learning={**SMALL["learning"], "episodes": 11}))
     file = tmp_path / "t" / "checkpoint.npz"
-    about, arrays = array_file.unpack(file, "checkpoint", ["q", "sums", "rows"], FORMAT)
-    about["pending"] = [[10**7, 0, 0.0, 1.0], None]
-    file.write_bytes(array_file.pack(about, **arrays))
+    stored = array_file.Stored(file, "checkpoint", ["q", "sums", "rows"], FORMAT)
+    about = stored.about | {"pending": [[10**7, 0, 0.0, 1.0], None]}
+    file.write_bytes(array_file.pack(about, **stored.arrays()))
     with pytest.raises(PolicyError, match="decision"):
         trained(tmp_path / "t", resume=True)
+
+
+def test_the_checkpoint_before_is_offered(tmp_path: Path):
+    """A damaged one is refused; the one before it is whole, and leads to the same table."""
+    whole = trained(tmp_path / "whole")
+    with pytest.raises(StoppedError):
+        trained(tmp_path / "t", on_episode=stop_after(25), checkpoint_every=10)
+    file, before = tmp_path / "t" / "checkpoint.npz", tmp_path / "t" / "checkpoint-before.npz"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 0x10
+    file.write_bytes(content)
+    with pytest.raises(PolicyError, match=f"the one before is whole, of episode 10: mv {before} "):
+        trained(tmp_path / "t", resume=True)
+    before.rename(file)
+    again = trained(tmp_path / "t", resume=True)
+    assert Path(again.summary["policy"]).read_bytes() == Path(whole.summary["policy"]).read_bytes()
+    assert not before.exists()
+
+
+def test_two_trainings_in_one_folder(tmp_path: Path):
+    """The second is refused, and names the first; a lock without its process holds nobody up."""
+
+    def second(rows: Any) -> None:
+        with pytest.raises(UsageError, match=rf"process {os.getpid()}, since .* is writing to it"):
+            trained(tmp_path / "t", resume=True)
+        raise StoppedError
+
+    with pytest.raises(StoppedError):
+        trained(tmp_path / "t", on_episode=second)
+    assert [path.name for path in tmp_path.iterdir()] == ["t"]
+    (tmp_path / ".t.lock").write_text("process 1, since yesterday")
+    assert not trained(tmp_path / "t", resume=True).interrupted
+
+
+class StoppedError(Exception):
+    """The end, all of a sudden."""
+
+
+def stop_after(episodes: int) -> Any:
+    told = iter(range(1, episodes + 1))
+
+    def on_episode(rows: Any) -> None:
+        if next(told) == episodes:
+            raise StoppedError
+
+    return on_episode
 
 
 class Astray:

@@ -204,7 +204,7 @@ def test_shipped_tables_fit_their_cases(case: int):
     from desim_uav.shipped import scenario_path
 
     policy = Greedy(f"case{case}.npz")
-    about = policy.table.about
+    about = policy.about
     assert (about["seed"], about["world_seed"], about["algorithm"]) == (0, 0, "q_learning")
     scenario = load(scenario_path(f"case{case}"))
     assert about["scenario_hash"] == scenario_hash(scenario), "train it again"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -151,6 +151,7 @@ class BatchSimulation:
             buckets=int(self.fixed.i[BUCKETS_X] * self.fixed.i[BUCKETS_Y]),
         )
         self.views = views(self.state)
+        self._world_at, self._state_at = _addresses(self.fixed), _addresses(self.state)
 
     def refuse_unseen(self) -> None:
         """Raises ScenarioError where the scenario's observation has no kernel."""
@@ -361,7 +362,7 @@ class BatchSimulation:
 
     def addresses(self) -> tuple[int, ...]:
         """Where the arrays of world, sample path and state are (see ``calls.step_all``)."""
-        return tuple([array.ctypes.data for array in (*self.fixed, *self.packed, *self.state)])
+        return *self._world_at, *_addresses(self.packed), *self._state_at
 
     # ---- from one episode to the next
 
@@ -515,3 +516,8 @@ class BatchSimulation:
             return [STATES[kind] for kind in self.views.states.tolist()]
         users = range(len(self.views.user))
         return [STATES[calls.user_state(state, user)] for user in users]
+
+
+def _addresses(arrays: Iterable[NDArray[Any]]) -> list[int]:
+    """Where arrays are in memory."""
+    return [array.ctypes.data for array in arrays]

@@ -1,0 +1,209 @@
+"""What ``desim-uav doctor`` looks at: what is installed, what fits, what can be written."""
+
+from __future__ import annotations
+
+import importlib
+import os
+import platform
+import shutil
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from importlib.metadata import PackageNotFoundError, metadata, requires, version
+from pathlib import Path
+from typing import Any, Literal
+
+from packaging.requirements import Requirement
+from packaging.specifiers import SpecifierSet
+
+from desim_uav import __version__
+
+Verdict = Literal["ok", "note", "problem"]
+
+PACKAGE = "desim-uav"
+SHORT_OF_DISK = 2**30
+
+CONFLICTS = {
+    "ray": "RLlib wants gymnasium {wanted}, and {found} is installed: let it have an environment "
+    "of its own",
+}
+"""Packages beside ours that ask for other versions than we use, and what is to be said then."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One thing that was looked at; a ``problem`` keeps something from working."""
+
+    verdict: Verdict
+    what: str
+    words: str
+
+
+def examine() -> list[Finding]:
+    """Everything, in the order in which it is told."""
+    looks = (_python, _required, _extras, _conflicts, _kernels, _processors, _places)
+    return [finding for look in looks for finding in look()]
+
+
+def as_content(findings: list[Finding]) -> dict[str, Any]:
+    """For a program to read."""
+    return {
+        "healthy": all(finding.verdict != "problem" for finding in findings),
+        "findings": [asdict(finding) for finding in findings],
+    }
+
+
+def _python() -> Iterator[Finding]:
+    yield Finding("ok", PACKAGE, __version__)
+    wanted = SpecifierSet(_requires_python())
+    found = platform.python_version()
+    fits = wanted.contains(found, prereleases=True)
+    words = f"{found}, {platform.platform()}"
+    yield Finding("ok" if fits else "problem", "Python", words if fits else f"{words}; {wanted}")
+
+
+def _requires_python() -> str:
+    try:
+        return metadata(PACKAGE)["Requires-Python"] or ""
+    except (PackageNotFoundError, KeyError):
+        return ""
+
+
+def _requirements() -> list[Requirement]:
+    """What this package says it needs, its extras' among them."""
+    try:
+        return [Requirement(text) for text in requires(PACKAGE) or ()]
+    except PackageNotFoundError:
+        return []
+
+
+def _of_extra(extra: str) -> list[Requirement]:
+    """The requirements of an extra; of "", those of the package itself."""
+    return [
+        one
+        for one in _requirements()
+        if (one.marker is None) == (not extra)
+        and (one.marker is None or one.marker.evaluate({"extra": extra}))
+    ]
+
+
+def _required() -> Iterator[Finding]:
+    needed = _of_extra("")
+    if not needed:
+        yield Finding("note", "packages", "not installed by pip: their versions are not checked")
+    wrong = [words for one in needed if (words := _misfit(one))]
+    for words in wrong:
+        yield Finding("problem", "package", f"{words}; pip install --upgrade {PACKAGE}")
+    if needed and not wrong:
+        shown = ", ".join(f"{name} {version(name)}" for name in ("simpy", "numpy", "numba"))
+        yield Finding("ok", "packages", f"all {len(needed)} fit ({shown}, …)")
+    yield from _broken(one.name for one in needed)
+
+
+def _misfit(wanted: Requirement) -> str | None:
+    """What is wrong with an installed package, if anything is."""
+    try:
+        found = version(wanted.name)
+    except PackageNotFoundError:
+        return f"{wanted.name} is missing"
+    if not wanted.specifier.contains(found, prereleases=True):
+        return f"{wanted.name} {found} is installed, {wanted.specifier} is needed"
+    return None
+
+
+def _broken(names: Iterator[str]) -> Iterator[Finding]:
+    """Packages that are there and cannot be imported, as numba beside too new a numpy."""
+    modules = {"pyyaml": "yaml", "annotated-types": "annotated_types", "pillow": "PIL"}
+    for name in names:
+        try:
+            importlib.import_module(modules.get(name, name))
+        except ImportError as error:
+            yield Finding("problem", name, f"cannot be imported: {error}")
+
+
+def _extras() -> Iterator[Finding]:
+    try:
+        extras = sorted(set(metadata(PACKAGE).get_all("Provides-Extra") or ()))
+    except PackageNotFoundError:
+        return
+    for extra in extras:
+        missing = [words for one in _of_extra(extra) if (words := _misfit(one))]
+        install = f"pip install '{PACKAGE}[{extra}]'"
+        if not missing:
+            yield Finding("ok", f"extra {extra}", "installed")
+        else:
+            yield Finding("note", f"extra {extra}", f"{'; '.join(missing)}; {install}")
+
+
+def _conflicts() -> Iterator[Finding]:
+    for name, words in CONFLICTS.items():
+        try:
+            asked = [Requirement(text) for text in requires(name) or ()]
+            found = version("gymnasium")
+        except PackageNotFoundError:
+            continue
+        for one in asked:
+            if one.name == "gymnasium" and not one.specifier.contains(found, prereleases=True):
+                told = words.format(wanted=one.specifier, found=found)
+                yield Finding("note", f"{name} {version(name)}", told)
+                break
+
+
+def _kernels() -> Iterator[Finding]:
+    from desim_uav.engine.batch import calls
+    from desim_uav.learning import fused
+    from desim_uav.model.coverage import crossings
+    from desim_uav.model.kernels import compiled_before
+
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
+        yield Finding("problem", "kernels", "NUMBA_DISABLE_JIT is set: everything is very slow")
+        return
+    folder = Path(crossings.stats.cache_path)  # type: ignore[attr-defined]
+    problem = _unwritable(folder)
+    if problem:
+        words = f"{problem}: kernels are compiled anew in each process (NUMBA_CACHE_DIR moves them)"
+        yield Finding("problem", "kernels", words)
+    kinds = {"run": crossings, "the compiled engine": calls.step, "training": fused.play}
+    waiting = [name for name, kernel in kinds.items() if not compiled_before(kernel)]
+    said = f"of {', '.join(waiting)}: made on first use, which takes up to a minute"
+    words = f"{said if waiting else 'ready'}; kept in {folder}"
+    yield Finding("note" if waiting else "ok", "machine code", words)
+
+
+def _processors() -> Iterator[Finding]:
+    try:
+        usable = len(os.sched_getaffinity(0))
+    except AttributeError:
+        usable = os.cpu_count() or 1
+    limits = [
+        f"{name}={os.environ[name]}"
+        for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
+        if name in os.environ
+    ]
+    words = f"{usable} to use (-j {usable})" + (f"; {', '.join(limits)}" if limits else "")
+    yield Finding("ok", "processors", words)
+
+
+def _places() -> Iterator[Finding]:
+    runs = Path("runs") if Path("runs").exists() else Path()
+    for name, folder in (("runs", runs), ("temporary files", Path(tempfile.gettempdir()))):
+        problem = _unwritable(folder)
+        free = shutil.disk_usage(folder).free if not problem else 0
+        words = f"{folder.resolve()}: {problem or f'{free / 2**30:.1f} GiB free'}"
+        few = not problem and free < SHORT_OF_DISK
+        verdict: Verdict = "problem" if problem else "note" if few else "ok"
+        yield Finding(verdict, name, words)
+    if not sys.stderr.isatty():
+        yield Finding("note", "terminal", "stderr is none: no progress is shown")
+
+
+def _unwritable(folder: Path) -> str | None:
+    """Why nothing can be written there, if so."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    try:
+        with tempfile.TemporaryFile(dir=folder):
+            return None
+    except OSError as error:
+        return f"cannot write to {folder}: {error.strerror or error}"

@@ -1,0 +1,123 @@
+"""What the doctor sees, and says."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+
+from desim_uav import cli
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.des import Simulation
+from desim_uav.experiment import doctor
+from desim_uav.experiment.doctor import Finding, examine
+from desim_uav.model import kernels
+from desim_uav.model.coverage import crossings
+from desim_uav.sample_path import draw
+from desim_uav.scenario.load import load
+from desim_uav.shipped import scenario_path
+from desim_uav.world import build_world
+
+
+def found(findings: list[Finding], what: str) -> Finding:
+    (one,) = [finding for finding in findings if finding.what == what]
+    return one
+
+
+def pretend(monkeypatch: pytest.MonkeyPatch, versions: dict[str, str | None]) -> None:
+    """Let packages be of other versions, or missing (None)."""
+    real = doctor.version
+
+    def version(name: str) -> str:
+        told = versions[name] if name in versions else real(name)
+        if told is None:
+            raise doctor.PackageNotFoundError(name)
+        return told
+
+    monkeypatch.setattr(doctor, "version", version)
+
+
+def on_the_command_line(monkeypatch, capsys) -> tuple[int, dict]:
+    monkeypatch.setattr("sys.argv", ["desim-uav", "doctor", "--json"])
+    with pytest.raises(SystemExit) as ended:
+        cli.main()
+    return ended.value.code, json.loads(capsys.readouterr().out)
+
+
+def test_here_nothing_is_wrong(monkeypatch, capsys, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    code, told = on_the_command_line(monkeypatch, capsys)
+    assert (code, told["healthy"]) == (0, True)
+    assert {"desim-uav", "Python", "packages", "machine code", "processors", "runs"} <= {
+        finding["what"] for finding in told["findings"]
+    }
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_package_that_is_too_old_or_missing(monkeypatch, capsys):
+    pretend(monkeypatch, {"numpy": "1.26.4", "simpy": None})
+    code, told = on_the_command_line(monkeypatch, capsys)
+    assert (code, told["healthy"]) == (1, False)
+    words = " ".join(finding["words"] for finding in told["findings"])
+    assert "numpy 1.26.4 is installed, <3,>=2.1 is needed" in words
+    assert "simpy is missing" in words
+
+
+def test_a_package_that_cannot_be_imported(monkeypatch):
+    real = doctor.importlib.import_module
+
+    def broken(name: str):
+        if name == "numba":
+            raise ImportError("Numba needs NumPy 2.3 or less")
+        return real(name)
+
+    monkeypatch.setattr(doctor.importlib, "import_module", broken)
+    assert found(examine(), "numba") == Finding(
+        "problem", "numba", "cannot be imported: Numba needs NumPy 2.3 or less"
+    )
+
+
+def test_an_extra_that_is_missing_has_its_command(monkeypatch):
+    pretend(monkeypatch, {"stable-baselines3": None})
+    told = found(examine(), "extra sb3")
+    assert told.verdict == "note"
+    assert "stable-baselines3 is missing" in told.words
+    assert told.words.endswith("pip install 'desim-uav[sb3]'")
+
+
+def test_rllib_and_its_gymnasium(monkeypatch):
+    real = doctor.requires
+    asked = ["gymnasium==1.2.2; extra == 'rllib'"]
+    monkeypatch.setattr(doctor, "requires", lambda name: asked if name == "ray" else real(name))
+    pretend(monkeypatch, {"ray": "2.60.0", "gymnasium": "1.4.0"})
+    told = found(examine(), "ray 2.60.0")
+    assert told.verdict == "note"
+    assert told.words.startswith("RLlib wants gymnasium ==1.2.2, and 1.4.0 is installed")
+
+
+def test_machine_code_of_other_sources_is_not_ready(monkeypatch):
+    world = build_world(load(scenario_path("tiny")), 0)
+    Simulation(world, RunSettings((True,), False)).reset(draw(world, 0, 0))
+    assert kernels.compiled_before(crossings)
+    monkeypatch.setattr(crossings._cache._cache_file, "_source_stamp", "of another day")
+    assert not kernels.compiled_before(crossings)
+    told = found(examine(), "machine code")
+    assert told.verdict == "note"
+    assert told.words.startswith("of run")
+
+
+def test_no_place_to_write(monkeypatch):
+    def full(**_):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(doctor.tempfile, "TemporaryFile", full)
+    told = found(examine(), "runs")
+    assert told.verdict == "problem"
+    assert told.words.startswith(str(Path.cwd()))
+    assert told.words.endswith("No space left on device")
+
+
+def test_no_compiler(monkeypatch):
+    monkeypatch.setenv("NUMBA_DISABLE_JIT", "1")
+    assert found(examine(), "kernels").verdict == "problem"
