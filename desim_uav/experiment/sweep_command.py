@@ -175,6 +175,8 @@ def sweep_to_folder(
         with progress(show_progress, len(left), "jobs", "batch") as advance:
             rows, failures, interrupted = run_jobs(left, folder, run, advance)
         finished |= {row["job"]: row for row in rows}
+        if interrupted:  # perhaps between a row's file and its entry here
+            finished = folder.rows(todo)
         ordered = [finished[job.id] for job in todo if job.id in finished]
         done = Done(out, swept, todo, ordered, failures, interrupted)
         folder.list_failures(failures)
