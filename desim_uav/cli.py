@@ -650,7 +650,7 @@ def plot(
         str,
         typer.Argument(
             metavar="KIND",
-            help="training, compare, visits, policy, battery, services or snapshot.",
+            help="training, compare, visits, policy, battery, episodes, services or snapshot.",
         ),
     ],
     runs: Annotated[
@@ -695,9 +695,7 @@ def plot(
 
 @app.command()
 def video(
-    run_dir: Annotated[
-        Path, typer.Argument(metavar="RUN_DIR", help="The folder of a run with --events.")
-    ],
+    run_dir: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="The folder of a run.")],
     gif: Annotated[Path | None, typer.Option(metavar="FILE.gif", help="An endless one.")] = None,
     mp4: Annotated[
         Path | None, typer.Option(metavar="FILE.mp4", help="H.264 (needs the extra video).")

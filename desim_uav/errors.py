@@ -35,6 +35,10 @@ class PolicyError(DesimError):
     exit_code = 4
 
 
+class NoEventsError(PolicyError):
+    """A run kept no events, and cannot be played again."""
+
+
 class MissingExtraError(DesimError):
     """Something needs packages that are not installed."""
 

@@ -16,12 +16,13 @@ from desim_uav import qoe
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
 from desim_uav.experiment import command
 from desim_uav.experiment import run as experiment_run
-from desim_uav.experiment.command import read_counted, read_summary, run_to_folder
+from desim_uav.experiment.command import read_summary, run_to_folder
 from desim_uav.experiment.run import headline
 from desim_uav.records import EPISODES, REQUESTS, USERS, to_frame
 from desim_uav.run_folder import TABLES, Draft, Place, read_table
 from desim_uav.scenario.load import load, loads, scenario_hash
 from desim_uav.shipped import scenario_path
+from tests.report.helpers import read_counted
 
 SMALL = ("users.count=12", "episode.steps=8")
 FILES = ["episodes.parquet", "manifest.json", "requests.parquet", "scenario.yaml", "steps.parquet"]
@@ -595,17 +596,20 @@ class TestReadBack:
     @pytest.mark.parametrize(
         ("content", "problem"),
         [
-            (None, "not a readable manifest: No such file"),
-            (b"", "not a readable manifest: Expecting value"),
-            (b"{", "not a readable manifest"),
-            (b"\xff\xfe", "not a readable manifest: 'utf-8'"),
-            (b"[" * 100_000, "not a readable manifest"),
-            (b"[]", "not the manifest of a run: no scenario"),
-            (b"{}", "not the manifest of a run: no scenario"),
-            (b'{"scenario": "a", "policy": "b"}', "not the manifest of a run: no seed"),
+            (None, "not a readable JSON file: No such file"),
+            (b"", "not a readable JSON file: Expecting value"),
+            (b"{", "not a readable JSON file"),
+            (b"\xff\xfe", "not a readable JSON file: 'utf-8'"),
+            (b"[" * 100_000, "not a readable JSON file"),
+            (b"[]", "not the manifest of a run: Input should be a valid dictionary"),
+            (b"{}", "not the manifest of a run: scenario: Field required"),
+            (
+                b'{"scenario": "a", "policy": "b"}',
+                "not the manifest of a run: seed: Field required",
+            ),
             (
                 b'{"scenario": "a", "policy": "b", "seed": NaN}',
-                "not the manifest of a run: no seed",
+                "not the manifest of a run: seed: Input should be a valid integer",
             ),
         ],
     )

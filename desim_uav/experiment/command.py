@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import platform
 from collections import Counter
 from collections.abc import Callable, Iterable
@@ -11,8 +10,6 @@ from datetime import UTC, datetime
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
-
-import pandas as pd
 
 from desim_uav import __version__, qoe
 from desim_uav.engine.choose import check_engine
@@ -30,13 +27,11 @@ from desim_uav.experiment.run import (
 )
 from desim_uav.policies import Policy, load_policy
 from desim_uav.records import EPISODES, REQUESTS, to_frame
-from desim_uav.run_folder import Draft, Place, read_parts, read_table, world_content
+from desim_uav.report.manifest import read_manifest
+from desim_uav.run_folder import Draft, Place, read_parts, world_content
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
-
-MANIFEST = {"scenario": str, "policy": str, "seed": int}
-"""What ``qoe`` reads of ``manifest.json``."""
 
 PACKAGES = ("numba", "numpy", "pandas", "pyarrow", "pydantic", "simpy")
 
@@ -186,10 +181,10 @@ def read_summary(
                 raise _of_two_runs(folder, episode)
     for episode in asked:
         raise _of_two_runs(folder, episode)
-    manifest = read_manifest(folder / "manifest.json")
-    summary = {key: manifest[key] for key in MANIFEST} | tally.headline()
+    manifest = read_manifest(folder)
+    named = {key: manifest[key] for key in ("scenario", "policy", "seed")}
     told = None if groups is None else groups.summaries()
-    return summary | {"run_dir": str(folder)}, told
+    return named | tally.headline() | {"run_dir": str(folder)}, told
 
 
 def _of_two_runs(folder: Path, episode: int) -> PolicyError:
@@ -197,25 +192,6 @@ def _of_two_runs(folder: Path, episode: int) -> PolicyError:
         f"{folder}: requests.parquet and episodes.parquet are not of one run: they differ in "
         f"episode {episode}"
     )
-
-
-def read_counted(folder: Path) -> tuple[dict[str, Any], pd.DataFrame]:
-    """The summary and the counted requests of a finished run. Raises PolicyError."""
-    summary, _ = read_summary(folder)
-    return summary, counted(read_table(folder, "requests", REQUESTS))
-
-
-def read_manifest(file: Path) -> dict[str, Any]:
-    """What a run says of itself. Raises PolicyError where it is not a run's."""
-    try:
-        manifest = json.loads(file.read_text(encoding="utf-8"))
-    except (OSError, ValueError, RecursionError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise PolicyError(f"{file}: not a readable manifest: {reason}") from error
-    for key, of_type in MANIFEST.items():
-        if not isinstance(manifest, dict) or not isinstance(manifest.get(key), of_type):
-            raise PolicyError(f"{file}: not the manifest of a run: no {key}")
-    return dict(manifest)
 
 
 def _where_it_learned(scenario: Scenario, policy: Policy) -> Scenario:

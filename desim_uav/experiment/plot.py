@@ -40,12 +40,6 @@ def _compare(folders: Sequence[Path], against: str | None = None) -> Figure:
     return compare_figure(compare_runs(folders, against).content())
 
 
-def _visits(folder: Path, **options: Any) -> Figure:
-    from desim_uav.report.figures import visits_figure
-
-    return visits_figure(folder, **options)
-
-
 def _policy(source: Path, **options: Any) -> Figure:
     """Of a table's file, a shipped one's name, or the folder of a training."""
     from desim_uav.report.figures import policy_figure
@@ -56,32 +50,28 @@ def _policy(source: Path, **options: Any) -> Figure:
     return policy_figure(read_table(file), str(source), **options)
 
 
-def _battery(folder: Path, **options: Any) -> Figure:
-    from desim_uav.report.figures import battery_figure
+def _of_run(kind: str) -> Callable[..., Figure]:
+    """A run that kept no events is played again for them."""
 
-    return battery_figure(folder, **options)
+    def draw(folder: Path, **options: Any) -> Figure:
+        from desim_uav.experiment.replay import playable
+        from desim_uav.report import figures
 
+        figure: Figure = getattr(figures, f"{kind}_figure")(playable(folder), **options)
+        return figure
 
-def _services(folder: Path, **options: Any) -> Figure:
-    from desim_uav.report.figures import services_figure
-
-    return services_figure(folder, **options)
-
-
-def _snapshot(folder: Path, **options: Any) -> Figure:
-    from desim_uav.report.figures import snapshot_figure
-
-    return snapshot_figure(folder, **options)
+    return draw
 
 
 KINDS: Mapping[str, Kind] = {
     "training": Kind(_training, ("window",), several=True),
     "compare": Kind(_compare, ("against",), several=True),
-    "visits": Kind(_visits, ("episode", "drone")),
+    "visits": Kind(_of_run("visits"), ("episode", "drone")),
     "policy": Kind(_policy, ("battery_min", "level", "drone")),
-    "battery": Kind(_battery, ("episode", "drone")),
-    "services": Kind(_services, ("episode",)),
-    "snapshot": Kind(_snapshot, ("episode", "minute")),
+    "battery": Kind(_of_run("battery"), ("episode", "drone")),
+    "episodes": Kind(_of_run("episodes")),
+    "services": Kind(_of_run("services"), ("episode",)),
+    "snapshot": Kind(_of_run("snapshot"), ("episode", "minute")),
 }
 
 
@@ -133,9 +123,9 @@ def film(
 ) -> list[Path]:
     """Write an episode as a GIF, an MP4, or both; the files. Raises the errors of its parts."""
     from desim_uav.experiment.progress import progress
+    from desim_uav.experiment.replay import playable
     from desim_uav.report import video
     from desim_uav.report.playback import Playback
-    from desim_uav.report.record import Run
 
     asked = [(gif, ".gif", video.write_gif), (mp4, ".mp4", video.write_mp4)]
     wanted = [(out, end, write) for out, end, write in asked if out is not None]
@@ -147,8 +137,10 @@ def film(
     if mp4 is not None:
         video.need_ffmpeg()
     places = [file_place(out, f"--{end[1:]}") for out, end, _ in wanted]
-    run = Run(folder)
-    made = video.Film(Playback(run, run.episode(episode)), fps, speed, width)
+    run = playable(folder, show_progress)
+    number = run.episode(episode)
+    run.need([number])
+    made = video.Film(Playback(run, number), fps, speed, width)
     with progress(show_progress, len(made) * len(wanted), "frames") as advance:
         for place, (_, _, write) in zip(places, wanted, strict=True):
             write(made, place, advance)

@@ -1,28 +1,29 @@
-"""What ``desim-uav replay`` does: a run folder in, one page out.
+"""What ``desim-uav replay`` does: a run folder in, one page out; and runs played again.
 
-Runs that kept no events are played again from what their folder says of them, and held against what
-it holds.
+Those that kept no events are played again from what their folder says of them, and held against
+what it holds.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
 import pyarrow as pa
 
 from desim_uav.engine.base import EpisodeLog
-from desim_uav.errors import DesimError, PolicyError
+from desim_uav.errors import DesimError, NoEventsError, PolicyError
 from desim_uav.experiment import tables
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.run import play
 from desim_uav.policies import load_policy
 from desim_uav.report.replay.data import Encoder
-from desim_uav.report.replay.folder import RunFolder, Tables
 from desim_uav.report.replay.page import page
+from desim_uav.report.run import IN_TIME, KEPT, Again, Run, Tables
 from desim_uav.run_folder import TABLES, world_content, write_whole
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World, build_world
@@ -31,7 +32,6 @@ MOST_BYTES = 25 * 2**20
 """Of a page, unless more is asked for."""
 
 BASE64 = 4 / 3
-COMPARED = ("requests", "steps", "users", "episodes")
 
 
 @dataclass
@@ -67,16 +67,16 @@ def write_replay(
     ``episodes``: such as ``0-9``; without it, the counted ones, as many as fit. Raises PolicyError
     where the folder is unreadable, does not fit together, or cannot be played again.
     """
-    folder = RunFolder(run_dir)
-    wanted = folder.chosen(episodes)
-    encoder = Encoder(folder)
+    run = Run(run_dir)
+    wanted = run.chosen(episodes)
+    encoder = Encoder(run)
     blocks: list[bytes] = []
     size, limit = 0.0, MOST_BYTES if most_bytes is None else most_bytes
-    again = folder.in_time is None
-    total = wanted[-1] - folder.episodes[0] + 1 if again else len(wanted)
-    with progress(show_progress, total, engine=folder.manifest["engine"]) as advance:
+    again = not run.keeps_events
+    total = wanted[-1] - run.episodes[0] + 1 if again else len(wanted)
+    with progress(show_progress, total, engine=run.settings.engine) as advance:
         source = played_again if again else _stored
-        with closing(source(folder, wanted, advance)) as each:
+        with closing(source(run, wanted, advance)) as each:
             for number, of_episode in each:
                 block = encoder.episode(number, of_episode)
                 size += len(block) * BASE64
@@ -91,53 +91,72 @@ def write_replay(
 
 
 def _stored(
-    folder: RunFolder, wanted: list[int], advance: Callable[[], None]
+    run: Run, wanted: list[int], advance: Callable[[], None]
 ) -> Generator[tuple[int, Tables]]:
     for number in wanted:
-        yield number, folder.of_episode(number)
+        yield number, run.of_episode(number)
         advance()
 
 
+def playable(run_dir: Path, show_progress: bool = True) -> Run:
+    """A run whose events and legs are there even if it kept none: it is played again for them."""
+    return Run(run_dir, playing_again(show_progress))
+
+
+def playing_again(show_progress: bool = True) -> Again:
+    """What makes the events and legs that a run has not kept. Raises NoEventsError."""
+
+    def again(run: Run, wanted: Sequence[int]) -> Tables:
+        total = max(wanted) - run.episodes[0] + 1
+        try:
+            engine = run.settings.engine
+        except PolicyError as error:
+            raise NoEventsError(f"{run.folder}: it has no events, and {error}") from error
+        with progress(show_progress, total, engine=engine) as advance:
+            made = [tables for _, tables in played_again(run, wanted, advance)]
+        return {name: pd.concat([of[name] for of in made], ignore_index=True) for name in IN_TIME}
+
+    return again
+
+
 def played_again(
-    folder: RunFolder, wanted: list[int], advance: Callable[[], None] = lambda: None
+    run: Run, wanted: Sequence[int], advance: Callable[[], None] = lambda: None
 ) -> Generator[tuple[int, Tables]]:
     """The tables of these episodes, events and legs among them, by playing the run again.
 
-    Raises PolicyError where what comes out is not what the folder holds.
+    Raises NoEventsError where what comes out is not what the folder holds.
     """
-    world, logs = _begin(folder)
+    world, logs = _begin(run)
     rest = set(wanted)
     with closing(logs):
         while rest:
             try:
                 log, path = next(logs)
             except DesimError as error:
-                raise _not_again(folder, str(error)) from error
+                raise _not_again(run, str(error)) from error
             if log.episode in rest:
                 rest.remove(log.episode)
-                yield log.episode, _checked(folder, world, log, path)
+                yield log.episode, _checked(run, world, log, path)
             advance()
 
 
-def _begin(folder: RunFolder) -> tuple[World, Any]:
-    """The world of a run, and its episodes to come. Raises PolicyError where they cannot."""
-    manifest, scenario = folder.manifest, folder.scenario
-    name = manifest["policy"]
+def _begin(run: Run) -> tuple[World, Any]:
+    """The world of a run, and its episodes to come. Raises NoEventsError where they cannot."""
+    settings = run.settings
+    name = settings.policy
     try:
-        policy = load_policy(name)
-        world = build_world(scenario, manifest["world_seed"])
+        policy, world = load_policy(name), build_world(run.scenario, settings.world_seed)
     except DesimError as error:
-        raise _not_again(folder, str(error)) from error
-    if world_content(world) != folder.world:
-        raise _not_again(folder, "world.json is not the world of scenario.yaml and this seed")
-    if manifest["ceilings"] != ["tallest" if policy.ceiling else "none"] * scenario.drones.count:
-        raise _not_again(folder, f"policy {name!r} has another ceiling than it had")
-    last = folder.episodes[-1] + 1
-    warmup, engine = manifest["warmup"], manifest["engine"]
-    return world, play(world, policy, name, manifest["seed"], last, warmup, True, engine)
+        raise _not_again(run, str(error)) from error
+    if world_content(world) != run.map:
+        raise _not_again(run, "world.json is not the world of scenario.yaml and this seed")
+    if {*settings.ceilings} != {"tallest" if policy.ceiling else "none"}:
+        raise _not_again(run, f"policy {name!r} has another ceiling than it had")
+    counted, warmup = run.episodes[-1] + 1, settings.warmup
+    return world, play(world, policy, name, settings.seed, counted, warmup, True, settings.engine)
 
 
-def _checked(folder: RunFolder, world: World, log: EpisodeLog, path: SamplePath) -> Tables:
+def _checked(run: Run, world: World, log: EpisodeLog, path: SamplePath) -> Tables:
     """The tables of an episode that was played again, as it was stored."""
     requests = tables.requests_table([log], world)
     made = {
@@ -148,11 +167,11 @@ def _checked(folder: RunFolder, world: World, log: EpisodeLog, path: SamplePath)
         "events": tables.events_table([log]),
         "legs": tables.legs_table([log]),
     }
-    stored = folder.of_episode(log.episode)
-    for name in COMPARED:
+    stored = run.of_episode(log.episode)
+    for name in KEPT:
         if not _arrow(name, made[name]).equals(_arrow(name, stored[name])):
             raise _not_again(
-                folder, f"episode {log.episode}: {name}.parquet is not what comes out now"
+                run, f"episode {log.episode}: {name}.parquet is not what comes out now"
             )
     return made
 
@@ -163,9 +182,9 @@ def _arrow(name: str, frame: Any) -> pa.Table:
     return pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
 
 
-def _not_again(folder: RunFolder, reason: str) -> PolicyError:
-    policy = folder.manifest["policy"]
-    return PolicyError(
-        f"{folder.path}: it has no events, and cannot be played again: {reason} "
+def _not_again(run: Run, reason: str) -> NoEventsError:
+    policy = run.settings.policy
+    return NoEventsError(
+        f"{run.folder}: it has no events, and cannot be played again: {reason} "
         f"(policy {policy!r}; from the folder the run was made in? run it again with --events)"
     )

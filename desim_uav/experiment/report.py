@@ -10,18 +10,16 @@ from typing import Any
 from urllib.parse import quote
 
 from desim_uav import qoe
-from desim_uav.errors import PolicyError, ScenarioError, UsageError
-from desim_uav.experiment.command import read_counted, read_manifest
+from desim_uav.errors import PolicyError, UsageError
+from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare import compare_runs, csv_place
+from desim_uav.experiment.replay import playing_again
 from desim_uav.experiment.statistics import estimate
-from desim_uav.records import EPISODES
 from desim_uav.report.comparison_page import Compared, comparison_page
-from desim_uav.report.page import Run
+from desim_uav.report.page import Reported
 from desim_uav.report.run_page import run_page
 from desim_uav.report.text import MEASURES
-from desim_uav.report.world import read_world
-from desim_uav.run_folder import read_table, write_whole
-from desim_uav.scenario.load import load
+from desim_uav.run_folder import write_whole
 
 NAME = "report.html"
 
@@ -56,28 +54,11 @@ def report(
     return place
 
 
-def _read(folder: Path, page: Path) -> Run:
-    summary, requests = read_counted(folder)
-    file = folder / "scenario.yaml"
+def _read(folder: Path, page: Path) -> Reported:
+    summary, _ = read_summary(folder)
     if not summary["episodes"]:
         raise PolicyError(f"{folder}: no episode was counted")
-    try:
-        scenario = load(file)
-    except ScenarioError as error:
-        raise PolicyError(error.problems[0]) from error
-    read_world(folder)
-    manifest = read_manifest(folder / "manifest.json")
-    episodes = read_table(folder, "episodes", EPISODES)
-    return Run(
-        folder,
-        _link(folder, page),
-        manifest,
-        summary,
-        requests,
-        episodes[episodes["episode"] >= 0],
-        scenario,
-        file.read_text(encoding="utf-8"),
-    )
+    return Reported(folder, playing_again(), link=_link(folder, page), summary=summary)
 
 
 def _link(folder: Path, page: Path) -> str:
@@ -89,11 +70,11 @@ def _link(folder: Path, page: Path) -> str:
     return "" if way == "." else quote(os.fsencode(Path(way).as_posix())) + "/"
 
 
-def _by_service(runs: Sequence[Run], content: dict[str, Any]) -> list[dict[str, Any]]:
+def _by_service(runs: Sequence[Reported], content: dict[str, Any]) -> list[dict[str, Any]]:
     """For each service and policy the estimates over its runs."""
     found: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for run in runs:
-        for row in qoe.grouped(run.requests, "service"):
+        for row in qoe.grouped(run.counted("requests"), "service"):
             found.setdefault((row["service"], run.summary["policy"]), []).append(row)
     order = [row["policy"] for row in content["policies"]]
     return [

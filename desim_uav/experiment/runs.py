@@ -8,11 +8,8 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from desim_uav.experiment.command import read_counted
 from desim_uav.experiment.compare import compare_runs
-from desim_uav.records import USERS
-from desim_uav.report.world import read_world
-from desim_uav.run_folder import read_table
+from desim_uav.report.run import Run
 
 
 def read_runs(folders: Sequence[Path]) -> pd.DataFrame:
@@ -23,21 +20,17 @@ def read_runs(folders: Sequence[Path]) -> pd.DataFrame:
     ``from_centre_m``, how far from that cluster's centre it was; where the scenario has no
     clusters both are missing. Raises PolicyError as ``compare_runs`` does.
     """
-    tables = [read_counted(folder) for folder in folders]
-    replications = compare_runs(folders).replications
     frames = [
-        _placed(requests, folder).assign(
-            policy=replication.policy, seed=replication.seed, world_seed=replication.world_seed
-        )
-        for (_, requests), folder, replication in zip(tables, folders, replications, strict=True)
+        _placed(Run(folder)).assign(policy=of.policy, seed=of.seed, world_seed=of.world_seed)
+        for folder, of in zip(folders, compare_runs(folders).replications, strict=True)
     ]
     return pd.concat(frames, ignore_index=True)
 
 
-def _placed(requests: pd.DataFrame, folder: Path) -> pd.DataFrame:
-    """Requests with the columns of place."""
-    world = read_world(folder)
-    x_m, y_m = _place(requests, read_table(folder, "users", USERS))
+def _placed(run: Run) -> pd.DataFrame:
+    """The counted requests with the columns of place."""
+    requests, world = run.counted("requests"), run.map
+    x_m, y_m = _place(requests, run.table("users"))
     (width, depth), (nx, ny) = world["size_m"], world["cells"]
     ix = np.clip(x_m // (width / nx), 0, nx - 1)
     iy = np.clip(y_m // (depth / ny), 0, ny - 1)

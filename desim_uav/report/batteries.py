@@ -1,75 +1,72 @@
-"""What a drone's battery held at any time of a logged episode."""
+"""What drones' batteries held at any time of an episode."""
 
 from __future__ import annotations
 
-import numpy as np
-import pandas as pd
-from numpy.typing import NDArray
+from collections.abc import Sequence
 
-from desim_uav.model.rules import US, Phase
-from desim_uav.report.record import Run
+from desim_uav.errors import PolicyError
+from desim_uav.model.rules import US
+from desim_uav.report.run import Run
 
-Floats = NDArray[np.float64]
-Known = list[tuple[float, int, float]]
-"""When, that as a key, and what the battery held, in seconds."""
-
-PHASES = 16
-"""An instant and a phase are one number, ``t_us * PHASES + phase``, which sorts as they do."""
+Knot = tuple[int, int]
+"""A time and what the battery held then, both in microseconds; straight lines in between."""
 
 
-def knots(run: Run, episode: int, events: pd.DataFrame, drone: int) -> tuple[Floats, Floats] | None:
-    """Where a drone's battery is known, (t_s, s): at steps' ends, and where its change changes.
+def batteries_before_us(run: Run, episode: int) -> list[int]:
+    """What each drone begins an episode with: full, or what the episode before has left it."""
+    drones, battery = run.scenario.drones.count, run.scenario.drones.battery
+    assert battery is not None
+    steps = run.of("steps", episode - 1)
+    ends = steps[steps["step"] == run.scenario.episode.steps - 1].sort_values("drone")
+    ended = battery.on_crash == "end_episode" and ends["crashed"].any()
+    if not run.settings.carry_over or len(ends) != drones or ended:
+        return [run.world.capacity_us] * drones
+    if ends["battery_s"].isna().any():
+        raise PolicyError(f"{run.folder / 'steps.parquet'}: battery_s: empty")
+    return [round(battery_s * US) for battery_s in ends["battery_s"]]
 
-    In between it is linear. ``events`` are the episode's, with their keys. None where the battery
-    is unlimited.
+
+def battery_knots(
+    begins_with_us: int,
+    records: Sequence[Knot],
+    events: Sequence[tuple[int, str]],
+    capacity_us: int,
+    full_charge_us: int,
+) -> list[Knot]:
+    """The course of a battery through its records, and its exact corners and jumps between them.
+
+    ``events``: time and kind of what happened to the drone, in order. A battery is empty at a
+    crash, full once charged and in a drone that takes another's place. What it held on landing
+    follows from how it was charged, whatever the model of its drain.
     """
-    if run.scenario.drones.battery is None:
-        return None
-    events = events[events["drone"] == drone]
-    known = _told(run, episode, events, drone)
-    known = sorted(known + _landed(run, events, known))
-    full_s = run.world.capacity_us / US
-    times_s = np.array([t_s for t_s, _, _ in known])
-    return times_s, np.clip([battery_s for _, _, battery_s in known], 0.0, full_s)
+    knots = [(0, begins_with_us), *records]
+    for k, (t_us, kind) in enumerate(events):
+        if kind == "crash":
+            knots.append((t_us, 0))
+        elif kind == "respawn":
+            knots += [(t_us, 0), (t_us, capacity_us)]
+        elif kind == "charged":
+            knots.append((t_us, capacity_us))
+        elif kind in ("land", "charge"):
+            held_us = _on_landing(events[k:], records, capacity_us, full_charge_us)
+            knots.append((t_us, held_us))
+    # Stable: a jump stays as it is, and who is replaced at a record is so after it.
+    return sorted(knots, key=lambda knot: knot[0])
 
 
-def first_battery_s(run: Run, episode: int, drone: int) -> float:
-    """What a drone begins an episode with: what it carries over, else all of it."""
-    full_s, steps = run.world.capacity_us / US, run.of("steps", episode - 1)
-    if not run.scenario.episode.carry_over or steps.empty:
-        return full_s
-    if round(run.duration_s(episode - 1) * US) < run.world.horizon_us:
-        return full_s  # a crash ended that episode, and this one starts afresh
-    return float(steps.loc[steps["drone"] == drone, "battery_s"].iloc[-1])
-
-
-def _told(run: Run, episode: int, events: pd.DataFrame, drone: int) -> Known:
-    """What steps and events say, in order."""
-    steps = run.of("steps", episode)
-    steps = steps[steps["drone"] == drone]
-    told: Known = [(0.0, -1, first_battery_s(run, episode, drone))]
-    for t_s, battery_s in zip(steps["t_s"], steps["battery_s"], strict=True):
-        told.append((t_s, round(t_s * US) * PHASES + Phase.RECORD, battery_s))
-    full_s = run.world.capacity_us / US
-    for kind, battery_s in (("charged", full_s), ("crash", 0.0), ("respawn", full_s)):
-        rows = events[events["kind"] == kind]
-        told += [(t / US, key, battery_s) for t, key in zip(rows["t_us"], rows["key"], strict=True)]
-    return sorted(told)
-
-
-def _landed(run: Run, events: pd.DataFrame, told: Known) -> Known:
-    """What a drone landed with, reckoned back from its charge, which is at a constant rate."""
-    rate = run.world.capacity_us / run.world.full_charge_us
-    keys = [key for _, key, _ in told]
-    found: Known = []
-    for kind in ("land", "charge"):
-        rows = events[events["kind"] == kind]
-        for t_us, key in zip(rows["t_us"].tolist(), rows["key"].tolist(), strict=True):
-            after = int(np.searchsorted(keys, key, "right"))
-            if after == len(told):
-                continue
-            later = events.loc[(events["kind"] == "charge") & (events["key"] >= key), "t_us"]
-            t_s, _, battery_s = told[after]
-            charged_s = 0.0 if later.empty else max(0.0, t_s - int(later.iloc[0]) / US)
-            found.append((t_us / US, key, battery_s - rate * charged_s))
-    return found
+def _on_landing(
+    events: Sequence[tuple[int, str]],
+    records: Sequence[Knot],
+    capacity_us: int,
+    full_charge_us: int,
+) -> int:
+    """The battery of a drone that lands, or begins to charge, at the first of these events."""
+    charge_us = next((t_us for t_us, kind in events if kind == "charge"), None)
+    if charge_us is None:  # it waits for a pad to the end
+        return records[-1][1]
+    charged_us = next((t_us for t_us, kind in events if kind == "charged"), None)
+    held_us, when_us = records[-1][1], records[-1][0]
+    if charged_us is not None:
+        held_us, when_us = capacity_us, charged_us
+    gained_us = (when_us - charge_us) * capacity_us // full_charge_us
+    return min(capacity_us, max(0, held_us - gained_us))

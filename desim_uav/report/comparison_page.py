@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
-from desim_uav.report import page_figures
+from desim_uav.report.figures import case_picture, intervals_figure
+from desim_uav.report.figures.style import NARROW
 from desim_uav.report.markup import Html, code, facts, folded, joined, paragraph, table, tag
 from desim_uav.report.page import (
     Picture,
-    Run,
+    Reported,
     command_of,
     count,
     gallery,
@@ -36,7 +37,7 @@ class Compared:
     """
 
     content: dict[str, Any]
-    runs: Sequence[Run]
+    runs: Sequence[Reported]
     by_service: Sequence[dict[str, Any]]
 
     @property
@@ -44,7 +45,7 @@ class Compared:
         """Their names, the first run's first."""
         return [row["policy"] for row in self.content["policies"]]
 
-    def of(self, policy: str) -> list[Run]:
+    def of(self, policy: str) -> list[Reported]:
         """The runs of a policy, by seed."""
         runs = (run for run in self.runs if run.summary["policy"] == policy)
         return sorted(runs, key=lambda run: int(run.summary["seed"]))
@@ -129,17 +130,17 @@ def estimate_cell(found: dict[str, Any], form: str) -> Html:
 
 def _intervals(found: Compared) -> Html:
     """The two tables as pictures."""
-    content = found.content
+    content, titles = found.content, {name: label for name, (label, _) in COMPARED.items()}
     pictures = [
         Picture(
             "Policies",
             "Mean over seeds, 95 % t-interval.",
-            partial(page_figures.interval_panels, content["policies"], found.policies, False),
+            partial(intervals_figure, content["policies"], found.policies, titles, False),
         )
     ]
     if content["differences"]:
         against = f"Minus {content['against']}, paired by seed, 95 % t-interval."
-        draw = partial(page_figures.interval_panels, content["differences"], found.policies, True)
+        draw = partial(intervals_figure, content["differences"], found.policies, titles, True)
         pictures.append(Picture("Differences", against, draw))
     return gallery(pictures, 0)
 
@@ -174,8 +175,9 @@ def _maps(found: Compared) -> Html:
     pictures = []
     for policy in found.policies[:MOST_MAPS]:
         run = found.of(policy)[0]
+        draw = partial(case_picture, run, run.counted_episodes[0], width=NARROW)
         said = f"Seed {run.summary['seed']}, the first counted episode, as it ended."
-        pictures.append(Picture(policy, said, partial(page_figures.run_map, run.folder)))
+        pictures.append(Picture(policy, said, draw))
     left = len(found.policies) - len(pictures)
     more = paragraph(f"Those of {left} more policies are left out.", class_="note")
     return joined([gallery(pictures, 2), more if left else None])

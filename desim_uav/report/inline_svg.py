@@ -6,9 +6,10 @@ import re
 import warnings
 from collections.abc import Callable
 from io import BytesIO
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
+from desim_uav.report.figures.style import styled
 from desim_uav.report.markup import Html, tag, visible
 
 if TYPE_CHECKING:
@@ -38,22 +39,18 @@ LONGEST = 80
 """Letters of a text in a figure."""
 
 NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-LOOK: dict[Any, Any] = {
-    "text.parse_math": False,  # a name is no formula
-    "svg.fonttype": "none",
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-}
 
 
+@styled
 def drawn(draw: Callable[[], Figure], label: str, number: int) -> Html:
     """What ``draw`` draws, as an element of a page; ``label`` says what it shows.
 
     ``number``: the figure's own in this page, which keeps its names apart from the others'.
     """
-    from matplotlib import rc_context
+    from matplotlib import rcParams
 
-    with rc_context(LOOK | {"svg.hashsalt": str(number)}), warnings.catch_warnings():
+    rcParams.update({"svg.fonttype": "none", "svg.hashsalt": str(number)})
+    with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # names may hold letters that the typeface lacks
         figure = draw()
         svg = _saved(figure, "svg")

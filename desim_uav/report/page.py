@@ -14,8 +14,6 @@ from pathlib import Path
 from string import Template
 from typing import TYPE_CHECKING, Any
 
-import pandas as pd
-
 from desim_uav import __version__
 from desim_uav.report.inline_svg import drawn
 from desim_uav.report.markup import (
@@ -30,6 +28,7 @@ from desim_uav.report.markup import (
     tag,
     visible,
 )
+from desim_uav.report.run import Run
 from desim_uav.report.text import MEASURES
 from desim_uav.scenario.load import to_plain
 from desim_uav.scenario.schema import Scenario
@@ -43,22 +42,15 @@ OF_EPISODES = {"crashes": ("crashes", "d"), "reward": ("reward", ".2f")}
 LONGEST_TITLE = 160
 
 
-@dataclass(frozen=True)
-class Run:
-    """A finished run, read: ``link`` is its folder's address seen from the page, "" if it is there.
+@dataclass(frozen=True, kw_only=True)
+class Reported(Run):
+    """A run as a page tells of it, with its ``summary`` over the counted episodes.
 
-    ``summary``, ``requests`` and ``episodes`` are of the counted episodes; ``yaml`` is the text of
-    the scenario's file.
+    ``link`` is its folder's address seen from the page, "" if it is there.
     """
 
-    folder: Path
     link: str
-    manifest: dict[str, Any]
     summary: dict[str, Any]
-    requests: pd.DataFrame
-    episodes: pd.DataFrame
-    scenario: Scenario
-    yaml: str
 
     @property
     def has_replay(self) -> bool:
@@ -73,6 +65,12 @@ class Picture:
     title: str
     caption: str
     draw: Callable[[], Figure]
+
+    def untitled(self) -> Figure:
+        """The figure without its heading: its title stands above it."""
+        figure = self.draw()
+        figure.suptitle("")
+        return figure
 
 
 def page(title: str, lead: Any, sections: Iterable[tuple[str, Html]]) -> str:
@@ -146,7 +144,7 @@ def gallery(pictures: Sequence[Picture], first: int) -> Html:
         tag(
             "figure",
             tag("figcaption", tag("strong", picture.title), f". {picture.caption}"),
-            drawn(picture.draw, picture.title, first + k),
+            drawn(picture.untitled, picture.title, first + k),
             class_="figure",
         )
         for k, picture in enumerate(pictures)
@@ -154,7 +152,7 @@ def gallery(pictures: Sequence[Picture], first: int) -> Html:
     return tag("div", joined(figures, "\n"), class_="figures")
 
 
-def scenario_section(run: Run) -> Html:
+def scenario_section(run: Reported) -> Html:
     """What was simulated: the key facts, and the whole file."""
     return joined(
         [
@@ -204,7 +202,7 @@ def _component(plain: dict[str, Any]) -> str:
     return ", ".join([*([str(plain["kind"])] if "kind" in plain else []), *told])
 
 
-def provenance_facts(run: Run) -> list[tuple[str, Any]]:
+def provenance_facts(run: Reported) -> list[tuple[str, Any]]:
     """Where a run comes from, as far as its manifest says."""
     said = run.manifest
     return [
@@ -224,13 +222,13 @@ def provenance_facts(run: Run) -> list[tuple[str, Any]]:
     ]
 
 
-def command_of(run: Run) -> Html | None:
+def command_of(run: Reported) -> Html | None:
     """What was typed."""
     command = run.manifest.get("command")
     return code(shlex.join(map(str, command))) if isinstance(command, list) else None
 
 
-def version_facts(runs: Sequence[Run]) -> list[tuple[str, str]]:
+def version_facts(runs: Sequence[Reported]) -> list[tuple[str, str]]:
     """What ran: each version there was of it."""
     found: dict[str, dict[str, None]] = {}
     for run in runs:

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -20,12 +20,16 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import Measures, UserState
 from desim_uav.errors import PolicyError
-from desim_uav.model.motion import REST, Leg, Transit
 from desim_uav.model.rules import US, Mode, Phase
-from desim_uav.report.batteries import PHASES, Floats, knots
-from desim_uav.report.record import Run
+from desim_uav.report.batteries import batteries_before_us, battery_knots
+from desim_uav.report.run import Run
+from desim_uav.report.tracks import Track
 
+Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
+
+PHASES = 16
+"""An instant and a phase are one number, ``t_us * PHASES + phase``, which sorts as they do."""
 
 LEADS_TO = {
     "decide": Mode.FLYING,
@@ -61,7 +65,7 @@ class Moment(NamedTuple):
 
 @dataclass(frozen=True)
 class Playback:
-    """One episode of a run that kept its events."""
+    """One episode of a run that kept its events, or is played again for them."""
 
     run: Run
     episode: int
@@ -108,6 +112,12 @@ class Playback:
         for start, end, mode in zip(starts, [*starts[1:], self.duration_us], modes, strict=True):
             if end > start:
                 yield start, end, mode
+
+    def crashes_us(self, drone: int) -> list[int]:
+        """When a drone crashed."""
+        events = self._events
+        mine = (events["kind"] == "crash") & (events["drone"] == drone)
+        return [int(t_us) for t_us in events.loc[mine, "t_us"]]
 
     def cell_times_us(self, drone: int) -> Iterator[tuple[int, int, tuple[int, int]]]:
         """From when to when a drone served from which cell: half of a transit is in either."""
@@ -157,16 +167,36 @@ class Playback:
         return modes[int(np.searchsorted(keys, key, "right")) - 1]
 
     @cached_property
-    def batteries(self) -> list[tuple[Floats, Floats] | None]:
-        """For each drone where its battery is known, (t_s, s); it is linear in between."""
-        drones = range(self.run.scenario.drones.count)
-        return [knots(self.run, self.episode, self._events, drone) for drone in drones]
+    def batteries(self) -> list[tuple[Floats, Floats]]:
+        """For each drone where its battery is known, (t_s, s); it is linear in between.
+
+        None of them where batteries are unlimited.
+        """
+        if self.run.scenario.drones.battery is None:
+            return []
+        world, steps = self.run.world, self.run.of("steps", self.episode)
+        found = []
+        for drone, begins_us in enumerate(batteries_before_us(self.run, self.episode)):
+            own = steps[steps["drone"] == drone]
+            events = self._events[(self._events["drone"] == drone) & self._events["user"].isna()]
+            knots = battery_knots(
+                begins_us,
+                [
+                    (round(t_s * US), round(left_s * US))
+                    for t_s, left_s in zip(own["t_s"], own["battery_s"], strict=True)
+                ],
+                [*zip(events["t_us"].tolist(), events["kind"], strict=True)],
+                world.capacity_us,
+                world.full_charge_us,
+            )
+            t_us, left_us = np.array(knots, np.float64).T
+            found.append((t_us / US, left_us / US))
+        return found
 
     def _battery_s(self, drone: int, t_us: int) -> float | None:
-        known = self.batteries[drone]
-        if known is None:
+        if not self.batteries:
             return None
-        t_s, battery_s = known
+        t_s, battery_s = self.batteries[drone]
         after = int(np.searchsorted(t_s, t_us / US, "right"))
         if after == len(t_s):
             return float(battery_s[-1])
@@ -302,41 +332,3 @@ class Spells(NamedTuple):
         """How long each has lasted."""
         begun = self.from_key <= key
         return np.where(begun, np.minimum(self.to_us, t_us) - self.from_us, 0)
-
-
-class Track:
-    """The legs of a drone in an episode, and where they put it at any time."""
-
-    def __init__(self, legs: pd.DataFrame, run: Run) -> None:
-        self.starts_us: Ints = (legs["t_s"] * US).round().to_numpy(np.int64)
-        self.modes = [Mode[mode.upper()] for mode in legs["mode"]]
-        self.ends_us = self.starts_us + (legs["duration_s"] * US).round().to_numpy(np.int64)
-        self.places = [_places(row) for row in legs.to_dict("records")]
-        self._legs = [self._leg(number, run) for number in range(len(legs))]
-
-    def _leg(self, number: int, run: Run) -> Leg:
-        start, end = self.places[number]
-        length_m = float(sum(abs(b - a) for a, b in zip(start, end, strict=True)))
-        transit: Transit = REST
-        if self.ends_us[number] > self.starts_us[number]:
-            motion = run.scenario.drones.motion
-            if self.modes[number] is Mode.FLYING:
-                transit = motion.epoch_transit(length_m, run.scenario.episode.step_s)
-            else:
-                transit = motion.fastest_transit(length_m)
-        return Leg(transit, start[:2], end[:2], start[2], end[2])
-
-    def position_m(self, t_us: int) -> tuple[float, float, float]:
-        """x, y, z: along the last leg begun, then at its end."""
-        last = int(np.searchsorted(self.starts_us, t_us, "right")) - 1
-        if t_us >= self.ends_us[last]:
-            return self.places[last][1]
-        return self._legs[last].position_m((t_us - int(self.starts_us[last])) / US)
-
-
-Place = tuple[float, float, float]
-
-
-def _places(leg: dict[str, Any]) -> tuple[Place, Place]:
-    start, end = ((leg[f"x_{s}_m"], leg[f"y_{s}_m"], leg[f"z_{s}_m"]) for s in ("from", "to"))
-    return start, end

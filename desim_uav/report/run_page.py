@@ -4,15 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import partial
-from pathlib import Path
-from typing import TYPE_CHECKING
 
 from desim_uav import qoe
-from desim_uav.report import page_figures
+from desim_uav.errors import NoEventsError
+from desim_uav.report.figures import (
+    battery_figure,
+    case_picture,
+    episodes_figure,
+    services_figure,
+)
+from desim_uav.report.figures.style import MOST_PANELS, NARROW
 from desim_uav.report.markup import Html, facts, folded, joined, paragraph, tag
 from desim_uav.report.page import (
     Picture,
-    Run,
+    Reported,
     count,
     gallery,
     number,
@@ -25,30 +30,21 @@ from desim_uav.report.page import (
 from desim_uav.report.text import MEASURES
 from desim_uav.report.worst import worst_requests
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
 MOST_EPISODES = 200
 """So many have a row."""
 
-FIGURES: tuple[tuple[str, str, Callable[[Path], Figure]], ...] = (
-    ("Map", "The first counted episode: walks, paths, and where it ended.", page_figures.run_map),
-    ("QoE over episodes", "The counted ones.", page_figures.qoe_over_episodes),
-    ("Services", "How their requests ended; how many there were.", page_figures.service_outcomes),
-    ("Battery", "The first counted episode, at the end of each step.", page_figures.battery),
-)
-"""Title, what it shows, and how it is drawn from the run's folder."""
 
-
-def run_page(run: Run, title: str | None) -> str:
+def run_page(run: Reported, title: str | None) -> str:
     """The page."""
     said = "{scenario}, {policy}, seed {seed}".format(**run.summary)
-    much = f"{count(run.summary['episodes'], 'episode')}, {count(len(run.requests), 'request')}"
+    much = (
+        f"{count(run.summary['episodes'], 'episode')}, {count(run.summary['requests'], 'request')}"
+    )
     lead = much if title is None else f"{said}: {much}"
     return page(title or said, lead, ((name, section(run)) for name, section in SECTIONS))
 
 
-def _quality(run: Run) -> Html:
+def _quality(run: Reported) -> Html:
     """The tables of QoE."""
     found = run.summary
     served = f"{found['completed']} of {found['requests']}"
@@ -61,7 +57,7 @@ def _quality(run: Run) -> Html:
         ("reward an episode", number(found["reward_mean"], ".2f") or "-"),
     ]
     every = {"service": "all"} | {name: found[name] for name in MEASURES}
-    rows = [every, *qoe.grouped(run.requests, "service")]
+    rows = [every, *qoe.grouped(run.counted("requests"), "service")]
     return joined(
         [
             tiles(first),
@@ -80,12 +76,12 @@ def _quality(run: Run) -> Html:
     )
 
 
-def _by_episode(run: Run) -> Html:
-    of_requests = {row["episode"]: row for row in qoe.grouped(run.requests, "episode")}
+def _by_episode(run: Reported) -> Html:
+    of_requests = {row["episode"]: row for row in qoe.grouped(run.counted("requests"), "episode")}
     columns = ["episode", "qoe3_percent", "crashes", "reward"]
     rows = [
         {"requests": 0} | of_requests.get(row["episode"], {}) | row
-        for row in run.episodes[columns].to_dict("records")
+        for row in run.counted("episodes")[columns].to_dict("records")
     ]
     shown = tag("div", qoe_table("episode", rows[:MOST_EPISODES]), class_="tall", tabindex=0)
     if len(rows) <= 12:
@@ -97,19 +93,49 @@ def _by_episode(run: Run) -> Html:
     return folded(f"{len(rows)} episodes", shown, more if len(rows) > MOST_EPISODES else None)
 
 
-def _figures(run: Run) -> Html:
-    return gallery([Picture(t, said, partial(draw, run.folder)) for t, said, draw in FIGURES], 0)
+def _figures(run: Reported) -> Html:
+    first = run.counted_episodes[0]
+    pictures = [
+        Picture(
+            "Map",
+            "The first counted episode: walks, paths, and where it ended.",
+            partial(case_picture, run, first, width=NARROW),
+        ),
+        Picture("QoE over episodes", "The counted ones.", partial(episodes_figure, run, NARROW)),
+    ]
+    if run.summary["requests"]:
+        said = "How requests ended, how long they waited, and the QoE1 they got."
+        draw = partial(services_figure, run, width=NARROW)
+        pictures.append(Picture("Services", said, draw))
+    problem = _no_battery(run, first)
+    if problem is None:
+        said = "The first counted episode; shaded where a drone does not serve."
+        pictures.append(Picture("Battery", said, partial(battery_figure, run, first, width=NARROW)))
+    return joined([gallery(pictures, 0), paragraph(problem, class_="note") if problem else None])
 
 
-def _worst(run: Run) -> Html:
-    return worst_requests([run]) if len(run.requests) else Html("")
+def _no_battery(run: Reported, episode: int) -> str | None:
+    """What keeps the batteries from being drawn."""
+    if run.scenario.drones.battery is None:
+        return "Batteries are unlimited."
+    if run.scenario.drones.count > MOST_PANELS:
+        return "There are too many drones to draw their batteries: desim-uav plot battery --drone."
+    try:
+        run.need([episode])
+    except NoEventsError as error:
+        return f"The batteries cannot be drawn. {error}"
+    return None
 
 
-def _provenance(run: Run) -> Html:
+def _worst(run: Reported) -> Html:
+    return worst_requests([run]) if run.summary["requests"] else Html("")
+
+
+def _provenance(run: Reported) -> Html:
     return tag("div", facts(provenance_facts(run)), class_="facts")
 
 
-SECTIONS: tuple[tuple[str, Callable[[Run], Html]], ...] = (
+SECTIONS: tuple[tuple[str, Callable[[Reported], Html]], ...] = (
     ("Quality of experience", _quality),
     ("Figures", _figures),
     ("Worst requests", _worst),

@@ -5,45 +5,88 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Annotated, Any
 
-from pydantic import BaseModel, Field, ValidationError
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator
 
-from desim_uav.errors import PolicyError
+from desim_uav.model.grid import Grid
+from desim_uav.report.json_file import Form, read_json
+from desim_uav.scenario.schema import Scenario
+from desim_uav.world import World
 
-Metres = Annotated[float, Field(allow_inf_nan=False)]
-Length = Annotated[float, Field(gt=0, allow_inf_nan=False)]
-Count = Annotated[int, Field(gt=0, le=10**6)]
-Cell = tuple[int, int]
+MOST_CELLS = 1_000_000
+
+Metres = Annotated[float, Field(gt=-1e15, lt=1e15, allow_inf_nan=False)]
+Length = Annotated[float, Field(gt=0, lt=1e15, allow_inf_nan=False)]
+Height = Annotated[float, Field(ge=0, lt=1e15, allow_inf_nan=False)]
+Cells = list[Annotated[list[Annotated[int, Field(ge=0)]], Field(min_length=2, max_length=2)]]
+Place = Annotated[list[Metres], Field(min_length=3, max_length=3)]
 
 
-class _Cluster(BaseModel):
+class Cluster(Form):
+    """The disc some users live in."""
+
     x_m: Metres
     y_m: Metres
     radius_m: Length
 
 
-class _World(BaseModel):
-    """What pictures and analyses need of a world."""
+class Stored(Form):
+    """What pictures, replays and analyses need of a world."""
 
-    size_m: tuple[Length, Length]
-    cells: tuple[Count, Count]
-    cell_height_m: list[list[Metres]]
-    stations: list[Cell]
-    start_cells: list[Cell]
-    clusters: list[_Cluster]
+    size_m: Annotated[list[Length], Field(min_length=2, max_length=2)]
+    cells: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=2, max_length=2)]
+    cell_height_m: list[list[Height]]
+    levels_m: list[Height]
+    open_levels_m: Annotated[list[Height], Field(min_length=1)]
+    stations: Cells
+    start_cells: Cells
+    clusters: list[Cluster]
+    users: Annotated[list[Place], Field(min_length=1)]
+
+    @field_validator("cells")
+    @classmethod
+    def _not_too_many(cls, cells: list[int]) -> list[int]:
+        if cells[0] * cells[1] > MOST_CELLS:
+            raise ValueError(f"more than {MOST_CELLS:,}")
+        return cells
+
+    @field_validator("cell_height_m")
+    @classmethod
+    def _one_a_cell(cls, heights: list[list[float]], info: ValidationInfo) -> list[list[float]]:
+        nx, ny = info.data.get("cells", (0, 0))
+        if nx and (len(heights) != nx or any(len(column) != ny for column in heights)):
+            raise ValueError(f"must be {nx} lists of {ny} heights")
+        return heights
+
+    @field_validator("stations", "start_cells")
+    @classmethod
+    def _on_the_map(cls, places: Cells, info: ValidationInfo) -> Cells:
+        nx, ny = info.data.get("cells", (0, 0))
+        if nx and not all(ix < nx and iy < ny for ix, iy in places):
+            raise ValueError(f"must be cells [ix, iy] below [{nx}, {ny}]")
+        return places
 
 
 def read_world(folder: Path) -> dict[str, Any]:
-    """What ``world.json`` of a run says. Raises PolicyError, naming the file."""
-    file = folder / "world.json"
-    try:
-        world = _World.model_validate_json(file.read_bytes()).model_dump()
-    except OSError as error:
-        raise PolicyError(f"{file}: cannot be read: {error.strerror or error}") from error
-    except ValidationError as error:
-        first = error.errors(include_url=False)[0]
-        where = ".".join(map(str, first["loc"]))
-        raise PolicyError(f"{file}: not the world of a run: {where}: {first['msg']}") from error
-    (nx, ny), heights = world["cells"], world["cell_height_m"]
-    if len(heights) != nx or any(len(column) != ny for column in heights):
-        raise PolicyError(f"{file}: not the world of a run: cell_height_m is not {nx} x {ny}")
-    return world
+    """What ``world.json`` of a run says. Raises PolicyError, naming file and key."""
+    return read_json(folder / "world.json", Stored, "the world of a run")
+
+
+def stored_world(content: dict[str, Any], scenario: Scenario) -> World:
+    """The world that a folder holds, whatever would be drawn of its scenario today."""
+    width_m, depth_m = content["size_m"]
+    grid = Grid(
+        width_m,
+        depth_m,
+        np.array(content["cell_height_m"], np.float64),
+        tuple(content["open_levels_m"]),
+        scenario.map.levels.step_m,
+        len(content["levels_m"]),
+    )
+    stations, starts = (
+        tuple((ix, iy) for ix, iy in content[name]) for name in ("stations", "start_cells")
+    )
+    discs = [(c["x_m"], c["y_m"], c["radius_m"]) for c in content["clusters"]]
+    clusters = np.array(discs, np.float64).reshape(-1, 3)
+    homes = np.array(content["users"], np.float64)
+    return World(scenario, scenario.effective_world_seed, grid, stations, starts, clusters, homes)

@@ -8,15 +8,15 @@ from heapq import nlargest, nsmallest
 from typing import Any
 
 from desim_uav.report.markup import Html, code, joined, paragraph, table, tag
-from desim_uav.report.page import Run, count, number
+from desim_uav.report.page import Reported, count, number
 
 WORST = 8
 """So many are listed."""
 
 
-def worst_requests(runs: Sequence[Run]) -> Html:
+def worst_requests(runs: Sequence[Reported]) -> Html:
     """The requests that fared worst in some runs, each with a link to its moment in the replay."""
-    every = [(run, row) for run in runs for row in run.requests.itertuples()]
+    every = [(run, row) for run in runs for row in run.counted("requests").itertuples()]
     served = [(run, row) for run, row in every if row.outcome != "never_served"]
     return joined(
         [
@@ -31,7 +31,7 @@ def worst_requests(runs: Sequence[Run]) -> Html:
     )
 
 
-def request_table(chosen: Sequence[tuple[Run, Any]], with_seed: bool) -> Html:
+def request_table(chosen: Sequence[tuple[Reported, Any]], with_seed: bool) -> Html:
     """Some requests, each with its run; the number of a request is the link."""
     headings = (
         *(("seed",) if with_seed else ()),
@@ -63,13 +63,13 @@ def request_table(chosen: Sequence[tuple[Run, Any]], with_seed: bool) -> Html:
     return table(headings, rows, (4, 11) if with_seed else (3, 10))
 
 
-def moment(run: Run, episode: int, t_s: float, request: int) -> str:
+def moment(run: Reported, episode: int, t_s: float, request: int) -> str:
     """The address of a request's first moment in the replay of its run."""
     at_s = f"{t_s:.6f}".rstrip("0").rstrip(".")
     return f"{run.link}replay.html#episode={episode}&t={at_s}&request={request}"
 
 
-def how_to_watch(runs: Sequence[Run]) -> Html:
+def how_to_watch(runs: Sequence[Reported]) -> Html:
     """Which commands make the replays that are still missing."""
     missing = [run for run in runs if not run.has_replay]
     if not missing:

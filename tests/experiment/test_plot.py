@@ -1,5 +1,7 @@
 """``desim-uav plot`` and ``desim-uav video``: what comes of which folder, and what is refused."""
 
+import json
+import shutil
 import sys
 
 import pytest
@@ -22,6 +24,9 @@ def folders(tmp_path_factory):
             ("users.count=4", "episode.steps=3", "learning.episodes=5", f"seed={seed}"),
         )
     make_run(where / "bare", "case8", "hover", small, events=False)
+    gone = shutil.copytree(where / "bare", where / "gone")
+    manifest = json.loads((gone / "manifest.json").read_text()) | {"policy": "gone.npz"}
+    (gone / "manifest.json").write_text(json.dumps(manifest))
     return where
 
 
@@ -84,7 +89,9 @@ def test_the_ending_says_the_format(ask, tmp_path, name, begins):
         (("plot", "policy", "@run0"), 4, "not a training folder: no policy.npz"),
         (("plot", "policy", "nowhere.npz"), 4, "not a readable policy file"),
         (("plot", "visits", "@trained0"), 4, "a run folder?"),
-        (("plot", "snapshot", "@bare"), 4, "the run kept no events; run it again with --events"),
+        (("plot", "snapshot", "@gone"), 4, "cannot be played again: gone.npz"),
+        (("plot", "visits", "@gone"), 4, "run it again with --events"),
+        (("plot", "battery", "@gone"), 4, "it has no events, and cannot be played again"),
         (("video", "@run0"), 2, "say where to: --gif FILE.gif or --mp4 FILE.mp4"),
         (("video", "@run0", "--gif", "a.mp4"), 2, "--gif a.mp4: a file that ends in .gif"),
         (("video", "@run0", "--mp4", "a"), 2, "--mp4 a: a file that ends in .mp4"),
@@ -92,7 +99,7 @@ def test_the_ending_says_the_format(ask, tmp_path, name, begins):
         (("video", "@run0", "--gif", "a.gif", "--fps", 55), 2, "a GIF has at most 50"),
         (("video", "@run0", "--gif", "a.gif", "--speed", "nan"), 2, "--speed"),
         (("video", "@run0", "--gif", "a.gif", "--episode", 7), 2, "--episode 7"),
-        (("video", "@bare", "--gif", "a.gif"), 4, "the run kept no events"),
+        (("video", "@gone", "--gif", "a.gif"), 4, "cannot be played again"),
         (("video", "@trained0", "--gif", "a.gif"), 4, "a run folder?"),
     ],
 )
@@ -112,8 +119,22 @@ def test_mixed_scenarios(ask, folders, tmp_path):
 
 def test_a_picture_that_fails_leaves_what_was_there(ask, tmp_path):
     (tmp_path / "old.png").write_bytes(b"old")
-    assert ask("plot", "snapshot", "@bare", "-o", "old.png")[0] == 4
+    assert ask("plot", "snapshot", "@gone", "-o", "old.png")[0] == 4
     assert (tmp_path / "old.png").read_bytes() == b"old"
+
+
+@pytest.mark.parametrize("kind", ["visits", "battery", "snapshot"])
+def test_a_run_without_events_gives_the_same_figure(ask, tmp_path, kind):
+    for source in ("run0", "bare"):
+        assert ask("plot", kind, f"@{source}", "-o", f"{source}.png")[::2] == (0, "")
+    assert (tmp_path / "bare.png").read_bytes() == (tmp_path / "run0.png").read_bytes()
+
+
+def test_a_run_without_events_gives_the_same_film(ask, tmp_path):
+    for source in ("run0", "bare"):
+        words = ("video", f"@{source}", "--gif", f"{source}.gif", "--fps", "2", "--width", "320")
+        assert ask(*words)[::2] == (0, "")
+    assert (tmp_path / "bare.gif").read_bytes() == (tmp_path / "run0.gif").read_bytes()
 
 
 def test_a_film(ask, tmp_path):

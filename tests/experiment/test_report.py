@@ -15,14 +15,16 @@ import pytest
 from desim_uav import cli, qoe
 from desim_uav.errors import PolicyError
 from desim_uav.experiment import report as reporting
-from desim_uav.experiment.command import read_counted, run_to_folder
+from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.compare import compare_runs
 from desim_uav.experiment.report import report
 from desim_uav.experiment.statistics import estimate
+from desim_uav.report import run_page
 from desim_uav.report.text import COMPARED, MEASURES
 from desim_uav.run_folder import parquet
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from tests.report.helpers import read_counted
 
 SMALL = ("users.count=12", "episode.steps=10")
 HOSTILE = "</style><script>alert(1)</script>\u202e$\\frac$ \"'onload=x " + "w" * 300
@@ -197,6 +199,26 @@ class TestOneRun:
         assert figures == ["Map", "QoE over episodes", "Services", "Battery"]
         assert "building height, m" in page.text and "drone 2" in page.text
 
+    def test_its_figures_are_of_the_first_counted_episode(self, runs, monkeypatch):
+        asked = {}
+        for name in ("case_picture", "battery_figure"):
+            draw = getattr(run_page, name)
+            monkeypatch.setattr(
+                run_page,
+                name,
+                lambda run, n, *, draw=draw, **k: draw(run, asked.setdefault(draw, n), **k),
+            )
+        report(runs[:1], None, None, None)
+        assert set(asked.values()) == {0} and len(asked) == 2
+
+    def test_of_a_run_that_cannot_be_played_again_has_no_batteries(self, runs):
+        file = runs[0] / "manifest.json"
+        file.write_text(json.dumps(json.loads(file.read_text()) | {"policy": "<b>gone.npz"}))
+        page = Page(report(runs[:1], None, None, None))
+        figures = [a["aria-label"] for tag, a in page.elements if tag == "svg"]
+        assert figures == ["Map", "QoE over episodes", "Services"]
+        assert "The batteries cannot be drawn" in page.text and "<b>gone.npz" in page.text
+
     def test_of_nobody_who_asks(self, tmp_path):
         silent = played(tmp_path, "hover", 0, "demand={kind: static, none: 1.0}")
         page = Page(report([silent], None, None, None))
@@ -349,7 +371,11 @@ class TestWrong:
         few = parquet("steps", steps[steps["drone"] > 0])
         (runs[0] / "steps.parquet").write_bytes(few)
         code, out, err = command(runs[0])
-        assert (code, out) == (4, "") and "do not fit together" in err and err.count("\n") == 1
+        assert (
+            (code, out) == (4, "")
+            and "steps.parquet: not of this run" in err
+            and err.count("\n") == 1
+        )
 
     def test_how_it_is_asked(self, runs, command):
         assert command(runs[0], "--out", ".")[0] == 2

@@ -2,8 +2,9 @@
 
 from pathlib import Path
 
-from desim_uav.experiment.command import run_to_folder
+from desim_uav.experiment.command import read_summary, run_to_folder
 from desim_uav.experiment.train import train_to_folder
+from desim_uav.report.run import Run
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 
@@ -33,3 +34,9 @@ def make_training(folder, scenario, overrides=()):
         command=[],
     )
     return folder
+
+
+def read_counted(folder):
+    """The summary and the counted requests of a finished run."""
+    summary, _ = read_summary(folder)
+    return summary, Run(folder).counted("requests")

@@ -25,6 +25,7 @@ def figure(text="text"):
     made = Figure(figsize=(4, 3), layout="constrained")
     axes = made.add_subplot(title=text, xlabel=text)
     axes.bar([0, 1], [1, 2], label=text, color="0.5", hatch="//", edgecolor="white")
+    axes.axhline(1, color="black")
     axes.imshow([[0.0, 1.0]], extent=(0, 1, 0, 1), cmap="Greys")
     axes.legend()
     return made

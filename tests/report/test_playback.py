@@ -14,7 +14,7 @@ from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import decide
 from desim_uav.report.playback import Playback
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run
 from desim_uav.run_folder import parquet
 from desim_uav.sample_path import draw
 from tests.report.helpers import make_run
@@ -117,7 +117,7 @@ def test_between_epochs_a_battery_is_that_of_an_endurance(played):
 
 def test_a_run_without_events(tmp_path):
     run = Run(make_run(tmp_path / "r", "tiny", "baseline", events=False))
-    with pytest.raises(PolicyError, match="kept no events; run it again with --events"):
+    with pytest.raises(PolicyError, match="kept no events"):
         Playback(run, 0).at(0)
     with pytest.raises(PolicyError, match=r"is .* a run folder\?"):
         Playback(Run(tmp_path), 0).at(0)
@@ -128,8 +128,7 @@ def test_the_world_is_that_of_the_folder(tmp_path):
     assert Run(folder).world.seed == 3
     text = (folder / "world.json").read_text()
     (folder / "world.json").write_text(text.replace("2400.0", "2401.0", 1))
-    with pytest.raises(PolicyError, match=r"world\.json: not the world of its scenario\.yaml"):
-        _ = Run(folder).world
+    assert Run(folder).world.grid.width_m == 2401
 
 
 def test_episodes_are_asked_for_by_their_number(tmp_path):

@@ -16,11 +16,11 @@ from desim_uav import cli
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.replay import played_again, write_replay
-from desim_uav.report.replay.battery import battery_knots
+from desim_uav.report.batteries import battery_knots
 from desim_uav.report.replay.columns import codes, delta, floats, pack, plain, unpack
 from desim_uav.report.replay.data import KINDS, TAKING, Encoder
-from desim_uav.report.replay.folder import RunFolder
 from desim_uav.report.replay.page import MODULES, asset, bundle, page
+from desim_uav.report.run import Run
 from desim_uav.run_folder import parquet
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -64,7 +64,7 @@ def folders(tmp_path_factory):
 @pytest.fixture(params=RUNS)
 def folder(request, folders):
     """Each run in turn, not to be changed."""
-    return RunFolder(folders / request.param)
+    return Run(folders / request.param)
 
 
 @pytest.fixture
@@ -207,7 +207,7 @@ class TestBlocks:
             steps = folder.of_episode(number - 1)["steps"]
             last = steps[steps["step"] == steps["step"].max()]
             carried[number] = (last["battery_s"] * US).tolist()
-        if folder.path.name == "ending":  # begins afresh after a crash that ended the one before
+        if folder.folder.name == "ending":  # begins afresh after a crash that ended the one before
             assert begins[1] == [encoder.capacity_us] * encoder.drones
         else:
             assert begins == {n: pytest.approx(values) for n, values in carried.items()}
@@ -220,7 +220,7 @@ class TestBlocks:
         for number, duration_s in zip(
             columns["leg.profile"][flown], legs["duration_s"][flown], strict=True
         ):
-            shares = encoder.profiles[int(number)]
+            shares = encoder.flights.profiles[int(number)]
             assert shares[-1][:2] == pytest.approx([duration_s, 1.0])
 
 
@@ -260,7 +260,7 @@ class TestBatteryKnots:
 
 class TestPage:
     def test_holds_the_episodes_asked_for(self, folders):
-        folder = RunFolder(folders / "busy")
+        folder = Run(folders / "busy")
         assert folder.chosen(None) == [0, 1]
         assert folder.chosen("-1-1") == [-1, 0, 1]
         assert folder.chosen("1,-1") == [-1, 1]
@@ -269,7 +269,7 @@ class TestPage:
     @pytest.mark.parametrize("text", ["2", "0-5", "x", "", "1-0", "0-", "--", "0,,1"])
     def test_refuses_others(self, folders, text):
         with pytest.raises(UsageError, match="--episodes"):
-            RunFolder(folders / "busy").chosen(text)
+            Run(folders / "busy").chosen(text)
 
     def test_of_ten_episodes_of_case_8_is_small(self, tmp_path):
         run = make(tmp_path / "ten", "case8", "baseline", episodes=10, warmup=0)
@@ -332,8 +332,8 @@ class TestPage:
 
 class TestPlayedAgain:
     def test_gives_the_events_that_a_run_would_have_kept(self, bare, folders):
-        kept = RunFolder(folders / "busy")
-        for number, tables in played_again(RunFolder(bare), [0, 1]):
+        kept = Run(folders / "busy")
+        for number, tables in played_again(Run(bare), [0, 1]):
             for name in ("events", "legs"):
                 stored = kept.of_episode(number)[name].reset_index(drop=True)
                 pd.testing.assert_frame_equal(tables[name], stored)
@@ -390,18 +390,28 @@ class TestRefused:
     @pytest.mark.parametrize(
         ("key", "value", "problem"),
         [
-            ("size_m", [0, 2400], "size_m: must be"),
-            ("size_m", "<b>", "size_m: must be"),
-            ("cells", [10], "cells: must be"),
+            ("size_m", [0, 2400], "size_m.0: Input should be greater than 0"),
+            ("size_m", "<b>", "size_m: Input should be a valid list"),
+            ("cells", [10], "cells: List should have at least 2 items"),
             ("cells", [10, 11], "but scenario.yaml has"),
             ("cell_height_m", [[1]], "cell_height_m: must be 10 lists of 10 heights"),
-            ("cell_height_m", [["<b>"] * 10] * 10, "cell_height_m: must be"),
-            ("stations", [[10, 0]], "stations: must be"),
-            ("stations", [[1.5, 0]], "stations: must be"),
-            ("clusters", [{"x_m": 1, "y_m": 2}], "clusters: must be"),
-            ("clusters", [{"x_m": 1, "y_m": 2, "radius_m": True}], "clusters: must be"),
-            ("users", [], "users: must be"),
-            ("users", [[1, 2, None]], "users: must be"),
+            (
+                "cell_height_m",
+                [["<b>"] * 10] * 10,
+                "cell_height_m.0.0: Input should be a valid num",
+            ),
+            ("stations", [[10, 0]], "stations: must be cells .ix, iy. below .10, 10."),
+            ("stations", [[1.5, 0]], "stations.0.0: Input should be a valid integer"),
+            ("clusters", [{"x_m": 1, "y_m": 2}], "clusters.0.radius_m: Field required"),
+            (
+                "clusters",
+                [{"x_m": 1, "y_m": 2, "radius_m": True}],
+                "clusters.0.radius_m: Input should",
+            ),
+            ("users", [], "users: List should have at least 1 item"),
+            ("users", [[1, 2, None]], "users.0.2: Input should be a valid number"),
+            ("users", [[1, 2, float("nan")]], "users.0.2: Input should be a finite number"),
+            ("users", [[1, 2, 10**400]], "users.0.2: Input should"),
         ],
     )
     def test_a_world(self, busy, key, value, problem):
@@ -428,11 +438,14 @@ class TestRefused:
             ("seed", True),
             ("engine", "x"),
             ("ceilings", ["none"]),
+            ("ceilings", ["x"] * 3),
         ],
     )
     def test_a_manifest(self, busy, key, value):
         spoil_json(busy / "manifest.json", **{key: value})
-        with pytest.raises(PolicyError, match=rf"manifest\.json: {key}: must be"):
+        with pytest.raises(
+            PolicyError, match=rf"manifest\.json: (not the manifest of a run: )?{key}(\.0)?: "
+        ):
             write_replay(busy)
 
     @pytest.mark.parametrize(
@@ -537,4 +550,8 @@ class TestCommand:
         assert err.startswith("desim-uav: cannot write nowhere/page.html")
         (busy / "world.json").write_text("{}", encoding="utf-8")
         code, out, err = replay(busy)
-        assert (code, out, err) == (4, "", f"desim-uav: {busy / 'world.json'}: no size_m\n")
+        assert (code, out, err) == (
+            4,
+            "",
+            f"desim-uav: {busy / 'world.json'}: not the world of a run: size_m: Field required\n",
+        )

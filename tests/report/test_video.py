@@ -15,7 +15,7 @@ from desim_uav.env.sprites import INK
 from desim_uav.errors import MissingExtraError, UsageError
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.playback import Playback
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run
 from desim_uav.report.video import Film, write_gif, write_mp4
 
 SCALE = 600 / 2400

@@ -5,7 +5,7 @@ import json
 import pytest
 
 from desim_uav.errors import PolicyError
-from desim_uav.report.world import read_world
+from desim_uav.report.world import read_world, stored_world
 from desim_uav.run_folder import world_content
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -26,9 +26,18 @@ def world_file(tmp_path):
 def test_is_what_was_written(world_file):
     folder, content = world_file()
     read = read_world(folder)
-    for key, value in read.items():
-        assert json.loads(json.dumps(value)) == content[key]
+    assert read == content
     assert len(read["clusters"]) == 4
+
+
+@pytest.mark.parametrize("name", ["case8", "tiny"])
+def test_is_a_world_again(tmp_path, name):
+    scenario = load(scenario_path(name))
+    world = build_world(scenario, scenario.seed)
+    (tmp_path / "world.json").write_text(json.dumps(world_content(world)))
+    stored = stored_world(read_world(tmp_path), scenario)
+    assert world_content(stored) == world_content(world)
+    assert (stored.seed, stored.grid.level_step_m) == (world.seed, world.grid.level_step_m)
 
 
 @pytest.mark.parametrize(
@@ -40,7 +49,16 @@ def test_is_what_was_written(world_file):
         ("cells", [10, 1.5]),
         ("cells", None),
         ("cell_height_m", [[0, 0], [0, 0]]),
+        ("cells", [10**4, 10**4]),
+        ("cells", [True, True]),
+        ("size_m", [1e300, 1]),
+        ("open_levels_m", []),
+        ("levels_m", [-1]),
+        ("users", []),
+        ("users", [[0, 0]]),
         ("stations", [[1]]),
+        ("stations", [[1, -1]]),
+        ("start_cells", [[0, 10]]),
         ("start_cells", {"a": 1}),
         ("clusters", [{"x_m": 1, "y_m": 1}]),
         ("clusters", [[1, 2, 3]]),

@@ -2,7 +2,8 @@
 
 from desim_uav.report.figures.battery import battery_figure
 from desim_uav.report.figures.case import case_picture
-from desim_uav.report.figures.compare import compare_figure
+from desim_uav.report.figures.compare import compare_figure, intervals_figure
+from desim_uav.report.figures.episodes import episodes_figure
 from desim_uav.report.figures.policy import policy_figure
 from desim_uav.report.figures.services import services_figure
 from desim_uav.report.figures.snapshot import snapshot_figure
@@ -14,6 +15,8 @@ __all__ = [
     "battery_figure",
     "case_picture",
     "compare_figure",
+    "episodes_figure",
+    "intervals_figure",
     "policy_figure",
     "services_figure",
     "snapshot_figure",

@@ -6,11 +6,13 @@ import math
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
+from desim_uav.errors import PolicyError
 from desim_uav.report.figures.map import (
     centre_m,
     draw_buildings,
@@ -18,25 +20,34 @@ from desim_uav.report.figures.map import (
     draw_clusters,
     draw_stations,
 )
-from desim_uav.report.figures.style import look, named, styled
-from desim_uav.report.record import Run
+from desim_uav.report.figures.style import NARROW, look, named, styled
+from desim_uav.report.run import Run, opened
 
 
 @styled
-def case_picture(run_dir: Path, episode: int = 0, minute: float = math.inf) -> Figure:
+def case_picture(
+    run: Run | Path, episode: int = 0, minute: float = math.inf, width: float = 7.2
+) -> Figure:
     """The map of a run with its buildings, stations, users and their walks, and the drones' paths.
 
     The state is that after ``minute`` of the episode, with the footprints of the drones that serve.
-    Raises PolicyError where the folder is not a run's.
+    ``width`` in inches. Raises PolicyError where the folder is not a run's,
+    UsageError where it has no such episode.
     """
-    run = Run(run_dir)
+    run = opened(run)
+    episode = run.episode(episode)
+    if set(run.of("steps", episode)["drone"]) != set(range(run.scenario.drones.count)):
+        raise PolicyError(
+            f"{run.folder / 'steps.parquet'}: not of this run, episode {episode}: "
+            "they are not of its drones"
+        )
     steps, users = (
         frame[frame["t_s"] <= minute * 60] for frame in (run.of(n, episode) for n in PARTS)
     )
     world = run.map
     radius_m = run.scenario.drones.footprint_radius_m
 
-    figure = Figure(figsize=(7.2, 6.4))
+    figure = Figure(figsize=(width, width * 6.4 / 7.2))
     axes = figure.add_subplot()
     buildings = draw_buildings(axes, world)
     draw_cells(axes, world)
@@ -46,7 +57,7 @@ def case_picture(run_dir: Path, episode: int = 0, minute: float = math.inf) -> F
     _draw_drones(axes, steps, world, radius_m)
     if buildings is not None:
         figure.colorbar(buildings, ax=axes, shrink=0.6, label="building height, m")
-    figure.legend(loc="outside lower center", ncols=3, fontsize=9)
+    figure.legend(loc="outside lower center", ncols=3 if width > NARROW else 2, fontsize=9)
     return figure
 
 
@@ -54,17 +65,15 @@ PARTS = ("steps", "users")
 
 
 def _draw_users(axes: Axes, users: pd.DataFrame) -> None:
-    for k, (_, walk) in enumerate(users.groupby("user")):
-        axes.plot(walk["x_m"], walk["y_m"], color="0.55", ls="-", linewidth=0.5, zorder=2)
-        axes.plot(
-            walk["x_m"].iloc[0],
-            walk["y_m"].iloc[0],
-            ".",
-            color="0.25",
-            markersize=4,
-            label="user at home, and walk" if k == 0 else None,
-            zorder=2,
-        )
+    """All walks are one line, broken between users: thousands of them are drawn in no time."""
+    users = users.sort_values(["user", "t_s"], kind="stable")
+    user = users["user"].to_numpy()
+    breaks = np.flatnonzero(user[1:] != user[:-1]) + 1
+    x_m, y_m = (np.insert(users[name].to_numpy(), breaks, np.nan) for name in ("x_m", "y_m"))
+    axes.plot(x_m, y_m, color="0.55", ls="-", linewidth=0.5, zorder=2)
+    homes = users.drop_duplicates("user")
+    dot: dict[str, Any] = {"color": "0.25", "markersize": 4, "zorder": 2}
+    axes.plot(homes["x_m"], homes["y_m"], ".", label="user at home, and walk", **dot)
 
 
 def _draw_drones(axes: Axes, steps: pd.DataFrame, world: dict[str, Any], radius_m: float) -> None:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from desim_uav.report.figures.style import COLOURS, headed, marker, styled
+from desim_uav.report.figures.style import COLOURS, NARROW, headed, marker, short, styled
 
 PANELS = {
     "qoe1_percent": "QoE1, %",
@@ -46,6 +47,25 @@ def compare_figure(found: dict[str, Any]) -> Figure:
     return figure
 
 
+@styled
+def intervals_figure(
+    rows: Sequence[dict[str, Any]], policies: Sequence[str], measures: Mapping[str, str], zero: bool
+) -> Figure:
+    """The same of ``policies`` or of ``differences`` alone, one panel below the other.
+
+    ``policies``: all, in the order of their colours; ``measures``: their titles; ``zero``: draw a
+    line there.
+    """
+    figure = Figure(figsize=(NARROW, 0.3 + len(measures) * (0.55 + 0.22 * len(rows))))
+    panels = figure.subplots(len(measures), 1, squeeze=False)[:, 0]
+    for axes, (measure, title) in zip(panels, measures.items(), strict=True):
+        _draw(axes, rows, policies, measure)
+        axes.set_title(title)
+        if zero:
+            axes.axvline(0, color="0.3", ls="-", linewidth=0.9, zorder=1)
+    return figure
+
+
 def _title(found: dict[str, Any]) -> str:
     counts = sorted({len(row["seeds"]) for row in found["policies"]})
     seeds = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
@@ -53,7 +73,7 @@ def _title(found: dict[str, Any]) -> str:
     return f"{told}: {found['confidence']:.0%} t-intervals over seeds"
 
 
-def _draw(axes: Axes, rows: list[dict[str, Any]], names: list[str], measure: str) -> None:
+def _draw(axes: Axes, rows: Sequence[dict[str, Any]], names: Sequence[str], measure: str) -> None:
     """A point and its interval a policy, from top to bottom."""
     for place, row in enumerate(rows):
         found, number = row["measures"][measure], names.index(row["policy"])
@@ -65,13 +85,8 @@ def _draw(axes: Axes, rows: list[dict[str, Any]], names: list[str], measure: str
         }
         width = found["half_width"] or None
         axes.errorbar(found["mean"], place, xerr=width, capsize=3, ls="none", zorder=3, **dressed)
-    axes.set_yticks(range(len(rows)), [_short(row["policy"]) for row in rows])
+    axes.set_yticks(range(len(rows)), [short(row["policy"]) for row in rows])
     axes.set_ylim(len(rows) - 0.4, -0.6)
     axes.margins(x=0.12)
     axes.grid(visible=False, axis="y")
     axes.locator_params(axis="x", nbins=4)
-
-
-def _short(name: str) -> str:
-    """A policy's name, from its end where it is long: that of a file is there."""
-    return name if len(name) <= 26 else "…" + name[-25:]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -12,9 +13,9 @@ from matplotlib.figure import Figure
 
 from desim_uav.errors import PolicyError
 from desim_uav.qoe import OUTCOMES
-from desim_uav.report.figures.style import FAIR, headed, look, styled
+from desim_uav.report.figures.style import FAIR, NARROW, headed, look, short, styled
 from desim_uav.report.figures.visits import counted_episodes
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run, opened
 
 BARS: dict[str, dict[str, Any]] = {
     "completed": {"facecolor": "#009E73", "hatch": "", "edgecolor": "white"},
@@ -24,21 +25,21 @@ BARS: dict[str, dict[str, Any]] = {
 
 
 @styled
-def services_figure(run_dir: Path, episode: int | None = None) -> Figure:
+def services_figure(run: Run | Path, episode: int | None = None, width: float = 9.6) -> Figure:
     """Outcomes by service, and the distributions of waiting time and QoE1 over requests.
 
-    Over the counted episodes, or one. Raises PolicyError where the folder is not a run's or
+    Over the counted episodes, or one; ``width`` in inches, and where that is not much, one panel
+    below the other. Raises PolicyError where the folder is not a run's or
     nothing was asked for.
     """
-    run = Run(run_dir)
+    run = opened(run)
     episodes = counted_episodes(run, episode)
     requests = run.table("requests")
     requests = requests[requests["episode"].isin(episodes)]
     if requests.empty:
-        raise PolicyError(f"{run_dir}: nobody asked for a service")
+        raise PolicyError(f"{run.folder}: nobody asked for a service")
     services = sorted(requests["service"].unique())
-    figure = Figure(figsize=(9.6, 3.4 + 0.12 * max(0, len(services) - 4)))
-    panels = figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
+    figure, panels = _panels(width, len(services))
     _draw_outcomes(panels[0], requests, services)
     waits = [_of(requests, service)["wait_s"] / 60 for service in services]
     qoe1s = [100 * _of(requests, service)["qoe1"] for service in services]
@@ -50,10 +51,21 @@ def services_figure(run_dir: Path, episode: int | None = None) -> Figure:
     panels[2].set_ylabel("requests, %")
     which = f"episode {episode}" if episode is not None else f"{len(episodes)} episode(s)"
     headed(figure, f"Services. {run.name}, {which}")
-    handles = [*panels[0].containers, *panels[1].lines]
-    names = [*(word.replace("_", " ") for word in (*OUTCOMES, *services))]
-    figure.legend(handles, names, loc="outside lower center", ncols=6)
+    handles: list[Any] = [*panels[0].containers, *panels[1].lines]
+    names = [*(short(word).replace("_", " ") for word in (*OUTCOMES, *services))]
+    columns = 6 if width > NARROW else 3 if len(services) < 9 else 2
+    figure.legend(handles, names, loc="outside lower center", ncols=columns)
     return figure
+
+
+def _panels(width: float, services: int) -> tuple[Figure, Sequence[Axes]]:
+    """Three side by side, or one below the other."""
+    if width > NARROW:
+        figure = Figure(figsize=(width, 3.4 + 0.12 * max(0, services - 4)))
+        return figure, figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
+    bars = 0.9 + 0.4 * services
+    figure = Figure(figsize=(width, 0.8 + bars + 2 * 1.9))
+    return figure, figure.subplots(3, 1, height_ratios=(bars, 1.9, 1.9))
 
 
 def _of(requests: pd.DataFrame, service: str) -> pd.DataFrame:
@@ -77,7 +89,7 @@ def _draw_outcomes(axes: Axes, requests: pd.DataFrame, services: list[str]) -> N
             text.set_bbox({"facecolor": "white", "edgecolor": "none", "pad": 1.0, "alpha": 0.85})
         left += shares[outcome].to_numpy()
     axes.set_yticks(
-        rows, [f"{s.replace('_', ' ')}\n{counts.loc[s].sum()} requests" for s in services]
+        rows, [f"{short(s).replace('_', ' ')}\n{counts.loc[s].sum()} requests" for s in services]
     )
     axes.set(title="Outcomes", xlabel="requests, %", xlim=(0, 100))
     axes.invert_yaxis()

@@ -16,7 +16,7 @@ from desim_uav.report.figures.case import case_picture
 from desim_uav.report.figures.map import centre_m
 from desim_uav.report.figures.style import look, named, styled
 from desim_uav.report.playback import Moment, Playback
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run, opened
 
 AROUND = np.linspace(0.0, 2.0 * math.pi, 73)
 PATH_S = 5.0
@@ -25,17 +25,17 @@ PATH_S = 5.0
 
 @styled
 def snapshot_figure(
-    run_dir: Path, episode: int | None = None, minute: float | None = None
+    run: Run | Path, episode: int | None = None, minute: float | None = None
 ) -> Figure:
     """The map at ``minute`` of an episode (its end), seen from the south-west.
 
     Crosses are drones, lines their paths so far, filled circles their footprints. A flat map is
-    drawn flat. Raises PolicyError where the folder is not a run's or kept no events.
+    drawn flat. Raises PolicyError where the folder is not a run's or has no events.
     """
-    run = Run(run_dir)
+    run = opened(run)
     episode = run.episode(episode)
     if not run.scenario.three_d:
-        return case_picture(run_dir, episode, math.inf if minute is None else minute)
+        return case_picture(run, episode, math.inf if minute is None else minute)
     playback = Playback(run, episode)
     t_us = playback.duration_us
     t_us = t_us if minute is None else min(t_us, round(minute * 60 * US))

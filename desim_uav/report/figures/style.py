@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from desim_uav.errors import UsageError
+from desim_uav.report.markup import visible
 
 STYLE = Path(__file__).parents[1] / "desim_uav.mplstyle"
 
@@ -24,6 +25,10 @@ HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "----", "++++")
 GOOD, FAIR, BAD = "#009E73", "#F0E442", "#D55E00"
 
 MOST_PANELS, MOST_NAMED = 24, 9
+NARROW = 5.0
+"""Inches: where figures stand beside each other on a desk, and one fills a telephone."""
+
+LONGEST_NAME = 26
 ENDINGS = (".png", ".pdf", ".svg")
 METADATA: dict[str, dict[str, Any]] = {
     ".png": {"Software": None},
@@ -92,6 +97,12 @@ def grid_of(count: int, width: float, height: float, across: int = 3) -> tuple[F
     rows = -(-count // columns)
     figure = Figure(figsize=(width * columns + 0.7, height * rows + 0.9))
     return figure, [figure.add_subplot(rows, columns, k + 1) for k in range(count)]
+
+
+def short(name: str) -> str:
+    """A name as it can be seen; a long one from its end, for a file's own name is there."""
+    seen = visible(name)
+    return seen if len(seen) <= LONGEST_NAME else "…" + seen[1 - LONGEST_NAME :]
 
 
 def named(drone: int, drones: int, text: str) -> str | None:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from desim_uav.errors import PolicyError, ScenarioError, UsageError
 from desim_uav.records import TRAINING
 from desim_uav.report.figures.style import headed, look, styled
-from desim_uav.report.record import read_json
+from desim_uav.report.json_file import Form, read_json
 from desim_uav.run_folder import read_table
 from desim_uav.scenario.load import load, to_plain
 
@@ -31,6 +31,14 @@ CURVES = {
 
 WINDOWS = 50
 """A curve is smoothed over this part of the training unless told otherwise."""
+
+
+class Manifest(Form):
+    """What a figure asks of ``manifest.json`` of a training."""
+
+    algorithm: str
+    seed: int
+    world_seed: int
 
 
 @dataclass(frozen=True)
@@ -118,20 +126,17 @@ def read_training(folder: Path) -> Trained:
             else f"{folder}: not a training folder: no training.parquet"
         )
     table = read_table(folder, "training", TRAINING)
-    manifest = read_json(folder / "manifest.json")
+    manifest = read_json(folder / "manifest.json", Manifest, "the manifest of a training")
     try:
         plain = to_plain(load(folder / "scenario.yaml"))
-        algorithm = str(manifest["algorithm"])
-        seeds = int(manifest["seed"]), int(manifest["world_seed"])
     except ScenarioError as error:
-        raise PolicyError(str(error)) from error
-    except (KeyError, TypeError, ValueError) as error:
-        raise PolicyError(f"{folder / 'manifest.json'}: not of a training: no {error}") from error
+        raise PolicyError(error.problems[0]) from error
     if table.empty:
         raise PolicyError(f"{folder}: no episode has ended")
     settings = {key: value for key, value in plain.items() if key not in ("seed", "world_seed")}
     curves = table.groupby("episode")[list(CURVES)].mean().reset_index(drop=True)
-    return Trained(folder, algorithm, seeds, settings, curves)
+    seeds = manifest["seed"], manifest["world_seed"]
+    return Trained(folder, manifest["algorithm"], seeds, settings, curves)
 
 
 def check_alike(trainings: Sequence[Trained]) -> None:

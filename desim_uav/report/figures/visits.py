@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -9,27 +10,26 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from desim_uav.errors import PolicyError, UsageError
-from desim_uav.model.grid import cell_index
+from desim_uav.errors import UsageError
 from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
 from desim_uav.report.figures.style import grid_of, headed, styled
 from desim_uav.report.playback import Playback
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run, opened
 
 US_MIN = 60_000_000
 
 
 @styled
-def visits_figure(run_dir: Path, episode: int | None = None, drone: int | None = None) -> Figure:
+def visits_figure(run: Run | Path, episode: int | None = None, drone: int | None = None) -> Figure:
     """One map a drone, shaded by its minutes of serving flight in each cell.
 
     Minutes are means over the counted episodes, or those of one. Raises PolicyError where the
-    folder is not a run's, UsageError where it has no such episode or drone.
+    folder is not a run's or has no events, UsageError where it has no such episode or drone.
     """
-    run = Run(run_dir)
+    run = opened(run)
     drones = chosen_drones(run, drone)
     episodes = counted_episodes(run, episode)
-    minutes, exact = visit_minutes(run, episodes)
+    minutes = visit_minutes(run, episodes)
     world = run.map
     figure, panels = grid_of(len(drones), width=3.3, height=3.1)
     top = max(minutes[drones].max(), 1e-9)
@@ -44,44 +44,27 @@ def visits_figure(run_dir: Path, episode: int | None = None, drone: int | None =
         draw_stations(axes, world, size=36)
         axes.set_title(f"drone {number}: {minutes[number].sum():.1f} min")
     which = f"episode {episode}" if episode is not None else f"mean of {len(episodes)} episode(s)"
-    how = "" if exact else ", counted at the steps' ends (the run kept no events)"
-    headed(figure, f"Serving flight. {run.name}, {which}{how}")
+    headed(figure, f"Serving flight. {run.name}, {which}")
     figure.colorbar(drawn, ax=panels, shrink=0.8, label="serving flight, min an episode")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
-def visit_minutes(run: Run, episodes: list[int]) -> tuple[NDArray[np.float64], bool]:
-    """(drones, nx, ny): minutes of serving flight in each cell, a mean over episodes.
-
-    They are exact where the run kept its events (True); else a step counts where it ends.
-    """
-    scenario = run.scenario
-    (nx, ny), (width_m, depth_m) = scenario.map.cells, scenario.map.size_m
-    minutes = np.zeros((scenario.drones.count, nx, ny))
-    exact = all((run.folder / f"{name}.parquet").exists() for name in ("events", "legs"))
-    for episode in episodes if exact else ():
+def visit_minutes(run: Run, episodes: Sequence[int]) -> NDArray[np.float64]:
+    """(drones, nx, ny): minutes of serving flight in each cell, a mean over episodes."""
+    minutes = np.zeros((run.scenario.drones.count, *run.world.grid.cells))
+    run.need(episodes)
+    for episode in episodes:
         playback = Playback(run, episode)
         for drone in range(len(minutes)):
             for start_us, end_us, cell in playback.cell_times_us(drone):
                 minutes[drone][cell] += (end_us - start_us) / US_MIN
-    if not exact:
-        steps = run.table("steps")
-        steps = steps[steps["episode"].isin(episodes) & (steps["mode"] == "flying")]
-        for drone, x, y in zip(steps["drone"], steps["x_m"], steps["y_m"], strict=True):
-            cell = cell_index(x, width_m / nx, nx), cell_index(y, depth_m / ny, ny)
-            minutes[drone][cell] += scenario.episode.step_s / 60
-    return minutes / len(episodes), exact
+    return minutes / len(episodes)
 
 
 def counted_episodes(run: Run, episode: int | None) -> list[int]:
     """The one asked for, else all that count. Raises UsageError, PolicyError where none does."""
-    if episode is not None:
-        return [run.episode(episode)]
-    there = [int(number) for number in run.table("episodes")["episode"] if number >= 0]
-    if not there:
-        raise PolicyError(f"{run.folder}: no episode was counted")
-    return there
+    return run.counted_episodes if episode is None else [run.episode(episode)]
 
 
 def chosen_drones(run: Run, drone: int | None) -> list[int]:

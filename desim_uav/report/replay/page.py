@@ -15,7 +15,8 @@ from importlib.resources import files
 from typing import Any
 
 MODULES = (
-    *("decode", "palette", "episode", "state", "camera", "crowd", "view2d", "view3d", "scene"),
+    *("decode", "palette", "episode", "states", "state", "history", "camera", "crowd"),
+    *("view2d", "view3d", "users", "drones", "stations", "scene"),
     *("timeline", "details", "player", "panel", "controls", "main"),
 )
 """The page's modules, each behind those it imports."""

@@ -4,6 +4,8 @@ import runpy
 import sys
 from pathlib import Path
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from desim_uav.errors import PolicyError
@@ -57,6 +59,18 @@ def test_a_map_without_buildings_stations_and_clusters(run_dir):
     path = figure.axes[0].lines[-2].get_xydata()
     assert tuple(path[0]) == (120.0, 360.0)
     assert len(path) == 6
+
+
+def test_homes_and_walks_are_those_of_the_users(run_dir):
+    folder = run_dir("case8")
+    users = pd.read_parquet(folder / "users.parquet")
+    users = users[users["episode"] == 1]
+    walks, homes = case_picture(folder, episode=1).axes[0].lines[:2]
+    assert homes.get_xydata() == pytest.approx(users[users["t_s"] == 0][["x_m", "y_m"]].to_numpy())
+    drawn = walks.get_xydata()
+    parts = np.split(drawn, np.flatnonzero(np.isnan(drawn[:, 0])))
+    for part, (_, walk) in zip(parts, users.groupby("user"), strict=True):
+        assert part[~np.isnan(part[:, 0])] == pytest.approx(walk[["x_m", "y_m"]].to_numpy())
 
 
 def test_the_script_writes_a_picture(run_dir, tmp_path, monkeypatch):

@@ -10,12 +10,15 @@ from matplotlib.colors import to_rgb
 from matplotlib.patches import Circle
 from scipy.stats import t as student
 
-from desim_uav.errors import PolicyError, UsageError
+from desim_uav.errors import NoEventsError, PolicyError, UsageError
 from desim_uav.experiment.compare import compare_runs
+from desim_uav.experiment.replay import playable
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.figures import (
     battery_figure,
     compare_figure,
+    episodes_figure,
+    intervals_figure,
     services_figure,
     snapshot_figure,
     to_bytes,
@@ -28,7 +31,7 @@ from desim_uav.report.figures.style import COLOURS, DASHES, MARKERS
 from desim_uav.report.figures.training import CURVES, smoothed
 from desim_uav.report.figures.visits import visit_minutes
 from desim_uav.report.playback import Playback
-from desim_uav.report.record import Run
+from desim_uav.report.run import Run
 
 
 def titles(figure):
@@ -123,6 +126,21 @@ class TestCompare:
         figure = compare_figure(compare_runs(seeds[:1]).content())
         assert interval(figure.axes[0], 0)[0] is None
 
+    def test_alone_and_narrow_each_policy_keeps_its_colour(self):
+        def row(policy, mean):
+            found = {"mean": mean, "half_width": 0.5}
+            return {"policy": policy, "measures": {"qoe1_percent": found, "reward_mean": found}}
+
+        names = ["first", "second", "third"]
+        measures = {"qoe1_percent": "QoE1 %", "reward_mean": "reward"}
+        rows = [row("second", 2.0), row("third", None)]
+        figure = intervals_figure(rows, names, measures, True)
+        assert titles(figure) == ["QoE1 %", "reward"]
+        for axes in figure.axes:
+            (bar,) = axes.containers
+            assert interval(axes, 0) == (1.5, 2.0, 2.5)
+            assert bar.lines[0].get_color() == COLOURS[1]
+
 
 def interval(axes, place):
     """Low, mean and high of the policy in this place."""
@@ -143,8 +161,7 @@ def t_interval(values):
 class TestVisits:
     def test_they_add_up_to_the_serving_time(self, flown):
         run = Run(flown)
-        minutes, exact = visit_minutes(run, [0, 1])
-        assert exact
+        minutes = visit_minutes(run, [0, 1])
         serving = np.zeros(3)
         for episode in (0, 1):
             for drone in range(3):
@@ -154,7 +171,7 @@ class TestVisits:
 
     def test_a_cell_has_the_time_that_a_sampler_finds_there(self, flown):
         run, every_s = Run(flown), 0.5
-        minutes, _ = visit_minutes(run, [1])
+        minutes = visit_minutes(run, [1])
         sampled = np.zeros_like(minutes)
         playback = Playback(run, 1)
         for t_s in np.arange(every_s / 2, 1800, every_s):
@@ -166,18 +183,20 @@ class TestVisits:
 
     def test_the_map_shows_them(self, flown):
         figure = visits_figure(flown, episode=1, drone=2)
-        minutes, _ = visit_minutes(Run(flown), [1])
+        minutes = visit_minutes(Run(flown), [1])
         (image,) = figure.axes[0].images
         assert pytest.approx(minutes[2]) == image.get_array().filled(0).T
         assert titles(figure)[0] == f"drone 2: {minutes[2].sum():.1f} min"
 
-    def test_without_events_a_step_counts_where_it_ends(self, bare):
-        minutes, exact = visit_minutes(Run(bare), [0])
-        steps = pd.read_parquet(bare / "steps.parquet")
-        flying = (steps["episode"] == 0) & (steps["mode"] == "flying")
-        assert not exact
-        assert minutes.sum() == pytest.approx(flying.sum())
-        assert "counted at the steps' ends" in visits_figure(bare).get_suptitle()
+    def test_a_run_without_events_is_played_again(self, bare, flown):
+        figures = [visits_figure(run) for run in (playable(bare), flown)]
+        again, kept = ([axes.images[0].get_array() for axes in f.axes[:3]] for f in figures)
+        for one, other in zip(again, kept, strict=True):
+            assert np.array_equal(one.filled(-1), other.filled(-1))
+
+    def test_a_folder_alone_has_no_events(self, bare):
+        with pytest.raises(NoEventsError, match="kept no events"):
+            visits_figure(bare)
 
     def test_no_such_drone_or_episode(self, flown):
         with pytest.raises(UsageError, match=r"--drone 3: .* has the drones 0 to 2"):
@@ -226,18 +245,39 @@ class TestBattery:
         marks = [line for line in battery_figure(folder).axes[0].lines if line.get_marker() == "X"]
         assert [*marks[0].get_xdata()] == [3.0]
 
-    def test_without_events(self, bare, flown):
-        assert "from step to step" in battery_figure(bare).get_suptitle()
-        exact, rough = (battery_figure(folder, 1).axes[0].lines[0] for folder in (flown, bare))
-        assert rough.get_ydata()[0] == pytest.approx(exact.get_ydata()[0])
-        assert len(rough.get_xdata()) == 31
+    def test_a_run_without_events_is_played_again(self, bare, flown):
+        again, kept = (to_bytes(battery_figure(run, 1), ".svg") for run in (playable(bare), flown))
+        assert again == kept
 
     def test_an_unlimited_one(self, flat):
         with pytest.raises(PolicyError, match="unlimited batteries"):
             battery_figure(flat)
 
 
+class TestEpisodes:
+    def test_the_curves_are_the_counted_episodes(self, flown):
+        episodes = pd.read_parquet(flown / "episodes.parquet")
+        episodes = episodes[episodes["episode"] >= 0]
+        figure = episodes_figure(flown)
+        columns = ("qoe1_percent", "qoe2_iterations", "qoe3_percent")
+        for axes, name in zip(figure.axes, columns, strict=True):
+            assert axes.lines[0].get_xdata().tolist() == [0, 1]
+            assert axes.lines[0].get_ydata().tolist() == episodes[name].tolist()
+            crashed = episodes[episodes["crashes"] > 0]
+            assert axes.lines[1].get_xdata().tolist() == crashed["episode"].tolist()
+        assert episodes["crashes"].any()
+
+
 class TestServices:
+    def test_where_there_is_little_room_panels_are_below_each_other(self, flown):
+        wide, narrow = services_figure(flown), services_figure(flown, width=5.0)
+        for one, other in zip(wide.axes, narrow.axes, strict=True):
+            assert one.get_title(loc="left") == other.get_title(loc="left")
+            assert [bar.get_width() for bar in one.patches] == [
+                bar.get_width() for bar in other.patches
+            ]
+        assert len({axes.get_subplotspec().rowspan.start for axes in narrow.axes}) == 3
+
     def test_bars_are_shares_of_outcomes(self, flown):
         requests = pd.read_parquet(flown / "requests.parquet")
         requests = requests[requests["episode"] >= 0]

@@ -1,7 +1,8 @@
 // What is said of a user, a drone, a station, a request or an event, as rows of [name, value].
 
+import { covering, requestSoFar } from "./history.js";
 import { clock, kbps, percent, span, words } from "./palette.js";
-import { CHARGED, CHARGING, CRASHED, FLYING, QUEUED, RETURNING, STATES } from "./state.js";
+import { CHARGED, CHARGING, CRASHED, FLYING, QUEUED, RETURNING, STATES } from "./states.js";
 
 const place = [0, 0, 0];
 
@@ -29,11 +30,11 @@ function ofUser(state, u) {
   const rows = [["place", metres(x[0], y[0])]];
   if (episode.walk.z[u] > 0) rows.push(["height", `${episode.walk.z[u].toFixed(1)} m`]);
   rows.push(["held by", state.holder[u] >= 0 ? `drone ${state.holder[u]}` : "no drone"]);
-  rows.push(["in the footprints of", drones(state.covering(u))]);
+  rows.push(["in the footprints of", drones(covering(state, u))]);
   const own = [...episode.requestsOfUser(u)];
   const asked = own.filter((r) => episode.request.tUs[r] <= state.tUs);
   const open = state.request[u];
-  if (open >= 0) rows.push(...requestRows(state.requestSoFar(open)));
+  if (open >= 0) rows.push(...requestRows(requestSoFar(state, open)));
   else {
     const next = own.find((r) => episode.request.tUs[r] > state.tUs);
     rows.push(["open request", "none"]);
@@ -69,7 +70,7 @@ function requestRows(told) {
 }
 
 function ofRequest(state, r) {
-  const told = state.requestSoFar(r);
+  const told = requestSoFar(state, r);
   const tag = !told.asked ? "not yet asked" : told.endUs !== null ? told.outcome
     : told.by >= 0 ? "served" : "waiting";
   return { title: `Request ${r}`, tag, rows: [["user", String(told.user)], ...requestRows(told)] };

@@ -20,7 +20,7 @@ import { clock, readTheme } from "./palette.js";
 import { Panel } from "./panel.js";
 import { Player, SPEEDS } from "./player.js";
 import { Scene } from "./scene.js";
-import { STATES } from "./state.js";
+import { STATES } from "./states.js";
 import { Timeline } from "./timeline.js";
 
 const byId = (id) => document.getElementById(id);

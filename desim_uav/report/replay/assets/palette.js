@@ -10,6 +10,8 @@ const DRONES = {
 let drones = DRONES.light;
 
 /** A drone's colour. Users' states have the others of the palette. */
+export const FONT = "system-ui, -apple-system, 'Segoe UI', sans-serif";
+
 export const droneColour = (d) => drones[d % drones.length];
 
 /** Black or white, whichever is read on a colour. */

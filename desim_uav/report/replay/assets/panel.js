@@ -2,8 +2,8 @@
 
 import { describe, howMany, modeOf, tell } from "./details.js";
 import { clock, droneColour, inkOn, percent, words } from "./palette.js";
-import { drawUser, RADII } from "./scene.js";
-import { STATES, WAITING } from "./state.js";
+import { STATES, WAITING } from "./states.js";
+import { drawUser, RADII } from "./users.js";
 
 const byId = (id) => document.getElementById(id);
 

@@ -3,18 +3,9 @@
 // Events stand in a reader's order: by instant, by phase, and in a phase what lets go of a user
 // before what takes it. Copies of the state every so many events make any moment near.
 
-export const IDLE = 0;
-export const ATTACHED = 1;
-export const WAITING = 2;
-export const SERVED = 3;
-export const STATES = ["idle", "attached", "waiting", "served"];
-
-export const FLYING = 0;
-export const RETURNING = 1;
-export const QUEUED = 2;
-export const CHARGING = 3;
-export const CHARGED = 4;
-export const CRASHED = 5;
+import {
+  ATTACHED, CHARGED, CHARGING, CRASHED, FLYING, IDLE, QUEUED, RETURNING, SERVED, WAITING,
+} from "./states.js";
 
 const COPIES = 200;
 const SAMPLES = 720;
@@ -302,59 +293,6 @@ export class State {
     here.sort((a, b) => this.sinceUs[a] - this.sinceUs[b] || a - b);
     const of = (mode) => here.filter((d) => this.mode[d] === mode);
     return { charging: of(CHARGING), queue: of(QUEUED), charged: of(CHARGED) };
-  }
-
-  /** What a request has had so far: times in microseconds, null what has not come yet. */
-  requestSoFar(r) {
-    const { episode, run, sums } = this;
-    const { event, request } = episode;
-    const u = request.user[r];
-    const found = {
-      request: r, user: u, service: run.services[request.service[r]],
-      askedUs: request.tUs[r], requiredUs: request.requiredUs[r],
-      bandwidthBps: request.bandwidthBps[r], servedUs: 0, firstUs: null, endUs: null,
-      outcome: null, drones: [], by: -1, sinceUs: 0,
-    };
-    for (const i of episode.eventsOfUser(u)) {
-      if (i >= sums.next) break;
-      if (event.request[i] !== r) continue;
-      const kind = run.kinds[event.kind[i]];
-      if (kind === "serve") {
-        found.by = event.drone[i];
-        found.sinceUs = event.tUs[i];
-      } else if (kind === "stop") {
-        this.#spell(found, event.tUs[i]);
-        found.by = -1;
-      } else if (kind === "complete" || kind === "refuse" || kind === "close") {
-        found.endUs = event.tUs[i];
-        found.outcome = kind === "complete" ? "completed"
-          : kind === "refuse" ? "refused" : found.servedUs > 0 ? "unfinished" : "never served";
-      }
-    }
-    if (found.by >= 0) this.#spell(found, this.tUs);
-    found.asked = request.tUs[r] <= this.tUs;
-    return found;
-  }
-
-  /** A service of 0 µs leaves no trace. */
-  #spell(found, untilUs) {
-    if (untilUs <= found.sinceUs) return;
-    found.servedUs += untilUs - found.sinceUs;
-    found.firstUs ??= found.sinceUs;
-    if (found.drones.at(-1) !== found.by) found.drones.push(found.by);
-  }
-
-  /** The drones whose footprints a user is in. */
-  covering(u) {
-    const found = new Set();
-    const { event } = this.episode;
-    for (const i of this.episode.eventsOfUser(u)) {
-      if (i >= this.sums.next) break;
-      const kind = this.run.kinds[event.kind[i]];
-      if (kind === "enter") found.add(event.drone[i]);
-      if (kind === "exit") found.delete(event.drone[i]);
-    }
-    return [...found].sort((a, b) => a - b);
   }
 
   /** The present step: its number, counted from 0. */

@@ -1,0 +1,41 @@
+"""How each episode of a run fared."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from matplotlib.figure import Figure
+
+from desim_uav.report.figures.style import COLOURS, headed, styled
+from desim_uav.report.run import Run, opened
+
+PANELS = {"qoe1_percent": "QoE1, %", "qoe2_iterations": "QoE2, steps", "qoe3_percent": "QoE3, %"}
+MARKED = 60
+"""So many episodes have a dot each."""
+
+
+@styled
+def episodes_figure(run: Run | Path, width: float = 7.2) -> Figure:
+    """QoE1 to QoE3 of each counted episode, and where drones crashed; ``width`` in inches.
+
+    Raises PolicyError where the folder is not a run's or nothing was counted.
+    """
+    run = opened(run)
+    numbers, episodes = run.counted_episodes, run.counted("episodes")
+    crashed = episodes[episodes["crashes"] > 0]
+    figure = Figure(figsize=(width, 4.4))
+    panels = figure.subplots(len(PANELS), 1, sharex=True)
+    dot: dict[str, Any] = {"marker": "." if len(numbers) <= MARKED else "", "color": COLOURS[0]}
+    cross: dict[str, Any] = {"linestyle": "none", "marker": "x", "color": COLOURS[3]}
+    for axes, (column, label) in zip(panels, PANELS.items(), strict=True):
+        axes.plot(episodes["episode"], episodes[column], linestyle="-", **dot)
+        axes.plot(crashed["episode"], crashed[column], label="a drone crashed", **cross)
+        axes.set_ylabel(label)
+        axes.margins(y=0.15)
+    if len(crashed):
+        panels[0].legend()
+    panels[-1].set(xlabel="episode", xlim=(numbers[0] - 0.5, numbers[-1] + 0.5))
+    panels[-1].locator_params("x", integer=True)
+    headed(figure, f"Episodes. {run.name}")
+    return figure

@@ -1,0 +1,37 @@
+"""The JSON files of a run folder: anyone's, so they are checked before they are used."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from desim_uav.errors import PolicyError
+
+
+class Form(BaseModel):
+    """What a file must hold at least, each value of its own type."""
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+
+def read_json(file: Path, form: type[Form], what: str) -> dict[str, Any]:
+    """What a file holds, all of it. Raises PolicyError, naming file and key, for none of ``form``.
+
+    ``what``: it is then, such as "the world of a run".
+    """
+    try:
+        content = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise PolicyError(f"{file}: not a readable JSON file: {reason}") from error
+    try:
+        form.model_validate(content)
+    except ValidationError as error:
+        first = error.errors(include_url=False, include_input=False)[0]
+        where = "".join(f"{part}: " for part in (".".join(map(str, first["loc"])),) if part)
+        problem = first["msg"].removeprefix("Value error, ")
+        raise PolicyError(f"{file}: not {what}: {where}{problem}") from error
+    return dict(content)

@@ -1,0 +1,200 @@
+// Drones on the map: where they are and have been, their batteries, and where they fell.
+
+import { clock, droneColour, FONT, inkOn } from "./palette.js";
+import { CRASHED, RETURNING } from "./states.js";
+
+const at = [0, 0, 0];
+const place = [0, 0, 0];
+
+/** Where drones have been in this episode. Of many, that of the chosen one. */
+export function drawPaths(scene) {
+  const { ctx } = scene;
+  scene.drones.forEach((drone, d) => {
+    const chosen = scene.isChosen("drone", d);
+    if (scene.small && !chosen) return;
+    ctx.strokeStyle = droneColour(d);
+    ctx.globalAlpha = chosen ? 0.95 : 0.6;
+    ctx.lineWidth = chosen ? 2.5 : 1.75;
+    ctx.beginPath();
+    tracePath(scene, d);
+    ctx.stroke();
+  });
+  ctx.globalAlpha = 1;
+}
+
+function tracePath(scene, d) {
+  const { ctx, camera, state } = scene;
+  const { leg } = state.episode;
+  const now = state.episode.legAt(d, state.tUs);
+  let pen = false;
+  const to = (x, y, z) => {
+    camera.project(x, y, z, at);
+    if (pen) ctx.lineTo(at[0], at[1]);
+    else ctx.moveTo(at[0], at[1]);
+    pen = true;
+  };
+  for (let k = leg.first[d]; k <= now; k += 1) {
+    if (leg.durationUs[k] === 0) pen = false; // put there, not flown
+    if (leg.tUs[k] < 0 && leg.durationUs[k] > 0) {
+      state.episode.dronePlace(d, 0, place);
+      to(...place);
+    } else to(leg.xFrom[k], leg.yFrom[k], leg.mode[k] === CRASHED ? 0 : leg.zFrom[k]);
+    if (k < now && leg.durationUs[k] > 0) {
+      const cutUs = leg.tUs[k + 1];
+      if (leg.tUs[k] + leg.durationUs[k] <= cutUs) to(leg.xTo[k], leg.yTo[k], leg.zTo[k]);
+      else { // it crashed on the way
+        const share = state.episode.shareOfLeg(k, cutUs);
+        to(...["x", "y", "z"].map((axis) => leg[`${axis}From`][k]
+          + share * (leg[`${axis}To`][k] - leg[`${axis}From`][k])));
+      }
+    }
+  }
+  const { x, y, z } = scene.drones[d];
+  to(x, y, z);
+}
+
+export function drawDrones(scene) {
+  const { state, camera } = scene;
+  const order = scene.drones.map((_, d) => d).filter((d) => state.mode[d] !== CRASHED && !isDocked(scene, d));
+  if (camera.tilted) {
+    const depth = (d) => camera.depth(scene.drones[d].x, scene.drones[d].y, scene.drones[d].z);
+    order.sort((a, b) => depth(b) - depth(a));
+    order.forEach((d) => drawPole(scene, d));
+  }
+  const beside = new Map();
+  for (const d of order) {
+    const drone = scene.drones[d];
+    const key = `${Math.round(drone.px / 6)},${Math.round(drone.py / 6)}`;
+    const others = beside.get(key) ?? 0;
+    beside.set(key, others + 1);
+    drone.px += scene.tiny ? 0 : others * (scene.small ? 17 : 26); // those that share a place stand side by side
+    drawDrone(scene, d);
+  }
+}
+
+function isDocked(scene, d) {
+  const docked = scene.drones[d].docked && scene.drones[d].drawn;
+  scene.drones[d].drawn = false;
+  return docked;
+}
+
+function drawPole(scene, d) {
+  const { ctx, camera } = scene;
+  const drone = scene.drones[d];
+  camera.project(drone.x, drone.y, 0, at);
+  ctx.strokeStyle = ctx.fillStyle = droneColour(d);
+  ctx.lineWidth = 1.25;
+  ctx.beginPath();
+  ctx.moveTo(at[0], at[1]);
+  ctx.lineTo(drone.px, drone.py);
+  ctx.stroke();
+  ctx.beginPath();
+  ctx.ellipse(at[0], at[1], 5, 5 * camera.sinPitch, 0, 0, 2 * Math.PI);
+  ctx.fill();
+}
+
+function drawDrone(scene, d) {
+  const { ctx, theme, state } = scene;
+  const { px, py } = scene.drones[d];
+  if (scene.tiny) return drawBody(scene, d, px, py, 4.5, state.mode[d] === RETURNING, false);
+  const r = scene.small ? 6.5 : 9;
+  if (!scene.small) {
+    const arm = 11;
+    ctx.lineWidth = 2;
+    ctx.strokeStyle = theme.ink;
+    strokeCross(ctx, px, py, arm);
+    ctx.fillStyle = theme.paper;
+    ctx.lineWidth = 1.25;
+    for (const [sx, sy] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) {
+      ctx.beginPath();
+      ctx.arc(px + sx * arm, py + sy * arm, 4, 0, 2 * Math.PI);
+      ctx.fill();
+      ctx.stroke();
+    }
+  }
+  drawBattery(scene, d, px, py, r + 3, scene.small ? 1.5 : 3);
+  drawBody(scene, d, px, py, r, state.mode[d] === RETURNING);
+  if (!scene.small && state.mode[d] === RETURNING) {
+    scene.write("returning", px, py - 25, "center", theme.ink);
+  }
+  return undefined;
+}
+
+export function drawBody(scene, d, x, y, r, hollow, numbered = true) {
+  const { ctx, theme } = scene;
+  const colour = droneColour(d);
+  ctx.fillStyle = hollow ? theme.paper : colour;
+  ctx.strokeStyle = hollow ? colour : theme.paper;
+  ctx.lineWidth = hollow ? 2 : 1;
+  ctx.beginPath();
+  ctx.arc(x, y, r, 0, 2 * Math.PI);
+  ctx.fill();
+  ctx.stroke();
+  if (!numbered) return;
+  ctx.fillStyle = hollow ? theme.ink : inkOn(colour);
+  ctx.font = `600 ${Math.round(r * (d > 99 ? 0.9 : 1.25))}px ${FONT}`;
+  ctx.textAlign = "center";
+  ctx.textBaseline = "middle";
+  ctx.fillText(d, x, y + 0.5);
+}
+
+/** A ring of as much of a circle as the battery is full. */
+export function drawBattery(scene, d, x, y, r, width) {
+  const { ctx, theme, state, run } = scene;
+  if (run.capacity_us === null) return;
+  const share = Math.max(0, Math.min(1, state.episode.batteryUs(d, state.tUs) / run.capacity_us));
+  ctx.lineWidth = width;
+  ctx.strokeStyle = theme.faint;
+  ctx.beginPath();
+  ctx.arc(x, y, r, 0, 2 * Math.PI);
+  ctx.stroke();
+  ctx.strokeStyle = share > 0.2 ? theme.ink : theme.danger;
+  ctx.beginPath();
+  ctx.arc(x, y, r, -Math.PI / 2, -Math.PI / 2 + share * 2 * Math.PI);
+  ctx.stroke();
+}
+
+export function drawCrashes(scene) {
+  const { ctx, state, theme, camera } = scene;
+  const { episode } = state;
+  const { event } = episode;
+  const crash = scene.run.kinds.indexOf("crash");
+  const fallen = state.marks.filter((i) => event.kind[i] === crash && i < state.sums.next);
+  scene.fallen = [];
+  for (const i of fallen) {
+    const d = event.drone[i];
+    episode.dronePlace(d, event.tUs[i], place);
+    camera.project(place[0], place[1], 0, at);
+    const [x, y] = at;
+    const r = scene.tiny ? 4 : 7;
+    const lies = state.mode[d] === CRASHED && state.sinceUs[d] === event.tUs[i];
+    for (const [width, colour] of [[6, theme.map], [2.75, theme.danger]]) {
+      ctx.strokeStyle = colour;
+      ctx.globalAlpha = lies ? 1 : 0.55; // another has taken its place since
+      ctx.lineWidth = scene.tiny ? width / 1.6 : width;
+      strokeCross(ctx, x, y, r);
+    }
+    ctx.globalAlpha = 1;
+    if (lies && !scene.tiny) scene.fallen.push({ text: `${d} crashed ${clock(event.tUs[i])}`, x, y: y + 17 });
+  }
+}
+
+/** The names of what lies crashed, above all else, one below the other. */
+export function nameFallen(scene) {
+  const rows = new Map();
+  for (const { text, x, y } of scene.fallen) {
+    const key = `${Math.round(x / 40)},${Math.round(y / 10)}`;
+    const before = rows.get(key) ?? 0;
+    rows.set(key, before + 1);
+    scene.write(text, x, y + 13 * before, "center", scene.theme.danger, 600);
+  }
+}
+
+function strokeCross(ctx, x, y, r) {
+  ctx.beginPath();
+  ctx.moveTo(x - r, y - r);
+  ctx.lineTo(x + r, y + r);
+  ctx.moveTo(x + r, y - r);
+  ctx.lineTo(x - r, y + r);
+  ctx.stroke();
+}

@@ -1,0 +1,14 @@
+// What users and drones can be about.
+
+export const IDLE = 0;
+export const ATTACHED = 1;
+export const WAITING = 2;
+export const SERVED = 3;
+export const STATES = ["idle", "attached", "waiting", "served"];
+
+export const FLYING = 0;
+export const RETURNING = 1;
+export const QUEUED = 2;
+export const CHARGING = 3;
+export const CHARGED = 4;
+export const CRASHED = 5;

@@ -1,0 +1,74 @@
+// Charging stations on the map: their pads, and those that wait for one.
+
+import { drawBattery, drawBody } from "./drones.js";
+
+const BOLT = [[1.5, -7], [-5, 1.5], [-0.5, 1.5], [-1.5, 7], [5, -1.5], [0.5, -1.5]];
+
+/** A station, its pads below it, and those that wait for one. */
+export function drawStations(scene) {
+  const { ctx, theme, run } = scene;
+  scene.stations.forEach(({ px, py, dock }, s) => {
+    ctx.fillStyle = theme.paper;
+    ctx.strokeStyle = theme.ink;
+    if (scene.tiny) {
+      ctx.fillStyle = theme.ink;
+      ctx.fillRect(px - 4, py - 4, 8, 8);
+      return;
+    }
+    ctx.lineWidth = scene.isChosen("station", s) ? 2.5 : 1.5;
+    ctx.beginPath();
+    ctx.roundRect(px - 10, py - 10, 20, 20, 5);
+    ctx.fill();
+    ctx.stroke();
+    ctx.fillStyle = theme.ink;
+    ctx.beginPath();
+    for (const [x, y] of BOLT) ctx.lineTo(px + x, py + y);
+    ctx.fill();
+    drawDock(scene, px, py + 29, dock, run.pads);
+  });
+}
+
+function drawDock(scene, px, py, dock, pads) {
+  const { ctx, theme } = scene;
+  const slots = Math.min(pads, Math.max(3, dock.charging.length));
+  const gap = 21;
+  const charging = dock.charging.slice(0, slots);
+  const waiting = dock.queue.slice(0, 5);
+  const ready = dock.charged.slice(0, 3);
+  const left = px - ((slots - 1) * gap) / 2;
+  if (!charging.length && !waiting.length && !ready.length) return;
+  for (let k = 0; k < slots; k += 1) {
+    ctx.strokeStyle = theme.ink;
+    ctx.fillStyle = theme.paper;
+    ctx.lineWidth = 1.25;
+    ctx.beginPath();
+    ctx.roundRect(left + k * gap - 9.5, py - 9.5, 19, 19, 4);
+    ctx.fill();
+    ctx.stroke();
+    if (k < charging.length) drawDocked(scene, charging[k], left + k * gap, py, false);
+  }
+  let x = left + (slots - 1) * gap + gap + 4;
+  waiting.forEach((d) => {
+    drawDocked(scene, d, x, py, true);
+    x += gap - 2;
+  });
+  if (waiting.length) {
+    const more = dock.queue.length - waiting.length;
+    scene.write(more ? `+${more} wait` : waiting.length > 1 ? "wait" : "waits", x - 6, py, "left", theme.ink);
+  }
+  x = left - gap - 4;
+  ready.forEach((d) => {
+    drawDocked(scene, d, x, py, false);
+    scene.write("✓", x, py + 16, "center", theme.ink);
+    x -= gap;
+  });
+}
+
+function drawDocked(scene, d, x, y, hollow) {
+  const drone = scene.drones[d];
+  drone.px = x;
+  drone.py = y;
+  drone.drawn = true;
+  drawBattery(scene, d, x, y, 9.5, 2);
+  drawBody(scene, d, x, y, 7, hollow);
+}

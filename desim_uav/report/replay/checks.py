@@ -1,0 +1,68 @@
+"""What the tables of a run must be for a page: its reader takes their numbers as they are."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import PolicyError
+from desim_uav.model.rules import US
+from desim_uav.report.run import Run
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+Whole = NDArray[np.int64]
+
+
+class Checks:
+    """Of the tables of a run. Raises PolicyError, naming file and column."""
+
+    def __init__(self, run: Run) -> None:
+        self.run = run
+
+    def error(self, table: str, problem: str) -> PolicyError:
+        """A table is not what it must be."""
+        return PolicyError(f"{self.run.folder / table}.parquet: {problem}")
+
+    def expect(self, holds: bool, table: str, problem: str) -> None:
+        """Raises PolicyError, naming the table's file, where something does not hold."""
+        if not holds:
+            raise self.error(table, problem)
+
+    def finite(self, frame: pd.DataFrame, table: str, name: str) -> NDArray[np.float64]:
+        """A column of numbers that can be drawn."""
+        values: NDArray[np.float64] = frame[name].to_numpy(np.float64)
+        fits = bool((np.isfinite(values) & (np.abs(values) < 1e9)).all())
+        self.expect(fits, table, f"{name}: empty or far too large")
+        return values
+
+    def us(self, frame: pd.DataFrame, table: str, name: str, lowest: int) -> Whole:
+        """A column of seconds, in microseconds, none below ``lowest``."""
+        us = whole(self.finite(frame, table, name) * US)
+        self.expect(bool((us >= lowest).all()), table, f"{name}: below {lowest / US:g} s")
+        return us
+
+    def within(self, frame: pd.DataFrame, table: str, name: str, end: int) -> None:
+        """A column's numbers are from 0 on and below ``end``."""
+        values = frame[name].to_numpy()
+        within = bool(((values >= 0) & (values < end)).all())
+        self.expect(within, table, f"{name}: not of this run (0 to {end - 1})")
+
+    def codes(
+        self, frame: pd.DataFrame, table: str, name: str, words: Any, none: int | None = None
+    ) -> Whole:
+        """A column of names as numbers; ``none`` where there is no name."""
+        code = frame[name].map({word.name.lower(): int(word) for word in words})
+        if none is not None:
+            code = code.where(frame[name].notna(), none)
+        unknown = frame[name][code.isna()]
+        self.expect(unknown.empty, table, f"{name}: {next(iter(unknown), None)!r} is not known")
+        return whole(code.to_numpy(np.float64))
+
+
+def whole(values: NDArray[np.float64]) -> Whole:
+    """Numbers rounded to whole ones."""
+    return np.rint(values).astype(np.int64)

@@ -1,0 +1,95 @@
+"""The flights of an episode's drones: legs, and the profiles they were flown by."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from desim_uav.model.rules import US, Mode
+from desim_uav.report.replay.checks import Checks, Whole
+from desim_uav.report.replay.columns import Column, codes, delta, floats, plain
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+
+class Flights:
+    """Encodes the legs of a run's episodes; ``profiles`` are those of all transits so far."""
+
+    def __init__(self, check: Checks) -> None:
+        self.check = check
+        self.scenario = check.run.scenario
+        self.profiles: list[list[list[float]]] = []
+        self._profile_of: dict[tuple[bool, float], tuple[int, int]] = {}
+
+    def legs(self, legs: pd.DataFrame) -> dict[str, Column]:
+        """Legs drone by drone, each in order of time, with the profile it was flown by."""
+        self.check.within(legs, "legs", "drone", self.scenario.drones.count)
+        legs = legs.sort_values("drone", kind="stable")
+        t_us = self.check.us(legs, "legs", "t_s", -(10**15))
+        drone = legs["drone"].to_numpy(np.int64)
+        first = np.searchsorted(drone, np.arange(self.scenario.drones.count + 1))
+        told = np.diff(first) > 0
+        self.check.expect(bool(told.all()), "legs", "a drone has none: where it begins is not told")
+        ascends = (np.diff(t_us) >= 0) | (np.diff(drone) > 0)
+        self.check.expect(bool(ascends.all()), "legs", "t_s: not in order")
+        self.check.expect(bool((t_us[first[:-1]] <= 0).all()), "legs", "a drone's first is after 0")
+        duration_us = self.check.us(legs, "legs", "duration_s", 0)
+        places = {}
+        for side in ("from", "to"):
+            for axis in "xyz":
+                places[f"leg.{axis}_{side}"] = floats(
+                    self.check.finite(legs, "legs", f"{axis}_{side}_m")
+                )
+        mode = self.check.codes(legs, "legs", "mode", Mode)
+        profile = self._flown_by(places, mode, duration_us)
+        return places | {
+            "leg.first": plain(first),
+            "leg.t_us": delta(t_us),
+            "leg.duration_us": plain(duration_us),
+            "leg.mode": codes(mode),
+            "leg.profile": plain(profile),
+        }
+
+    def _flown_by(self, places: dict[str, Column], mode: Whole, duration_us: Whole) -> Whole:
+        """Of each leg the number of its profile, -1 of one that leads nowhere."""
+        between = [
+            np.abs(
+                places[f"leg.{axis}_to"].values.astype(float)
+                - places[f"leg.{axis}_from"].values.astype(float)
+            )
+            for axis in "xyz"
+        ]
+        length_m = np.sum(between, axis=0)
+        profile = np.full(len(mode), -1, np.int64)
+        for k in np.flatnonzero(duration_us > 0):
+            number, takes_us = self._profile(int(mode[k]) == Mode.FLYING, float(length_m[k]))
+            self.check.expect(
+                abs(takes_us - int(duration_us[k])) <= 1,
+                "legs",
+                f"duration_s: {length_m[k]:g} m take {takes_us / US:g} s in this scenario, "
+                f"not {duration_us[k] / US:g}",
+            )
+            profile[k] = number
+        return profile
+
+    def _profile(self, commanded: bool, length_m: float) -> tuple[int, int]:
+        """The number of the profile of a transit, and how long it takes (µs)."""
+        key = commanded, round(length_m, 6)
+        if key not in self._profile_of:
+            motion = self.scenario.drones.motion
+            self.check.expect(length_m > 0, "legs", "a transit leads nowhere")
+            try:
+                transit = (
+                    motion.epoch_transit(length_m, self.scenario.episode.step_s)
+                    if commanded
+                    else motion.fastest_transit(length_m)
+                )
+            except ValueError as error:
+                raise self.check.error("legs", str(error)) from error
+            self._profile_of[key] = len(self.profiles), transit.duration_us
+            # As shares of the way: x = from + share * (to - from).
+            shares = transit.profile / [1.0, length_m, length_m, length_m]
+            self.profiles.append(shares.tolist())
+        return self._profile_of[key]

@@ -1,0 +1,51 @@
+"""Where a drone was, exactly: along the legs it flew."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from desim_uav.model.motion import REST, Leg, Transit
+from desim_uav.model.rules import US, Mode
+from desim_uav.report.run import Run
+
+Ints = NDArray[np.int64]
+Place = tuple[float, float, float]
+
+
+class Track:
+    """The legs of a drone in an episode, and where they put it at any time."""
+
+    def __init__(self, legs: pd.DataFrame, run: Run) -> None:
+        self.starts_us: Ints = (legs["t_s"] * US).round().to_numpy(np.int64)
+        self.modes = [Mode[mode.upper()] for mode in legs["mode"]]
+        self.ends_us = self.starts_us + (legs["duration_s"] * US).round().to_numpy(np.int64)
+        self.places = [_places(row) for row in legs.to_dict("records")]
+        self._legs = [self._leg(number, run) for number in range(len(legs))]
+
+    def _leg(self, number: int, run: Run) -> Leg:
+        start, end = self.places[number]
+        length_m = float(sum(abs(b - a) for a, b in zip(start, end, strict=True)))
+        transit: Transit = REST
+        if self.ends_us[number] > self.starts_us[number]:
+            motion = run.scenario.drones.motion
+            if self.modes[number] is Mode.FLYING:
+                transit = motion.epoch_transit(length_m, run.scenario.episode.step_s)
+            else:
+                transit = motion.fastest_transit(length_m)
+        return Leg(transit, start[:2], end[:2], start[2], end[2])
+
+    def position_m(self, t_us: int) -> tuple[float, float, float]:
+        """x, y, z: along the last leg begun, then at its end."""
+        last = int(np.searchsorted(self.starts_us, t_us, "right")) - 1
+        if t_us >= self.ends_us[last]:
+            return self.places[last][1]
+        return self._legs[last].position_m((t_us - int(self.starts_us[last])) / US)
+
+
+def _places(leg: dict[str, Any]) -> tuple[Place, Place]:
+    start, end = ((leg[f"x_{s}_m"], leg[f"y_{s}_m"], leg[f"z_{s}_m"]) for s in ("from", "to"))
+    return start, end
