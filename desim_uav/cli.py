@@ -492,6 +492,109 @@ def compare(
 
 
 @app.command()
+def sweep(
+    scenario: Annotated[
+        str, typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped name: case5.")
+    ],
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Takes results/, a Parquet dataset, a row a job.")
+    ],
+    overrides: Annotated[
+        list[str] | None,
+        typer.Option(
+            "-S",
+            metavar="KEY.PATH=V,W…",
+            help="Values of a key: a,b or from:to or from:to:step; repeatable, every combination.",
+        ),
+    ] = None,
+    policies: Annotated[
+        str | None,
+        typer.Option(metavar="P,Q…", help="Run these; no name can hold a comma. [baseline]"),
+    ] = None,
+    learn: Annotated[
+        bool, typer.Option("--train", help="Train on each seed, and evaluate greedily.")
+    ] = False,
+    algorithm: Annotated[
+        str | None, typer.Option(metavar="A,B…", help="With --train; else the scenario's.")
+    ] = None,
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10**6, help="How many.")] = 10,
+    first_seed: Annotated[
+        int, typer.Option(metavar="N", min=0, max=2**62, help="The others follow it.")
+    ] = 0,
+    episodes: Annotated[
+        int, typer.Option(metavar="N", min=1, max=10**6, help="Counted ones.")
+    ] = 20,
+    warmup: Annotated[
+        int, typer.Option(metavar="N", min=0, max=10**6, help="Episodes before, counted nowhere.")
+    ] = 2,
+    jobs: Annotated[
+        int | None,
+        typer.Option(
+            "-j", "--jobs", metavar="N", min=1, max=1024, help="At a time. [1; all cores of Ray]"
+        ),
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on: run what the folder has no row of.")
+    ] = False,
+    backend: Annotated[
+        str, typer.Option(metavar="local|ray", help="Processes, or a Ray cluster.")
+    ] = "local",
+    address: Annotated[
+        str | None,
+        typer.Option(metavar="A", help="The Ray cluster's: auto or host:port. [this machine]"),
+    ] = None,
+    engine: EngineIfAny = None,
+    as_json: Json = False,
+    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
+) -> None:
+    """Run policies, or train, in every combination of keys' values, on common seeds."""
+    from desim_uav.experiment.sweep_command import BACKENDS, Asked, sweep_to_folder
+    from desim_uav.shipped import find_scenario
+
+    _end_politely()
+    try:
+        done = sweep_to_folder(
+            find_scenario(scenario),
+            Asked(
+                overrides or [],
+                policies,
+                learn,
+                algorithm,
+                range(first_seed, first_seed + seeds),
+                episodes,
+                warmup,
+                engine,
+            ),
+            out,
+            resume=resume,
+            backend=_one_of(BACKENDS, backend, "--backend"),
+            workers=jobs,
+            address=address,
+            command=["desim-uav", *sys.argv[1:]],
+            show_progress=not quiet,
+            say=_complain,
+        )
+    except KeyboardInterrupt:
+        _complain("interrupted; what had ended is kept; --resume goes on")
+        raise typer.Exit(130) from None
+    if as_json:
+        print(json.dumps(done.content(), indent=1))
+    elif not quiet:
+        from desim_uav.report.text import print_sweep
+
+        print_sweep(done.headings(), done.lines())
+        print(out / "results")
+    if done.failures:
+        _complain(done.complaint())
+    if done.interrupted:
+        _complain(
+            f"interrupted; {len(done.rows)} of {len(done.jobs)} jobs are kept; --resume goes on"
+        )
+    if done.interrupted or done.failures:
+        raise typer.Exit(130 if done.interrupted else 1)
+
+
+@app.command()
 def replay(
     run_dir: Annotated[Path, typer.Argument(metavar="RUN_DIR", help="The folder of a run.")],
     html: Annotated[

@@ -9,11 +9,14 @@ import signal
 import threading
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from itertools import islice
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
 from typing import Any, cast
 
 from desim_uav.errors import SimulationError
+
+DIED = "a process has died; if memory ran out, run fewer at a time (-j)"
 
 
 def run_each(
@@ -21,64 +24,70 @@ def run_each(
     tasks: Sequence[tuple[Any, ...]],
     jobs: int,
     on_end: Callable[[int, Any], None],
+    on_death: Callable[[int, str], None] | None = None,
 ) -> None:
     """Call ``function`` with the arguments of each task, ``jobs`` at a time.
 
-    ``on_end`` gets a task's number and its result as it ends. The first error ends them all.
+    ``on_end`` gets a task's number and its result as it ends. The first error ends them all. So
+    does a process that dies, unless there is ``on_death``, which gets the number of its task and
+    what to say of it; another process then goes on with the others.
     """
     if jobs == 1 or len(tasks) < 2:
         for number, task in enumerate(tasks):
             on_end(number, function(*task))
         return
     numbers = iter(range(len(tasks)))
-    with _workers(min(jobs, len(tasks)), function, tasks) as workers:
-        busy = {worker for worker in workers if _send_next(worker, numbers)}
+    with _workers(function, tasks) as start:
+        busy = {_sent(start(), number): number for number in islice(numbers, jobs)}
         while busy:
             for worker in cast(list[Connection], wait(busy)):
-                with _alive():
-                    number, result = worker.recv()
-                if not _send_next(worker, numbers):
-                    busy.remove(worker)
+                number, result = busy.pop(worker), _answer(worker)
+                if result is DIED and on_death is None:
+                    raise SimulationError(DIED)
+                for following in islice(numbers, 1):
+                    busy[_sent(start() if result is DIED else worker, following)] = following
                 if isinstance(result, Exception):
                     raise result
-                on_end(number, result)
+                if result is DIED and on_death is not None:
+                    on_death(number, DIED)
+                else:
+                    on_end(number, result)
 
 
-def _send_next(worker: Connection, numbers: Iterator[int]) -> bool:
-    """Give a worker the next task; is there one?"""
-    for number in numbers:
-        with _alive():
-            worker.send(number)
-        return True
-    return False
+def _sent(worker: Connection, number: int) -> Connection:
+    """The worker, which was given a task; if it is dead, its answer will say so."""
+    with suppress(ConnectionError):
+        worker.send(number)
+    return worker
 
 
-@contextmanager
-def _alive() -> Iterator[None]:
-    """Talk to a worker, which should be there."""
+def _answer(worker: Connection) -> Any:
+    """What a worker made of its task, or ``DIED``."""
     try:
-        yield
-    except (EOFError, ConnectionError) as error:
-        raise SimulationError(
-            "a process has died; if memory ran out, run fewer at a time (-j)"
-        ) from error
+        return worker.recv()
+    except (EOFError, ConnectionError):
+        return DIED
 
 
 @contextmanager
 def _workers(
-    count: int, function: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]
-) -> Iterator[list[Connection]]:
-    """Processes that each take the number of a task, and answer with it and the result."""
+    function: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]
+) -> Iterator[Callable[[], Connection]]:
+    """What starts a process that takes numbers of tasks, and answers with them and the results."""
     spawn = mp.get_context("spawn")
-    pipes = [spawn.Pipe() for _ in range(count)]
-    processes = [spawn.Process(target=_work, args=(theirs, function, tasks)) for _, theirs in pipes]
-    try:
+    processes = []
+
+    def start() -> Connection:
+        ours, theirs = spawn.Pipe()
+        process = spawn.Process(target=_work, args=(theirs, function, tasks))
+        processes.append(process)
         with _deaf_to_signals():
-            for process in processes:
-                process.start()
-        for _, theirs in pipes:
-            theirs.close()
-        yield [ours for ours, _ in pipes]
+            process.start()
+        theirs.close()
+        return ours
+
+    try:
+        yield start
     finally:
         for process in processes:
             if process.pid is not None:
@@ -97,7 +106,7 @@ def _work(
                 result = function(*tasks[number])
             except Exception as error:
                 result = _portable(error)
-            connection.send((number, result))
+            connection.send(result)
 
 
 def _end_with_parent() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 from rich import box
@@ -158,6 +158,17 @@ def print_comparison(found: dict[str, Any]) -> None:
     shown = found["policies"] + found["differences"]
     if any(estimate["n"] == 1 for row in shown for estimate in row["measures"].values()):
         print("no interval from a single seed")
+
+
+def print_sweep(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A row for each combination and policy; numbers stand to the right."""
+    table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
+    for number, heading in enumerate(headings):
+        left = number <= headings.index("policy")
+        table.add_column(Text(heading), justify="left" if left else "right", overflow="fold")
+    for row in rows:
+        table.add_row(*map(Text, row))
+    print_table(table)
 
 
 def print_findings(findings: list[tuple[str, str, str]]) -> None:

@@ -63,6 +63,19 @@ def test_a_process_that_dies():
         run_each(os._exit, [(0,), (0,), (0,)], 2, lambda *_: None)
 
 
+def test_the_others_go_on_where_somebody_hears_of_the_dead():
+    dead, ended = [], []
+    tasks = [(0.0,), (-1.0,), (0.1,), (-2.0,), (0.2,)]
+    run_each(exit_if_below_zero, tasks, 2, lambda *e: ended.append(e), lambda *d: dead.append(d))
+    assert sorted(number for number, _ in dead) == [1, 3]
+    assert all("a process has died" in reason for _, reason in dead)
+    assert sorted(ended) == [(0, 0.0), (2, 0.1), (4, 0.2)]
+
+
+def exit_if_below_zero(number):
+    return number if number >= 0 else os._exit(1)
+
+
 def test_whoever_gets_the_results_may_stop():
     def stop(*_):
         raise KeyboardInterrupt

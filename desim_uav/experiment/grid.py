@@ -1,0 +1,170 @@
+"""The grid of a sweep: the values that ``-S`` gives each key, and their combinations."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from decimal import Decimal
+from itertools import product
+from typing import Any, NamedTuple
+
+from desim_uav.errors import UsageError
+from desim_uav.scenario.draft import override_path
+from desim_uav.scenario.yaml12 import read, shortened
+
+MOST = 10**6
+"""Values of a key, and jobs of a sweep, at most."""
+
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+_RANGE = re.compile(rf"({_NUMBER}):({_NUMBER})(?::({_NUMBER}))?")
+_CLOSING = {"[": "]", "{": "}"}
+
+
+class Value(NamedTuple):
+    """A value as ``-S`` has it, and what that means in YAML."""
+
+    text: str
+    plain: Any
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A key of the scenario and the values it takes, each once."""
+
+    key: str
+    values: tuple[Value, ...]
+
+    @property
+    def dtype(self) -> str:
+        """The type of its column: bool, int64, float64, else a string.
+
+        Lists, mappings and values of several types are written as JSON. No value is null.
+        """
+        types = {type(value.plain) for value in self.values} - {type(None)}
+        whole = all(abs(v.plain) < 2**63 for v in self.values if type(v.plain) is int)
+        for dtype, of in (("bool", {bool}), ("int64", {int}), ("float64", {int, float})):
+            if types and types <= of and whole:
+                return dtype
+        return "string"
+
+    def cell(self, value: Any) -> Any:
+        """A value as its column holds it."""
+        if value is None or self.dtype != "string":
+            return float(value) if self.dtype == "float64" and value is not None else value
+        return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
+
+
+@dataclass(frozen=True)
+class Combination:
+    """One value for each key: ``settings`` as the scenario is loaded with, ``cells`` as shown.
+
+    ``varied``: the settings of the keys that have other values elsewhere.
+    """
+
+    settings: tuple[str, ...]
+    cells: dict[str, Any]
+    varied: tuple[str, ...]
+
+    @property
+    def name(self) -> str:
+        """What a message calls it."""
+        return ", ".join(self.varied)
+
+
+def axes(overrides: Sequence[str]) -> list[Axis]:
+    """What ``-S`` asks for, a key each. Raises UsageError."""
+    found = [_axis(override) for override in overrides]
+    keys = [axis.key for axis in found]
+    for key in keys:
+        if keys.count(key) > 1:
+            raise UsageError(f"-S {key}: given twice; its values are separated by commas")
+    if "seed" in keys:
+        raise UsageError("-S seed: each job has its own; say --first-seed and --seeds")
+    return found
+
+
+def combinations(found: Sequence[Axis]) -> Iterator[Combination]:
+    """Every combination, the last key's values changing first."""
+    for values in product(*(axis.values for axis in found)):
+        chosen = list(zip(found, values, strict=True))
+        yield Combination(
+            tuple(f"{axis.key}={value.text}" for axis, value in chosen),
+            {axis.key: axis.cell(value.plain) for axis, value in chosen},
+            tuple(f"{axis.key}={value.text}" for axis, value in chosen if len(axis.values) > 1),
+        )
+
+
+def _axis(override: str) -> Axis:
+    key = ".".join(str(part) for part in override_path(override))
+    texts: list[str] = []
+    pieces = list(_pieces(override.partition("=")[2]))
+    if len(pieces) > 1 and "" in pieces:
+        raise UsageError(f"-S {shortened(override)}: a value is empty; write null for none")
+    for piece in pieces:
+        texts += _values(piece, override)
+        if len(texts) > MOST:
+            raise UsageError(f"-S {shortened(override)}: more than {MOST} values")
+    values = tuple(Value(text, read(text).data) for text in texts)
+    seen: set[str] = set()
+    for value in values:
+        # 1 and 1.0 are one value, 1 and true are two
+        known = value.text if read(value.text).problems else _canonical(value.plain)
+        if known in seen:
+            raise UsageError(f"-S {shortened(override)}: {value.text} stands there twice")
+        seen.add(known)
+    return Axis(key, values)
+
+
+def _canonical(value: Any) -> str:
+    if isinstance(value, float) and value.is_integer():
+        value = int(value)
+    return json.dumps(value, sort_keys=True)
+
+
+def _pieces(text: str) -> Iterator[str]:
+    """The parts between commas, those in brackets and quotes apart."""
+    open_until: list[str] = []
+    begin, position, quote, fresh = 0, 0, "", True
+    while position < len(text):
+        letter = text[position]
+        if quote:
+            position += letter == "\\" and quote == '"'
+            quote = "" if letter == quote else quote
+        elif fresh and letter in "'\"":  # elsewhere it is a letter: it's
+            quote = letter
+        elif letter in _CLOSING and (fresh or open_until):
+            open_until.append(_CLOSING[letter])
+        elif open_until and letter == open_until[-1]:
+            open_until.pop()
+        elif letter == "," and not open_until:
+            yield text[begin:position].strip()
+            begin = position + 1
+        fresh = letter in ("[{,:" if open_until else ",") or (fresh and letter == " ")
+        position += 1
+    yield text[begin:].strip()
+
+
+def _values(piece: str, override: str) -> Iterator[str]:
+    """A piece itself, or the values of a range."""
+    found = _RANGE.fullmatch(piece)
+    if found is None:
+        yield piece
+        return
+    whole = all(text is None or re.fullmatch(r"[-+]?\d+", text) for text in found.groups())
+    first, last = Decimal(found[1]), Decimal(found[2])
+    step = Decimal(found[3] or 1)
+    problem = ""
+    if found[3] is None and not whole:
+        problem = "a range of numbers that are not whole needs its step, as in 0.1:0.5:0.1"
+    elif step == 0:
+        problem = "the step is 0"
+    elif (last - first) / step < 0:
+        problem = "holds no value"
+    elif (last - first) / step >= MOST:
+        problem = f"more than {MOST} values"
+    if problem:
+        raise UsageError(f"-S {shortened(override)}: range {piece}: {problem}")
+    for number in range(int((last - first) / step) + 1):
+        yield format(first + number * step, "f")

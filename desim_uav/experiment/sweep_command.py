@@ -1,0 +1,209 @@
+"""What ``desim-uav sweep`` does around a sweep: its plan, its folder, its backend, its table."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from desim_uav.errors import UsageError
+from desim_uav.experiment.compare import out_of_place, policy_names
+from desim_uav.experiment.grid import Axis, axes
+from desim_uav.experiment.on_ray import import_ray, run_each_on_ray
+from desim_uav.experiment.processes import run_each
+from desim_uav.experiment.progress import progress
+from desim_uav.experiment.statistics import LEVEL, Estimate
+from desim_uav.experiment.sweep import Backend, Failure, Job, Row, estimates, jobs, run_jobs
+from desim_uav.experiment.sweep_folder import FAILED, SweepFolder
+from desim_uav.experiment.sweep_plan import Arm, arms
+from desim_uav.run_folder import write_whole
+
+BACKENDS = ("local", "ray")
+SHOWN_FAILURES = 10
+MEASURES = {
+    "qoe1_percent": ("QoE1 %", ".1f"),
+    "qoe2_iterations": ("QoE2 it.", ".2f"),
+    "qoe3_percent": ("QoE3 %", ".1f"),
+    "crashes_per_drone_episode": ("crashes/drone/ep.", ".3f"),
+    "reward_mean": ("reward", ".2f"),
+}
+"""Of the table at a sweep's end: headings and formats."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a command line asks for; lists stand there with commas.
+
+    ``policies``: None is the baseline, or none where something is trained. ``algorithms``: None is
+    the scenario's own.
+    """
+
+    overrides: Sequence[str]
+    policies: str | None
+    train: bool
+    algorithms: str | None
+    seeds: range
+    episodes: int
+    warmup: int
+    engine: str | None
+
+    def policy_names(self) -> list[str]:
+        """The policies to run. Raises UsageError, and PolicyError as they are loaded."""
+        default = "" if self.train else "baseline"
+        names = default if self.policies is None else self.policies
+        return policy_names(names) if names or self.policies is not None else []
+
+    def algorithm_names(self) -> list[str | None]:
+        """The algorithms to train by. Raises UsageError."""
+        if self.algorithms is None:
+            return [None] if self.train else []
+        if not self.train:
+            raise UsageError("--algorithm goes with --train")
+        if any(override.startswith("learning.algorithm=") for override in self.overrides):
+            raise UsageError("-S learning.algorithm: --algorithm says that already")
+        found = [name.strip() for name in self.algorithms.split(",")]
+        for name in found:
+            if not name or found.count(name) > 1:
+                problem = f"{name!r} stands there twice" if name else "a name is empty"
+                raise UsageError(f"--algorithm {self.algorithms}: {problem}")
+        return list(found)
+
+
+@dataclass(frozen=True)
+class Done:
+    """A sweep that has ended, or was interrupted."""
+
+    out: Path
+    axes: Sequence[Axis]
+    jobs: Sequence[Job]
+    rows: Sequence[Row]
+    failures: Sequence[Failure]
+    interrupted: bool
+
+    def content(self) -> dict[str, Any]:
+        """Everything as plain data: rows, estimates by combination and policy, failures."""
+        first = self.jobs[0]
+        return {
+            "scenario": first.arm.scenario.name,
+            "out": str(self.out),
+            "episodes": first.episodes,
+            "warmup": first.warmup,
+            "confidence": LEVEL,
+            "interrupted": self.interrupted,
+            "rows": list(self.rows),
+            "estimates": [_plain(arm, found) for arm, found in self._estimates()],
+            "failed": [failure.content() for failure in self.failures],
+        }
+
+    def headings(self) -> list[str]:
+        """Of the table: the keys that vary, the policy, and the measures."""
+        return [*self._varied(), "policy", "seeds", *(heading for heading, _ in MEASURES.values())]
+
+    def lines(self) -> list[list[str]]:
+        """A line for each combination and policy: means and half-widths."""
+        return [
+            [
+                *("null" if (v := arm.combination.cells[k]) is None else f"{v}" for k in varied),
+                arm.policy,
+                str(found["reward_mean"].n),
+                *(format(found[name], form) for name, (_, form) in MEASURES.items()),
+            ]
+            for varied in [self._varied()]
+            for arm, found in self._estimates()
+        ]
+
+    def markdown(self, command: Sequence[str]) -> str:
+        """The table, with the command that made it."""
+        first = self.jobs[0]
+        rule = ["---" for _ in self.headings()]
+        lines = [[cell.replace("|", "\\|") for cell in line] for line in self.lines()]
+        table = ["| " + " | ".join(row) + " |" for row in (self.headings(), rule, *lines)]
+        about = (
+            f"{first.episodes} episode(s) after {first.warmup} of warm-up: means over seeds ± the "
+            f"half-width of the {LEVEL:.0%} t-interval."
+        )
+        return "\n".join([f"`{' '.join(command)}`", "", about, "", *table]) + "\n"
+
+    def complaint(self) -> str:
+        """What failed: the first of them, and where the others are listed."""
+        lines = [f"{f.job.arm.name}, seed {f.job.seed}: {f.reason}" for f in self.failures]
+        more = len(lines) - SHOWN_FAILURES
+        told = [f"and {more} more"] if more > 0 else []
+        told += [f"{len(lines)} of {len(self.jobs)} jobs failed, see {self.out / FAILED}"]
+        return "\n".join(lines[:SHOWN_FAILURES] + told)
+
+    def _varied(self) -> list[str]:
+        return [axis.key for axis in self.axes if len(axis.values) > 1]
+
+    def _estimates(self) -> list[tuple[Arm, dict[str, Estimate]]]:
+        return estimates(self.jobs, self.rows)
+
+
+def sweep_to_folder(
+    path: Path,
+    asked: Asked,
+    out: Path,
+    *,
+    resume: bool,
+    backend: str = "local",
+    workers: int | None = None,
+    address: str | None = None,
+    command: Sequence[str] = (),
+    show_progress: bool = False,
+    say: Callable[[str], None] = lambda notice: None,
+) -> Done:
+    """Run a sweep and keep each job's row as it ends. Raises the errors of its parts before any.
+
+    ``path``: of the scenario. ``workers``: jobs at a time. ``address``: of a Ray cluster. Ctrl-C
+    ends it; what has ended is kept.
+    """
+    run = _backend(backend, workers, address)
+    swept, algorithms = axes(asked.overrides), asked.algorithm_names()
+    tried = arms(path, swept, asked.policy_names(), algorithms, asked.seeds[0], asked.engine)
+    todo = jobs(tried, asked.seeds, asked.episodes, asked.warmup)
+    for warning in _warnings(tried, asked.seeds):
+        say(warning)
+    folder = SweepFolder(out, swept)
+    with folder.held():
+        folder.open(path, todo, resume, list(command))
+        finished = folder.rows(todo)
+        left = [job for job in todo if job.id not in finished]
+        if finished:
+            say(f"{len(finished)} of {len(todo)} jobs had ended before")
+        with progress(show_progress, len(left), "jobs", "batch") as advance:
+            rows, failures, interrupted = run_jobs(left, folder, run, advance)
+        finished |= {row["job"]: row for row in rows}
+        if interrupted:  # perhaps between a row's file and its entry here
+            finished = folder.rows(todo)
+        ordered = [finished[job.id] for job in todo if job.id in finished]
+        done = Done(out, swept, todo, ordered, failures, interrupted)
+        folder.list_failures(failures)
+        write_whole(out / "table.md", done.markdown(command).encode())
+    return done
+
+
+def _backend(name: str, workers: int | None, address: str | None) -> Backend:
+    """Raises UsageError, and MissingExtraError where Ray is asked for and not there."""
+    if name == "ray":
+        import_ray()
+        return partial(run_each_on_ray, jobs=workers, address=address)
+    if address is not None:
+        raise UsageError("--address goes with --backend ray")
+    return partial(run_each, jobs=workers or 1)
+
+
+def _warnings(tried: Sequence[Arm], seeds: range) -> list[str]:
+    """What to warn of: policies that know a world other than those they are run in."""
+    worlds = {(arm.scenario.world_seed, arm.policy): arm for arm in tried if not arm.algorithm}
+    found = (out_of_place(arm.scenario, [arm.policy], seeds) for arm in worlds.values())
+    return list(dict.fromkeys(warning for some in found for warning in some))
+
+
+def _plain(arm: Arm, found: dict[str, Estimate]) -> dict[str, Any]:
+    measures = {
+        name: {"n": of.n, "mean": of.mean, "half_width": of.half_width}
+        for name, of in found.items()
+    }
+    return arm.combination.cells | {"policy": arm.policy, "measures": measures}

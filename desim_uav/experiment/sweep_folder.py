@@ -1,0 +1,203 @@
+"""The folder of a sweep: a manifest, and a file for each job that has ended.
+
+``results/`` is one Parquet dataset, a row a job. A job's file appears whole or not at all, so that
+whatever ends a sweep, the same command goes on with what is left.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from desim_uav import __version__
+from desim_uav.errors import PolicyError, UsageError
+from desim_uav.experiment.command import versions
+from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.grid import Axis
+from desim_uav.experiment.sweep import Failure, Job, Outcome, Row
+from desim_uav.run_folder import held, write_whole
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+MANIFEST, FAILED, RESULTS, TABLES = "manifest.json", "failed.json", "results", "policies"
+PLAN = {"scenario": dict, "columns": dict, "episodes": int, "warmup": int, "jobs": list}
+"""What a manifest says of what is swept."""
+
+
+class SweepFolder:
+    """Where the rows of a sweep's jobs are kept, and found again."""
+
+    def __init__(self, out: Path, axes: Sequence[Axis]) -> None:
+        self.out = out
+        self.columns = {"job": "string"} | {axis.key: axis.dtype for axis in axes}
+        self.columns |= {"policy": "string", "algorithm": "string", "seed": "int64"}
+        self.columns |= {"world_seed": "int64"} | dict.fromkeys(MEASURES, "float64")
+
+    @contextmanager
+    def held(self) -> Iterator[None]:
+        """No other sweep writes to it meanwhile. Raises UsageError where one does."""
+        try:
+            self.out.absolute().parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"--out {self.out}: {error.strerror or error}") from error
+        with held(self.out):
+            yield
+
+    def open(self, path: Path, todo: Sequence[Job], resume: bool, command: list[str]) -> None:
+        """Make it a folder of these jobs, or see that it is one; ``path``: of their scenario.
+
+        One that has begun may be given more jobs, but all that it has must be among them. Raises
+        UsageError where it cannot be used, PolicyError where it is of another sweep.
+        """
+        plan = self._plan(path, todo)
+        try:
+            begun = self._begun()
+            if begun and not resume:
+                raise UsageError(f"--out {self.out}: holds a sweep; --resume goes on with it")
+            if begun and (self.out / MANIFEST).exists():
+                self._check(plan)
+            self.out.mkdir(parents=True, exist_ok=True)
+            told = {"command": command, "started": datetime.now(UTC).isoformat()}
+            content = json.dumps(plan | told | {"versions": versions()}, indent=1)
+            write_whole(self.out / MANIFEST, (content + "\n").encode())
+            for name in (RESULTS, TABLES):
+                (self.out / name).mkdir(exist_ok=True)
+        except OSError as error:
+            raise UsageError(f"--out {self.out}: {error.strerror or error}") from error
+
+    def rows(self, todo: Sequence[Job]) -> dict[str, Row]:
+        """The rows of the jobs that have ended, by job. A damaged one is as if it had not."""
+        found = {}
+        for job in todo:
+            row = self._read(job)
+            if row is not None:
+                found[job.id] = row
+        return found
+
+    def keep(self, job: Job, outcome: Outcome) -> Row:
+        """Keep the row of a job that has ended, and the table it learned before."""
+        assert outcome.measures is not None, "it has ended well"
+        row = job.row(outcome.measures)
+        if outcome.table is not None:
+            write_whole(self.out / TABLES / f"{job.id}.npz", outcome.table)
+        write_whole(self._file(job), self._parquet(row))
+        return row
+
+    def list_failures(self, failures: Sequence[Failure]) -> None:
+        """Write ``failed.json``; where nothing failed there is none."""
+        file = self.out / FAILED
+        if failures:
+            content = json.dumps([failure.content() for failure in failures], indent=1)
+            write_whole(file, (content + "\n").encode())
+        else:
+            file.unlink(missing_ok=True)
+
+    def _plan(self, path: Path, todo: Sequence[Job]) -> dict[str, Any]:
+        arms = list({id(job.arm): job.arm for job in todo}.values())
+        digest = hashlib.sha256(path.read_bytes()).hexdigest()
+        combinations = {arm.combination.settings: arm for arm in arms}
+        return {
+            "scenario": {"name": arms[0].scenario.name, "file": str(path), "sha256": digest},
+            "columns": self.columns,
+            "episodes": todo[0].episodes,
+            "warmup": todo[0].warmup,
+            "seeds": list(dict.fromkeys(job.seed for job in todo)),
+            "policies": list(dict.fromkeys(arm.policy for arm in arms if not arm.algorithm)),
+            "algorithms": list(dict.fromkeys(arm.algorithm for arm in arms if arm.algorithm)),
+            "combinations": [
+                {"settings": list(settings), "scenario_hash": arm.scenario_hash}
+                for settings, arm in combinations.items()
+            ],
+            "jobs": [job.id for job in todo],
+        }
+
+    def _begun(self) -> bool:
+        """Has a sweep begun here, if only with the beginning of a manifest?"""
+        if not self.out.exists():
+            return False
+        if not self.out.is_dir():
+            raise UsageError(f"--out {self.out}: exists and is not a folder")
+        there = [path.name for path in self.out.iterdir()]
+        begun = MANIFEST in there or any(name.startswith(f".{MANIFEST}-") for name in there)
+        if there and not begun:
+            raise UsageError(f"--out {self.out}: the folder is not empty, and holds no sweep")
+        return begun
+
+    def _check(self, plan: dict[str, Any]) -> None:
+        """Raises PolicyError where the folder is of a sweep that is no part of this one."""
+        there = _manifest(self.out / MANIFEST)
+        for what, was, now in (
+            ("by desim-uav", there["versions"]["desim-uav"], __version__),
+            ("with columns", _typed(there["columns"]), _typed(plan["columns"])),
+            ("with --episodes", there["episodes"], plan["episodes"]),
+            ("with --warmup", there["warmup"], plan["warmup"]),
+        ):
+            if was != now:
+                raise PolicyError(f"{self.out}: another sweep: {what} {was}, not {now}")
+        known = set(plan["jobs"])
+        others = sum(job not in known for job in there["jobs"])
+        if others:
+            changed = there["scenario"]["sha256"] != plan["scenario"]["sha256"]
+            reason = "its scenario was another file" if changed else "values, policies or seeds"
+            raise PolicyError(
+                f"{self.out}: another sweep: {others} of its {len(there['jobs'])} jobs are not "
+                f"among these {len(known)} ({reason}); name another --out"
+            )
+        for file in sorted((self.out / RESULTS).glob("*")):
+            if not file.name.startswith(".") and file.stem not in known:
+                raise PolicyError(f"{file}: no row of this sweep; move it elsewhere")
+
+    def _file(self, job: Job) -> Path:
+        return self.out / RESULTS / f"{job.id}.parquet"
+
+    def _schema(self) -> pa.Schema:
+        import pyarrow as pa
+
+        return pa.schema([(name, pa.type_for_alias(of)) for name, of in self.columns.items()])
+
+    def _parquet(self, row: Row) -> bytes:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        file = pa.BufferOutputStream()
+        pq.write_table(pa.Table.from_pylist([row], self._schema()), file, write_page_checksum=True)
+        return bytes(file.getvalue())
+
+    def _read(self, job: Job) -> Row | None:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        try:
+            content = pa.BufferReader(self._file(job).read_bytes())
+            with pq.ParquetFile(content, page_checksum_verification=True) as file:
+                table = file.read()
+        except (OSError, ValueError, pa.ArrowException):
+            return None
+        if not table.schema.equals(self._schema()) or table.column("job").to_pylist() != [job.id]:
+            return None
+        return dict(table.to_pylist()[0])
+
+
+def _manifest(file: Path) -> dict[str, Any]:
+    """What a folder says of its sweep. Raises PolicyError."""
+    try:
+        found = json.loads(file.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise PolicyError(f"{file}: not a readable manifest: {reason}") from error
+    for key, of_type in PLAN.items():
+        if not isinstance(found, dict) or not isinstance(found.get(key), of_type):
+            raise PolicyError(f"{file}: not the manifest of a sweep: no {key}")
+    if not isinstance(found.get("versions"), dict) or "desim-uav" not in found["versions"]:
+        raise PolicyError(f"{file}: not the manifest of a sweep: no versions")
+    return dict(found)
+
+
+def _typed(columns: dict[str, str]) -> str:
+    return ", ".join(f"{name} ({of})" for name, of in columns.items() if name not in MEASURES)

@@ -1,0 +1,191 @@
+"""The plan of a sweep: what it tries in which combination, and what is wrong with any of it."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from desim_uav.engine.choose import check_engine, engine_for
+from desim_uav.errors import DesimError, PolicyError, ScenarioError
+from desim_uav.experiment.grid import Axis, Combination, combinations
+from desim_uav.learning.learner import load_algorithm
+from desim_uav.learning.training import table_features
+from desim_uav.model.streams import Purpose, Streams
+from desim_uav.policies import load_policy
+from desim_uav.registry import names
+from desim_uav.scenario.load import load, scenario_hash
+from desim_uav.scenario.schema import Scenario
+from desim_uav.shipped import find_table
+from desim_uav.world import World, build_world
+
+MOST_PROBLEMS = 100
+"""Said of a sweep's combinations, at most."""
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A policy in a combination, or an ``algorithm`` that learns one there.
+
+    ``source``: the policy with the whole path of its file; ``digest``: of that file. ``engine``:
+    des or batch.
+    """
+
+    combination: Combination
+    policy: str
+    algorithm: str | None
+    source: str
+    digest: str
+    scenario: Scenario
+    scenario_hash: str
+    engine: str
+
+    @property
+    def name(self) -> str:
+        """What a message calls it."""
+        return ", ".join(filter(None, (self.combination.name, self.policy)))
+
+
+def arms(
+    path: Path,
+    axes: Sequence[Axis],
+    policies: Sequence[str],
+    algorithms: Sequence[str | None],
+    seed: int,
+    engine: str | None = None,
+) -> list[Arm]:
+    """Everything a sweep tries on each seed, by combination; each begins in the world of ``seed``.
+
+    ``algorithms``: what is trained; None is the scenario's own. ``engine``: None is the compiled
+    one where it can be. Raises ScenarioError with every problem of every combination; then
+    PolicyError, alike.
+    """
+    found: list[Arm] = []
+    problems = _Problems()
+    for combination in combinations(axes):
+        problems.combinations.append(combination)
+        if policies:
+            with problems.noted():
+                found += _policy_arms(path, combination, policies, seed, engine)
+        for algorithm in algorithms:
+            with problems.noted():
+                found.append(_learning_arm(path, combination, algorithm, seed, engine))
+    problems.complain()
+    return found
+
+
+def policy_digest(policy: str) -> str:
+    """The SHA-256 of a policy's file, or of the file of its class; empty for a built-in.
+
+    Raises PolicyError where it cannot be read.
+    """
+    file = _policy_file(policy)
+    if file is None and policy in names("policy"):
+        return ""
+    try:
+        file = file or Path(inspect.getsourcefile(type(load_policy(policy))) or "")
+        return hashlib.sha256(file.read_bytes()).hexdigest()
+    except (OSError, TypeError) as error:
+        raise PolicyError(f"policy {policy!r}: its file cannot be read: {error}") from error
+
+
+def _policy_arms(
+    path: Path, combination: Combination, policies: Sequence[str], seed: int, engine: str | None
+) -> Iterator[Arm]:
+    scenario, world, chosen = _prepared(path, combination.settings, seed, engine)
+    hashed = _hash(scenario)
+    for policy in policies:
+        load_policy(policy).begin(world, Streams(seed, Purpose.LEARNER), False)
+        source = _source(policy)
+        yield Arm(
+            combination, policy, None, source, policy_digest(policy), scenario, hashed, chosen
+        )
+
+
+def _learning_arm(
+    path: Path, combination: Combination, algorithm: str | None, seed: int, engine: str | None
+) -> Arm:
+    settings = list(combination.settings)
+    settings += [] if algorithm is None else [f'learning.algorithm="{algorithm}"']
+    scenario, world, chosen = _prepared(path, settings, seed, engine)
+    name = scenario.learning.algorithm
+    table_features(world, load_algorithm(name).tables)
+    return Arm(combination, name, name, "", "", scenario, _hash(scenario), chosen)
+
+
+def _prepared(
+    path: Path, settings: Sequence[str], seed: int, engine: str | None
+) -> tuple[Scenario, World, str]:
+    """A scenario, its world on a seed, and the engine. Raises ScenarioError, naming the file."""
+    scenario = load(path, settings)
+    try:
+        drawn = scenario.model_copy(update={"seed": seed})
+        world = build_world(drawn, drawn.effective_world_seed)
+        chosen = engine or engine_for(world)
+        check_engine(chosen, world)
+    except ScenarioError as error:
+        raise ScenarioError(*(f"{path}: {problem}" for problem in error.problems)) from error
+    return scenario, world, chosen
+
+
+class _Problems:
+    """What is wrong with combinations, each problem once."""
+
+    def __init__(self) -> None:
+        self.combinations: list[Combination] = []
+        self._of: dict[type[DesimError], dict[str, list[Combination]]] = {
+            ScenarioError: {},
+            PolicyError: {},
+        }
+
+    @contextmanager
+    def noted(self) -> Iterator[None]:
+        """Note what is raised, as of the latest combination."""
+        try:
+            yield
+        except (ScenarioError, PolicyError) as error:
+            for line in str(error).splitlines():
+                where = self._of[type(error)].setdefault(line, [])
+                where += self.combinations[-1:] if self.combinations[-1] not in where[-1:] else []
+
+    def complain(self) -> None:
+        """Raise what was noted: of scenarios, else of policies."""
+        for of_type, noted in self._of.items():
+            lines = [self._line(problem, where) for problem, where in noted.items()]
+            if len(lines) > MOST_PROBLEMS:
+                lines[MOST_PROBLEMS:] = [f"and {len(lines) - MOST_PROBLEMS} more"]
+            if lines:
+                raise of_type(*lines) if of_type is ScenarioError else of_type("\n".join(lines))
+
+    def _line(self, problem: str, where: Sequence[Combination]) -> str:
+        """A problem and what the combinations that have it share, or the first of them."""
+        shared = [text for text in where[0].varied if all(text in c.varied for c in where)]
+        alike = [c for c in self.combinations if set(shared) <= set(c.varied)]
+        if len(alike) == len(where):
+            return f"{problem} (with {', '.join(shared)})" if shared else problem
+        return f"{problem} (with {where[0].name} and {len(where) - 1} more combination(s))"
+
+
+def _hash(scenario: Scenario) -> str:
+    return scenario_hash(scenario.model_copy(update={"seed": 0}))
+
+
+def _source(policy: str) -> str:
+    """A policy's name, which means the same in any folder."""
+    kind, colon, argument = policy.partition(":")
+    if _policy_file(policy) is None:
+        return policy
+    if not colon or kind not in names("policy"):
+        return str(Path(policy).absolute()) if Path(policy).exists() else policy
+    return f"{kind}:{Path(argument).absolute()}" if Path(argument).exists() else policy
+
+
+def _policy_file(policy: str) -> Path | None:
+    """The file that a policy's name holds, if it holds one."""
+    kind, _, argument = policy.partition(":")
+    if policy.endswith(".npz") and kind != "table":
+        return find_table(policy)
+    return find_table(argument) if argument and kind in names("policy") else None
