@@ -44,7 +44,7 @@ def main() -> int:
     said = f"{total - failed} of {total} figures hold"
     print(said, file=sys.stderr)
     if told.markdown is not None:
-        write(told.markdown, "\n".join((provenance(), f"{said}.\n", *tables)))
+        write(told.markdown, "\n".join((provenance(told), f"{said}.\n", *tables)))
     return DOES_NOT_HOLD if failed else 0
 
 
@@ -95,9 +95,10 @@ def drawn(rows: list[tuple[str, ...]]) -> str:
     )
 
 
-def provenance() -> str:
+def provenance(told: argparse.Namespace) -> str:
     """The command, when, and with what."""
-    command = " ".join(["python", "analysis/verification.py", *sys.argv[1:]])
+    options = ["--quick"] * told.quick + list(told.parts if told.parts != PARTS else ())
+    command = " ".join(["python analysis/verification.py", *options])
     packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
     today = datetime.now(UTC).date().isoformat()
     return f"`{command}`, {today}, Python {platform.python_version()}, {packages}\n"

@@ -49,7 +49,7 @@ def test_a_table_a_part(ask, tmp_path):
     assert all(len(row) == 7 and row[-1] == "yes" for row in rows(out))
     written = file.read_text(encoding="utf-8")
     assert rows(written) == rows(out)
-    assert "`python analysis/verification.py --quick --markdown" in written
+    assert "`python analysis/verification.py --quick transit streams`" in written
 
 
 @pytest.mark.slow
