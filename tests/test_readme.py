@@ -27,7 +27,7 @@ def test_the_two_commands():
     commands = re.findall(r"^pip install -e .*$", README, re.MULTILINE)
     assert commands == [
         "pip install -e . && desim-uav run case8",
-        'pip install -e ".[test]" && pytest',
+        'pip install -e ".[test]" && pytest -n auto',
     ]
 
 
