@@ -28,6 +28,21 @@ Override = Annotated[
     typer.Option("-S", metavar="KEY.PATH=VALUE", help="Set a key of the scenario; repeatable."),
 ]
 Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")]
+Seed = Annotated[
+    int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Not the scenario's.")
+]
+WorldSeed = Annotated[
+    int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Draws the world alone.")
+]
+Counted = Annotated[int, typer.Option(metavar="N", min=1, max=10**6, help="Counted ones.")]
+Warmup = Annotated[
+    int, typer.Option(metavar="N", min=0, max=10**6, help="Episodes before, counted nowhere.")
+]
+Seeds = Annotated[int, typer.Option(metavar="N", min=1, max=10**6, help="How many.")]
+FirstSeed = Annotated[
+    int, typer.Option(metavar="N", min=0, max=2**62, help="The others follow it.")
+]
 
 
 def _an_engine(name: str | None) -> str | None:
@@ -172,16 +187,10 @@ def run(
             '"package.module:Class".',
         ),
     ] = "baseline",
-    seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Not the scenario's.")
-    ] = None,
-    world_seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Draws the world alone.")
-    ] = None,
-    episodes: Annotated[int, typer.Option(metavar="N", min=1, max=10**6, help="Counted ones.")] = 1,
-    warmup: Annotated[
-        int, typer.Option(metavar="N", min=0, max=10**6, help="Episodes before, counted nowhere.")
-    ] = 0,
+    seed: Seed = None,
+    world_seed: WorldSeed = None,
+    episodes: Counted = 1,
+    warmup: Warmup = 0,
     overrides: Override = None,
     events: Annotated[bool, typer.Option("--events", help="Keep the event log.")] = False,
     out: Annotated[
@@ -189,7 +198,7 @@ def run(
     ] = None,
     engine: Engine = "des",
     as_json: Json = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run a policy in a scenario, log every request, and print the quality of experience."""
     from desim_uav.experiment.command import run_to_folder
@@ -199,6 +208,7 @@ def run(
     settings = _settings(overrides, seed, world_seed)
     path = find_scenario(scenario)
     loaded = load(path, settings)
+    _end_politely()
     try:
         done = _located(
             path,
@@ -241,12 +251,8 @@ def train(
     episodes: Annotated[
         int | None, typer.Option(metavar="N", min=1, max=10**7, help="Not the scenario's.")
     ] = None,
-    seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Not the scenario's.")
-    ] = None,
-    world_seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Draws the world alone.")
-    ] = None,
+    seed: Seed = None,
+    world_seed: WorldSeed = None,
     overrides: Override = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Instead of runs/<name>-<algorithm>-s<seed>.")
@@ -259,7 +265,7 @@ def train(
     ] = 500,
     engine: EngineIfAny = None,
     as_json: Json = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Let the drones of a scenario learn; leaves policy.npz, for run --policy."""
     from desim_uav.experiment.progress import training_progress
@@ -301,12 +307,8 @@ def optimum(
     scenario: Annotated[
         str, typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped name: case5.")
     ],
-    seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Not the scenario's.")
-    ] = None,
-    world_seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Draws the world alone.")
-    ] = None,
+    seed: Seed = None,
+    world_seed: WorldSeed = None,
     overrides: Override = None,
     as_json: Json = False,
 ) -> None:
@@ -344,7 +346,7 @@ def reproduce(
     check: Annotated[
         bool, typer.Option("--check", help="Exit with 6 where a gate does not hold.")
     ] = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Train and evaluate the paper's nine cases, beside what the paper printed."""
     from desim_uav.errors import UsageError
@@ -413,16 +415,10 @@ def compare(
         str | None,
         typer.Option(metavar="P,Q…", help="Run these; no name can hold a comma."),
     ] = None,
-    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10**6, help="How many.")] = 10,
-    first_seed: Annotated[
-        int, typer.Option(metavar="N", min=0, max=2**62, help="The others follow it.")
-    ] = 0,
-    episodes: Annotated[
-        int, typer.Option(metavar="N", min=1, max=10**6, help="Counted ones.")
-    ] = 20,
-    warmup: Annotated[
-        int, typer.Option(metavar="N", min=0, max=10**6, help="Episodes before, counted nowhere.")
-    ] = 2,
+    seeds: Seeds = 10,
+    first_seed: FirstSeed = 0,
+    episodes: Counted = 20,
+    warmup: Warmup = 2,
     overrides: Override = None,
     jobs: Annotated[
         int, typer.Option("-j", "--jobs", metavar="N", min=1, max=1024, help="Runs at a time.")
@@ -517,16 +513,10 @@ def sweep(
     algorithm: Annotated[
         str | None, typer.Option(metavar="A,B…", help="With --train; else the scenario's.")
     ] = None,
-    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10**6, help="How many.")] = 10,
-    first_seed: Annotated[
-        int, typer.Option(metavar="N", min=0, max=2**62, help="The others follow it.")
-    ] = 0,
-    episodes: Annotated[
-        int, typer.Option(metavar="N", min=1, max=10**6, help="Counted ones.")
-    ] = 20,
-    warmup: Annotated[
-        int, typer.Option(metavar="N", min=0, max=10**6, help="Episodes before, counted nowhere.")
-    ] = 2,
+    seeds: Seeds = 10,
+    first_seed: FirstSeed = 0,
+    episodes: Counted = 20,
+    warmup: Warmup = 2,
     jobs: Annotated[
         int | None,
         typer.Option(
@@ -545,7 +535,7 @@ def sweep(
     ] = None,
     engine: EngineIfAny = None,
     as_json: Json = False,
-    quiet: Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")] = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run policies, or train, in every combination of keys' values, on common seeds."""
     from desim_uav.experiment.sweep_command import BACKENDS, Asked, sweep_to_folder

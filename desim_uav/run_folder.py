@@ -136,9 +136,17 @@ def _locked(file: Path, folder: Path) -> Iterator[IO[str]]:
             except OSError:  # a file system without locks
                 yield own
                 return
-            if file.exists() and file.stat().st_ino == os.fstat(own.fileno()).st_ino:
+            if _is_still(file, own):
                 yield own
                 return
+
+
+def _is_still(file: Path, own: IO[str]) -> bool:
+    """Is it the one that was opened? Whoever held it before may have removed it since."""
+    try:
+        return file.stat().st_ino == os.fstat(own.fileno()).st_ino
+    except FileNotFoundError:
+        return False
 
 
 class Place:

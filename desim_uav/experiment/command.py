@@ -5,6 +5,7 @@ from __future__ import annotations
 import platform
 from collections import Counter
 from collections.abc import Callable, Iterable
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from importlib.metadata import version
@@ -140,7 +141,7 @@ def _record(
                 by_service.add(counted(results.requests))
                 played.clear()
 
-        try:
+        with suppress(KeyboardInterrupt):
             for episode in episodes:
                 played.append(episode)
                 advance()
@@ -148,10 +149,9 @@ def _record(
                     put_down()
                 if stop():
                     break
-        except KeyboardInterrupt:
-            pass
-        if played:
-            put_down()
+        with suppress(KeyboardInterrupt):  # one more: it comes once all is put down
+            if played:
+                put_down()
     return tally, by_service
 
 

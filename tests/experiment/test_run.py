@@ -86,6 +86,18 @@ def test_interrupted_while_a_batch_is_put_into_tables(monkeypatch, calls, times)
     assert kept() == (list(range(-1, 2 * calls - 1)), calls < 3)
 
 
+@pytest.mark.parametrize("times", [1, 2, 3])
+def test_interrupted_while_the_last_ones_are_put_into_tables(monkeypatch, times):
+    """All is there by then."""
+
+    def insist():
+        for _ in range(times):
+            interrupt()
+
+    monkeypatch.setattr(command, "tabulate", after(3, insist, command.tabulate))
+    assert kept(episodes=4) == ([-1, 0, 1, 2, 3], False)
+
+
 def test_the_second_time_it_ends_at_once(monkeypatch):
     def twice():
         interrupt()
