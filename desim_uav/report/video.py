@@ -39,6 +39,9 @@ GIF_FPS = 50
 
 LAST_MS = 1500
 NO_DITHER = Image.Dither.NONE
+QUALITY = ("-crf", "20", "-preset", "veryfast")
+"""Half the time of ffmpeg's own preset, for an eighth more bytes."""
+
 BIT_EXACT = ("-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact")
 """Nothing of when and by what: the same film is the same file."""
 
@@ -198,7 +201,7 @@ def write_mp4(film: Film, out: Path, on_frame: OnFrame = lambda: None) -> None:
             pix_fmt_out="yuv420p",
             quality=None,
             macro_block_size=2,
-            output_params=["-crf", "20", "-movflags", "+faststart", *BIT_EXACT],
+            output_params=[*QUALITY, "-movflags", "+faststart", *BIT_EXACT],
         )
         try:
             writer.send(None)
