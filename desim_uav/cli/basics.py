@@ -1,0 +1,84 @@
+"""Commands about scenario files and the installation."""
+
+from __future__ import annotations
+
+import json
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from desim_uav.cli.ending import located
+from desim_uav.cli.options import Json, Override
+
+
+def scenarios(
+    show: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Print the file of this scenario.")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """List the shipped scenarios."""
+    from desim_uav import shipped
+
+    if show is not None:
+        print(shipped.scenario_path(show).read_text(encoding="utf-8"), end="")
+        return
+    names = shipped.scenario_names()
+    found = [(name, _first_comment(shipped.scenario_path(name))) for name in names]
+    if as_json:
+        print(json.dumps(dict(found), indent=1))
+        return
+    for name, about in found:
+        print(f"{name:8s} {about}")
+
+
+def validate(
+    files: Annotated[list[str], typer.Argument(metavar="FILE…", help="Files or shipped names.")],
+    overrides: Override = None,
+) -> None:
+    """Check scenario files, every error of each, and that their worlds can be drawn."""
+    from desim_uav.errors import ScenarioError
+    from desim_uav.scenario.load import load
+    from desim_uav.shipped import find_scenario
+    from desim_uav.world import build_world
+
+    problems: list[str] = []
+    for file in files:
+        try:
+            path = find_scenario(file)
+            scenario = load(path, overrides or [])
+            located(path, partial(build_world, scenario, scenario.effective_world_seed))
+            print(f"{file}: valid")
+        except ScenarioError as error:
+            problems += error.problems
+    if problems:
+        raise ScenarioError(*problems)
+
+
+def schema() -> None:
+    """Print the JSON Schema of scenario files, for editors."""
+    from desim_uav.scenario.load import json_schema
+
+    print(json.dumps(json_schema(), indent=1))
+
+
+def doctor(as_json: Json = False) -> None:
+    """Look at what is installed, what fits together and what can be written, in plain words."""
+    from desim_uav.experiment.doctor import as_content, examine
+    from desim_uav.report.text import print_findings
+
+    findings = examine()
+    content = as_content(findings)
+    if as_json:
+        print(json.dumps(content, indent=1))
+    else:
+        print_findings([(f.verdict, f.what, f.words) for f in findings])
+    if not content["healthy"]:
+        raise typer.Exit(1)
+
+
+def _first_comment(path: Path) -> str:
+    first = path.read_text(encoding="utf-8").partition("\n")[0]
+    return first.lstrip("# ") if first.startswith("#") else ""

@@ -1,0 +1,154 @@
+"""Commands that learn, and say how well anything could do."""
+
+from __future__ import annotations
+
+import json
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from desim_uav.cli.ending import complain, located
+from desim_uav.cli.options import (
+    Engine,
+    EngineIfAny,
+    Json,
+    Override,
+    Quiet,
+    ScenarioName,
+    Seed,
+    WorldSeed,
+    overriding,
+)
+from desim_uav.errors import UsageError
+
+
+def train(
+    scenario: ScenarioName,
+    algorithm: Annotated[
+        str | None,
+        typer.Option(metavar="A", help="q_learning, sarsa, expected_sarsa or double_q."),
+    ] = None,
+    episodes: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=10**7, help="Not the scenario's.")
+    ] = None,
+    seed: Seed = None,
+    world_seed: WorldSeed = None,
+    overrides: Override = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Instead of runs/<name>-<algorithm>-s<seed>.")
+    ] = None,
+    resume: Annotated[
+        bool, typer.Option("--resume", help="Go on from the folder's checkpoint, if it has one.")
+    ] = False,
+    checkpoint_every: Annotated[
+        int, typer.Option(metavar="N", min=1, max=10**7, help="Episodes between checkpoints.")
+    ] = 500,
+    engine: EngineIfAny = None,
+    as_json: Json = False,
+    quiet: Quiet = False,
+) -> None:
+    """Let the drones of a scenario learn; leaves policy.npz, for run --policy."""
+    from desim_uav.experiment.progress import training_progress
+    from desim_uav.experiment.train import train_to_folder
+    from desim_uav.report.text import print_training
+    from desim_uav.scenario.load import load
+    from desim_uav.shipped import find_scenario
+
+    settings = overriding(overrides, seed, world_seed)
+    settings += [] if algorithm is None else [f'learning.algorithm="{algorithm}"']
+    settings += [] if episodes is None else [f"learning.episodes={episodes}"]
+    path = find_scenario(scenario)
+    loaded = load(path, settings)
+    with training_progress(not quiet, loaded.learning.episodes) as bar:
+        done = located(
+            path,
+            lambda: train_to_folder(
+                loaded,
+                out=out,
+                resume=resume,
+                checkpoint_every=checkpoint_every,
+                command=["desim-uav", *sys.argv[1:]],
+                engine=engine,
+                on_start=bar.start,
+                on_episode=bar.advance,
+            ),
+        )
+    if as_json:
+        print(json.dumps(done.summary, indent=1))
+    elif not quiet:
+        print_training(done.summary)
+    if done.interrupted:
+        complain(f"interrupted after {done.summary['episodes']} episodes; --resume goes on")
+        raise typer.Exit(130)
+
+
+def optimum(
+    scenario: ScenarioName,
+    seed: Seed = None,
+    world_seed: WorldSeed = None,
+    overrides: Override = None,
+    as_json: Json = False,
+) -> None:
+    """Work out how well any policy could do, where users stand still."""
+    from desim_uav.experiment.optimum import optimum as best_of
+    from desim_uav.report.text import print_optimum
+    from desim_uav.scenario.load import load
+    from desim_uav.shipped import find_scenario
+
+    settings = overriding(overrides, seed, world_seed)
+    path = find_scenario(scenario)
+    loaded = load(path, settings)
+    found = located(path, lambda: best_of(loaded))
+    if as_json:
+        print(json.dumps(found, indent=1))
+    else:
+        print_optimum(found)
+
+
+def reproduce(
+    cases: Annotated[str, typer.Option(metavar="1-9", help="Which, as 1-3,8.")] = "1-9",
+    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10**4, help="From 0 on.")] = 10,
+    episodes: Annotated[
+        int | None, typer.Option(metavar="N", min=1, max=10**7, help="Of training.")
+    ] = None,
+    preset: Annotated[
+        str, typer.Option(metavar="default|paper|both", help="Train so, or as the paper did.")
+    ] = "default",
+    jobs: Annotated[int, typer.Option("-j", metavar="N", min=1, max=1000, help="At a time.")] = 1,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Holds what was finished before, too.")
+    ] = Path("runs/reproduce"),
+    engine: Engine = "batch",
+    check: Annotated[
+        bool, typer.Option("--check", help="Exit with 6 where a gate does not hold.")
+    ] = False,
+    quiet: Quiet = False,
+) -> None:
+    """Train and evaluate the paper's nine cases, beside what the paper printed."""
+    from desim_uav.experiment import reproduce as table
+    from desim_uav.experiment.paper_table import HEADINGS, cells
+    from desim_uav.experiment.progress import progress
+    from desim_uav.report.paper import print_claims, print_paper_table
+
+    presets: dict[str, list[str | None]] = {
+        "default": [None],
+        "paper": ["paper"],
+        "both": [None, "paper"],
+    }
+    if preset not in presets:
+        raise UsageError(f"--preset {preset}: allowed: {', '.join(presets)}")
+    if check and preset == "paper":
+        raise UsageError("--check: the gates are of the default training, not of the paper's")
+    todo = table.jobs(table.numbers(cases), seeds, episodes, presets[preset])
+    with progress(not quiet, len(todo), "jobs", engine) as advance:
+        rows = table.run_jobs(todo, out, jobs, advance, engine)
+    found = table.report(rows, out, " ".join(["desim-uav", *sys.argv[1:]]))
+    if not quiet:
+        print_paper_table(HEADINGS, [cells(line) for line in found.table])
+        print_claims([(c.text, c.found, c.holds) for c in found.claims])
+        print(out / "table.md")
+    if check and found.failed:
+        complain("\n".join(f"gate: {claim.text}: {claim.found}" for claim in found.failed))
+        raise typer.Exit(6)

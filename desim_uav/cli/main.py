@@ -1,0 +1,103 @@
+"""The command line itself: its commands, and how errors leave it."""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Callable
+from typing import Annotated, NoReturn
+
+import typer
+
+from desim_uav import __version__
+from desim_uav.cli import basics, learning, pictures, runs
+from desim_uav.cli.ending import complain
+from desim_uav.errors import DesimError, UsageError
+
+app = typer.Typer(
+    help="Exact discrete-event simulation of UAV-enabled wireless networks.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+COMMANDS: list[Callable[..., None]] = [
+    basics.scenarios,
+    basics.validate,
+    basics.schema,
+    runs.run,
+    learning.train,
+    learning.optimum,
+    learning.reproduce,
+    runs.qoe,
+    runs.compare,
+    runs.sweep,
+    pictures.replay,
+    pictures.report,
+    pictures.plot,
+    pictures.video,
+    basics.doctor,
+]
+"""As `--help` lists them."""
+
+
+def main() -> NoReturn:
+    """Run the command line; every error a user can mend is one message and an exit code."""
+    sys.path.append("")  # the working folder, where users keep their "module:Class" components
+    try:
+        try:
+            app(prog_name="desim-uav")
+        finally:
+            print(end="", flush=True)
+    except DesimError as error:
+        complain(str(error))
+        sys.exit(error.exit_code)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except OSError as error:
+        if not isinstance(error, BrokenPipeError):
+            complain(str(error))
+        _drop_output()
+        sys.exit(1)
+    except Exception as error:
+        if os.environ.get("DESIM_UAV_TRACEBACK"):
+            raise
+        complain(
+            f"the simulation failed: {type(error).__name__}: {error}\n"
+            "(DESIM_UAV_TRACEBACK=1 shows where)"
+        )
+        sys.exit(1)
+    sys.exit(0)
+
+
+@app.callback(invoke_without_command=True)
+def _root(
+    context: typer.Context,
+    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+) -> None:
+    if version:
+        print(f"desim-uav {__version__}")
+        raise typer.Exit
+    if context.invoked_subcommand != "doctor":
+        _check_environment()
+
+
+def _check_environment() -> None:
+    """Raises UsageError for settings of Numba under which nothing would run."""
+    threads = os.environ.get("NUMBA_NUM_THREADS", "1")
+    if not threads.isdecimal() or int(threads) < 1:
+        raise UsageError(f"NUMBA_NUM_THREADS={threads}: must be a whole number from 1 on")
+    if os.environ.get("NUMBA_DISABLE_JIT", "0") not in ("", "0"):
+        raise UsageError(
+            "NUMBA_DISABLE_JIT is set: nothing runs without compiled kernels; unset it"
+        )
+
+
+def _drop_output() -> None:
+    """Nobody takes what is still to be printed: send it nowhere, or Python complains at its end."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+for command in COMMANDS:
+    app.command()(command)
