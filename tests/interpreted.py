@@ -45,7 +45,7 @@ def _at(address: int, kind: Any) -> NDArray[Any]:
 
 
 POINTERS: dict[str, Callable[..., Any]] = {
-    "_pointer": lambda array: array,
+    "_pointer": lambda array: _at(array.ctypes.data, np.ctypeslib.as_ctypes_type(array.dtype)),
     "_moved": lambda memory, by: memory[by:],
     "_table": lambda memory, rows, columns: memory[: rows * columns].reshape(rows, columns),
     "_whole_at": lambda address: _at(address, ctypes.c_int64),
@@ -56,7 +56,7 @@ numba.njit = njit
 numba.extending.intrinsic = intrinsic
 np.seterr(all="ignore")
 
-LONGEST_S = 10
+LONGEST_S = 5
 """Of a test; what it has run until then counts."""
 
 settings.register_profile("interpreted", max_examples=20, deadline=None)
