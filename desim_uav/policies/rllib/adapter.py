@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
 from desim_uav.errors import MissingExtraError, PolicyError
+from desim_uav.model.observations import Feature
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.policies.rllib.file import NAME, read
 from desim_uav.registry import register
 from desim_uav.run_folder import world_hash
 from desim_uav.scenario.load import scenario_hash
-from desim_uav.spaces import features
 from desim_uav.world import World
 
 
@@ -66,13 +66,15 @@ class RLlib:
     def _fit(self, world: World) -> None:
         """Raises PolicyError where the drones here see or may do something else."""
         about = self._saved.about
+        encoding, of_all = world.scenario.observation, spaces().widest(world)
+        seen = [described(encoding.features(facts)) for facts in (world.facts, of_all)]
         self._require("drones", len(about["agents"]), world.scenario.drones.count)
         self._require("actions", about["actions"], [a.name.lower() for a in world.actions])
-        self._require("observations", about["features"], described(world))
+        self._require("observations", about["features"], *seen)
 
-    def _require(self, what: str, trained: Any, here: Any) -> None:
-        if trained != here:
-            raise PolicyError(f"{self._file}: it has {what} {trained}; the scenario has {here}")
+    def _require(self, what: str, trained: Any, *here: Any) -> None:
+        if trained not in here:
+            raise PolicyError(f"{self._file}: it has {what} {trained}; the scenario has {here[0]}")
 
     def notice(self, world: World) -> str:
         """What to warn of before it acts in a world, or nothing. Raises as ``begin`` does."""
@@ -103,9 +105,14 @@ class RLlib:
         return commands
 
 
-def described(world: World) -> list[list[Any]]:
+def described(shown: Iterable[Feature]) -> list[list[Any]]:
     """What a drone is shown, as a file says it: [name, lowest, highest, is it whole?]."""
-    return [[one.name, float(one.low), float(one.high), one.whole] for one in features(world)]
+    return [[one.name, float(one.low), float(one.high), one.whole] for one in shown]
+
+
+def spaces() -> Any:
+    """The module, which imports Gymnasium."""
+    return importlib.import_module("desim_uav.spaces")
 
 
 def seedless(world: World) -> Any:

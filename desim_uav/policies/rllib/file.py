@@ -7,7 +7,7 @@ which known classes to build, and with what numbers; nothing else can be in it.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -134,9 +134,10 @@ def read(folder: Path) -> Saved:
             f"read. Of an algorithm, desim_uav.policies.rllib.save(algorithm, folder) adds it"
         )
     stored = array_file.Stored(file, WHAT, ["weights", "statistics"], FORMAT)
-    forms = [(name, form.dtype, len(form.shape)) for name, form in stored.forms.items()]
-    if forms != [("weights", np.float32, 1), ("statistics", np.float64, 1)]:
-        raise PolicyError(f"{file}: weights must be float32, statistics float64, in one row each")
+    for name, dtype in (("weights", np.float32), ("statistics", np.float64)):
+        form = stored.forms[name]
+        if form.dtype != dtype or len(form.shape) != 1:
+            raise PolicyError(f"{file}: {name} is {form.dtype} of shape {form.shape}, not a row")
     problem = _misfit(stored.about, stored.forms["weights"].shape[0])
     if problem:
         raise PolicyError(f"{file}: {problem}")
@@ -149,29 +150,29 @@ def read(folder: Path) -> Saved:
 
 def _misfit(about: Mapping[str, Any], weights: int) -> str:
     """What keeps a file from being built, or nothing."""
+    return next(_problems(about, weights), "")
+
+
+def _problems(about: Mapping[str, Any], weights: int) -> Iterator[str]:
+    """What does, one after the other: a later one may take for granted what an earlier one asks."""
     for key, of_type in ABOUT.items():
         if not isinstance(about.get(key), of_type):
-            return f"it says no {key}"
-    agents, modules = about["agents"], about["modules"]
-    if not agents or not all(isinstance(a, str) and a in modules for a in agents):
-        return "agents must name one of the modules for each drone"
-    if len(modules) > MOST or not all(isinstance(m, dict) for m in modules.values()):
-        return f"modules must be mappings, {MOST} at most"
-    for name, module in modules.items():
-        problem = _wrong("module", module, MODULES, dict.fromkeys(MODULES, SETTINGS))
-        if problem:
-            return f"{name}: {problem}"
-    for connector in about["connectors"]:
-        problem = _wrong("connector", connector, CONNECTORS, OF_CONNECTORS)
-        if problem:
-            return problem
-    pipelines = about["pipelines"]
+            yield f"it says no {key}"
+    modules, pipelines = about["modules"], about["pipelines"]
+    if not all(isinstance(name, str) and name in modules for name in about["agents"]):
+        yield "agents must name one of the modules for each drone"
+    if len(modules) > MOST:
+        yield f"it has {len(modules):,} modules; {MOST:,} are the most"
+    of_modules = dict.fromkeys(MODULES, SETTINGS)
+    yield from filter(None, (_wrong("module", m, MODULES, of_modules) for m in modules.values()))
+    yield from filter(
+        None, (_wrong("connector", c, CONNECTORS, OF_CONNECTORS) for c in about["connectors"])
+    )
     if len(pipelines) != 2 or not all(isinstance(names, list) for names in pipelines):
-        return "pipelines must be two lists of names"
-    shapes = [shape for m in modules.values() for _, shape in m["weights"]]
+        yield "pipelines must be two lists of names"
+    shapes = [shape for module in modules.values() for _, shape in module["weights"]]
     if sum(map(math.prod, shapes)) != weights:
-        return f"it has {weights:,} weights, which are not those of its modules"
-    return ""
+        yield f"it has {weights:,} weights, which are not those of its modules"
 
 
 def _wrong(what: str, told: Any, known: Mapping[str, str], settings: Mapping[str, Any]) -> str:

@@ -1,4 +1,4 @@
-"""What an RLlib network needs to be shown only what is allowed: connectors, and a module with masks.
+"""What keeps a network of RLlib to what is allowed: connectors, and a module with masks.
 
 The environments show an agent a dict of ``observation`` and ``action_mask``. RLlib's networks want
 one row of real numbers, and its filters would spoil a mask, so the two are parted and put together

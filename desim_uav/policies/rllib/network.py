@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import importlib
+import logging
 import math
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -14,7 +16,6 @@ from gymnasium.spaces import Box, Dict, Discrete
 from numpy.typing import NDArray
 from ray.rllib.algorithms.ppo import PPOConfig
 from ray.rllib.algorithms.ppo.ppo_catalog import PPOCatalog
-from ray.rllib.core import DEFAULT_MODULE_ID
 from ray.rllib.core.columns import Columns
 from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
 from ray.rllib.core.rl_module.rl_module import RLModuleSpec
@@ -22,11 +23,10 @@ from ray.rllib.env import INPUT_ENV_SINGLE_SPACES
 from ray.rllib.env.multi_agent_episode import MultiAgentEpisode
 from ray.rllib.utils.filter import RunningStat
 
+from desim_uav.model.observations import Feature
 from desim_uav.policies.rllib.file import CONNECTORS, MODULES, Saved
-from desim_uav.spaces import features, observation_space
+from desim_uav.spaces import observation_space
 from desim_uav.world import World
-
-__all__ = ["DEFAULT_MODULE_ID", "Network", "pipelines_of", "ray_version", "statistics_of"]
 
 
 def ray_version() -> str:
@@ -47,17 +47,18 @@ class Network:
         self._agents = [f"drone_{drone}" for drone in range(world.scenario.drones.count)]
         mapping = dict(zip(self._agents, about["agents"], strict=True))
         self._module_of = lambda agent, episode, **_: mapping[agent]
-        shown, actions = observation_space(features(world)), len(world.actions)
+        shown = observation_space(Feature(*feature) for feature in about["features"])
+        actions = len(world.actions)
         self._dtype = shown.dtype
         mask = Box(0, 1, (actions,), np.int8)
         each = Dict({"observation": shown, "action_mask": mask})
         self._observations = Dict(dict.fromkeys(self._agents, each))
         self._actions = Dict({agent: Discrete(actions) for agent in self._agents})
-        self._to_module, self._to_env = self._pipelines(about)
-        _fill_filters(self._to_module, saved.statistics)
-        self._modules = self._built(about["modules"], saved.weights)
+        with _quiet():
+            self._to_module, self._to_env = self._pipelines(about)
+            _fill_filters(self._to_module, saved.statistics)
+            self._modules = self._built(about["modules"], saved.weights)
         self._shared: dict[str, Any] = {}
-        self.begin()
 
     def begin(self) -> None:
         """An episode begins."""
@@ -68,7 +69,9 @@ class Network:
         )
         self._last: tuple[dict[str, int], dict[str, Any]] | None = None
 
-    def decide(self, codes: Sequence[Sequence[float]], masks: Sequence[Sequence[bool]]) -> list[int]:
+    def decide(
+        self, codes: Sequence[Sequence[float]], masks: Sequence[Sequence[bool]]
+    ) -> list[int]:
         """The best allowed action of each drone; ``codes`` are what each is shown, as numbers."""
         allowed = dict(zip(self._agents, np.array(masks, np.int8), strict=True))
         rows = dict(zip(self._agents, np.array(codes, self._dtype), strict=True))
@@ -98,7 +101,9 @@ class Network:
 
     def _go_on(self, rows: dict[str, NDArray[Any]], allowed: dict[str, NDArray[np.int8]]) -> None:
         """Let the episode go on to what is shown now."""
-        seen = {agent: {"observation": rows[agent], "action_mask": allowed[agent]} for agent in rows}
+        seen = {
+            agent: {"observation": rows[agent], "action_mask": allowed[agent]} for agent in rows
+        }
         infos = {agent: {"action_mask": mask} for agent, mask in allowed.items()}
         if self._last is None:
             self._episode.add_env_reset(observations=seen, infos=infos)
@@ -146,25 +151,30 @@ class Network:
             )
             for name in told
         }
+        for name, spec in specs.items():
+            with torch.device("meta"):  # which takes no memory, however large the settings are
+                found = shapes_of(spec.build())
+            if found != told[name]["weights"]:
+                raise ValueError(f"the weights of {name} are not those of its settings")
         with torch.random.fork_rng(devices=[]):  # first weights are drawn, and leave no trace
             modules = MultiRLModuleSpec(rl_module_specs=specs).build()
         first = 0
         for name in sorted(told):
-            module = modules[name]
-            found = {
-                weight: list(values.shape)
-                for weight, values in module.get_state(inference_only=True).items()
-            }
-            if found != dict(told[name]["weights"]):
-                raise ValueError(f"the weights of {name} are not those of its settings")
             state = {}
             for weight, shape in told[name]["weights"]:
                 size = math.prod(shape)
                 state[weight] = weights[first : first + size].reshape(shape).copy()
                 first += size
-            module.set_state(state)
-            module.eval()
+            modules[name].set_state(state)
+            modules[name].eval()
         return modules
+
+
+def shapes_of(module: Any) -> list[list[Any]]:
+    """The weights that a module needs to act, as [name, shape]."""
+    others = tuple(f"{name}." for name in module.get_non_inference_attributes())
+    state = module.state_dict()
+    return [[name, list(w.shape)] for name, w in state.items() if not name.startswith(others)]
 
 
 def pipelines_of(pipeline: Any) -> list[str]:
@@ -176,7 +186,11 @@ def statistics_of(pipeline: Any) -> NDArray[np.float64]:
     """What the filters of a pipeline have counted: of each number, mean and sum of squares."""
     parts: list[Any] = [np.zeros(0)]
     for _, _, running in _running(pipeline):
-        parts += [[running.num_pushes], running.mean_array.ravel(), running.sum_sq_diff_array.ravel()]
+        parts += [
+            [running.num_pushes],
+            running.mean_array.ravel(),
+            running.sum_sq_diff_array.ravel(),
+        ]
     return np.concatenate(parts).astype(np.float64)
 
 
@@ -218,6 +232,17 @@ def _connector(told: dict[str, Any]) -> Any:
     if told["class"] == "MeanStdFilter":
         settings["update_stats"] = False
     return _known(CONNECTORS, told["class"])(**settings)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """RLlib warns of what it does itself."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(before)
 
 
 def _known(where: dict[str, str], name: str) -> Any:

@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav import __version__
 from desim_uav.errors import DesimError, MissingExtraError, PolicyError
-from desim_uav.policies.rllib.adapter import described, seedless
+from desim_uav.policies.rllib.adapter import described, seedless, spaces
 from desim_uav.policies.rllib.file import (
     CONNECTORS,
     MODULES,
@@ -50,13 +49,12 @@ def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
     agents = _agents(algorithm, world)
     modules, weights = _modules({name: runner.module[name] for name in sorted(set(agents))})
     about = {
-        "desim-uav": __version__,
         "ray": built.ray_version(),
         "scenario": world.scenario.name,
         "scenario_hash": scenario_hash(seedless(world)),
         "world_seed": world.scenario.world_seed,
         "world_hash": None if world.scenario.world_seed is None else world_hash(world),
-        "features": described(world),
+        "features": described(spaces().features(world)),
         "actions": [action.name.lower() for action in world.actions],
         "agents": agents,
         "modules": modules,
@@ -80,16 +78,17 @@ def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
 
 def _world(algorithm: Any) -> World:
     """The world it was trained in, or one of them. Raises PolicyError where it was another's."""
-    for world in algorithm.env_runner_group.foreach_env_runner(_flown):
+    flown: list[World | None] = algorithm.env_runner_group.foreach_env_runner(_flown)
+    for world in flown:
         if world is not None:
             return world
-    raise PolicyError("it cannot be saved: its environment is no ParallelPettingZooEnv of ours")
+    raise PolicyError("it cannot be saved: it was not trained on a UavParallelEnv")
 
 
 def _flown(runner: Any) -> World | None:
     """The world of an EnvRunner, if it has one of ours."""
-    env = runner.env and runner.env.envs[0].unwrapped
-    session = getattr(getattr(env, "par_env", None), "session", None)
+    env = getattr(runner.env, "envs", [None])[0]
+    session = getattr(getattr(getattr(env, "unwrapped", None), "par_env", None), "session", None)
     return getattr(session, "world", None)
 
 
@@ -108,10 +107,10 @@ def _modules(modules: dict[str, Any]) -> tuple[dict[str, Any], NDArray[np.float3
     """Networks in words, and their weights one after the other."""
     told, weights = {}, []
     for name, module in modules.items():
-        state = module.get_state(inference_only=True)
+        known, state = _known(module, MODULES), module.get_state(inference_only=True)
         weights += [np.asarray(values, np.float32).ravel() for values in state.values()]
         told[name] = {
-            "class": _known(module, MODULES),
+            "class": known,
             "settings": _settings(module.model_config),
             "weights": [[key, list(values.shape)] for key, values in state.items()],
         }
@@ -146,7 +145,5 @@ def _known(one: Any, known: dict[str, str]) -> str:
     """The name of its class, which must be one of those, not another of that name."""
     name, module = type(one).__name__, type(one).__module__
     if known.get(name) != module:
-        raise PolicyError(
-            f"it cannot be saved: {module}.{name} is none of {', '.join(known)}"
-        )
+        raise PolicyError(f"it cannot be saved: {module}.{name} is none of {', '.join(known)}")
     return name
