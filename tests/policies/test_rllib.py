@@ -7,9 +7,9 @@ import json
 import logging
 import os
 import pickle
+import resource
 import subprocess
 import sys
-import tracemalloc
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
 from pathlib import Path
@@ -150,11 +150,12 @@ def train(
         return [FlattenObservations(multi_agent=True), *filters]
 
     chosen = configured(scenario, config)
-    tune.register_env("small", lambda _: ParallelPettingZooEnv(UavParallelEnv(chosen)))
+    name = f"small-{folder.parent.name}"
+    tune.register_env(name, lambda _: ParallelPettingZooEnv(UavParallelEnv(chosen)))
     drones = [f"drone_{drone}" for drone in range(chosen.drones.count)]
     algorithm = (
         PPOConfig()
-        .environment("small")
+        .environment(name)
         .multi_agent(
             policies={"all"} if shared else set(drones),
             policy_mapping_fn=lambda agent, episode, **_: "all" if shared else agent,
@@ -230,8 +231,16 @@ def test_a_network_that_knows_no_masks_takes_the_best_it_may(trained: Any):
     one = trained("case8", LOCAL, masked=False)
     there = one.commands_in_training(seed=11, episodes=1)
     here = one.commands_in_a_run(seed=11, episodes=1)  # all of them lawful
-    assert here[0] == there[0] or not all(UavParallelEnv("case8", LOCAL).action_masks())
-    assert len(here) == 30
+    env = UavParallelEnv("case8", {**LOCAL, "seed": 11})
+    env.reset(seed=11)
+    for mine, its_own in zip(here, there, strict=True):
+        masks = env.action_masks().reshape(3, -1)
+        lawful = [masks[drone, command] for drone, command in enumerate(its_own)]
+        assert all(m == o for m, o, fine in zip(mine, its_own, lawful, strict=True) if fine)
+        if not all(lawful):
+            return
+        env.step(dict(zip(env.agents, mine, strict=True)))
+    raise AssertionError("masks have not mattered")
 
 
 @needs_rllib
@@ -256,3 +265,341 @@ def test_nothing_of_torch_is_changed(trained: Any):
     assert torch.equal(torch.get_rng_state(), before[0])
     assert (torch.get_num_threads(), torch.is_grad_enabled()) == before[1:]
     assert logging.root.manager.disable == 0
+
+
+# ---- from the command line
+
+
+def command(*arguments: Any) -> subprocess.CompletedProcess[str]:
+    start = "import sys; from desim_uav.cli import main; sys.exit(main())"
+    return subprocess.run(
+        [sys.executable, "-c", start, *map(str, arguments)],
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+@needs_rllib
+def test_the_command_line_flies_it_where_it_was_trained(trained: Any, tmp_path: Path):
+    one = trained("case1", CASE_1)
+    policy, out = f"rllib:{one.folder}", tmp_path / "out"
+    done = command("run", "case1", "--policy", policy, "--seed", 11, "--out", out, "--json")
+    assert (done.returncode, done.stderr) == (0, "")
+    assert json.loads(done.stdout)["policy"] == policy
+    manifest = json.loads((out / "manifest.json").read_text())
+    assert manifest["world_seed"] == CASE_1["world_seed"]
+    results = run(one.world, one.policy(), "mine", 11)
+    here = headline(results.requests, results.episodes)
+    told = json.loads(done.stdout)
+    assert {key: told[key] for key in ("qoe3_percent", "reward_mean")} == {
+        key: here[key] for key in ("qoe3_percent", "reward_mean")
+    }
+
+
+@needs_rllib
+def test_another_world_is_warned_of(trained: Any, tmp_path: Path):
+    one = trained("case1", CASE_1)
+    policy = f"rllib:{one.folder}"
+    done = command("run", "case1", "--world-seed", 4, "--policy", policy, "--out", tmp_path / "o")
+    assert done.returncode == 0
+    assert f"{one.folder} was trained in another world: case1, world seed 3" in done.stderr
+    assert one.policy().notice(one.world) == ""
+
+
+@needs_rllib
+def test_a_sweep_knows_it_by_its_content(trained: Any, tmp_path: Path):
+    one = trained("case1", CASE_1)
+    before = policy_digest(f"rllib:{one.folder}")
+    saved = read(one.folder)
+    put(tmp_path, dataclasses.replace(saved, weights=2 * saved.weights))
+    assert policy_digest(f"rllib:{tmp_path}") != before
+
+
+# ---- what does not fit
+
+
+@needs_rllib
+@pytest.mark.parametrize(
+    ("scenario", "config", "told"),
+    [
+        ("case8", LOCAL, r"it has drones 1; the scenario has 3"),
+        ("case8", {**CASE_8, "drones.count": 1}, r"it has actions .*; the scenario has .*charge"),
+        ("case1", {"observation.kind": "local"}, r"it has observations .*; the scenario has "),
+        ("case1", {"map.cells": [5, 5]}, r"it has observations .*9.0.*; the scenario has .*4.0"),
+    ],
+)
+def test_other_scenarios(scenario: str, config: dict[str, Any], told: str, trained: Any):
+    one = trained("case1", CASE_1)
+    world = build_world(configured(scenario, config), 3)
+    for what in (one.policy().notice, lambda w: one.policy().begin(w, streams())):
+        with pytest.raises(PolicyError, match=told):
+            what(world)
+
+
+@needs_rllib
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        ({"ray": "2.9.1"}, r"of ray 2\.9\.1, and .* is installed: pip install 'ray\[rllib\]==2\.9"),
+        ({"connectors": []}, "its pipelines are"),
+        ({"pipelines": [[], []]}, "its pipelines are"),
+        ({"fcnet_hiddens": [17]}, "the weights of drone_0 are not those of its settings"),
+        ({"fcnet_hiddens": [4096] * 32}, "the weights of drone_0 are not those of its settings"),
+        ({"use_lstm": True}, "the weights of drone_0 are not those of its settings"),
+        ({"statistics": 3}, "its statistics are 3 numbers"),
+        ({"statistics": 1000}, "its statistics are 1,000 numbers"),
+    ],
+)
+def test_files_that_do_not_fit_together(
+    change: dict[str, Any], told: str, trained: Any, tmp_path: Path
+):
+    one = trained("case1", CASE_1)
+    saved = read(one.folder)
+    (module,) = saved.about["modules"].values()
+    count = change.pop("statistics", saved.statistics.size)
+    settings = module["settings"] | {k: v for k, v in change.items() if k in module["settings"]}
+    about = saved.about | {k: v for k, v in change.items() if k in saved.about}
+    about["modules"] = {"drone_0": module | {"settings": settings}}
+    put(tmp_path, Saved(about, saved.weights, np.ones(count)))
+    before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    with pytest.raises(PolicyError, match=told) as problem:
+        load_policy(f"rllib:{tmp_path}").begin(one.world, streams())
+    grown_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib
+    assert grown_kib < 2**19, "layers of 2 GiB are said, not made"
+    assert str(tmp_path / NAME) in str(problem.value)
+
+
+# ---- files from anyone, which are refused before Ray is asked for
+
+
+def streams() -> Streams:
+    return Streams(0, Purpose.LEARNER, 0)
+
+
+def put(folder: Path, saved: Saved) -> Path:
+    folder.mkdir(exist_ok=True)
+    (folder / NAME).write_bytes(saved.to_bytes())
+    return folder
+
+
+def handmade() -> Saved:
+    """What could be of a network, of two weights and no filter."""
+    about = {
+        "ray": "2.60.0",
+        "scenario": "tiny",
+        "scenario_hash": "",
+        "world_seed": None,
+        "world_hash": None,
+        "features": [["cell_x", 0.0, 2.0, True], ["cell_y", 0.0, 2.0, True]],
+        "actions": ["forward", "backward", "right", "left", "hover"],
+        "agents": ["all"],
+        "modules": {
+            "all": {
+                "class": "MaskedModule",
+                "settings": {"fcnet_hiddens": [8]},
+                "weights": [["pi.weight", [1, 2]]],
+            }
+        },
+        "connectors": [{"class": "EncodeObservation", "settings": {}}],
+        "pipelines": [[], []],
+    }
+    return Saved(about, np.ones(2, np.float32), np.zeros(0))
+
+
+def with_module(**changes: Any) -> dict[str, Any]:
+    return {"modules": {"all": handmade().about["modules"]["all"] | changes}}
+
+
+def refused(folder: Path, told: str) -> None:
+    with pytest.raises(PolicyError, match=told) as problem:
+        load_policy(f"rllib:{folder}")
+    assert str(folder) in str(problem.value)
+
+
+def test_a_file_holds_what_was_put_in(tmp_path: Path):
+    saved, found = handmade(), read(put(tmp_path, handmade()))
+    assert found.about.items() >= saved.about.items()
+    assert found.weights.tolist() == saved.weights.tolist()
+    assert found.statistics.size == 0
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        *[({key: None}, f"it says no {key}") for key in ("ray", "agents", "modules", "actions")],
+        ({"world_seed": "3"}, "it says no world_seed"),
+        ({"agents": ["nobody"]}, "agents must name one of the modules"),
+        ({"agents": [["all"]]}, "agents must name one of the modules"),
+        ({"modules": {"all": None}}, "a module must be a mapping"),
+        (with_module(**{"class": "os.system"}), "its module is os.system; known are"),
+        (with_module(**{"class": ["MaskedModule"]}), "its module is "),
+        (with_module(settings={"fcnet_hiddens": [10**9]}), "fcnet_hiddens: .* do no harm"),
+        (with_module(settings={"fcnet_hiddens": [8] * 33}), "fcnet_hiddens: "),
+        (with_module(settings={"fcnet_hiddens": [True]}), "fcnet_hiddens: "),
+        (with_module(settings={"fcnet_activation": "os.system"}), "fcnet_activation: os.system"),
+        (with_module(settings={"fcnet_kernel_initializer": "x"}), "fcnet_kernel_initializer: "),
+        (with_module(settings={"lstm_cell_size": 10**9}), "lstm_cell_size: "),
+        (with_module(weights=[["pi.weight", [-1, 2]]]), "its weights must be"),
+        (with_module(weights=[["pi.weight", [2, 2]]]), "it has 2 weights, which are not those"),
+        (with_module(weights="all"), "its weights must be"),
+        ({"connectors": [{"class": "Lambda", "settings": {}}]}, "its connector is Lambda"),
+        ({"connectors": [{"class": "MeanStdFilter", "settings": {"update_stats": True}}]},
+         "MeanStdFilter: update_stats: True"),
+        ({"connectors": ["EncodeObservation"]}, "a connector must be a mapping"),
+        ({"pipelines": [[]]}, "pipelines must be two lists"),
+    ],
+)  # fmt: skip
+def test_words_that_cannot_be_trusted(change: dict[str, Any], told: str, tmp_path: Path):
+    from desim_uav import array_file
+
+    saved = handmade()
+    about = saved.about | change | {"format": 1}
+    content = array_file.pack(about, weights=saved.weights, statistics=saved.statistics)
+    (tmp_path / NAME).write_bytes(content)
+    refused(tmp_path, told)
+
+
+@pytest.mark.parametrize(
+    ("arrays", "told"),
+    [
+        ({"weights": np.ones(2)}, "weights is float64"),
+        ({"weights": np.ones((1, 2), np.float32)}, "weights is float32 of shape"),
+        ({"weights": np.array([1, np.nan], np.float32)}, "weights has values that are not finite"),
+        ({"statistics": np.array([np.inf])}, "statistics has values that are not finite"),
+        ({"weights": np.array([{}, {}], object)}, "not a readable network of RLlib"),
+        ({"more": np.ones(1)}, "it does not hold"),
+    ],
+)
+def test_numbers_that_cannot_be_trusted(arrays: dict[str, Any], told: str, tmp_path: Path):
+    from desim_uav import array_file
+
+    saved = handmade()
+    own = {"weights": saved.weights, "statistics": saved.statistics}
+    content = array_file.pack(saved.about | {"format": 1}, **{**own, **arrays})
+    (tmp_path / NAME).write_bytes(content)
+    refused(tmp_path, told)
+
+
+def test_what_is_no_checkpoint(tmp_path: Path):
+    refused(tmp_path / "nowhere", "not a checkpoint: no such folder")
+    refused(tmp_path, f"it has no {NAME}; .*desim_uav.policies.rllib.save")
+    (tmp_path / "file").touch()
+    refused(tmp_path / "file", "not a checkpoint: it is no folder")
+    for content in (b"", b"not a zip", put(tmp_path, handmade()).joinpath(NAME).read_bytes()[:-9]):
+        (tmp_path / NAME).write_bytes(content)
+        refused(tmp_path, "not a readable network of RLlib")
+    (tmp_path / NAME).unlink()
+    (tmp_path / NAME).mkdir()
+    refused(tmp_path, "not a readable network of RLlib")
+
+
+class Touch:
+    """Unpickled, it makes a file."""
+
+    def __init__(self, file: Path) -> None:
+        self.file = file
+
+    def __reduce__(self) -> Any:
+        return Path.touch, (self.file,)
+
+
+@needs_rllib
+def test_the_pickles_beside_it_are_not_read(trained: Any, tmp_path: Path):
+    one, touched = trained("case1", CASE_1), tmp_path / "touched"
+    folder = put(tmp_path / "checkpoint", read(one.folder))
+    trap = pickle.dumps(Touch(touched))
+    parts = ("", "env_runner", "env_runner/env_to_module_connector", "learner_group/learner")
+    for part in parts:
+        (folder / part).mkdir(parents=True, exist_ok=True)
+        for name in ("class_and_ctor_args.pkl", "state.pkl", "algorithm_state.pkl"):
+            (folder / part / name).write_bytes(trap)
+    other = dataclasses.replace(one, folder=folder)
+    assert other.commands_in_a_run(1, 1) == one.commands_in_a_run(1, 1)
+    assert not touched.exists()
+    pickle.loads(trap)
+    assert touched.exists(), "the trap works"
+
+
+@pytest.mark.parametrize("name", ["rllib", "rllib:"])
+def test_a_network_needs_its_folder(name: str):
+    with pytest.raises(PolicyError, match="rllib:DIR"):
+        load_policy(name)
+
+
+def test_a_missing_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "desim_uav.policies.rllib.network", None)
+    with pytest.raises(MissingExtraError) as problem:
+        load_policy(f"rllib:{put(tmp_path, handmade())}")
+    assert problem.value.exit_code == 5
+    assert "pip install 'desim-uav[rllib]'" in str(problem.value)
+    with pytest.raises(MissingExtraError):
+        save(None, tmp_path)
+
+
+# ---- what cannot be saved
+
+
+@needs_rllib
+def test_connectors_and_mappings_that_cannot_be_saved(
+    trained: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    from ray.rllib.connectors.env_to_module import MeanStdFilter
+
+    algorithm = trained("case1", CASE_1).algorithm
+    with monkeypatch.context() as patch:
+
+        class Mine(MeanStdFilter):
+            pass
+
+        (found,) = [
+            piece
+            for piece in algorithm.env_runner._env_to_module.connectors
+            if isinstance(piece, MeanStdFilter)
+        ]
+        patch.setattr(found, "__class__", Mine)
+        with pytest.raises(PolicyError, match=r"Mine is none of .*MeanStdFilter"):
+            save(algorithm, tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setitem(
+            algorithm.config.__dict__, "policy_mapping_fn", lambda agent, episode: episode.id_
+        )
+        with pytest.raises(PolicyError, match="policy_mapping_fn must depend on the agent alone"):
+            save(algorithm, tmp_path)
+    (tmp_path / "file").touch()
+    with pytest.raises(Exception, match="cannot make"):
+        save(algorithm, tmp_path / "file" / "folder")
+    assert not list(tmp_path.rglob(NAME))
+
+
+# ---- the recipe
+
+
+@needs_rllib
+def test_the_recipe(trained: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any):
+    from policies.train_rllib import main
+
+    monkeypatch.chdir(tmp_path)
+    main(["case8", "checkpoint", "--steps", "800", "--seed", "4", "--shared"])
+    assert "desim-uav run case8 --seed 4 --policy rllib:checkpoint" in capsys.readouterr().out
+    assert (tmp_path / "checkpoint" / "rllib_checkpoint.json").exists(), "RLlib can go on with it"
+    world = build_world(configured("case8", {"seed": 4}), 4)
+    ((log, _),) = play(world, Lawful(load_policy("rllib:checkpoint")), "mine", 4)
+    assert all(step.action == step.action_taken for step in log.steps)
+
+
+@needs_rllib
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [0, 1])
+def test_ppo_finds_the_best_cell_of_case_1(seed: int, trained: Any, tmp_path: Path):
+    from policies.train_rllib import train as train_long
+
+    save(train_long("case1", 20_000, seed), tmp_path)
+    world = build_world(configured("case1"), seed)
+    policy = Lawful(load_policy(f"rllib:{tmp_path}"))
+    results = run(world, policy, "mine", seed, episodes=20, warmup=2)
+    assert policy.commands == 22 * 30
+    done = headline(results.requests, results.episodes)
+    best = most_users(world) / 14
+    assert best > 0.5
+    assert done["qoe3_percent"] >= 0.95 * 100 * best
