@@ -67,7 +67,7 @@ def configuration(scenario, seed, shared=False):
         PPOConfig()
         .environment("drones")
         .multi_agent(
-            policies={"all"} if shared else set(drones),
+            policies=["all"] if shared else drones,
             policy_mapping_fn=lambda agent, episode, **_: "all" if shared else agent,
         )
         .env_runners(
