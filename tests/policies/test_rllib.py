@@ -103,7 +103,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     ray.init(
-        num_cpus=1,
+        num_cpus=2,
         include_dashboard=False,
         log_to_driver=False,
         logging_level=logging.ERROR,
@@ -256,6 +256,32 @@ def test_the_algorithm_restored_by_rllib_is_saved_alike(trained: Any, tmp_path: 
 
 
 @needs_rllib
+def test_filters_that_others_have_filled(trained: Any, tmp_path: Path):
+    """With remote EnvRunners the local one has no environment, and its filters are empty."""
+    from ray.rllib.utils.filter import RunningStat
+
+    config = trained("case1", CASE_1).algorithm.config.copy(copy_frozen=False)
+    algorithm = config.env_runners(num_env_runners=1).build_algo()
+    algorithm.train()
+    assert algorithm.env_runner.env is None
+    save(algorithm, tmp_path)
+    saved = read(tmp_path)
+    (state,) = algorithm.env_runner_group.foreach_env_runner(
+        lambda runner: runner.get_state(), local_env_runner=False
+    )
+    (filtered,) = state["env_to_module_connector"].values()
+    (running,) = filtered["drone_0"]["running_stats"]
+    known = RunningStat.from_state(running)
+    assert known.num_pushes >= 120
+    assert saved.statistics[0] == known.num_pushes
+    assert saved.statistics[1:21].tolist() == known.mean_array.tolist()
+    names = [name for name, _ in saved.about["modules"]["drone_0"]["weights"]]
+    own = state["rl_module"]["drone_0"]
+    assert np.concatenate([own[name].ravel() for name in names]).tolist() == saved.weights.tolist()
+    algorithm.stop()
+
+
+@needs_rllib
 def test_nothing_of_torch_is_changed(trained: Any):
     import torch
 
@@ -357,7 +383,7 @@ def test_files_that_do_not_fit_together(
     one = trained("case1", CASE_1)
     saved = read(one.folder)
     (module,) = saved.about["modules"].values()
-    count = change.pop("statistics", saved.statistics.size)
+    count = change.get("statistics", saved.statistics.size)
     settings = module["settings"] | {k: v for k, v in change.items() if k in module["settings"]}
     about = saved.about | {k: v for k, v in change.items() if k in saved.about}
     about["modules"] = {"drone_0": module | {"settings": settings}}
@@ -565,6 +591,10 @@ def test_connectors_and_mappings_that_cannot_be_saved(
             algorithm.config.__dict__, "policy_mapping_fn", lambda agent, episode: episode.id_
         )
         with pytest.raises(PolicyError, match="policy_mapping_fn must depend on the agent alone"):
+            save(algorithm, tmp_path)
+    with monkeypatch.context() as patch:
+        patch.setattr(algorithm.env_runner.env.envs[0].unwrapped, "par_env", None)
+        with pytest.raises(PolicyError, match="not trained on a UavParallelEnv"):
             save(algorithm, tmp_path)
     (tmp_path / "file").touch()
     with pytest.raises(Exception, match="cannot make"):

@@ -7,7 +7,7 @@ from dataclasses import asdict, is_dataclass
 from itertools import takewhile
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,12 +42,10 @@ def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
         built = importlib.import_module("desim_uav.policies.rllib.network")
     except ModuleNotFoundError as error:
         raise MissingExtraError("saving a network of RLlib", "rllib") from error
-    runner = algorithm.env_runner
-    parts = dict(runner.get_checkpointable_components())
-    to_module, to_env = parts["env_to_module_connector"], parts["module_to_env_connector"]
-    world = _world(algorithm)
+    flown = _flown(algorithm)
+    world, to_module, to_env = flown.world, flown.to_module, flown.to_env
     agents = _agents(algorithm, world)
-    modules, weights = _modules({name: runner.module[name] for name in sorted(set(agents))})
+    modules, weights = _modules({name: flown.modules[name] for name in sorted(set(agents))})
     about = {
         "ray": built.ray_version(),
         "scenario": world.scenario.name,
@@ -76,20 +74,36 @@ def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
     return file
 
 
-def _world(algorithm: Any) -> World:
-    """The world it was trained in, or one of them. Raises PolicyError where it was another's."""
-    flown: list[World | None] = algorithm.env_runner_group.foreach_env_runner(_flown)
-    for world in flown:
-        if world is not None:
-            return world
+class Flown(NamedTuple):
+    """What an EnvRunner that has flown drones of ours knows."""
+
+    world: World
+    to_module: Any
+    to_env: Any
+    modules: Any
+
+
+def _flown(algorithm: Any) -> Flown:
+    """Of the first that has; the local one has seen nothing where there are others.
+
+    Raises PolicyError where none has.
+    """
+    told: list[Flown | None] = algorithm.env_runner_group.foreach_env_runner(_told)
+    for flown in told:
+        if flown is not None:
+            return flown
     raise PolicyError("it cannot be saved: it was not trained on a UavParallelEnv")
 
 
-def _flown(runner: Any) -> World | None:
-    """The world of an EnvRunner, if it has one of ours."""
+def _told(runner: Any) -> Flown | None:
+    """Asked in the process of an EnvRunner."""
     env = getattr(runner.env, "envs", [None])[0]
     session = getattr(getattr(getattr(env, "unwrapped", None), "par_env", None), "session", None)
-    return getattr(session, "world", None)
+    if session is None:
+        return None
+    parts = dict(runner.get_checkpointable_components())
+    pipelines = parts["env_to_module_connector"], parts["module_to_env_connector"]
+    return Flown(session.world, *pipelines, runner.module)
 
 
 def _agents(algorithm: Any, world: World) -> list[str]:
