@@ -36,8 +36,8 @@ def run(
         str,
         typer.Option(
             metavar="P",
-            help="baseline, random, hover, policy.npz, script:FILE.csv, sb3:FILE.zip or "
-            '"package.module:Class".',
+            help="baseline, random, hover, policy.npz, script:FILE.csv, sb3:FILE.zip, rllib:DIR "
+            'or "package.module:Class".',
         ),
     ] = "baseline",
     seed: Seed = None,

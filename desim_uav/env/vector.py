@@ -127,8 +127,9 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         return self.compiled.masks.astype(np.bool_)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the threads."""
-        self.compiled.close()
+        """End the threads. Gymnasium below 1.3 also closes what could not be made."""
+        if hasattr(self, "compiled"):
+            self.compiled.close()
 
     def _begin(self, which: NDArray[np.bool_]) -> None:
         self.compiled.begin(which, [None] * self.num_envs)

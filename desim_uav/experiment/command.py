@@ -205,7 +205,7 @@ def _where_it_learned(scenario: Scenario, policy: Policy) -> Scenario:
 def _label(policy_name: str) -> str:
     """A policy's part of a folder's name: a file without its path; policy.npz: its folder."""
     kind, _, file = policy_name.partition(":")
-    if kind in ("script", "sb3", "table"):
+    if kind in ("rllib", "sb3", "script", "table"):
         return f"{kind}-{Path(file).stem}"
     if policy_name.endswith(".npz"):
         path = Path(policy_name)

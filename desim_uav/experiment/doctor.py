@@ -30,6 +30,9 @@ CONFLICTS = {
 }
 """Packages beside ours that ask for other versions than we use, and what is to be said then."""
 
+ALONE = {"rllib": " in an environment of its own"}
+"""Extras that must not be installed beside others."""
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -109,7 +112,14 @@ def _misfit(wanted: Requirement) -> str | None:
         return f"{wanted.name} is missing"
     if not wanted.specifier.contains(found, prereleases=True):
         return f"{wanted.name} {found} is installed, {wanted.specifier} is needed"
-    return None
+    inner = (_misfit(one) for extra in wanted.extras for one in _with_extra(wanted.name, extra))
+    return next(filter(None, inner), None)
+
+
+def _with_extra(package: str, extra: str) -> list[Requirement]:
+    """What an extra of another package needs."""
+    asked = [Requirement(text) for text in requires(package) or ()]
+    return [one for one in asked if one.marker and one.marker.evaluate({"extra": extra})]
 
 
 def _broken(names: Iterator[str]) -> Iterator[Finding]:
@@ -129,7 +139,7 @@ def _extras() -> Iterator[Finding]:
         return
     for extra in extras:
         missing = [words for one in _of_extra(extra) if (words := _misfit(one))]
-        install = f"pip install '{PACKAGE}[{extra}]'"
+        install = f"pip install '{PACKAGE}[{extra}]'{ALONE.get(extra, '')}"
         if not missing:
             yield Finding("ok", f"extra {extra}", "installed")
         else:

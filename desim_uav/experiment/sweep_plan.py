@@ -16,6 +16,7 @@ from desim_uav.learning.learner import load_algorithm
 from desim_uav.learning.training import table_features
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
+from desim_uav.policies.rllib.file import NAME as RLLIB_FILE
 from desim_uav.registry import names
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
@@ -186,6 +187,8 @@ def _source(policy: str) -> str:
 def _policy_file(policy: str) -> Path | None:
     """The file that a policy's name holds, if it holds one."""
     kind, _, argument = policy.partition(":")
+    if kind == "rllib" and argument:
+        return Path(argument) / RLLIB_FILE
     if policy.endswith(".npz") and kind != "table":
         return find_table(policy)
     return find_table(argument) if argument and kind in names("policy") else None

@@ -56,8 +56,8 @@ def decide(policy: Policy, shown: Snapshot) -> list[int]:
 def load_policy(name: str) -> Policy:
     """A policy by its name, as the command line has it.
 
-    A built-in name, a learned table's ``FILE.npz``, ``script:FILE.csv``, ``sb3:FILE.zip``, or
-    ``"package.module:Class"``. Raises PolicyError where it cannot be read.
+    A built-in name, a learned table's ``FILE.npz``, ``script:FILE.csv``, ``sb3:FILE.zip``,
+    ``rllib:DIR``, or ``"package.module:Class"``. Raises PolicyError where it cannot be read.
     """
     kind, _, argument = name.partition(":")
     if name.endswith(".npz") and kind != "table":

@@ -96,6 +96,19 @@ def test_rllib_and_its_gymnasium(monkeypatch):
     assert told.words.startswith("RLlib wants gymnasium ==1.2.2, and 1.4.0 is installed")
 
 
+def test_an_extra_of_another_packages_extra(monkeypatch):
+    """RLlib is an extra of Ray: that Ray is there does not do."""
+    real, asked = doctor.requires, {"ray": ["gymnasium==1.2.2; extra == 'rllib'"], "desim-uav": []}
+    asked["desim-uav"] = [*real("desim-uav"), "ray[rllib]>=2.60; extra == 'sb3'"]
+    monkeypatch.setattr(doctor, "requires", lambda name: asked.get(name) or real(name))
+    pretend(monkeypatch, {"ray": "2.60.0", "gymnasium": "1.4.0"})
+    told = found(examine(), "extra sb3")
+    assert told.verdict == "note"
+    assert told.words.startswith("gymnasium 1.4.0 is installed, ==1.2.2 is needed; pip install")
+    pretend(monkeypatch, {"ray": "2.60.0", "gymnasium": "1.2.2"})
+    assert found(examine(), "extra sb3").words == "installed"
+
+
 def test_machine_code_of_other_sources_is_not_ready(monkeypatch):
     world = build_world(load(scenario_path("tiny")), 0)
     Simulation(world, RunSettings((True,), False)).reset(draw(world, 0, 0))

@@ -1,0 +1,249 @@
+"""A network of RLlib with its connectors, built anew of a file's words and numbers."""
+
+from __future__ import annotations
+
+import importlib
+import logging
+import math
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+import numpy as np
+import ray
+import torch
+from gymnasium.spaces import Box, Dict, Discrete
+from numpy.typing import NDArray
+from ray.rllib.algorithms.ppo import PPOConfig
+from ray.rllib.algorithms.ppo.ppo_catalog import PPOCatalog
+from ray.rllib.core.columns import Columns
+from ray.rllib.core.rl_module.multi_rl_module import MultiRLModuleSpec
+from ray.rllib.core.rl_module.rl_module import RLModuleSpec
+from ray.rllib.env import INPUT_ENV_SINGLE_SPACES
+from ray.rllib.env.multi_agent_episode import MultiAgentEpisode
+from ray.rllib.utils.filter import RunningStat
+
+from desim_uav.model.observations import Feature
+from desim_uav.policies.rllib.file import CONNECTORS, MODULES, Saved
+from desim_uav.spaces import observation_space
+from desim_uav.world import World
+
+
+def ray_version() -> str:
+    """The Ray that is installed."""
+    return str(ray.__version__)
+
+
+class Network:
+    """Commands all drones of a world, greedily, through the connectors it was trained with.
+
+    It goes through an episode as an EnvRunner does, so that whatever reads the episode (filters,
+    recurrent networks) finds there what it found in training. Filters have learned all they will.
+    """
+
+    def __init__(self, saved: Saved, world: World) -> None:
+        """Raises ValueError, or whatever RLlib does, where the file does not fit."""
+        about = saved.about
+        self._agents = [f"drone_{drone}" for drone in range(world.scenario.drones.count)]
+        mapping = dict(zip(self._agents, about["agents"], strict=True))
+        self._module_of = lambda agent, episode, **_: mapping[agent]
+        shown = observation_space(Feature(*feature) for feature in about["features"])
+        actions = len(world.actions)
+        self._dtype = shown.dtype
+        mask = Box(0, 1, (actions,), np.int8)
+        each = Dict({"observation": shown, "action_mask": mask})
+        self._observations = Dict(dict.fromkeys(self._agents, each))
+        self._actions = Dict({agent: Discrete(actions) for agent in self._agents})
+        with _quiet():
+            self._to_module, self._to_env = self._pipelines(about)
+            _fill_filters(self._to_module, saved.statistics)
+            self._modules = self._built(about["modules"], saved.weights)
+        self._shared: dict[str, Any] = {}
+
+    def begin(self) -> None:
+        """An episode begins."""
+        self._episode = MultiAgentEpisode(
+            observation_space=dict(self._observations.spaces),
+            action_space=dict(self._actions.spaces),
+            agent_to_module_mapping_fn=self._module_of,
+        )
+        self._last: tuple[dict[str, int], dict[str, Any]] | None = None
+
+    def decide(
+        self, codes: Sequence[Sequence[float]], masks: Sequence[Sequence[bool]]
+    ) -> list[int]:
+        """The best allowed action of each drone; ``codes`` are what each is shown, as numbers."""
+        allowed = dict(zip(self._agents, np.array(masks, np.int8), strict=True))
+        rows = dict(zip(self._agents, np.array(codes, self._dtype), strict=True))
+        self._go_on(rows, allowed)
+        with torch.no_grad():
+            batch = self._to_module(
+                rl_module=self._modules,
+                episodes=[self._episode],
+                explore=False,
+                shared_data=self._shared,
+            )
+            told = self._to_env(
+                rl_module=self._modules,
+                batch=self._modules.forward_inference(batch),
+                episodes=[self._episode],
+                explore=False,
+                shared_data=self._shared,
+            )
+        chosen = told.pop(Columns.ACTIONS)[0]
+        extra = {agent: {column: one[0][agent] for column, one in told.items()} for agent in chosen}
+        for agent, mask in allowed.items():
+            if not mask[chosen[agent]]:  # of a network that knows no masks: what it would else take
+                logits = extra[agent][Columns.ACTION_DIST_INPUTS]
+                chosen[agent] = np.where(mask, logits, -np.inf).argmax()
+        self._last = chosen, extra
+        return [int(chosen[agent]) for agent in self._agents]
+
+    def _go_on(self, rows: dict[str, NDArray[Any]], allowed: dict[str, NDArray[np.int8]]) -> None:
+        """Let the episode go on to what is shown now."""
+        seen = {
+            agent: {"observation": rows[agent], "action_mask": allowed[agent]} for agent in rows
+        }
+        infos = {agent: {"action_mask": mask} for agent, mask in allowed.items()}
+        if self._last is None:
+            self._episode.add_env_reset(observations=seen, infos=infos)
+            return
+        actions, extra = self._last
+        self._episode.add_env_step(
+            observations=seen,
+            actions=actions,
+            rewards=dict.fromkeys(seen, 0.0),  # nothing that is known here reads them
+            infos=infos,
+            terminateds={"__all__": False},
+            truncateds={"__all__": False},
+            extra_model_outputs=extra,
+        )
+
+    def _pipelines(self, about: dict[str, Any]) -> tuple[Any, Any]:
+        """From the environment to the module, and back, as RLlib puts them together."""
+        pieces = [_connector(told) for told in about["connectors"]]
+        config = (
+            PPOConfig()
+            .multi_agent(policies=set(about["modules"]), policy_mapping_fn=self._module_of)
+            .env_runners(env_to_module_connector=lambda env=None, spaces=None, device=None: pieces)
+        )
+        spaces = {INPUT_ENV_SINGLE_SPACES: (self._observations, self._actions)}
+        both = (
+            config.build_env_to_module_connector(spaces=spaces, device="cpu"),
+            config.build_module_to_env_connector(spaces=spaces),
+        )
+        found = [pipelines_of(one) for one in both]
+        if found != about["pipelines"]:
+            raise ValueError(f"its pipelines are {about['pipelines']}; RLlib builds {found}")
+        return both
+
+    def _built(self, told: dict[str, Any], weights: NDArray[np.float32]) -> Any:
+        """The networks, with their weights."""
+        shown = self._to_module.observation_space
+        specs = {
+            name: RLModuleSpec(
+                module_class=_known(MODULES, told[name]["class"]),
+                observation_space=shown[name],
+                action_space=self._actions[self._agents[0]],
+                inference_only=True,
+                model_config=dict(told[name]["settings"]),
+                catalog_class=PPOCatalog,
+            )
+            for name in told
+        }
+        for name, spec in specs.items():
+            with torch.device("meta"):  # which takes no memory, however large the settings are
+                found = shapes_of(spec.build())
+            if found != told[name]["weights"]:
+                raise ValueError(f"the weights of {name} are not those of its settings")
+        with torch.random.fork_rng(devices=[]):  # first weights are drawn, and leave no trace
+            modules = MultiRLModuleSpec(rl_module_specs=specs).build()
+        first = 0
+        for name in sorted(told):
+            state = {}
+            for weight, shape in told[name]["weights"]:
+                size = math.prod(shape)
+                state[weight] = weights[first : first + size].reshape(shape).copy()
+                first += size
+            modules[name].set_state(state)
+            modules[name].eval()
+        return modules
+
+
+def shapes_of(module: Any) -> list[list[Any]]:
+    """The weights that a module needs to act, as [name, shape]."""
+    others = tuple(f"{name}." for name in module.get_non_inference_attributes())
+    state = module.state_dict()
+    return [[name, list(w.shape)] for name, w in state.items() if not name.startswith(others)]
+
+
+def pipelines_of(pipeline: Any) -> list[str]:
+    """The names of a pipeline's connectors, in order."""
+    return [type(piece).__name__ for piece in pipeline.connectors]
+
+
+def statistics_of(pipeline: Any) -> NDArray[np.float64]:
+    """What the filters of a pipeline have counted: of each number, mean and sum of squares."""
+    parts: list[Any] = [np.zeros(0)]
+    for _, _, running in _running(pipeline):
+        parts += [
+            [running.num_pushes],
+            running.mean_array.ravel(),
+            running.sum_sq_diff_array.ravel(),
+        ]
+    return np.concatenate(parts).astype(np.float64)
+
+
+def _running(pipeline: Any) -> Iterator[tuple[Any, dict[str, Any], Any]]:
+    """The filters of a pipeline: its connector, the state of that, and what of one agent it has."""
+    for piece in pipeline.connectors:
+        if type(piece).__name__ == "MeanStdFilter":
+            state = piece.get_state()
+            for agent in sorted(state):
+                (running,) = state[agent]["running_stats"]
+                yield piece, {agent: state[agent]}, RunningStat.from_state(running)
+
+
+def _fill_filters(pipeline: Any, statistics: NDArray[np.float64]) -> None:
+    """Give filters what they have counted in training."""
+    first = 0
+    for piece, state, running in list(_running(pipeline)):
+        size = running.mean_array.size
+        part = statistics[first : first + 1 + 2 * size]
+        first += len(part)
+        if len(part) != 1 + 2 * size:
+            break
+        running.num_pushes = int(part[0])
+        running.mean_array = part[1 : 1 + size].reshape(running.mean_array.shape).copy()
+        running.sum_sq_diff_array = part[1 + size :].reshape(running.mean_array.shape).copy()
+        (agent,) = state
+        piece.set_state({agent: {**state[agent], "running_stats": [running.to_state()]}})
+    else:
+        if first == len(statistics):
+            return
+    raise ValueError(f"its statistics are {len(statistics):,} numbers, which are not its filters'")
+
+
+def _connector(told: dict[str, Any]) -> Any:
+    """A connector that is known, which has stopped to learn."""
+    settings = dict(told["settings"])
+    if told["class"] in ("FlattenObservations", "MeanStdFilter"):
+        settings["multi_agent"] = True
+    if told["class"] == "MeanStdFilter":
+        settings["update_stats"] = False
+    return _known(CONNECTORS, told["class"])(**settings)
+
+
+@contextmanager
+def _quiet() -> Iterator[None]:
+    """RLlib warns of what it does itself."""
+    before = logging.root.manager.disable
+    logging.disable(logging.WARNING)
+    try:
+        yield
+    finally:
+        logging.disable(before)
+
+
+def _known(where: dict[str, str], name: str) -> Any:
+    return getattr(importlib.import_module(where[name]), name)

@@ -1,0 +1,163 @@
+"""Saves what an RLlib algorithm has learned, so that ``--policy rllib:DIR`` flies it."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import asdict, is_dataclass
+from itertools import takewhile
+from os import PathLike
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import DesimError, MissingExtraError, PolicyError
+from desim_uav.policies.rllib.adapter import described, seedless, spaces
+from desim_uav.policies.rllib.file import (
+    CONNECTORS,
+    MODULES,
+    NAME,
+    OF_CONNECTORS,
+    SETTINGS,
+    Saved,
+)
+from desim_uav.run_folder import world_hash, write_whole
+from desim_uav.scenario.load import scenario_hash
+from desim_uav.world import World
+
+RLLIBS_OWN = "AddObservationsFromEpisodesToBatch"
+"""With this connector begin those that RLlib adds itself."""
+
+
+def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
+    """Add an algorithm's networks and connectors to a folder, as a file without code.
+
+    The algorithm was trained on ``UavParallelEnv`` by way of RLlib's ``ParallelPettingZooEnv``,
+    its networks are PPO's own (``DefaultPPOTorchRLModule``) or ``MaskedModule``, its connectors
+    those of ``CONNECTORS``. The folder is made where there is none. Returns the file. Raises
+    PolicyError, naming it, for what could not be built again, DesimError where it cannot write.
+    """
+    try:
+        built = importlib.import_module("desim_uav.policies.rllib.network")
+    except ModuleNotFoundError as error:
+        raise MissingExtraError("saving a network of RLlib", "rllib") from error
+    flown = _flown(algorithm)
+    world, to_module, to_env = flown.world, flown.to_module, flown.to_env
+    agents = _agents(algorithm, world)
+    modules, weights = _modules({name: flown.modules[name] for name in sorted(set(agents))})
+    about = {
+        "ray": built.ray_version(),
+        "scenario": world.scenario.name,
+        "scenario_hash": scenario_hash(seedless(world)),
+        "world_seed": world.scenario.world_seed,
+        "world_hash": None if world.scenario.world_seed is None else world_hash(world),
+        "features": described(spaces().features(world)),
+        "actions": [action.name.lower() for action in world.actions],
+        "agents": agents,
+        "modules": modules,
+        "connectors": [_connector(piece) for piece in _own(to_module)],
+        "pipelines": [built.pipelines_of(to_module), built.pipelines_of(to_env)],
+    }
+    saved = Saved(about, weights, built.statistics_of(to_module))
+    content = saved.to_bytes()
+    try:
+        built.Network(saved, world)
+    except Exception as error:  # RLlib refuses in many ways
+        raise PolicyError(f"it cannot be saved: it cannot be built again: {error}") from error
+    file = Path(folder) / NAME
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise DesimError(f"cannot make {file.parent}: {error.strerror or error}") from error
+    write_whole(file, content)
+    return file
+
+
+class Flown(NamedTuple):
+    """What an EnvRunner that has flown drones of ours knows."""
+
+    world: World
+    to_module: Any
+    to_env: Any
+    modules: Any
+
+
+def _flown(algorithm: Any) -> Flown:
+    """Of the first that has; the local one has seen nothing where there are others.
+
+    Raises PolicyError where none has.
+    """
+    told: list[Flown | None] = algorithm.env_runner_group.foreach_env_runner(_told)
+    for flown in told:
+        if flown is not None:
+            return flown
+    raise PolicyError("it cannot be saved: it was not trained on a UavParallelEnv")
+
+
+def _told(runner: Any) -> Flown | None:
+    """Asked in the process of an EnvRunner."""
+    env = getattr(runner.env, "envs", [None])[0]
+    session = getattr(getattr(getattr(env, "unwrapped", None), "par_env", None), "session", None)
+    if session is None:
+        return None
+    parts = dict(runner.get_checkpointable_components())
+    pipelines = parts["env_to_module_connector"], parts["module_to_env_connector"]
+    return Flown(session.world, *pipelines, runner.module)
+
+
+def _agents(algorithm: Any, world: World) -> list[str]:
+    """The module of each drone."""
+    of = algorithm.config.policy_mapping_fn
+    try:
+        return [str(of(f"drone_{d}", None)) for d in range(world.scenario.drones.count)]
+    except Exception as error:  # a user's function
+        raise PolicyError(
+            f"it cannot be saved: policy_mapping_fn must depend on the agent alone: {error}"
+        ) from error
+
+
+def _modules(modules: dict[str, Any]) -> tuple[dict[str, Any], NDArray[np.float32]]:
+    """Networks in words, and their weights one after the other."""
+    told, weights = {}, []
+    for name, module in modules.items():
+        known, state = _known(module, MODULES), module.get_state(inference_only=True)
+        weights += [np.asarray(values, np.float32).ravel() for values in state.values()]
+        told[name] = {
+            "class": known,
+            "settings": _settings(module.model_config),
+            "weights": [[key, list(values.shape)] for key, values in state.items()],
+        }
+    return told, np.concatenate(weights)
+
+
+def _settings(config: Any) -> dict[str, Any]:
+    """What shapes a network; how its first weights were drawn does not matter any more."""
+    given = asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
+    for key in ("lstm_use_prev_action", "lstm_use_prev_reward"):
+        if given.get(key):
+            raise PolicyError(f"it cannot be saved: {key}: a policy is told no rewards")
+    return {key: given[key] for key in SETTINGS if key in given}
+
+
+def _own(pipeline: Any) -> list[Any]:
+    """The connectors of a training that RLlib has not added itself."""
+    return list(takewhile(lambda piece: type(piece).__name__ != RLLIBS_OWN, pipeline.connectors))
+
+
+def _connector(piece: Any) -> dict[str, Any]:
+    name = _known(piece, CONNECTORS)
+    if getattr(piece, "_keys_to_remove", None) or getattr(piece, "_agent_ids", None):
+        raise PolicyError(f"it cannot be saved: {name} that leaves out keys or agents")
+    return {
+        "class": name,
+        "settings": {key: getattr(piece, key) for key in OF_CONNECTORS[name]},
+    }
+
+
+def _known(one: Any, known: dict[str, str]) -> str:
+    """The name of its class, which must be one of those, not another of that name."""
+    name, module = type(one).__name__, type(one).__module__
+    if known.get(name) != module:
+        raise PolicyError(f"it cannot be saved: {module}.{name} is none of {', '.join(known)}")
+    return name
