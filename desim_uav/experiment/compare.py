@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.engine.choose import check_engine
-from desim_uav.errors import PolicyError, ScenarioError, UsageError
+from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.evaluate import MEASURES, evaluate
 from desim_uav.experiment.processes import run_each
@@ -24,8 +24,8 @@ from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.records import EPISODES
 from desim_uav.registry import did_you_mean
-from desim_uav.run_folder import read_table
-from desim_uav.scenario.load import load, scenario_hash, to_plain
+from desim_uav.run_folder import read_scenario, read_table
+from desim_uav.scenario.load import scenario_hash, to_plain
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
 
@@ -274,10 +274,7 @@ def _read(folder: Path) -> _Run:
         )
     summary, _ = read_summary(folder)
     numbers = read_table(folder, "episodes", EPISODES)["episode"]
-    try:
-        scenario = load(folder / "scenario.yaml")
-    except ScenarioError as error:
-        raise PolicyError(str(error)) from error
+    scenario = read_scenario(folder)
     if not summary["episodes"]:
         raise PolicyError(f"{folder}: no episode was counted")
     policy, seed = summary["policy"], summary["seed"]

@@ -15,6 +15,7 @@ import numpy as np
 import pandas as pd
 
 from desim_uav import __version__
+from desim_uav.checksums import SUMS, of_contents
 from desim_uav.engine.choose import engine_for
 from desim_uav.errors import PolicyError, SimulationError, UsageError
 from desim_uav.experiment.command import versions
@@ -247,9 +248,6 @@ def _finish(
             "finite"
         )
     table = table_of(training)
-    write_whole(folder / "world.json", json.dumps(world_content(training.world)).encode())
-    write_whole(folder / "training.parquet", parquet("training", to_frame(TRAINING, rows)))
-    write_whole(folder / POLICY, table.to_bytes())
     manifest = {key: table.about[key] for key in PROVENANCE} | {
         "kind": "training",
         "resumed_at": first,
@@ -258,7 +256,16 @@ def _finish(
         "finished": datetime.now(UTC).isoformat(),
         "versions": versions(),
     }
-    write_whole(folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
+    files = {
+        "scenario.yaml": dump(training.world.scenario).encode(),
+        "world.json": json.dumps(world_content(training.world)).encode(),
+        "training.parquet": parquet("training", to_frame(TRAINING, rows)),
+        POLICY: table.to_bytes(),
+        MANIFEST: (json.dumps(manifest, indent=1) + "\n").encode(),
+    }
+    files = {SUMS: of_contents(files).encode()} | files
+    for name, content in files.items():
+        write_whole(folder / name, content)
     (folder / BEFORE).unlink(missing_ok=True)
 
 
