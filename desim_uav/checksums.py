@@ -45,7 +45,7 @@ def verify(file: Path) -> None:
         raise PolicyError(f"{file}: not one of the files in {SUMS}")
     if found != expected:
         raise PolicyError(
-            f"{file}: changed since it was written; to read it as it is, remove {sums}"
+            f"{file}: changed since it was written (without {SUMS} it is taken as it is)"
         )
 
 
