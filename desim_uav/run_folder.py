@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shutil
+import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
@@ -118,10 +119,11 @@ def held(folder: Path) -> Iterator[None]:
         return
     file = folder.absolute().parent / f".{folder.absolute().name}.lock"
     with _locked(file, folder) as own:
-        own.truncate(0)
-        own.write(f"process {os.getpid()}, since {datetime.now():%H:%M:%S}")
-        own.flush()
         try:
+            own.truncate(0)
+            who = f"process {os.getpid()}, since {datetime.now():%H:%M:%S}"
+            with suppress(OSError):  # the disk is full: it holds all the same, without a name
+                os.write(own.fileno(), who.encode())
             yield
         finally:
             file.unlink(missing_ok=True)
@@ -317,6 +319,26 @@ def read_scenario(folder: Path) -> Scenario:
         return load(file)
     except ScenarioError as error:
         raise PolicyError(error.problems[0]) from error
+
+
+def file_place(out: Path, option: str = "--out") -> Path:
+    """Where an option points, links followed. Raises UsageError where no file can be written."""
+    try:
+        place = out.resolve()
+        if place.exists() and not place.is_file():
+            raise UsageError(f"{option} {out}: exists and is not a file")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        try_writing(place.parent)
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(f"{option} {out}: the folder cannot be written to: {reason}") from error
+    return place
+
+
+def try_writing(folder: Path) -> None:
+    """Raises OSError where no file can be made in a folder, whatever its permissions say."""
+    with tempfile.TemporaryFile(dir=folder):
+        pass
 
 
 def world_content(world: World) -> dict[str, Any]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -184,21 +183,6 @@ def the_scenario(arguments: Sequence[str]) -> str:
     if len(arguments) != 1:
         raise UsageError(f"--policies: one scenario, not {len(arguments)}")
     return arguments[0]
-
-
-def csv_place(out: Path, option: str = "--out") -> Path:
-    """Where an option points, links followed. Raises UsageError where no file can be written."""
-    try:
-        place = out.resolve()
-        if place.exists() and not place.is_file():
-            raise UsageError(f"{option} {out}: exists and is not a file")
-        place.parent.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise UsageError(f"{option} {out}: {reason}") from error
-    if not os.access(place.parent, os.W_OK):
-        raise UsageError(f"{option} {out}: the folder cannot be written to")
-    return place
 
 
 def try_on(scenario: Scenario, policies: Sequence[str], seeds: range, engine: str = "des") -> None:

@@ -33,7 +33,7 @@ from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.published import POLICIES, PUBLISHED
 from desim_uav.experiment.train import train
 from desim_uav.optimum.cover import Places, cover, fair_cover
-from desim_uav.run_folder import write_whole
+from desim_uav.run_folder import try_writing, write_whole
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import scenario_path
@@ -112,6 +112,7 @@ def open_folder(folder: Path) -> None:
     try:
         for name in ("jobs", "policies"):
             (folder / name).mkdir(parents=True, exist_ok=True)
+            try_writing(folder / name)
     except OSError as error:
         raise UsageError(f"--out {folder}: {error.strerror}") from error
 

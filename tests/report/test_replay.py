@@ -548,9 +548,9 @@ class TestCommand:
         code, out, err = replay(busy, "--episodes", "7")
         assert (code, out) == (2, "")
         assert "there is no episode 7; there are -1 to 1" in err
-        code, out, err = replay(busy, "--html", "nowhere/page.html")
-        assert (code, out) == (1, "")
-        assert err.startswith("desim-uav: cannot write nowhere/page.html")
+        code, out, err = replay(busy, "--html", busy / "world.json/page.html")
+        assert (code, out) == (2, "")
+        assert err.startswith("desim-uav: --html ") and "world.json/page.html: " in err
         (busy / "world.json").write_text("{}", encoding="utf-8")
         (busy / SUMS).unlink()
         code, out, err = replay(busy)
