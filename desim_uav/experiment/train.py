@@ -7,7 +7,6 @@ import platform
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -18,7 +17,7 @@ from desim_uav import __version__
 from desim_uav.checksums import SUMS, of_contents
 from desim_uav.engine.choose import engine_for
 from desim_uav.errors import PolicyError, SimulationError, UsageError
-from desim_uav.experiment.command import versions
+from desim_uav.experiment.command import clock, versions
 from desim_uav.experiment.interrupt import asked_to_stop
 from desim_uav.learning import checkpoint
 from desim_uav.learning.checkpoint import Checkpoint
@@ -113,7 +112,8 @@ def train_to_folder(
     under way (a few, where they are compiled), with a checkpoint. Raises UsageError where the
     folder cannot be used, PolicyError where its checkpoint cannot.
     """
-    started = datetime.now(UTC)
+    now = clock()
+    started = now()
     world = build_world(scenario, scenario.effective_world_seed)
     training = Training(world, scenario.seed, engine or engine_for(world))
     folder = _resumable(scenario, out) if resume else _new(scenario, out)
@@ -133,7 +133,7 @@ def train_to_folder(
         _save(training, rows, folder)
         interrupted = training.episode < scenario.learning.episodes
         if not interrupted:
-            _finish(training, rows, folder, first, started, command)
+            _finish(training, rows, folder, first, command, started, now())
     return Trained(_summary(training, rows, folder), interrupted)
 
 
@@ -238,8 +238,9 @@ def _finish(
     rows: list[Progress],
     folder: Path,
     first: int,
-    started: datetime,
     command: list[str],
+    started: str,
+    finished: str,
 ) -> None:
     """Write what a finished training leaves; the manifest comes last."""
     if not np.isfinite(training.q).all():
@@ -252,8 +253,8 @@ def _finish(
         "kind": "training",
         "resumed_at": first,
         "command": command,
-        "started": started.isoformat(),
-        "finished": datetime.now(UTC).isoformat(),
+        "started": started,
+        "finished": finished,
         "versions": versions(),
     }
     files = {
