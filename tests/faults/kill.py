@@ -134,14 +134,16 @@ def begun(words: tuple[str, ...], out: Path) -> int:
     """The command in a fork."""
     child = os.fork()
     if child == 0:
-        with Path("stderr").open("w") as file:
-            os.dup2(file.fileno(), 2)
-        sys.argv = ["desim-uav", *words, "--out", str(out), "-q"]
+        code = 99
         try:
+            with Path("stderr").open("w") as file:
+                os.dup2(file.fileno(), 2)
+            sys.argv = ["desim-uav", *words, "--out", str(out), "-q"]
             cli.main()
         except SystemExit as end:
-            os._exit(int(end.code or 0))
-        os._exit(99)
+            code = int(end.code or 0)
+        finally:  # whatever happened, this is not the parent
+            os._exit(code)
     return child
 
 

@@ -11,8 +11,19 @@ import pytest
 from tests.command_line import ROOT, elsewhere, program
 from tests.faults.kill import COMMANDS, same_sweep
 
-SWEEP = ("sweep", "tiny", "--policies", "hover,random", "--episodes", 60, "--warmup", 0, "-q")
-MANY = ("--seeds", 12, "-j", 2)
+SWEEP = (
+    "sweep",
+    "tiny",
+    "--policies",
+    "hover,random",
+    "--episodes",
+    60,
+    "--warmup",
+    0,
+    "--seeds",
+    12,
+    "-q",
+)
 
 
 @pytest.fixture(autouse=True)
@@ -48,7 +59,7 @@ def test_at_many_random_moments(name):
 
 def test_processes_of_a_killed_sweep_end_by_themselves(here):
     """Nobody writes to the folder once its sweep is dead; the same command goes on with it."""
-    process = subprocess.Popen(program(*SWEEP, *MANY, "--out", "out"))
+    process = subprocess.Popen(program(*SWEEP, "-j", 2, "--out", "out"))
     until(lambda: len(list(here.glob("out/results/*.parquet"))) > 3)
     workers = children(process.pid)
     assert len(workers) >= 2
@@ -58,10 +69,10 @@ def test_processes_of_a_killed_sweep_end_by_themselves(here):
     until(lambda: not any(map(is_alive, workers)))
     assert files(here / "out") == kept
     assert 3 < len(list(here.glob("out/results/[!.]*"))) < 24
-    again = elsewhere(*SWEEP, *MANY, "--resume", "--out", "out")
+    again = elsewhere(*SWEEP, "--resume", "--out", "out")
     assert again.code == 0 and "jobs had ended before" in again.message
     assert kept["results"].items() <= files(here / "out")["results"].items()
-    assert elsewhere(*SWEEP, *MANY, "--out", "whole").code == 0
+    assert elsewhere(*SWEEP, "--out", "whole").code == 0
     same_sweep(here / "out", here / "whole")
 
 
