@@ -7,6 +7,7 @@ import json
 import os
 import re
 import shutil
+import tempfile
 import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
@@ -15,7 +16,8 @@ from itertools import takewhile
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
-from desim_uav.errors import DesimError, PolicyError, UsageError
+from desim_uav.checksums import SUMS, of_files, verify
+from desim_uav.errors import DesimError, PolicyError, ScenarioError, UsageError
 from desim_uav.records import (
     EPISODES,
     EVENTS,
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet as pq
 
+    from desim_uav.scenario.schema import Scenario
     from desim_uav.world import World
 
 TABLES = {
@@ -68,7 +71,7 @@ class Draft:
                 if name not in writers:
                     file = files.enter_context(self._new_file(f"{name}.parquet"))
                     writers[name] = files.enter_context(_writer(file, rows.schema))
-                with self._complaining(name):
+                with self._complaining(f"{name}.parquet"):
                     writers[name].write_table(rows)
 
             yield write
@@ -81,6 +84,12 @@ class Draft:
     def write_json(self, name: str, content: Any) -> None:
         """Write a JSON file."""
         self.write_text(name, json.dumps(content, indent=1, allow_nan=False) + "\n")
+
+    def seal(self) -> None:
+        """Write the checksums of all that was written."""
+        with self._complaining(SUMS):
+            text = of_files(self.path.iterdir())
+        self.write_text(SUMS, text)
 
     @contextmanager
     def _new_file(self, name: str) -> Iterator[IO[bytes]]:
@@ -110,10 +119,11 @@ def held(folder: Path) -> Iterator[None]:
         return
     file = folder.absolute().parent / f".{folder.absolute().name}.lock"
     with _locked(file, folder) as own:
-        own.truncate(0)
-        own.write(f"process {os.getpid()}, since {datetime.now():%H:%M:%S}")
-        own.flush()
         try:
+            own.truncate(0)
+            who = f"process {os.getpid()}, since {datetime.now():%H:%M:%S}"
+            with suppress(OSError):  # the disk is full: it holds all the same, without a name
+                os.write(own.fileno(), who.encode())
             yield
         finally:
             file.unlink(missing_ok=True)
@@ -193,7 +203,8 @@ class Place:
         return list(takewhile(Path.exists, self._candidates()))
 
     def publish(self, draft: Draft) -> Path:
-        """Move a draft to its place in one step; the place. Never overwrites."""
+        """Seal a draft and move it to its place in one step; the place. Never overwrites."""
+        draft.seal()
         for candidate in self._candidates():
             try:
                 draft.path.rename(candidate)
@@ -264,8 +275,8 @@ def write_whole(path: Path, content: bytes) -> None:
 def read_table(folder: Path, name: str, columns: dict[str, str]) -> pd.DataFrame:
     """A table of a finished run.
 
-    Raises PolicyError, naming the file, where it is missing or unreadable, or where a column is
-    missing or of another type.
+    Raises PolicyError, naming the file, where it is missing or unreadable, has changed since it was
+    written, or where a column is missing or of another type.
     """
     import pandas as pd
 
@@ -283,6 +294,7 @@ def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.
             raise PolicyError(f"{folder}: no such run folder")
         if not file.is_file():
             raise PolicyError(f"{file}: no such table; is {folder} a run folder?")
+        verify(file)
         whole = file.absolute()  # "a:b/c" would be taken for a URI
         with pq.ParquetFile(whole, page_checksum_verification=True) as parquet_file:
             groups = range(parquet_file.num_row_groups)
@@ -295,6 +307,38 @@ def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise PolicyError(f"{file}: not a readable Parquet file: {reason}") from error
+
+
+def read_scenario(folder: Path) -> Scenario:
+    """The scenario as it was run. Raises PolicyError, naming the file, where it cannot be read."""
+    from desim_uav.scenario.load import load
+
+    file = folder / "scenario.yaml"
+    verify(file)
+    try:
+        return load(file)
+    except ScenarioError as error:
+        raise PolicyError(error.problems[0]) from error
+
+
+def file_place(out: Path, option: str = "--out") -> Path:
+    """Where an option points, links followed. Raises UsageError where no file can be written."""
+    try:
+        place = out.resolve()
+        if place.exists() and not place.is_file():
+            raise UsageError(f"{option} {out}: exists and is not a file")
+        place.parent.mkdir(parents=True, exist_ok=True)
+        try_writing(place.parent)
+    except (OSError, RuntimeError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise UsageError(f"{option} {out}: the folder cannot be written to: {reason}") from error
+    return place
+
+
+def try_writing(folder: Path) -> None:
+    """Raises OSError where no file can be made in a folder, whatever its permissions say."""
+    with tempfile.TemporaryFile(dir=folder):
+        pass
 
 
 def world_content(world: World) -> dict[str, Any]:

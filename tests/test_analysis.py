@@ -253,5 +253,6 @@ class TestEach:
             manifest = json.loads((folder / "manifest.json").read_text())
             manifest["policy"] += r" $\frac$"
             (renamed[-1] / "manifest.json").write_text(json.dumps(manifest))
+            (renamed[-1] / "SHA256SUMS").unlink()
         code, out, _ = ask(question, *renamed, tmp_path / "picture.svg")
         assert code == 0 and r"$\frac$" in out

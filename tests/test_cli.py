@@ -13,10 +13,10 @@ import pandas as pd
 import pytest
 
 import desim_uav
-from desim_uav import cli
 from desim_uav.engine.batch import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment import command
+from tests.command_line import START, elsewhere, runner, with_plug_ins
 
 ROOT = Path(__file__).parents[1]
 SMALL = ("-S", "users.count=12", "-S", "episode.steps=8")
@@ -25,7 +25,6 @@ CONTRACT = (
     *("qoe1_feasible_percent", "qoe2_iterations", "qoe3_percent", "qoe3_active_percent"),
     *("crashes", "reward_mean", "run_dir"),
 )
-START = "import sys; from desim_uav.cli import main; sys.exit(main())"
 PLUG_INS = '''
 import os
 import signal
@@ -110,78 +109,16 @@ def function():
 '''
 
 
-class Ended:
-    """How a command ended: its exit code and what it printed."""
-
-    def __init__(self, code, out, err):
-        self.code, self.out, self.err = code, out, err
-
-    @property
-    def message(self):
-        """What stands on stderr, without frames and line breaks."""
-        return " ".join(re.sub(r"[│╭╮╰╯─|+]", " ", self.err).split())
-
-    @property
-    def json(self):
-        def refuse(constant):
-            raise AssertionError(f"{constant} is no JSON")
-
-        return json.loads(self.out, parse_constant=refuse)
-
-    def failed(self, code, *parts):
-        """It ended with this code, one message with these parts, and nothing on stdout."""
-        assert "Traceback" not in self.err
-        assert (self.code, self.out) == (code, ""), self.err
-        for part in parts:
-            assert part in self.message
-        return self
-
-
 @pytest.fixture
 def somewhere(tmp_path, monkeypatch):
     """An empty working folder, with plug-ins that can be imported."""
-    modules = tmp_path / "modules"
-    modules.mkdir()
-    (modules / "plugged.py").write_text(PLUG_INS, encoding="utf-8")
-    monkeypatch.setattr(sys, "path", [*sys.path, str(modules)])
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(modules)]))
-    monkeypatch.setenv("COLUMNS", "300")
-    folder = tmp_path / "here"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    usual = {
-        signal.SIGINT: signal.default_int_handler,
-        signal.SIGTERM: signal.SIG_DFL,
-        signal.SIGHUP: signal.SIG_DFL,
-    }
-    handlers = {number: signal.signal(number, handler) for number, handler in usual.items()}
-    yield folder
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-    sys.modules.pop("plugged", None)
+    yield from with_plug_ins("plugged", PLUG_INS, tmp_path, monkeypatch)
 
 
 @pytest.fixture
 def cli_run(somewhere, capsys, monkeypatch):
     """Run a command in this process."""
-
-    def run(*arguments):
-        capsys.readouterr()
-        monkeypatch.setattr(sys, "argv", ["desim-uav", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return Ended(end.value.code or 0, *capsys.readouterr())
-
-    return run
-
-
-def elsewhere(*arguments, **options):
-    """Run a command in a process of its own."""
-    program = [sys.executable, "-c", START, *map(str, arguments)]
-    done = subprocess.run(
-        program, capture_output=True, text=True, timeout=120, check=False, **options
-    )
-    return Ended(done.returncode, done.stdout, done.stderr)
+    return runner(capsys, monkeypatch)
 
 
 def runs():
@@ -581,7 +518,7 @@ class TestEngine:
         files = sorted(path.name for path in Path("des").iterdir())
         assert {"events.parquet", "legs.parquet"} <= set(files)
         assert files == sorted(path.name for path in Path("batch").iterdir())
-        for name in set(files) - {"manifest.json"}:
+        for name in set(files) - {"manifest.json", "SHA256SUMS"}:
             assert Path("des", name).read_bytes() == Path("batch", name).read_bytes(), name
         one, other = (json.loads(Path(e, "manifest.json").read_text()) for e in ("des", "batch"))
         differ = {key for key in one | other if one[key] != other[key]}
@@ -766,6 +703,8 @@ class TestQoe:
         file = folder / name
         content = file.read_bytes()
         file.write_bytes(content[: len(content) // 2])
+        cli_run("qoe", folder, *flags).failed(4, f"desim-uav: mine/{name}: changed since it was")
+        (folder / "SHA256SUMS").unlink()
         cli_run("qoe", folder, *flags).failed(4, f"desim-uav: mine/{name}: not a readable")
         file.unlink()
         cli_run("qoe", folder, *flags).failed(4, f"desim-uav: mine/{name}: ")

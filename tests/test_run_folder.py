@@ -13,6 +13,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from desim_uav import qoe
+from desim_uav.checksums import SUMS
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
 from desim_uav.experiment import command
 from desim_uav.experiment import run as experiment_run
@@ -25,7 +26,14 @@ from desim_uav.shipped import scenario_path
 from tests.report.helpers import read_counted
 
 SMALL = ("users.count=12", "episode.steps=8")
-FILES = ["episodes.parquet", "manifest.json", "requests.parquet", "scenario.yaml", "steps.parquet"]
+FILES = [
+    "SHA256SUMS",
+    "episodes.parquet",
+    "manifest.json",
+    "requests.parquet",
+    "scenario.yaml",
+    "steps.parquet",
+]
 FILES += ["users.parquet", "world.json"]
 
 
@@ -262,8 +270,9 @@ class TestInParts:
         assert pq.ParquetFile(folder / "episodes.parquet").num_row_groups == 3
 
     def test_a_flipped_bit_is_noticed(self, two_by_two):
-        """Values have checksums, page by page."""
+        """Values have checksums, page by page, where the folder has none."""
         file = run("case8", overrides=SMALL, episodes=4) / "requests.parquet"
+        (file.parent / SUMS).unlink()
         content = file.read_bytes()
         last = pq.ParquetFile(file).metadata.row_group(1)
         for column in (last.column(k) for k in range(last.num_columns)):
@@ -342,12 +351,12 @@ class TestWholeOrNotAtAll:
         with pytest.raises(PolicyError, match=r"requests.parquet: not a readable"):
             read_counted(stale)
 
-    def test_the_manifest_is_written_last(self, monkeypatch):
+    def test_manifest_and_checksums_are_written_last(self, monkeypatch):
         written = []
         original = Draft._new_file
         monkeypatch.setattr(Draft, "_new_file", lambda d, n: (written.append(n), original(d, n))[1])
         run(keep_events=True)
-        assert written[-1] == "manifest.json"
+        assert written[-2:] == ["manifest.json", SUMS]
         assert sorted(written) == sorted([*FILES, "events.parquet", "legs.parquet"])
 
 
@@ -469,7 +478,10 @@ class TestRunAgain:
 class TestReadBack:
     @pytest.fixture
     def folder(self):
-        return run("case8", overrides=SMALL, episodes=2, warmup=1)
+        """Without its checksums: what is changed is looked at."""
+        folder = run("case8", overrides=SMALL, episodes=2, warmup=1)
+        (folder / SUMS).unlink()
+        return folder
 
     def rewrite(self, folder, name, change):
         file = folder / f"{name}.parquet"

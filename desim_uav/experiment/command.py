@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import platform
+import time
 from collections import Counter
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -73,7 +74,8 @@ def run_to_folder(
     notice = getattr(policy, "notice", lambda world: "")(world)
     if notice:
         say(notice)
-    started = datetime.now(UTC)
+    now = clock()
+    started = now()
     with place.draft() as draft:
         with progress(show_progress, warmup + episodes, engine=engine) as advance:
             episodes_played = play(
@@ -102,8 +104,8 @@ def run_to_folder(
                 "episodes_asked": episodes,
                 "interrupted": interrupted,
                 "command": command,
-                "started": started.isoformat(),
-                "finished": datetime.now(UTC).isoformat(),
+                "started": started,
+                "finished": now(),
                 "versions": versions(),
             },
         )
@@ -211,6 +213,17 @@ def _label(policy_name: str) -> str:
         path = Path(policy_name)
         return f"table-{path.absolute().parent.name if path.stem == 'policy' else path.stem}"
     return policy_name
+
+
+def clock() -> Callable[[], str]:
+    """What tells the time from now on; if the clock is set back, the time does not go back."""
+    begun, since_s = datetime.now(UTC), time.monotonic()
+
+    def now() -> str:
+        passed = timedelta(seconds=time.monotonic() - since_s)
+        return max(begun + passed, datetime.now(UTC)).isoformat()
+
+    return now
 
 
 def versions() -> dict[str, str]:

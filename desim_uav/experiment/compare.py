@@ -8,14 +8,13 @@ from __future__ import annotations
 
 import csv
 import io
-import os
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from desim_uav.engine.choose import check_engine
-from desim_uav.errors import PolicyError, ScenarioError, UsageError
+from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.evaluate import MEASURES, evaluate
 from desim_uav.experiment.processes import run_each
@@ -24,8 +23,8 @@ from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.records import EPISODES
 from desim_uav.registry import did_you_mean
-from desim_uav.run_folder import read_table
-from desim_uav.scenario.load import load, scenario_hash, to_plain
+from desim_uav.run_folder import read_scenario, read_table
+from desim_uav.scenario.load import scenario_hash, to_plain
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
 
@@ -186,21 +185,6 @@ def the_scenario(arguments: Sequence[str]) -> str:
     return arguments[0]
 
 
-def csv_place(out: Path, option: str = "--out") -> Path:
-    """Where an option points, links followed. Raises UsageError where no file can be written."""
-    try:
-        place = out.resolve()
-        if place.exists() and not place.is_file():
-            raise UsageError(f"{option} {out}: exists and is not a file")
-        place.parent.mkdir(parents=True, exist_ok=True)
-    except (OSError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise UsageError(f"{option} {out}: {reason}") from error
-    if not os.access(place.parent, os.W_OK):
-        raise UsageError(f"{option} {out}: the folder cannot be written to")
-    return place
-
-
 def try_on(scenario: Scenario, policies: Sequence[str], seeds: range, engine: str = "des") -> None:
     """Let each policy begin once, before anything is run. Raises PolicyError for a misfit.
 
@@ -274,10 +258,7 @@ def _read(folder: Path) -> _Run:
         )
     summary, _ = read_summary(folder)
     numbers = read_table(folder, "episodes", EPISODES)["episode"]
-    try:
-        scenario = load(folder / "scenario.yaml")
-    except ScenarioError as error:
-        raise PolicyError(str(error)) from error
+    scenario = read_scenario(folder)
     if not summary["episodes"]:
         raise PolicyError(f"{folder}: no episode was counted")
     policy, seed = summary["policy"], summary["seed"]

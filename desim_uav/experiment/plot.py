@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.compare import compare_runs
-from desim_uav.experiment.compare import csv_place as file_place
 from desim_uav.policies.tabular import read_table
 from desim_uav.registry import did_you_mean
-from desim_uav.run_folder import write_whole
+from desim_uav.run_folder import file_place, write_whole
 from desim_uav.shipped import find_table
 
 if TYPE_CHECKING:

@@ -24,7 +24,7 @@ from desim_uav.policies import load_policy
 from desim_uav.report.replay.data import Encoder
 from desim_uav.report.replay.page import page
 from desim_uav.report.run import IN_TIME, KEPT, Again, Run, Tables
-from desim_uav.run_folder import TABLES, world_content, write_whole
+from desim_uav.run_folder import TABLES, file_place, world_content, write_whole
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World, build_world
 
@@ -69,6 +69,8 @@ def write_replay(
     """
     run = Run(run_dir)
     wanted = run.chosen(episodes)
+    file = run_dir / "replay.html" if html is None else html
+    place = file_place(file, "--html")
     encoder = Encoder(run)
     blocks: list[bytes] = []
     size, limit = 0.0, MOST_BYTES if most_bytes is None else most_bytes
@@ -85,8 +87,7 @@ def write_replay(
                 blocks.append(block)
     shown = wanted[: len(blocks)]
     content = page(encoder.common(shown), blocks)
-    file = run_dir / "replay.html" if html is None else html
-    write_whole(file, content)
+    write_whole(place, content)
     return Written(file, len(content), shown, wanted[len(blocks) :], again)
 
 

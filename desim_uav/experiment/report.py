@@ -12,14 +12,14 @@ from urllib.parse import quote
 from desim_uav import qoe
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import read_summary
-from desim_uav.experiment.compare import compare_runs, csv_place
+from desim_uav.experiment.compare import compare_runs
 from desim_uav.experiment.replay import playing_again
 from desim_uav.experiment.statistics import estimate
 from desim_uav.report.comparison_page import Compared, comparison_page
 from desim_uav.report.page import Reported
 from desim_uav.report.run_page import run_page
 from desim_uav.report.text import MEASURES
-from desim_uav.run_folder import write_whole
+from desim_uav.run_folder import file_place, write_whole
 
 NAME = "report.html"
 
@@ -39,7 +39,7 @@ def report(
     place = out if out is not None else folders[0] / NAME if alone else Path(NAME)
     runs = [_read(folder, place) for folder in folders]
     content = None if alone else compare_runs(folders, against).content()
-    file = csv_place(place)
+    file = file_place(place)
     try:
         if content is None:
             text = run_page(runs[0], title)

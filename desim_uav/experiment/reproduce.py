@@ -7,6 +7,7 @@ finished job is a file, so that nothing is lost and the same command goes on whe
 
 from __future__ import annotations
 
+import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -32,7 +33,7 @@ from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.published import POLICIES, PUBLISHED
 from desim_uav.experiment.train import train
 from desim_uav.optimum.cover import Places, cover, fair_cover
-from desim_uav.run_folder import write_whole
+from desim_uav.run_folder import try_writing, write_whole
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import scenario_path
@@ -111,6 +112,7 @@ def open_folder(folder: Path) -> None:
     try:
         for name in ("jobs", "policies"):
             (folder / name).mkdir(parents=True, exist_ok=True)
+            try_writing(folder / name)
     except OSError as error:
         raise UsageError(f"--out {folder}: {error.strerror}") from error
 
@@ -187,7 +189,8 @@ def run_job(job: Job, folder: Path, engine: str = "batch") -> dict[str, Any]:
         row |= {f"last_{key}": _mean([getattr(one, key) for one in last]) for key in LAST_EPISODE}
     row |= evaluate(scenario, policy, job.seed, EPISODES, WARMUP, engine)
     file = folder / "jobs" / f"{job.name}.json"
-    content = json.dumps({"identity": job.identity(), "row": row}, indent=1, allow_nan=False)
+    kept = {"identity": job.identity(), "row": row, "sha256": _digest(row)}
+    content = json.dumps(kept, indent=1, allow_nan=False)
     write_whole(file, content.encode())
     return row
 
@@ -220,11 +223,15 @@ def _finished(job: Job, folder: Path) -> dict[str, Any] | None:
     """The row of a job that was finished before, if it was this very job."""
     try:
         found = json.loads((folder / "jobs" / f"{job.name}.json").read_text(encoding="utf-8"))
-        if found["identity"] == job.identity():
+        if (found["identity"], found["sha256"]) == (job.identity(), _digest(found["row"])):
             return dict(found["row"])
     except (OSError, ValueError, KeyError, TypeError):
         pass
     return None
+
+
+def _digest(row: dict[str, Any]) -> str:
+    return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest()
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     import pyarrow as pa
 
 MANIFEST, FAILED, RESULTS, TABLES = "manifest.json", "failed.json", "results", "policies"
+DIGEST = b"row_sha256"
 PLAN = {"scenario": dict, "columns": dict, "episodes": int, "warmup": int, "jobs": list}
 """What a manifest says of what is swept."""
 
@@ -166,7 +167,8 @@ class SweepFolder:
         import pyarrow.parquet as pq
 
         file = pa.BufferOutputStream()
-        pq.write_table(pa.Table.from_pylist([row], self._schema()), file, write_page_checksum=True)
+        schema = self._schema().with_metadata({DIGEST: _digest(row)})
+        pq.write_table(pa.Table.from_pylist([row], schema), file, write_page_checksum=True)
         return bytes(file.getvalue())
 
     def _read(self, job: Job) -> Row | None:
@@ -181,7 +183,8 @@ class SweepFolder:
             return None
         if not table.schema.equals(self._schema()) or table.column("job").to_pylist() != [job.id]:
             return None
-        return dict(table.to_pylist()[0])
+        row = dict(table.to_pylist()[0])
+        return row if (table.schema.metadata or {}).get(DIGEST) == _digest(row) else None
 
 
 def _manifest(file: Path) -> dict[str, Any]:
@@ -197,6 +200,11 @@ def _manifest(file: Path) -> dict[str, Any]:
     if not isinstance(found.get("versions"), dict) or "desim-uav" not in found["versions"]:
         raise PolicyError(f"{file}: not the manifest of a sweep: no versions")
     return dict(found)
+
+
+def _digest(row: Row) -> bytes:
+    """Pages have checksums, but what Parquet says about them has none."""
+    return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest().encode()
 
 
 def _typed(columns: dict[str, str]) -> str:

@@ -7,7 +7,6 @@ import platform
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,10 @@ import numpy as np
 import pandas as pd
 
 from desim_uav import __version__
+from desim_uav.checksums import SUMS, of_contents
 from desim_uav.engine.choose import engine_for
 from desim_uav.errors import PolicyError, SimulationError, UsageError
-from desim_uav.experiment.command import versions
+from desim_uav.experiment.command import clock, versions
 from desim_uav.experiment.interrupt import asked_to_stop
 from desim_uav.learning import checkpoint
 from desim_uav.learning.checkpoint import Checkpoint
@@ -112,7 +112,8 @@ def train_to_folder(
     under way (a few, where they are compiled), with a checkpoint. Raises UsageError where the
     folder cannot be used, PolicyError where its checkpoint cannot.
     """
-    started = datetime.now(UTC)
+    now = clock()
+    started = now()
     world = build_world(scenario, scenario.effective_world_seed)
     training = Training(world, scenario.seed, engine or engine_for(world))
     folder = _resumable(scenario, out) if resume else _new(scenario, out)
@@ -132,7 +133,7 @@ def train_to_folder(
         _save(training, rows, folder)
         interrupted = training.episode < scenario.learning.episodes
         if not interrupted:
-            _finish(training, rows, folder, first, started, command)
+            _finish(training, rows, folder, first, command, started, now())
     return Trained(_summary(training, rows, folder), interrupted)
 
 
@@ -237,8 +238,9 @@ def _finish(
     rows: list[Progress],
     folder: Path,
     first: int,
-    started: datetime,
     command: list[str],
+    started: str,
+    finished: str,
 ) -> None:
     """Write what a finished training leaves; the manifest comes last."""
     if not np.isfinite(training.q).all():
@@ -247,18 +249,24 @@ def _finish(
             "finite"
         )
     table = table_of(training)
-    write_whole(folder / "world.json", json.dumps(world_content(training.world)).encode())
-    write_whole(folder / "training.parquet", parquet("training", to_frame(TRAINING, rows)))
-    write_whole(folder / POLICY, table.to_bytes())
     manifest = {key: table.about[key] for key in PROVENANCE} | {
         "kind": "training",
         "resumed_at": first,
         "command": command,
-        "started": started.isoformat(),
-        "finished": datetime.now(UTC).isoformat(),
+        "started": started,
+        "finished": finished,
         "versions": versions(),
     }
-    write_whole(folder / MANIFEST, (json.dumps(manifest, indent=1) + "\n").encode())
+    files = {
+        "scenario.yaml": dump(training.world.scenario).encode(),
+        "world.json": json.dumps(world_content(training.world)).encode(),
+        "training.parquet": parquet("training", to_frame(TRAINING, rows)),
+        POLICY: table.to_bytes(),
+        MANIFEST: (json.dumps(manifest, indent=1) + "\n").encode(),
+    }
+    files = {SUMS: of_contents(files).encode()} | files
+    for name, content in files.items():
+        write_whole(folder / name, content)
     (folder / BEFORE).unlink(missing_ok=True)
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
+from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError
 
 
@@ -18,11 +19,13 @@ class Form(BaseModel):
 
 
 def read_json(file: Path, form: type[Form], what: str) -> dict[str, Any]:
-    """What a file holds, all of it. Raises PolicyError, naming file and key, for none of ``form``.
+    """What a file holds, all of it.
 
+    Raises PolicyError, naming file and key, for none of ``form``, or one that was changed.
     ``what``: it is then, such as "the world of a run".
     """
     try:
+        verify(file)
         content = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error

@@ -10,11 +10,11 @@ from typing import Any
 
 import pandas as pd
 
-from desim_uav.errors import NoEventsError, PolicyError, ScenarioError, UsageError
+from desim_uav.checksums import verify
+from desim_uav.errors import NoEventsError, PolicyError, UsageError
 from desim_uav.report.manifest import Settings, read_manifest, read_settings
 from desim_uav.report.world import read_world, stored_world
-from desim_uav.run_folder import TABLES, read_table
-from desim_uav.scenario.load import load
+from desim_uav.run_folder import TABLES, read_scenario, read_table
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World
 
@@ -116,14 +116,12 @@ class Run:
     @cached_property
     def scenario(self) -> Scenario:
         """The scenario as it was run."""
-        try:
-            return load(self.folder / "scenario.yaml")
-        except ScenarioError as error:
-            raise PolicyError(error.problems[0]) from error
+        return read_scenario(self.folder)
 
     @cached_property
     def yaml(self) -> str:
         """The text of the scenario's file."""
+        verify(self.folder / "scenario.yaml")
         return (self.folder / "scenario.yaml").read_text(encoding="utf-8")
 
     @cached_property

@@ -571,6 +571,7 @@ class TestAnyonesRun:
         world = json.loads((run / "world.json").read_text(encoding="utf-8"))
         world["note"] = self.NASTY
         (run / "world.json").write_text(json.dumps(world), encoding="utf-8")
+        (run / "SHA256SUMS").unlink()
         assert scenario
         page.open(write_replay(run).file, f"#episode=0&t=500&user=3&x={'<img>'}")
         page.frames(3)

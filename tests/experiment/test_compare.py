@@ -4,7 +4,6 @@ import csv
 import json
 import math
 import os
-import re
 import signal
 import subprocess
 import sys
@@ -13,7 +12,6 @@ from pathlib import Path
 
 import pytest
 
-from desim_uav import cli
 from desim_uav.engine.batch import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import PolicyError, ScenarioError
@@ -23,11 +21,11 @@ from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import estimate, paired
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from tests.command_line import START, runner, with_plug_ins
 
 ROOT = Path(__file__).parents[2]
 SMALL = ("-S", "users.count=12", "-S", "episode.steps=8")
 SHORT = ("--episodes", 2, "--warmup", 1)
-START = "import sys; from desim_uav.cli import main; sys.exit(main())"
 PLUG_INS = '''
 import os
 import signal
@@ -82,60 +80,16 @@ class Endless(OnSeedTwo):
 '''
 
 
-class Ended:
-    """How a command ended: its exit code and what it printed."""
-
-    def __init__(self, code, out, err):
-        self.code, self.out, self.err = code, out, err
-
-    @property
-    def message(self):
-        return " ".join(re.sub(r"[│╭╮╰╯─|+]", " ", self.err).split())
-
-    @property
-    def json(self):
-        return json.loads(self.out, parse_constant=pytest.fail)
-
-    def failed(self, code, *parts):
-        assert "Traceback" not in self.err
-        assert (self.code, self.out) == (code, ""), self.err
-        for part in parts:
-            assert part in self.message
-
-
 @pytest.fixture(autouse=True)
 def somewhere(tmp_path, monkeypatch):
     """An empty working folder, with policies that can be imported."""
-    modules = tmp_path / "modules"
-    modules.mkdir()
-    (modules / "compared.py").write_text(PLUG_INS, encoding="utf-8")
-    monkeypatch.setattr(sys, "path", [*sys.path, str(modules)])
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(modules)]))
-    monkeypatch.setenv("COLUMNS", "300")
-    folder = tmp_path / "here"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    handlers = {number: signal.getsignal(number) for number in numbers}
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield folder
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-    sys.modules.pop("compared", None)
+    yield from with_plug_ins("compared", PLUG_INS, tmp_path, monkeypatch)
 
 
 @pytest.fixture
 def cli_run(capsys, monkeypatch):
     """Run a command in this process."""
-
-    def run(*arguments):
-        capsys.readouterr()
-        monkeypatch.setattr(sys, "argv", ["desim-uav", *map(str, arguments)])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return Ended(end.value.code or 0, *capsys.readouterr())
-
-    return run
+    return runner(capsys, monkeypatch)
 
 
 @pytest.fixture

@@ -27,6 +27,7 @@ def folders(tmp_path_factory):
     gone = shutil.copytree(where / "bare", where / "gone")
     manifest = json.loads((gone / "manifest.json").read_text()) | {"policy": "gone.npz"}
     (gone / "manifest.json").write_text(json.dumps(manifest))
+    (gone / "SHA256SUMS").unlink()
     return where
 
 

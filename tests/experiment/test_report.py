@@ -214,6 +214,7 @@ class TestOneRun:
     def test_of_a_run_that_cannot_be_played_again_has_no_batteries(self, runs):
         file = runs[0] / "manifest.json"
         file.write_text(json.dumps(json.loads(file.read_text()) | {"policy": "<b>gone.npz"}))
+        (runs[0] / "SHA256SUMS").unlink()
         page = Page(report(runs[:1], None, None, None))
         figures = [a["aria-label"] for tag, a in page.elements if tag == "svg"]
         assert figures == ["Map", "QoE over episodes", "Services"]
@@ -370,6 +371,7 @@ class TestWrong:
         steps = pd.read_parquet(runs[0] / "steps.parquet")
         few = parquet("steps", steps[steps["drone"] > 0])
         (runs[0] / "steps.parquet").write_bytes(few)
+        (runs[0] / "SHA256SUMS").unlink()
         code, out, err = command(runs[0])
         assert (
             (code, out) == (4, "")
@@ -406,6 +408,7 @@ class TestHostile:
             steps = pd.read_parquet(folder / "steps.parquet")
             steps["mode"] = HOSTILE
             (folder / "steps.parquet").write_bytes(parquet("steps", steps))
+            (folder / "SHA256SUMS").unlink()
         return [runs[0], runs[3]]
 
     @pytest.mark.parametrize("several", [False, True])

@@ -163,6 +163,7 @@ def test_gates_that_hold(folder: Path, tmp_path: Path):
     for file in (folder / "jobs").glob("*.json"):
         content = json.loads(file.read_text())
         content["row"]["qoe3_percent"] = 100.0
+        content["sha256"] = reproduce._digest(content["row"])
         (tmp_path / "jobs").mkdir(exist_ok=True)
         (tmp_path / "jobs" / file.name).write_text(json.dumps(content))
     command = ("reproduce", "--cases", 1, "--seeds", 2, "--episodes", 20, "--out", tmp_path)

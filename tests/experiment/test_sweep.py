@@ -1,8 +1,6 @@
 """Sweeps: jobs and their identity, the dataset, what ends them and how they go on."""
 
 import json
-import os
-import re
 import signal
 import subprocess
 import sys
@@ -12,7 +10,6 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from desim_uav import cli
 from desim_uav.engine.batch import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment import sweep, sweep_command
@@ -22,6 +19,7 @@ from desim_uav.policies.tabular import read_table
 from desim_uav.run_folder import held
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from tests.command_line import runner, with_plug_ins
 
 ROOT = Path(__file__).parents[2]
 GRID = ("-S", "drones.footprint_radius_m=150,250", "-S", "episode.steps=3:4")
@@ -72,61 +70,19 @@ class Slow(Hover):
 '''
 
 
-class Ended:
-    """How a command ended: its exit code and what it printed."""
-
-    def __init__(self, code, out, err):
-        self.code, self.out, self.err = code, out, err
-
-    @property
-    def message(self):
-        return " ".join(re.sub(r"[│╭╮╰╯─|+]", " ", self.err).split())
-
-    @property
-    def json(self):
-        return json.loads(self.out, parse_constant=pytest.fail)
-
-    def failed(self, code, *parts):
-        assert "Traceback" not in self.err
-        assert (self.code, self.out) == (code, ""), self.err
-        for part in parts:
-            assert part in self.message
-
-
 @pytest.fixture(autouse=True)
 def here(tmp_path, monkeypatch):
     """An empty working folder, with policies that can be imported."""
-    modules = tmp_path / "modules"
-    modules.mkdir()
-    (modules / "swept.py").write_text(PLUG_INS, encoding="utf-8")
-    monkeypatch.setattr(sys, "path", [*sys.path, str(modules)])
-    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(modules)]))
-    monkeypatch.setenv("COLUMNS", "300")
-    folder = tmp_path / "here"
-    folder.mkdir()
-    monkeypatch.chdir(folder)
-    numbers = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)
-    handlers = {number: signal.getsignal(number) for number in numbers}
-    signal.signal(signal.SIGINT, signal.default_int_handler)
-    yield folder
-    for number, handler in handlers.items():
-        signal.signal(number, handler)
-    sys.modules.pop("swept", None)
+    yield from with_plug_ins("swept", PLUG_INS, tmp_path, monkeypatch)
 
 
 @pytest.fixture
 def swept(capsys, monkeypatch):
     """Sweep the tiny scenario in this process, a few short episodes."""
-
-    def run(*arguments, out="out", scenario="tiny"):
-        capsys.readouterr()
-        command = ["desim-uav", "sweep", scenario, *SHORT, "--out", out, *arguments]
-        monkeypatch.setattr(sys, "argv", [str(part) for part in command])
-        with pytest.raises(SystemExit) as end:
-            cli.main()
-        return Ended(end.value.code or 0, *capsys.readouterr())
-
-    return run
+    run = runner(capsys, monkeypatch)
+    return lambda *arguments, out="out", scenario="tiny": run(
+        "sweep", scenario, *SHORT, "--out", out, *arguments
+    )
 
 
 def dataset(out):

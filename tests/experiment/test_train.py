@@ -61,7 +61,14 @@ def test_what_a_training_leaves(tmp_path: Path):
     done = trained(tmp_path / "t")
     assert not done.interrupted
     files = {path.name for path in (tmp_path / "t").iterdir()}
-    expected = {"policy.npz", "training.parquet", "manifest.json", "scenario.yaml", "world.json"}
+    expected = {
+        "SHA256SUMS",
+        "policy.npz",
+        "training.parquet",
+        "manifest.json",
+        "scenario.yaml",
+        "world.json",
+    }
     assert files == expected | {"checkpoint.npz"}
     rows = read_table(tmp_path / "t", "training", TRAINING)
     assert len(rows) == 60 * 2 and rows["episode"].max() == 59

@@ -128,6 +128,7 @@ def test_the_world_is_that_of_the_folder(tmp_path):
     assert Run(folder).world.seed == 3
     text = (folder / "world.json").read_text()
     (folder / "world.json").write_text(text.replace("2400.0", "2401.0", 1))
+    (folder / "SHA256SUMS").unlink()
     assert Run(folder).world.grid.width_m == 2401
 
 
@@ -141,6 +142,7 @@ def test_episodes_are_asked_for_by_their_number(tmp_path):
 
 def test_events_and_legs_of_another_run(tmp_path):
     folder = make_run(tmp_path / "r", "case8", "baseline", SMALL)
+    (folder / "SHA256SUMS").unlink()
     events, legs = (pd.read_parquet(folder / f"{name}.parquet") for name in ("events", "legs"))
     for name, frame, message in (
         ("events", events[events["kind"] != "stop"], "not each serve has its stop"),

@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 
 from desim_uav import cli
+from desim_uav.checksums import SUMS
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.replay import played_again, write_replay
@@ -82,6 +83,7 @@ def bare(tmp_path_factory):
 def spoil_json(file, **changes):
     content = json.loads(file.read_text(encoding="utf-8")) | changes
     file.write_text(json.dumps(content), encoding="utf-8")
+    (file.parent / SUMS).unlink(missing_ok=True)
 
 
 def spoil_table(run, name, column, value, row=None):
@@ -89,6 +91,7 @@ def spoil_table(run, name, column, value, row=None):
     frame = pd.read_parquet(run / f"{name}.parquet")
     frame.loc[(frame["episode"] == 0).idxmax() if row is None else row, column] = value
     (run / f"{name}.parquet").write_bytes(parquet(name, frame))
+    (run / SUMS).unlink(missing_ok=True)
 
 
 class TestColumns:
@@ -545,10 +548,11 @@ class TestCommand:
         code, out, err = replay(busy, "--episodes", "7")
         assert (code, out) == (2, "")
         assert "there is no episode 7; there are -1 to 1" in err
-        code, out, err = replay(busy, "--html", "nowhere/page.html")
-        assert (code, out) == (1, "")
-        assert err.startswith("desim-uav: cannot write nowhere/page.html")
+        code, out, err = replay(busy, "--html", busy / "world.json/page.html")
+        assert (code, out) == (2, "")
+        assert err.startswith("desim-uav: --html ") and "world.json/page.html: " in err
         (busy / "world.json").write_text("{}", encoding="utf-8")
+        (busy / SUMS).unlink()
         code, out, err = replay(busy)
         assert (code, out, err) == (
             4,

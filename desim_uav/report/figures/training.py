@@ -13,12 +13,12 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from desim_uav.errors import PolicyError, ScenarioError, UsageError
+from desim_uav.errors import PolicyError, UsageError
 from desim_uav.records import TRAINING
 from desim_uav.report.figures.style import headed, look, styled
 from desim_uav.report.json_file import Form, read_json
-from desim_uav.run_folder import read_table
-from desim_uav.scenario.load import load, to_plain
+from desim_uav.run_folder import read_scenario, read_table
+from desim_uav.scenario.load import to_plain
 
 CURVES = {
     "reward": "reward of an episode",
@@ -127,10 +127,7 @@ def read_training(folder: Path) -> Trained:
         )
     table = read_table(folder, "training", TRAINING)
     manifest = read_json(folder / "manifest.json", Manifest, "the manifest of a training")
-    try:
-        plain = to_plain(load(folder / "scenario.yaml"))
-    except ScenarioError as error:
-        raise PolicyError(error.problems[0]) from error
+    plain = to_plain(read_scenario(folder))
     if table.empty:
         raise PolicyError(f"{folder}: no episode has ended")
     settings = {key: value for key, value in plain.items() if key not in ("seed", "world_seed")}

@@ -86,6 +86,7 @@ class TestTraining:
         other = copy(trained[2], tmp_path / "other")
         text = (other / "scenario.yaml").read_text()
         (other / "scenario.yaml").write_text(text.replace("count: 12", "count: 13"))
+        (other / "SHA256SUMS").unlink()
         with pytest.raises(PolicyError, match=r"another scenario than .*: users is"):
             training_figure([trained[0], other])
         with pytest.raises(UsageError, match="--window 61: there are 60 episodes"):
@@ -361,6 +362,7 @@ class TestFiles:
         manifest = json.loads((folder / "manifest.json").read_text())
         manifest["policy"] = r"$\frac$ </svg><script>"
         (folder / "manifest.json").write_text(json.dumps(manifest))
+        (folder / "SHA256SUMS").unlink()
         svg = to_bytes(services_figure(folder), ".svg")
         assert b"<script" not in svg
 

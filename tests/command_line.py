@@ -1,0 +1,96 @@
+"""Commands as users give them, here or in a process of their own, and how they ended."""
+
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from desim_uav import cli
+
+ROOT = Path(__file__).parents[1]
+START = "import sys; from desim_uav.cli import main; sys.exit(main())"
+USUAL = {
+    signal.SIGINT: signal.default_int_handler,
+    signal.SIGTERM: signal.SIG_DFL,
+    signal.SIGHUP: signal.SIG_DFL,
+}
+"""What a signal does to a program that has just begun."""
+
+
+class Ended:
+    """How a command ended: its exit code and what it printed."""
+
+    def __init__(self, code, out, err):
+        self.code, self.out, self.err = code, out, err
+
+    @property
+    def message(self):
+        """What stands on stderr, without frames and line breaks."""
+        return " ".join(re.sub(r"[│╭╮╰╯─|+]", " ", self.err).split())
+
+    @property
+    def json(self):
+        def refuse(constant):
+            raise AssertionError(f"{constant} is no JSON")
+
+        return json.loads(self.out, parse_constant=refuse)
+
+    def failed(self, code, *parts):
+        """It ended with this code, one message with these parts, and nothing on stdout."""
+        assert "Traceback" not in self.err
+        assert (self.code, self.out) == (code, ""), self.err
+        for part in parts:
+            assert part in self.message
+        return self
+
+
+def program(*arguments):
+    """A command in a process of its own."""
+    return [sys.executable, "-c", START, *map(str, arguments)]
+
+
+def elsewhere(*arguments, **options):
+    """Run a command in a process of its own."""
+    done = subprocess.run(
+        program(*arguments), capture_output=True, text=True, timeout=120, check=False, **options
+    )
+    return Ended(done.returncode, done.stdout, done.stderr)
+
+
+def runner(capsys, monkeypatch):
+    """What runs a command in this process."""
+
+    def run(*arguments):
+        capsys.readouterr()
+        monkeypatch.setattr(sys, "argv", ["desim-uav", *map(str, arguments)])
+        with pytest.raises(SystemExit) as end:
+            cli.main()
+        return Ended(end.value.code or 0, *capsys.readouterr())
+
+    return run
+
+
+def with_plug_ins(name, text, tmp_path, monkeypatch):
+    """An empty working folder, a module of this name that can be imported, signals as usual.
+
+    For a fixture to yield from.
+    """
+    modules = tmp_path / "modules"
+    modules.mkdir()
+    (modules / f"{name}.py").write_text(text, encoding="utf-8")
+    monkeypatch.setattr(sys, "path", [*sys.path, str(modules)])
+    monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(ROOT), str(modules)]))
+    monkeypatch.setenv("COLUMNS", "300")
+    folder = tmp_path / "here"
+    folder.mkdir()
+    monkeypatch.chdir(folder)
+    handlers = {number: signal.signal(number, handler) for number, handler in USUAL.items()}
+    yield folder
+    for number, handler in handlers.items():
+        signal.signal(number, handler)
+    sys.modules.pop(name, None)

@@ -1,0 +1,98 @@
+"""A clock that is set forward and back by a day at each look: nothing but dates hangs on it."""
+
+import itertools
+import json
+import time
+from datetime import datetime, timedelta
+from pathlib import Path
+
+import pytest
+
+from desim_uav import run_folder
+from desim_uav.experiment import command as commands
+from desim_uav.experiment import sweep_folder
+from tests.command_line import runner
+from tests.faults.kill import SWEPT, same_files, same_run, same_sweep, same_training
+
+DAY_S = 86_400
+
+
+@pytest.fixture
+def command(capsys, monkeypatch, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    return runner(capsys, monkeypatch)
+
+
+@pytest.fixture
+def jumps(monkeypatch):
+    """From now on; the looks there were."""
+    found = []
+    days = itertools.cycle([0, 1, -1, 1, -2])
+    seconds, nanoseconds = time.time, time.time_ns
+
+    def away() -> int:
+        found.append(next(days) * DAY_S)
+        return found[-1]
+
+    class Jumping(datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return datetime.now(tz) + timedelta(seconds=away())
+
+    def begin():
+        monkeypatch.setattr(time, "time", lambda: seconds() + away())
+        monkeypatch.setattr(time, "time_ns", lambda: nanoseconds() + away() * 10**9)
+        for module in (commands, run_folder, sweep_folder):
+            monkeypatch.setattr(module, "datetime", Jumping)
+        return found
+
+    return begin
+
+
+def twice(command, jumps, *words):
+    """The same under a clock that can be trusted, and under one that cannot."""
+    assert command(*words, "--out", "one").code == 0
+    looks = jumps()
+    ended = command(*words, "--out", "other")
+    assert ended.code == 0 and len(looks) > 1
+    manifest = json.loads(Path("other/manifest.json").read_text())
+    times = [datetime.fromisoformat(manifest[k]) for k in ("started", "finished") if k in manifest]
+    assert times == sorted(times)
+    return Path("one"), Path("other")
+
+
+@pytest.mark.parametrize("engine", ["des", "batch"])
+def test_a_run(engine, command, jumps):
+    flags = ("--policy", "random", "--episodes", 3, "--events", "--engine", engine)
+    same_run(*twice(command, jumps, "run", "tiny", *flags))
+
+
+def test_a_training(command, jumps):
+    same_training(*twice(command, jumps, "train", "tiny", "--episodes", 40))
+
+
+def test_a_training_goes_on(command, jumps):
+    words = ("train", "tiny", "--checkpoint-every", 10)
+    assert command(*words, "--episodes", 40, "--out", "one").code == 0
+    jumps()
+    assert command(*words, "--episodes", 20, "--out", "other").code == 0
+    assert command(*words, "--episodes", 40, "--resume", "--out", "other").code == 0
+    same_training(Path("one"), Path("other"))
+
+
+def test_a_sweep_goes_on(command, jumps):
+    words = ("sweep", "tiny", "--policies", "hover,random", *SWEPT)
+    one, other = twice(command, jumps, *words)
+    same_sweep(one, other)
+    (next((other / "results").iterdir())).unlink()
+    ended = command(*words, "--resume", "--out", "other")
+    assert "7 of 8 jobs had ended before" in ended.message
+    same_files(one / "results", other / "results", "*")
+
+
+def test_a_lock_holds(jumps, tmp_path):
+    jumps()
+    with run_folder.held(tmp_path / "mine"):
+        for _ in range(5):
+            with pytest.raises(run_folder.UsageError, match="is writing to it"):
+                run_folder.held(tmp_path / "mine").__enter__()
