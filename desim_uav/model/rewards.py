@@ -132,14 +132,11 @@ def battery_weights(drone: Observation, low_battery: float) -> tuple[float, floa
     Thresholds c1 = ``low_battery`` of the capacity, each next one its predecessor over 1.5. Where
     the battery just suffices for the way home, or not, only the way home counts.
     """
-    battery_s, capacity_s = drone.battery_s, drone.capacity_s
-    if battery_s is None or capacity_s is None:
+    battery_s, capacity_s, return_s = drone.battery_s, drone.capacity_s, drone.return_s
+    if battery_s is None or capacity_s is None or return_s is None:
         return 1.0, 0.0
     threshold = low_battery * capacity_s
     if battery_s > threshold:
-        return 1.0, 0.0
-    return_s = drone.return_s
-    if return_s is None:
         return 1.0, 0.0
     if battery_s > return_s:
         for service, cost in ((0.8, 0.2), (0.5, 0.5), (0.2, 0.8)):

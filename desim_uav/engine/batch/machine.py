@@ -298,10 +298,10 @@ def _obeyed(w: Fixed, s: State, d: int, told: int) -> int:
             only = k
     if allowed == 1:
         return only
-    for k in range(w.i[ACTIONS]):
-        if w.i[move_of(w, k) + MOVE_ACTION] == HOVER:
-            return k
-    return 0
+    hover = 0
+    while w.i[move_of(w, hover) + MOVE_ACTION] != HOVER:
+        hover += 1
+    return hover
 
 
 @inner

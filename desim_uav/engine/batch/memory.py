@@ -146,11 +146,6 @@ class Path(NamedTuple):
     f: Floats
 
 
-def path_of(path: SamplePath) -> Path:
-    """A sample path as the kernels take it."""
-    return paths_of([path])[0]
-
-
 def paths_of(paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
     """Sample paths one after the other, and where each begins: (paths, 2), in ``i`` and in ``f``.
 

@@ -15,7 +15,7 @@ from desim_uav.engine.des.airlink import AirLink
 from desim_uav.engine.des.flights import Flights, neighbour
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
-from desim_uav.model.battery import Energy, charged_us, time_to_full_us
+from desim_uav.model.battery import charged_us, time_to_full_us
 from desim_uav.model.grid import Cell
 from desim_uav.model.motion import REST, Leg, travelled
 from desim_uav.model.planner import Node, Return
@@ -123,8 +123,7 @@ class Drone:
             self.leg = Leg(REST, carried.fallen_m, carried.fallen_m, 0.0, 0.0)
         elif carried.hop is not None:
             self.leg = self.flights.hop(self.node, carried.hop)
-            if self.energy is not None:
-                self._foresee_depletion(self.energy, self.leg.transit.duration_us)
+            self._foresee_depletion(self.leg.transit.duration_us)
         else:
             self.leg = self.flights.hover(self.node)
         self._log_leg()
@@ -192,8 +191,7 @@ class Drone:
         duration_us = leg.transit.duration_us
         yield self.agenda.at(self.since_us + duration_us, self.arrival_key)
         self._arrive(target)
-        if self.energy is not None:
-            self._foresee_depletion(self.energy, step_us - duration_us)
+        self._foresee_depletion(step_us - duration_us)
 
     def _return(self) -> Life:
         """Fly back by A* without stopping for decisions; land and queue at once.
@@ -278,10 +276,12 @@ class Drone:
         self.leg = leg
         if leg.transit is not REST:
             self._log_leg()
-        if self.energy is not None:
-            self._foresee_depletion(self.energy, span_us)
+        self._foresee_depletion(span_us)
 
-    def _foresee_depletion(self, energy: Energy, span_us: int) -> None:
+    def _foresee_depletion(self, span_us: int) -> None:
+        energy = self.energy
+        if energy is None:
+            return
         lasts_us = energy.lasts_us(self.leg.transit, self.battery_us)
         if lasts_us <= span_us:
             depleted_us = self.since_us + lasts_us

@@ -170,11 +170,11 @@ class Simulation:
     def _run(self) -> Snapshot:
         """Let events happen until one of them shows a decision epoch."""
         self.shown = None
-        if self.audit is None:
-            self.agenda.run_on()
         while self.shown is None:
-            self.agenda.step()
-            if self.audit is not None:
+            if self.audit is None:
+                self.agenda.run_on()
+            else:
+                self.agenda.step()
                 self.audit(self)
         return self.shown
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from desim_uav.engine.des.agenda import Agenda, Due, Life, key
 from desim_uav.engine.des.airlink import AirLink
-from desim_uav.model.demand import Requests
+from desim_uav.model.demand import DUE_US, Requests
 from desim_uav.model.rules import Phase
 
 REQUEST = Phase.REQUEST
@@ -19,9 +19,12 @@ def start_asking(agenda: Agenda, airlink: AirLink, requests: Requests, horizon_u
     rows = requests.rows.tolist()
     life = _ask_and_think if requests.after_previous else _ask_on_arrival
     for user, (first, last) in enumerate(pairwise(requests.offsets.tolist())):
-        if first < last and rows[first][0] < horizon_us:
-            due = agenda.at(agenda.now + rows[first][0], key(REQUEST, user=user))
-            agenda.process(life(agenda, airlink, user, rows[first:last]), begins=due)
+        own = rows[first:last]
+        if not requests.after_previous:
+            own = [row for row in own if row[DUE_US] < horizon_us]
+        if own and own[0][DUE_US] < horizon_us:
+            due = agenda.at(agenda.now + own[0][DUE_US], key(REQUEST, user=user))
+            agenda.process(life(agenda, airlink, user, own), begins=due)
 
 
 def _ask_and_think(agenda: Agenda, airlink: AirLink, user: int, rows: list[Row]) -> Life:
