@@ -205,16 +205,21 @@ class Place:
     def publish(self, draft: Draft) -> Path:
         """Seal a draft and move it to its place in one step; the place. Never overwrites."""
         draft.seal()
-        for candidate in self._candidates():
-            try:
-                draft.path.rename(candidate)
-            except OSError as error:
-                if self.target is None and (candidate.exists() or candidate.is_symlink()):
-                    continue
-                raise UsageError(f"cannot write to {candidate}: {error.strerror}") from error
-            _sync_folder(self.parent)
-            return self.out or candidate
-        raise AssertionError("there is always a free number")
+        candidates = self._candidates()
+        while not self._moved(draft, candidate := next(candidates)):
+            pass
+        _sync_folder(self.parent)
+        return self.out or candidate
+
+    def _moved(self, draft: Draft, candidate: Path) -> bool:
+        """Move a draft to a place, unless it is taken and there are others."""
+        try:
+            draft.path.rename(candidate)
+        except OSError as error:
+            if self.target is None and (candidate.exists() or candidate.is_symlink()):
+                return False
+            raise UsageError(f"cannot write to {candidate}: {error.strerror}") from error
+        return True
 
     def _candidates(self) -> Iterator[Path]:
         if self.target is not None:

@@ -12,7 +12,7 @@ import pandas as pd
 import pyarrow.parquet as pq
 import pytest
 
-from desim_uav import qoe
+from desim_uav import qoe, run_folder
 from desim_uav.checksums import SUMS
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
 from desim_uav.experiment import command
@@ -20,7 +20,7 @@ from desim_uav.experiment import run as experiment_run
 from desim_uav.experiment.command import read_summary, run_to_folder
 from desim_uav.experiment.run import headline
 from desim_uav.records import EPISODES, REQUESTS, USERS, to_frame
-from desim_uav.run_folder import TABLES, Draft, Place, read_table
+from desim_uav.run_folder import TABLES, Draft, Place, held, read_table
 from desim_uav.scenario.load import load, loads, scenario_hash
 from desim_uav.shipped import scenario_path
 from tests.report.helpers import read_counted
@@ -644,3 +644,43 @@ def test_a_scenario_without_any_request_is_a_run_like_any(somewhere):
     assert summary["qoe1_percent"] is summary["fairness"] is None
     assert summary["qoe3_percent"] > 0
     assert list(read_table(folder, "episodes", EPISODES)["requests"]) == [0, 0]
+
+
+class TestHeld:
+    def test_a_second_is_told_who_holds_it(self):
+        with (
+            held(Path("mine")),
+            pytest.raises(UsageError, match=f"mine: process {os.getpid()}, since .* is writing"),
+            held(Path("mine")),
+        ):
+            pass
+        with held(Path("mine")):
+            pass
+        assert not list(Path().glob(".*.lock"))
+
+    def test_a_lock_that_was_removed_while_one_waited_for_it_is_no_lock(self, monkeypatch):
+        """Whoever had it was done in between: its file is another one now, or none."""
+        locked = []
+
+        def flock(file, how):
+            locked.append(how)
+            if len(locked) == 1:
+                Path(file.name).unlink()
+
+        monkeypatch.setattr(run_folder.fcntl, "flock", flock)
+        with held(Path("mine")):
+            assert Path(".mine.lock").read_text(encoding="utf-8").startswith("process ")
+        assert len(locked) == 2
+
+    def test_a_file_system_without_locks(self, monkeypatch):
+        def flock(file, how):
+            raise OSError(errno.ENOLCK, os.strerror(errno.ENOLCK))
+
+        monkeypatch.setattr(run_folder.fcntl, "flock", flock)
+        with held(Path("mine")), held(Path("mine")):
+            pass
+
+    def test_a_system_without_locks(self, monkeypatch):
+        monkeypatch.setattr(run_folder, "fcntl", None)
+        with held(Path("mine")), held(Path("mine")):
+            assert not list(Path().glob(".*.lock"))

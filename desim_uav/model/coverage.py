@@ -462,9 +462,8 @@ def _slope_root(
     rising: bool,
 ) -> float:
     """The zero of the slope in a stretch where it is monotone, by bisection-safeguarded Newton."""
-    t, left = 0.5 * (low + high), 80
-    while left > 0:
-        left -= 1
+    t = 0.5 * (low + high)
+    for _ in range(80):  # pragma: no branch (it has converged long before)
         value = _slope(px, py, wx, wy, ax, ay, t)
         if (value < 0.0) == rising:
             low = t
@@ -478,9 +477,9 @@ def _slope_root(
         if not low < step < high:
             step = 0.5 * (low + high)
         if abs(step - t) <= 1e-13 * max(1.0, t) or step <= low or step >= high:
-            left = 0
+            return step
         t = step
-    return t
+    return t  # pragma: no cover
 
 
 @kernel

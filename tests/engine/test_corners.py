@@ -111,6 +111,30 @@ def test_a_drone_that_is_between_hops_plans_its_way_home():
     """)
 
 
+def test_a_drone_goes_on_in_the_middle_of_a_hop():
+    """10 s and 33.2 m of its first hop are behind it; it began to charge what it flies on."""
+    world = returning(steps=3)
+    hop = (1, 0, 0)
+    under_way = resting((1, 0, 0), 300, mode=Mode.RETURNING, age_us=10 * US)
+    carried = (under_way._replace(hop=hop, route=(hop, hop), counted_m=50.0),)
+    log = alike(both(world, carried), path_of(world))
+    assert seen(log, "arrive", "depart", "land")[:3] == events("""
+        20990663  3  arrive  0
+        20990663  3  depart  0
+        51981326  3  arrive  0
+    """)
+    assert log.distance_m == pytest.approx(3 * 240 - 50)
+
+
+def test_a_route_that_no_plan_ends_with_cannot_be_carried_on():
+    world = returning(steps=3)
+    sideways = resting((1, 0, 0), 300, mode=Mode.RETURNING, hop=(1, 0, 0), route=((0, 1, 0),))
+    engine = BatchSimulation(world, RunSettings((True,), True))
+    engine.carry((sideways,))
+    with pytest.raises(SimulationError, match="no way back of this world"):
+        engine.reset(path_of(world))
+
+
 def test_landed_drones_keep_their_places():
     world = returning(starts=[(4, 0)] * 3, steps=4)
     waiting = resting((4, 0, 0), 500, mode=Mode.QUEUED, age_us=5 * US)

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from desim_uav.engine.base import RunSettings, Step
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.des.audit import audit
-from desim_uav.errors import ScenarioError
+from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.model.rules import Mode
 from desim_uav.model.state import Facts, Observation, Snapshot
@@ -51,6 +51,20 @@ def test_a_drone_is_paid_for_whom_it_holds_when_the_step_ends():
     assert paid == [(), (1.0, 1 / 1.5), (0.0, 1 / 1.5), (1.0, 1 / 1.5)]
     assert flight.shown[0].reward_terms == ()
     assert flight.shown[2].reward_terms == ({"users": 0.0}, {"users": 1 / 1.5})
+
+
+class Undefined:
+    """A reward that divides by the users it holds."""
+
+    def terms(self, drone: Observation, *_: Any) -> dict[str, float]:
+        held = drone.attached_users
+        return {"share": 1 / held if held else math.nan}
+
+
+def test_a_reward_that_is_no_number_ends_the_simulation():
+    world = strip(users=[(120, 120)], reward={"kind": f"{__name__}:Undefined"})
+    with pytest.raises(SimulationError, match=r"reward 'Undefined': .*nan.* is not a number"):
+        Flight(world).episode(path_of(world), "hover right")
 
 
 def test_the_reward_comes_before_the_commands():

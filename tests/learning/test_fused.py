@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.batch import BatchSimulation, simulation
+from desim_uav.errors import SimulationError
 from desim_uav.learning.training import Training
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -72,3 +73,14 @@ def test_what_is_not_compiled_learns_in_the_compiled_engine_all_the_same():
     for _ in range(10):
         assert readable.play() == fused.play()
         assert_same(readable, fused)
+
+
+def test_a_leg_with_more_crossings_than_there_is_room_for_is_told(monkeypatch: pytest.MonkeyPatch):
+    """Nothing is learned from an episode that was not simulated whole."""
+    monkeypatch.setattr(simulation, "CROSSINGS_A_USER", 0)
+    changes = ["users.count=300", "drones.count=1", "drones.bandwidth_kbps=null"]
+    crowded = Training(build_world(load(scenario_path("case3"), changes), 0), 0, "batch")
+    assert crowded.fuses
+    with pytest.raises(SimulationError, match=r"has more than 16 crossings; --engine des has room"):
+        for _ in range(20):
+            crowded.play()

@@ -239,9 +239,7 @@ class BatchSimulation:
                 view[:] = part
             self._new_log()
             calls.reset(self.fixed, self.packed, self.state)
-            for told in told_so_far:
-                if self.state.i[FULL]:
-                    break
+            for told in told_so_far:  # before the last of them nothing can be short of room
                 self._drain_log()
                 calls.step(self.fixed, self.packed, self.state, told)
         self._drain_log()

@@ -61,7 +61,8 @@ class Drone:
         self.radio = airlink.radios[index]
         self.stations = stations
         self.index = index
-        self.logs = journal.log.events is not None
+        self.events = journal.log.events
+        self.logs = self.events is not None
         self.arrival_key = key(ARRIVAL, index)
         self.ceiling = ceiling
         self.flights = flights
@@ -426,7 +427,7 @@ class Drone:
         """Write to the log what it is about: a transit, or to be where it is."""
         if self.logs:
             leg = self.leg
-            self.journal.flown(
+            self.journal.log.legs.append(
                 FlownLeg(
                     self.since_us,
                     self.index,
@@ -439,5 +440,5 @@ class Drone:
 
     def emit(self, phase: Phase, kind: str, station: int = -1) -> None:
         """Write to the log, where events are kept, what happens to it."""
-        if self.logs:
-            self.journal.emit((self.agenda._now, phase, kind, self.index, -1, -1, station))
+        if self.events is not None:
+            self.events.append((self.agenda._now, phase, kind, self.index, -1, -1, station))

@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-from desim_uav.engine.base import EpisodeLog, Event, FlownLeg
+from typing import NamedTuple
+
+from desim_uav.engine.base import EpisodeLog
 from desim_uav.engine.des.agenda import Agenda
 
 
-class Journal:
-    """What is written of an episode."""
+class Journal(NamedTuple):
+    """What an episode happens by, and what is written of it."""
 
-    def __init__(self, agenda: Agenda, log: EpisodeLog) -> None:
-        self.agenda = agenda
-        self.log = log
-
-    def emit(self, event: Event) -> None:
-        """Keep an event, where events are kept."""
-        if self.log.events is not None:
-            self.log.events.append(event)
-
-    def flown(self, leg: FlownLeg) -> None:
-        """Keep a leg, where events are kept."""
-        if self.log.events is not None:
-            self.log.legs.append(leg)
+    agenda: Agenda
+    log: EpisodeLog
