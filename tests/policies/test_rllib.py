@@ -8,7 +8,6 @@ import logging
 import os
 import pickle
 import resource
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -28,6 +27,7 @@ from desim_uav.policies import load_policy
 from desim_uav.policies.rllib import RLlib, save
 from desim_uav.policies.rllib.file import NAME, Saved, read
 from desim_uav.world import World, build_world
+from tests.command_line import elsewhere
 from tests.env.helpers import BRITTLE
 from tests.policies.test_sb3 import Lawful, most_users
 
@@ -296,28 +296,18 @@ def test_nothing_of_torch_is_changed(trained: Any):
 # ---- from the command line
 
 
-def command(*arguments: Any) -> subprocess.CompletedProcess[str]:
-    start = "import sys; from desim_uav.cli import main; sys.exit(main())"
-    return subprocess.run(
-        [sys.executable, "-c", start, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 @needs_rllib
 def test_the_command_line_flies_it_where_it_was_trained(trained: Any, tmp_path: Path):
     one = trained("case1", CASE_1)
     policy, out = f"rllib:{one.folder}", tmp_path / "out"
-    done = command("run", "case1", "--policy", policy, "--seed", 11, "--out", out, "--json")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert json.loads(done.stdout)["policy"] == policy
+    done = elsewhere("run", "case1", "--policy", policy, "--seed", 11, "--out", out, "--json")
+    assert (done.code, done.err) == (0, "")
+    assert done.json["policy"] == policy
     manifest = json.loads((out / "manifest.json").read_text())
     assert manifest["world_seed"] == CASE_1["world_seed"]
     results = run(one.world, one.policy(), "mine", 11)
     here = headline(results.requests, results.episodes)
-    told = json.loads(done.stdout)
+    told = done.json
     assert {key: told[key] for key in ("qoe3_percent", "reward_mean")} == {
         key: here[key] for key in ("qoe3_percent", "reward_mean")
     }
@@ -327,9 +317,10 @@ def test_the_command_line_flies_it_where_it_was_trained(trained: Any, tmp_path: 
 def test_another_world_is_warned_of(trained: Any, tmp_path: Path):
     one = trained("case1", CASE_1)
     policy = f"rllib:{one.folder}"
-    done = command("run", "case1", "--world-seed", 4, "--policy", policy, "--out", tmp_path / "o")
-    assert done.returncode == 0
-    assert f"{one.folder} was trained in another world: case1, world seed 3" in done.stderr
+    out = tmp_path / "o"
+    done = elsewhere("run", "case1", "--world-seed", 4, "--policy", policy, "--out", out)
+    assert done.code == 0
+    assert f"{one.folder} was trained in another world: case1, world seed 3" in done.err
     assert one.policy().notice(one.world) == ""
 
 
