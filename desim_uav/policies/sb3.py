@@ -108,8 +108,8 @@ class StableBaselines:
                 return seen, told, count == drones
             here[spaces] = None
         raise PolicyError(
-            f"{self.file}: it was trained on {in_short(_in_words(trained))}; {world.scenario.name} has "
-            + ", or ".join(map(_in_words, here))
+            f"{self.file}: it was trained on {in_short(_in_words(trained))}; "
+            f"{world.scenario.name} has " + ", or ".join(map(_in_words, here))
         )
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
@@ -181,8 +181,8 @@ def _read(path: Path) -> Saved:
     policy = _policy(data)
     if policy not in NETWORKS:
         raise PolicyError(
-            f"{path}: its policy is {in_short(policy)}; networks that can be read are the MlpPolicy of A2C, "
-            f"DQN, PPO, MaskablePPO and QRDQN"
+            f"{path}: its policy is {in_short(policy)}; networks that can be read are the "
+            f"MlpPolicy of A2C, DQN, PPO, MaskablePPO and QRDQN"
         )
     try:
         _class(policy)
