@@ -19,7 +19,7 @@ import numpy as np
 from numpy.lib import format as npy
 from numpy.typing import NDArray
 
-from desim_uav.errors import PolicyError
+from desim_uav.errors import PolicyError, in_short
 
 LARGEST = 2**32
 LONGEST_TEXT = 2**24
@@ -36,8 +36,17 @@ class Form(NamedTuple):
 class Stored:
     """A file of which the text has been read, and how large its arrays are."""
 
-    def __init__(self, path: Path, what: str, names: Collection[str], version: int) -> None:
+    def __init__(
+        self,
+        path: Path,
+        what: str,
+        names: Collection[str],
+        version: int,
+        longest_text: int = LONGEST_TEXT,
+    ) -> None:
         """``what`` it is to be, with arrays of these names, and of which ``format``.
+
+        ``longest_text``: what it may say of itself, in bytes.
 
         Raises PolicyError, naming the file, where it is none, or holds anything else.
         """
@@ -47,10 +56,12 @@ class Stored:
         self.forms: dict[str, Form] = {}
         with self._opened() as archive:
             _check_members(archive, {f"{name}.npy" for name in (ABOUT, *names)})
-            self.about = _text(archive)
+            self.about = _text(archive, longest_text)
             found = self.about.get("format")
             if found != version:
-                raise ValueError(f"its format is {found!r}; this version reads {version}")
+                raise ValueError(
+                    f"its format is {in_short(repr(found), 40)}; this version reads {version}"
+                )
             self.forms = {name: _form(archive, name) for name in names}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
@@ -94,11 +105,11 @@ def _check_members(archive: zipfile.ZipFile, members: set[str]) -> None:
         raise ValueError(f"it is larger than {LARGEST >> 30} GiB unpacked")
 
 
-def _text(archive: zipfile.ZipFile) -> dict[str, Any]:
+def _text(archive: zipfile.ZipFile, longest: int) -> dict[str, Any]:
     """What the file says of itself."""
     size = archive.getinfo(f"{ABOUT}.npy").file_size
-    if size > LONGEST_TEXT:
-        raise ValueError(f"it says more than {LONGEST_TEXT >> 20} MiB about itself")
+    if size > longest:
+        raise ValueError(f"it says more than {longest >> 20} MiB about itself")
     _form(archive, ABOUT)
     with archive.open(f"{ABOUT}.npy") as member:
         about = json.loads(npy.read_array(member, allow_pickle=False).tobytes().decode())
@@ -125,10 +136,7 @@ def _form(archive: zipfile.ZipFile, name: str) -> Form:
 def _header(member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any], int]:
     """Shape, type, and how long the header itself is."""
     version = npy.read_magic(member)
-    if version == (1, 0):
-        shape, _, dtype = npy.read_array_header_1_0(member)
-    elif version == (2, 0):
-        shape, _, dtype = npy.read_array_header_2_0(member)
-    else:
+    if version != (1, 0):  # later ones have headers of any length
         raise ValueError(f"its .npy format is {version}")
+    shape, _, dtype = npy.read_array_header_1_0(member)
     return shape, dtype, member.tell()

@@ -48,3 +48,14 @@ class MissingExtraError(DesimError):
         super().__init__(
             f"{what} needs packages that are missing: pip install 'desim-uav[{extra}]'"
         )
+
+
+def printable(text: str) -> str:
+    """A text on one line: what would end it, move a terminal's cursor or hide is written out."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def in_short(what: object, longest: int = 200) -> str:
+    """What a file from anyone says, as a part of one line of a message."""
+    text = str(what)
+    return printable(text if len(text) <= longest else f"{text[: longest - 1]}…")

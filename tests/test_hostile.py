@@ -29,9 +29,10 @@ from hypothesis import strategies as st
 
 from desim_uav import array_file, cli
 from desim_uav.checksums import SUMS
+from desim_uav.cli.ending import complain
 from desim_uav.errors import DesimError
 from desim_uav.experiment.command import run_to_folder
-from desim_uav.policies.tabular import QTable, TableFile, described
+from desim_uav.policies.tabular import Greedy, QTable, TableFile, described
 from desim_uav.scenario.load import load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
@@ -146,6 +147,11 @@ def npy(
     return b"\x93NUMPY" + version + struct.pack("<H", len(header)) + header + data
 
 
+def longest() -> bytes:
+    """A header of 256 MiB, which version 2 of the format allows."""
+    return b"\x93NUMPY\x02\x00" + struct.pack("<I", 2**28) + bytes(2**28)
+
+
 def lying(table: QTable) -> bytes:
     """The directory says the table is of 3 GiB, and so does its header."""
     content = bytearray(members(table, **{"q.npy": npy((3, 2**26, 4))}))
@@ -249,6 +255,14 @@ POLICIES: list[tuple[str, Damage, str]] = [
     ("a feature of text", lambda t: packed(t, features=[["x", "9"]]), "features must be"),
     ("states without end", lambda t: packed(t, features=[["x", 10**30]]), "are described"),
     ("states below zero", lambda t: packed(t, features=[["x", -5]]), "are described"),
+    ("a seed below zero", lambda t: packed(t, world_seed=-5), "world_seed: -5: must be"),
+    ("a seed too large", lambda t: packed(t, world_seed=2**63), "world_seed: "),
+    ("a long format", lambda t: packed(t, format="x" * 2**20), "x…; this version reads 1"),
+    (
+        "a header of any length",
+        lambda t: members(t, **{"q.npy": longest()}),
+        "npy format is (2, 0)",
+    ),
     ("a seed of text", lambda t: packed(t, world_seed="0"), "it says no world_seed"),
     ("no JSON", said(b"{'format': 1}"), "not a readable policy file"),
     ("JSON of nothing", said(b"null"), "about is no mapping"),
@@ -271,6 +285,23 @@ def test_a_policy_file(damage: Damage, part: str, table: QTable, told, tmp_path:
     code, message = told("run", "tiny", "--policy", file)
     assert code == 4 and str(file) in message and part in message, message
     assert message.count("desim-uav:") == 1
+
+
+def test_a_name_that_forges_a_line(table: QTable, told, tmp_path: Path):
+    file = tmp_path / "policy.npz"
+    file.write_bytes(packed(table, actions=["\x1b[2J\rdesim-uav: all is well"] * 5))
+    code, message = told("run", "tiny", "--policy", file)
+    assert code == 4 and message.isprintable() and message.count("desim-uav: ") < 20
+    file.write_bytes(packed(table, scenario="\x1b[2J\ndesim-uav: all is well" + "." * 1000))
+    notice = Greedy(str(file)).notice(build_world(load(scenario_path("tiny")), 0))
+    assert notice.isprintable() and len(notice) < 400
+
+
+def test_a_complaint_is_a_line_for_each_problem(capsys: pytest.CaptureFixture[str]):
+    complain("one\x1b[2J\rtwo\x85three\nfour")
+    assert capsys.readouterr().err == "\n".join(
+        ["desim-uav: one\\x1b[2J\\rtwo\\x85three", "desim-uav: four", ""]
+    )
 
 
 def test_the_table_itself_is_taken(table: QTable, tmp_path: Path):

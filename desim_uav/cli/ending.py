@@ -8,15 +8,15 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
 
-from desim_uav.errors import ScenarioError
+from desim_uav.errors import ScenarioError, printable
 
 Result = TypeVar("Result")
 
 
 def complain(problems: str) -> None:
-    """Say what is wrong on stderr."""
-    for problem in problems.splitlines():
-        print(f"desim-uav: {problem}", file=sys.stderr)
+    """Say what is wrong on stderr, one problem a line; what a file says moves no cursor."""
+    for problem in problems.split("\n"):
+        print(f"desim-uav: {printable(problem)}", file=sys.stderr)
 
 
 def located(path: Path, action: Callable[[], Result]) -> Result:

@@ -28,6 +28,7 @@ from desim_uav.experiment.run import (
     tabulate,
 )
 from desim_uav.policies import Policy, load_policy
+from desim_uav.policies.base import file_of, parts
 from desim_uav.records import EPISODES, REQUESTS, to_frame
 from desim_uav.report.manifest import read_manifest
 from desim_uav.run_folder import Draft, Place, read_parts, world_content
@@ -36,6 +37,9 @@ from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 
 PACKAGES = ("numba", "numpy", "pandas", "pyarrow", "pydantic", "simpy")
+
+ALWAYS_CALLED = ("policy.npz", "desim_uav.npz")
+"""What a policy's file is called in whatever folder: the folder's name says more."""
 
 
 @dataclass
@@ -205,14 +209,12 @@ def _where_it_learned(scenario: Scenario, policy: Policy) -> Scenario:
 
 
 def _label(policy_name: str) -> str:
-    """A policy's part of a folder's name: a file without its path; policy.npz: its folder."""
-    kind, _, file = policy_name.partition(":")
-    if kind in ("rllib", "sb3", "script", "table"):
-        return f"{kind}-{Path(file).stem}"
-    if policy_name.endswith(".npz"):
-        path = Path(policy_name)
-        return f"table-{path.absolute().parent.name if path.stem == 'policy' else path.stem}"
-    return policy_name
+    """A policy's part of a folder's name: a file without its path, or the folder it stands in."""
+    file = file_of(policy_name)
+    if file is None:
+        return policy_name
+    named = file.absolute().parent.name if file.name in ALWAYS_CALLED else file.stem
+    return f"{parts(policy_name)[0]}-{named}"
 
 
 def clock() -> Callable[[], str]:

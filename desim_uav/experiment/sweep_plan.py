@@ -16,11 +16,10 @@ from desim_uav.learning.learner import load_algorithm
 from desim_uav.learning.training import table_features
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
-from desim_uav.policies.rllib.file import NAME as RLLIB_FILE
+from desim_uav.policies.base import file_of, parts
 from desim_uav.registry import names
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
-from desim_uav.shipped import find_table
 from desim_uav.world import World, build_world
 
 MOST_PROBLEMS = 100
@@ -83,7 +82,7 @@ def policy_digest(policy: str) -> str:
 
     Raises PolicyError where it cannot be read.
     """
-    file = _policy_file(policy)
+    file = file_of(policy)
     if file is None and policy in names("policy"):
         return ""
     try:
@@ -176,19 +175,7 @@ def _hash(scenario: Scenario) -> str:
 
 def _source(policy: str) -> str:
     """A policy's name, which means the same in any folder."""
-    kind, colon, argument = policy.partition(":")
-    if _policy_file(policy) is None:
+    _, argument = parts(policy)
+    if file_of(policy) is None or not Path(argument).exists():
         return policy
-    if not colon or kind not in names("policy"):
-        return str(Path(policy).absolute()) if Path(policy).exists() else policy
-    return f"{kind}:{Path(argument).absolute()}" if Path(argument).exists() else policy
-
-
-def _policy_file(policy: str) -> Path | None:
-    """The file that a policy's name holds, if it holds one."""
-    kind, _, argument = policy.partition(":")
-    if kind == "rllib" and argument:
-        return Path(argument) / RLLIB_FILE
-    if policy.endswith(".npz") and kind != "table":
-        return find_table(policy)
-    return find_table(argument) if argument and kind in names("policy") else None
+    return f"{policy.removesuffix(argument)}{Path(argument).absolute()}"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Protocol
 
 from desim_uav.errors import DesimError, PolicyError
@@ -16,6 +17,7 @@ class Policy(Protocol):
     """Decides for each drone from its observation and mask alone; it never sees the engine.
 
     ``ceiling``: are its drones bound by the tallest building? (The baseline's are not.)
+    A registered class that is read of a file says with ``file_of(argument)`` which.
     """
 
     ceiling: bool
@@ -53,15 +55,29 @@ def decide(policy: Policy, shown: Snapshot) -> list[int]:
     return [int(command) for command in commands]
 
 
+def parts(name: str) -> tuple[str, str]:
+    """The kind of a policy, and what is said of it: a file that is no kind's is a table's."""
+    kind, _, argument = name.partition(":")
+    if name.endswith(".npz") and kind not in names("policy"):
+        return "table", name
+    return kind, argument
+
+
+def file_of(name: str) -> Path | None:
+    """The file that a policy is read of, where it is of one: its class says which, ``file_of``."""
+    kind, argument = parts(name)
+    known = resolve("policy", kind) if kind in names("policy") else None
+    found: Path | None = getattr(known, "file_of", lambda _: None)(argument) if argument else None
+    return found
+
+
 def load_policy(name: str) -> Policy:
     """A policy by its name, as the command line has it.
 
     A built-in name, a learned table's ``FILE.npz``, ``script:FILE.csv``, ``sb3:FILE.zip``,
     ``rllib:DIR``, or ``"package.module:Class"``. Raises PolicyError where it cannot be read.
     """
-    kind, _, argument = name.partition(":")
-    if name.endswith(".npz") and kind != "table":
-        kind, argument = "table", name
+    kind, argument = parts(name)
     try:
         if kind in names("policy"):
             policy: Policy = resolve("policy", kind)(*[argument] if argument else [])

@@ -19,17 +19,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from desim_uav.errors import MissingExtraError, PolicyError
+from desim_uav.errors import MissingExtraError, PolicyError, in_short
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
+from desim_uav.policies.network_file import are_widths, is_bool, is_width, reason
 from desim_uav.registry import register
 from desim_uav.world import World
 
 LARGEST = {"data": 2**26, "policy.pth": 2**30}
 """What is read of a file, and how many bytes of each at most."""
-
-WIDEST, DEEPEST = 4096, 32
-"""The units of a layer, or quantiles, and the layers of a network, at most."""
 
 ACTIVATIONS = ("ELU", "GELU", "LeakyReLU", "Mish", "ReLU", "SELU", "SiLU", "Sigmoid", "Tanh")
 
@@ -67,6 +65,7 @@ class StableBaselines:
     """
 
     ceiling = True
+    file_of = Path
     act_jointly: Joint | None = None
 
     def __init__(self, file: str = "") -> None:
@@ -79,7 +78,7 @@ class StableBaselines:
         except (PolicyError, MissingExtraError):
             raise
         except Exception as error:  # zipfile, JSON and torch have many ways to refuse a file
-            raise PolicyError(f"{file}: not a readable network: {_reason(error)}") from error
+            raise PolicyError(f"{file}: not a readable network: {reason(error)}") from error
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Build the network, once for a world. Raises PolicyError where it does not fit."""
@@ -89,8 +88,7 @@ class StableBaselines:
         try:
             self._network = _network(self._saved, observations, actions)
         except Exception as error:  # torch and the libraries refuse weights in many ways
-            reason = _reason(error)
-            raise PolicyError(f"{self.file}: its weights do not fit: {reason}") from error
+            raise PolicyError(f"{self.file}: its weights do not fit: {reason(error)}") from error
         self._dtype = observations.dtype
         self.act_jointly = self._decide if jointly else None
         self._world = world
@@ -110,8 +108,8 @@ class StableBaselines:
                 return seen, told, count == drones
             here[spaces] = None
         raise PolicyError(
-            f"{self.file}: it was trained on {_in_words(trained)}; {world.scenario.name} has "
-            + ", or ".join(map(_in_words, here))
+            f"{self.file}: it was trained on {in_short(_in_words(trained))}; "
+            f"{world.scenario.name} has " + ", or ".join(map(_in_words, here))
         )
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
@@ -183,8 +181,8 @@ def _read(path: Path) -> Saved:
     policy = _policy(data)
     if policy not in NETWORKS:
         raise PolicyError(
-            f"{path}: its policy is {policy}; networks that can be read are the MlpPolicy of A2C, "
-            f"DQN, PPO, MaskablePPO and QRDQN"
+            f"{path}: its policy is {in_short(policy)}; networks that can be read are the "
+            f"MlpPolicy of A2C, DQN, PPO, MaskablePPO and QRDQN"
         )
     try:
         _class(policy)
@@ -249,12 +247,6 @@ def _in_words(spaces: Spaces) -> str:
     return f"observations {spaces.observations} and actions {spaces.actions}"
 
 
-def _reason(error: Exception) -> str:
-    """What an error says, in one line."""
-    text = str(getattr(error, "strerror", None) or error)
-    return " ".join(text.split())[:300] or type(error).__name__
-
-
 # ---- settings of a policy
 
 
@@ -280,25 +272,13 @@ def _setting(key: str, shown: Any) -> Any:
 def _is_architecture(value: Any) -> bool:
     """Widths of layers; or of those of the policy and the value function."""
     if isinstance(value, dict):
-        return value.keys() <= {"pi", "vf"} and all(map(_are_widths, value.values()))
-    return _are_widths(value)
-
-
-def _are_widths(value: Any) -> bool:
-    return isinstance(value, list) and len(value) <= DEEPEST and all(map(_is_width, value))
-
-
-def _is_width(value: Any) -> bool:
-    return type(value) is int and 1 <= value <= WIDEST
-
-
-def _is_bool(value: Any) -> bool:
-    return isinstance(value, bool)
+        return value.keys() <= {"pi", "vf"} and all(map(are_widths, value.values()))
+    return are_widths(value)
 
 
 SETTINGS: dict[str, Callable[[Any], bool]] = {
-    "n_quantiles": _is_width,
+    "n_quantiles": is_width,
     "net_arch": _is_architecture,
-    "share_features_extractor": _is_bool,
+    "share_features_extractor": is_bool,
 }
 """The settings that are taken over, beside the activation, and how they must look."""

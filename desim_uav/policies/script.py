@@ -19,6 +19,7 @@ class Script:
     """A CSV file with the columns step (from 0), drone, action (by name); missing: hover."""
 
     ceiling = True
+    file_of = Path
 
     def __init__(self, file: str = "") -> None:
         if not file:

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav import array_file
-from desim_uav.errors import PolicyError
+from desim_uav.errors import PolicyError, in_short
 from desim_uav.model.observations import Feature, table_row, table_sizes
 from desim_uav.model.rules import DECIDES
 from desim_uav.model.state import Observation
@@ -82,6 +82,8 @@ def _misfit(q: array_file.Form, about: dict[str, Any]) -> str:
     for key, of_type in ABOUT.items():
         if not isinstance(about.get(key), of_type):
             return f"it says no {key}"
+    if not 0 <= about["world_seed"] < 2**63:
+        return f"world_seed: {in_short(about['world_seed'], 40)}: must be from 0 to 2^63 - 1"
     features = about["features"]
     if not all(isinstance(f, list) and len(f) == 2 and isinstance(f[1], int) for f in features):
         return "features must be [name, highest value]"
@@ -101,6 +103,7 @@ class Greedy:
     """The best allowed action by a learned table; of equally good ones the first."""
 
     ceiling = True
+    file_of = staticmethod(find_table)
 
     def __init__(self, file: str = "") -> None:
         if not file:
@@ -130,7 +133,9 @@ class Greedy:
 
     def _require(self, what: str, learned: Any, here: Any) -> None:
         if learned != here:
-            raise PolicyError(f"{self.file}: it has {what} {learned}; the scenario has {here}")
+            raise PolicyError(
+                f"{self.file}: it has {what} {in_short(learned)}; the scenario has {in_short(here)}"
+            )
 
     def notice(self, world: World) -> str:
         """What to warn of before it acts in a world, or nothing. Raises as ``begin`` does."""
@@ -139,7 +144,7 @@ class Greedy:
         if world_hash(world) == about["world_hash"]:
             return ""
         return (
-            f"{self.file} was learned in another world: {about['scenario']}, world seed "
+            f"{self.file} was learned in another world: {in_short(about['scenario'])}, world seed "
             f"{about['world_seed']}"
         )
 

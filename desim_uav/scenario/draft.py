@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from pathlib import PurePath
 from typing import Any, NamedTuple
 
-from desim_uav.errors import ScenarioError, UsageError
+from desim_uav.errors import ScenarioError, UsageError, printable
 from desim_uav.scenario import yaml12
 from desim_uav.scenario.yaml12 import KeyPath, Mark, shortened, unprintable_in
 
@@ -156,7 +156,7 @@ class Draft:
         return container, reached
 
     def _note(self, line: str, order: tuple[int, Mark]) -> None:
-        self._problems.setdefault(_one_line(line), order)
+        self._problems.setdefault(printable(line), order)
 
     def _find(self, path: KeyPath) -> tuple[Any, bool]:
         value = self.data
@@ -214,7 +214,7 @@ def override_path(text: str) -> KeyPath:
     left, equals, _ = text.partition("=")
     path = tuple(part.strip() for part in left.split("."))
     if not equals or not all(path) or unprintable_in(left):
-        override = _one_line(shortened(text))
+        override = printable(shortened(text))
         raise UsageError(f"-S {override}: must be key.path=value, as in users.count=20")
     return path
 
@@ -253,7 +253,3 @@ def _upwards(path: KeyPath) -> Iterator[KeyPath]:
 def _related(one: KeyPath, other: KeyPath) -> bool:
     shorter = min(len(one), len(other))
     return one[:shorter] == other[:shorter]
-
-
-def _one_line(text: str) -> str:
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -12,11 +12,13 @@ from scipy import stats
 
 from desim_uav.engine.base import EpisodeLog
 from desim_uav.errors import PolicyError, SimulationError
+from desim_uav.experiment.command import _label
 from desim_uav.experiment.run import play, run
 from desim_uav.model.rules import Action, Mode
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import Policy, load_policy
+from desim_uav.policies.base import file_of, parts
 from desim_uav.policies.baseline import ring
 from desim_uav.world import World
 from tests.engine.helpers import HOP_US, US, count, seen, strip
@@ -557,3 +559,38 @@ def test_a_policy_that_says_nothing():
 def test_what_a_policy_itself_calls_an_error_stays_it():
     with pytest.raises(PolicyError, match="it does not fit"):
         one_episode(square([(4, 4)], steps=1), Refusing())
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "file"),
+    [
+        ("baseline", "baseline", None),
+        ("sb3:a/b.zip", "sb3", "a/b.zip"),
+        ("script:b.csv", "script", "b.csv"),
+        ("mine.npz", "table", "mine.npz"),
+        ("a:b/mine.npz", "table", "a:b/mine.npz"),
+        ("table:mine.npz", "table", "mine.npz"),
+        ("rllib:here", "rllib", "here/desim_uav.npz"),
+        ("rllib:npz.npz", "rllib", "npz.npz/desim_uav.npz"),
+        ("rllib:here/desim_uav.npz", "rllib", "here/desim_uav.npz"),
+        ("rllib", "rllib", None),
+        ("module:Class", "module", None),
+    ],
+)
+def test_the_file_that_a_name_holds(name: str, kind: str, file: str | None):
+    assert parts(name)[0] == kind
+    assert file_of(name) == (None if file is None else Path(file))
+
+
+def test_a_run_is_called_by_its_policys_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    for name, label in (
+        ("baseline", "baseline"),
+        ("sb3:a/b.zip", "sb3-b"),
+        ("a/mine.npz", "table-mine"),
+        ("a/policy.npz", "table-a"),
+        ("rllib:a/checkpoint", "rllib-checkpoint"),
+        ("rllib:a/checkpoint/desim_uav.npz", "rllib-checkpoint"),
+        ("policy.npz", f"table-{tmp_path.name}"),
+    ):
+        assert _label(name) == label

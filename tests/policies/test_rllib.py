@@ -8,7 +8,6 @@ import logging
 import os
 import pickle
 import resource
-import subprocess
 import sys
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
@@ -26,8 +25,9 @@ from desim_uav.experiment.sweep_plan import policy_digest
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.rllib import RLlib, save
-from desim_uav.policies.rllib.file import NAME, Saved, read
+from desim_uav.policies.rllib.file import NAME, NetworkFile, Saved, read
 from desim_uav.world import World, build_world
+from tests.command_line import elsewhere
 from tests.env.helpers import BRITTLE
 from tests.policies.test_sb3 import Lawful, most_users
 
@@ -103,6 +103,7 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     ray.init(
+        address="local",
         num_cpus=2,
         include_dashboard=False,
         log_to_driver=False,
@@ -296,28 +297,18 @@ def test_nothing_of_torch_is_changed(trained: Any):
 # ---- from the command line
 
 
-def command(*arguments: Any) -> subprocess.CompletedProcess[str]:
-    start = "import sys; from desim_uav.cli import main; sys.exit(main())"
-    return subprocess.run(
-        [sys.executable, "-c", start, *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-
-
 @needs_rllib
 def test_the_command_line_flies_it_where_it_was_trained(trained: Any, tmp_path: Path):
     one = trained("case1", CASE_1)
     policy, out = f"rllib:{one.folder}", tmp_path / "out"
-    done = command("run", "case1", "--policy", policy, "--seed", 11, "--out", out, "--json")
-    assert (done.returncode, done.stderr) == (0, "")
-    assert json.loads(done.stdout)["policy"] == policy
+    done = elsewhere("run", "case1", "--policy", policy, "--seed", 11, "--out", out, "--json")
+    assert (done.code, done.err) == (0, "")
+    assert done.json["policy"] == policy
     manifest = json.loads((out / "manifest.json").read_text())
     assert manifest["world_seed"] == CASE_1["world_seed"]
     results = run(one.world, one.policy(), "mine", 11)
     here = headline(results.requests, results.episodes)
-    told = json.loads(done.stdout)
+    told = done.json
     assert {key: told[key] for key in ("qoe3_percent", "reward_mean")} == {
         key: here[key] for key in ("qoe3_percent", "reward_mean")
     }
@@ -327,9 +318,10 @@ def test_the_command_line_flies_it_where_it_was_trained(trained: Any, tmp_path: 
 def test_another_world_is_warned_of(trained: Any, tmp_path: Path):
     one = trained("case1", CASE_1)
     policy = f"rllib:{one.folder}"
-    done = command("run", "case1", "--world-seed", 4, "--policy", policy, "--out", tmp_path / "o")
-    assert done.returncode == 0
-    assert f"{one.folder} was trained in another world: case1, world seed 3" in done.stderr
+    out = tmp_path / "o"
+    done = elsewhere("run", "case1", "--world-seed", 4, "--policy", policy, "--out", out)
+    assert done.code == 0
+    assert f"{one.folder} was trained in another world: case1, world seed 3" in done.err
     assert one.policy().notice(one.world) == ""
 
 
@@ -340,6 +332,7 @@ def test_a_sweep_knows_it_by_its_content(trained: Any, tmp_path: Path):
     saved = read(one.folder)
     put(tmp_path, dataclasses.replace(saved, weights=2 * saved.weights))
     assert policy_digest(f"rllib:{tmp_path}") != before
+    assert policy_digest(f"rllib:{one.folder / NAME}") == before
 
 
 # ---- what does not fit
@@ -430,7 +423,10 @@ def handmade() -> Saved:
         "connectors": [{"class": "EncodeObservation", "settings": {}}],
         "pipelines": [[], []],
     }
-    return Saved(about, np.ones(2, np.float32), np.zeros(0))
+    return Saved(about, *NUMBERS)
+
+
+NUMBERS = np.ones(2, np.float32), np.zeros(0)
 
 
 def with_module(**changes: Any) -> dict[str, Any]:
@@ -455,6 +451,15 @@ def test_a_file_holds_what_was_put_in(tmp_path: Path):
     [
         *[({key: None}, f"it says no {key}") for key in ("ray", "agents", "modules", "actions")],
         ({"world_seed": "3"}, "it says no world_seed"),
+        ({"world_seed": -5}, "world_seed: -5: must be"),
+        ({"world_seed": 2**63}, "world_seed: .*: must be"),
+        ({"ray": "2.9'; touch X ; '"}, "ray: .* is no version"),
+        ({"ray": "2.9\n"}, "ray: .* is no version"),
+        ({"modules": {**with_module()["modules"], "more": {}}}, "1 modules that are no drone's"),
+        ({"connectors": [{"class": "MeanStdFilter", "settings": {}}] * 9}, "it has 9 connectors"),
+        ({"pipelines": [["x" * 2**20], []]}, "more than 1 MiB about itself"),
+        ({"connectors": [{"class": "MeanStdFilter", "settings": {"clip_by_value": 10**400}}]},
+         "clip_by_value: 1000.* do no harm"),
         ({"agents": ["nobody"]}, "agents must name one of the modules"),
         ({"agents": [["all"]]}, "agents must name one of the modules"),
         ({"modules": {"all": None}}, "a module must be a mapping"),
@@ -491,10 +496,10 @@ def test_words_that_cannot_be_trusted(change: dict[str, Any], told: str, tmp_pat
     [
         ({"weights": np.ones(2)}, "weights is float64"),
         ({"weights": np.ones((1, 2), np.float32)}, "weights is float32 of shape"),
-        ({"weights": np.array([1, np.nan], np.float32)}, "weights has values that are not finite"),
-        ({"statistics": np.array([np.inf])}, "statistics has values that are not finite"),
         ({"weights": np.array([{}, {}], object)}, "not a readable network of RLlib"),
         ({"more": np.ones(1)}, "it does not hold"),
+        ({"weights": np.ones(2**25, np.float32)}, "bytes are .* unpacked, which no network is"),
+        ({"statistics": np.ones(2**24)}, "bytes are .* unpacked, which no network is"),
     ],
 )
 def test_numbers_that_cannot_be_trusted(arrays: dict[str, Any], told: str, tmp_path: Path):
@@ -502,9 +507,102 @@ def test_numbers_that_cannot_be_trusted(arrays: dict[str, Any], told: str, tmp_p
 
     saved = handmade()
     own = {"weights": saved.weights, "statistics": saved.statistics}
-    content = array_file.pack(saved.about | {"format": 1}, **{**own, **arrays})
+    about = saved.about | {"format": 1}
+    if "weights" in arrays:
+        about |= with_module(weights=[["w", [arrays["weights"].size]]])
+    content = array_file.pack(about, **{**own, **arrays})
     (tmp_path / NAME).write_bytes(content)
+    del arrays, own
+    before_kib = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     refused(tmp_path, told)
+    assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before_kib < 100 * 1024
+
+
+@pytest.mark.parametrize(
+    ("weights", "statistics", "told"),
+    [
+        ([1, np.nan], [], "weights has values that are not finite"),
+        ([1, 2], [np.inf], "statistics has values that are not finite"),
+    ],
+)
+def test_numbers_that_are_none(weights: Any, statistics: Any, told: str, tmp_path: Path):
+    about, row = handmade().about, np.array(weights, np.float32)
+    folder = put(tmp_path, Saved(about, row, np.array(statistics, float)))
+    with pytest.raises(PolicyError, match=told):
+        read(folder)
+
+
+def test_numbers_are_not_unpacked_before_they_are_wanted(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr("desim_uav.array_file.Stored.arrays", None)
+    assert NetworkFile(put(tmp_path, handmade())).statistics == 0
+
+
+def test_what_cannot_be_read_again_is_not_saved():
+    with pytest.raises(PolicyError, match=r"it cannot be saved: .* which no network is"):
+        dataclasses.replace(handmade(), statistics=np.zeros(2**20)).to_bytes()
+    with pytest.raises(PolicyError, match="it cannot be saved: ray: "):
+        dataclasses.replace(handmade(), about=handmade().about | {"ray": "new"}).to_bytes()
+
+
+def test_what_a_file_says_moves_no_cursor(tmp_path: Path):
+    features = [["\x1b[2J\ndesim-uav: all is well", 0.0, 2.0, True]] * 1000
+    file = NetworkFile(put(tmp_path, Saved(handmade().about | {"features": features}, *NUMBERS)))
+    policy = RLlib.__new__(RLlib)
+    policy._file = file
+    world = build_world(configured("tiny"), 0)
+    with pytest.raises(PolicyError) as problem:
+        policy._require("observations", file.about["features"], [])
+    assert str(problem.value).isprintable() and len(str(problem.value)) < 400 + len(str(tmp_path))
+    policy.folder, policy._fit = "it", lambda world: None
+    file.about["scenario"] = "tiny\x1b[2J\ndesim-uav: all is well" + "." * 1000
+    assert policy.notice(world).isprintable() and len(policy.notice(world)) < 300
+
+
+@needs_rllib
+def test_the_file_may_be_named_itself(trained: Any, tmp_path: Path):
+    one = trained("case1", CASE_1)
+    for folder in (tmp_path / "npz.npz", tmp_path / NAME):
+        put(folder, read(one.folder))
+        for name in (folder, folder / NAME):
+            load_policy(f"rllib:{name}").begin(one.world, streams())
+
+
+def test_a_folder_may_be_called_anything(tmp_path: Path):
+    refused(put(tmp_path / "npz.npz", handmade()) / NAME / "x.npz", "not a checkpoint")
+
+
+@needs_rllib
+def test_a_lie_about_its_layers_is_not_unpacked(
+    trained: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    one = trained("case1", CASE_1)
+    saved = read(one.folder)
+    put(tmp_path, dataclasses.replace(saved, statistics=np.ones(3)))
+    policy = load_policy(f"rllib:{tmp_path}")
+    monkeypatch.setattr(NetworkFile, "saved", None)
+    with pytest.raises(PolicyError, match="its statistics are 3 numbers"):
+        policy.begin(one.world, streams())
+
+
+@needs_rllib
+def test_what_cannot_decide_is_not_saved(
+    trained: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    from desim_uav.policies.rllib.network import Network
+
+    def fail(*_: Any) -> None:
+        raise OverflowError("too large")
+
+    one = trained("case1", CASE_1)
+    policy = one.policy()
+    monkeypatch.setattr(Network, "decide", fail)
+    with pytest.raises(PolicyError, match=r"it cannot be saved: .* too large"):
+        save(one.algorithm, tmp_path)
+    assert not list(tmp_path.iterdir())
+    with pytest.raises(PolicyError, match=f"{NAME}: it does not fit: too large"):
+        policy.begin(one.world, streams())
 
 
 def test_what_is_no_checkpoint(tmp_path: Path):

@@ -7,11 +7,12 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from desim_uav.errors import MissingExtraError, PolicyError
+from desim_uav.errors import MissingExtraError, PolicyError, in_short
 from desim_uav.model.observations import Feature
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
-from desim_uav.policies.rllib.file import NAME, read
+from desim_uav.policies.network_file import reason
+from desim_uav.policies.rllib.file import NAME, NetworkFile
 from desim_uav.registry import register
 from desim_uav.run_folder import world_hash
 from desim_uav.scenario.load import scenario_hash
@@ -32,9 +33,8 @@ class RLlib:
         if not folder:
             raise ValueError("a network needs the folder of its checkpoint: rllib:DIR")
         self.folder = folder
-        self._saved = read(Path(folder))
-        self._file = Path(folder) / NAME
-        self.world_seed: int | None = self._saved.about["world_seed"]
+        self._file = NetworkFile(self.file_of(folder).parent)
+        self.world_seed: int | None = self._file.about["world_seed"]
         self._world: World | None = None
         try:
             self._built = importlib.import_module("desim_uav.policies.rllib.network")
@@ -42,13 +42,19 @@ class RLlib:
             raise MissingExtraError(f"policy 'rllib:{folder}'", "rllib") from error
         self._require_version()
 
+    @staticmethod
+    def file_of(folder: str) -> Path:
+        """What is read of a checkpoint; the file itself may be named too."""
+        path = Path(folder)
+        return path if path.name == NAME and not path.is_dir() else path / NAME
+
     def _require_version(self) -> None:
         """Connectors and networks are Ray's own business, and change with its minor versions."""
-        saved, here = self._saved.about["ray"], self._built.ray_version()
+        saved, here = self._file.about["ray"], self._built.ray_version()
         if saved.split(".")[:2] != here.split(".")[:2]:
             raise PolicyError(
-                f"{self._file}: it is of ray {saved[:20]}, and {here} is installed: "
-                f"pip install 'ray[rllib]=={saved[:20]}' reads it"
+                f"{self._file.path}: it is of ray {saved}, and {here} is installed: "
+                f"pip install 'ray[rllib]=={saved}' reads it"
             )
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
@@ -56,16 +62,24 @@ class RLlib:
         if world is not self._world:
             self._fit(world)
             try:
-                self._network = self._built.Network(self._saved, world)
+                self._network = self._filled(world)
+            except PolicyError:
+                raise
             except Exception as error:  # RLlib and torch refuse what does not fit in many ways
-                reason = " ".join(str(error).split())[:300] or type(error).__name__
-                raise PolicyError(f"{self._file}: it does not fit: {reason}") from error
+                raise PolicyError(f"{self._file.path}: it does not fit: {reason(error)}") from error
             self._world = world
         self._network.begin()
 
+    def _filled(self, world: World) -> Any:
+        """The network. Numbers are unpacked once it is known that they are as many as it has."""
+        network = self._built.Network(self._file.about, world)
+        network.require(self._file.statistics)
+        network.fill(self._file.saved())
+        return network
+
     def _fit(self, world: World) -> None:
         """Raises PolicyError where the drones here see or may do something else."""
-        about = self._saved.about
+        about = self._file.about
         encoding, of_all = world.scenario.observation, spaces().widest(world)
         seen = [described(encoding.features(facts)) for facts in (world.facts, of_all)]
         self._require("drones", len(about["agents"]), world.scenario.drones.count)
@@ -74,20 +88,24 @@ class RLlib:
 
     def _require(self, what: str, trained: Any, *here: Any) -> None:
         if trained not in here:
-            raise PolicyError(f"{self._file}: it has {what} {trained}; the scenario has {here[0]}")
+            raise PolicyError(
+                f"{self._file.path}: it has {what} {in_short(trained)}; "
+                f"the scenario has {in_short(here[0])}"
+            )
 
     def notice(self, world: World) -> str:
         """What to warn of before it acts in a world, or nothing. Raises as ``begin`` does."""
         self._fit(world)
-        about = self._saved.about
+        about = self._file.about
+        name = in_short(about["scenario"])
         if about["world_hash"] is not None:
             if world_hash(world) == about["world_hash"]:
                 return ""
-            where = f"world: {about['scenario']}, world seed {about['world_seed']}"
+            where = f"world: {name}, world seed {about['world_seed']}"
         elif scenario_hash(seedless(world)) == about["scenario_hash"]:
             return ""
         else:
-            where = f"scenario: {about['scenario']}"
+            where = f"scenario: {name}"
         return f"{self.folder} was trained in another {where}"
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:

@@ -7,6 +7,7 @@ which known classes to build, and with what numbers; nothing else can be in it.
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,14 +17,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav import array_file
-from desim_uav.errors import PolicyError
+from desim_uav.errors import PolicyError, in_short
+from desim_uav.policies.network_file import are_widths, is_bool, is_width
 
 NAME = "desim_uav.npz"
 FORMAT = 1
 WHAT = "network of RLlib"
 
-WIDEST, DEEPEST, MOST = 4096, 32, 4096
-"""The units of a layer, the layers of a network, and the networks of a file, at most."""
+LONGEST_TEXT = 2**20
+"""The bytes of what a file says of itself, at most."""
+
+MOST_WEIGHTS, MOST_CONNECTORS = 2**26, 8
+"""The weights of all its networks, and the connectors it was trained with, at most."""
+
+SMALL, DENSEST = 2**20, 50
+"""What is packed more densely than so many times is no network, beyond so many bytes unpacked.
+
+Trained weights can hardly be compressed; zeros can, a thousand times.
+"""
+
+MOST_SEED, MOST_FLOAT = 2**63 - 1, float(np.finfo(np.float32).max)
 
 ABOUT: dict[str, type | tuple[type, ...]] = {
     "ray": str,
@@ -55,37 +68,25 @@ CONNECTORS = {
 """The connectors that are known beside those RLlib adds itself, and where."""
 
 
-def _is_bool(value: Any) -> bool:
-    return isinstance(value, bool)
-
-
-def _is_width(value: Any) -> bool:
-    return type(value) is int and 1 <= value <= WIDEST
-
-
-def _are_widths(value: Any) -> bool:
-    return isinstance(value, list) and len(value) <= DEEPEST and all(map(_is_width, value))
-
-
 def _is_activation(value: Any) -> bool:
     return value in ("tanh", "relu", "swish", "silu", "linear", None)
 
 
 def _is_bound(value: Any) -> bool:
-    return value is None or (isinstance(value, float | int) and 0 < value < math.inf)
+    return value is None or (isinstance(value, float | int) and 0 < value <= MOST_FLOAT)
 
 
 SETTINGS = {
-    "fcnet_hiddens": _are_widths,
+    "fcnet_hiddens": are_widths,
     "fcnet_activation": _is_activation,
-    "fcnet_use_layernorm": _is_bool,
-    "head_fcnet_hiddens": _are_widths,
+    "fcnet_use_layernorm": is_bool,
+    "head_fcnet_hiddens": are_widths,
     "head_fcnet_activation": _is_activation,
-    "head_fcnet_use_layernorm": _is_bool,
-    "vf_share_layers": _is_bool,
-    "use_lstm": _is_bool,
-    "max_seq_len": _is_width,
-    "lstm_cell_size": _is_width,
+    "head_fcnet_use_layernorm": is_bool,
+    "vf_share_layers": is_bool,
+    "use_lstm": is_bool,
+    "max_seq_len": is_width,
+    "lstm_cell_size": is_width,
 }
 """The settings of a network that shape it, and how they must look."""
 
@@ -94,8 +95,8 @@ OF_CONNECTORS: dict[str, dict[str, Any]] = {
     "EncodeObservation": {},
     "FlattenObservations": {},
     "MeanStdFilter": {
-        "de_mean_to_zero": _is_bool,
-        "de_std_to_one": _is_bool,
+        "de_mean_to_zero": is_bool,
+        "de_std_to_one": is_bool,
         "clip_by_value": _is_bound,
     },
 }
@@ -115,37 +116,67 @@ class Saved:
 
     def to_bytes(self) -> bytes:
         """The file. Raises PolicyError where it could not be read again."""
-        problem = _misfit(self.about, self.weights.size)
+        content = array_file.pack(
+            self.about | {"format": FORMAT}, weights=self.weights, statistics=self.statistics
+        )
+        unpacked = self.weights.nbytes + self.statistics.nbytes
+        problem = _misfit(self.about, self.weights.size) or _too_dense(unpacked, len(content))
         if problem:
             raise PolicyError(f"it cannot be saved: {problem}")
-        about = self.about | {"format": FORMAT}
-        return array_file.pack(about, weights=self.weights, statistics=self.statistics)
+        return content
+
+
+class NetworkFile:
+    """The file in a checkpoint's folder: what it says, and how many numbers it has."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises PolicyError, naming it, where there is none, or it is none of ours."""
+        self.path = folder / NAME
+        if not folder.is_dir():
+            reason = "it is no folder" if folder.exists() else "no such folder"
+            raise PolicyError(f"{folder}: not a checkpoint: {reason}")
+        if not self.path.exists():
+            raise PolicyError(
+                f"{folder}: it has no {NAME}; a checkpoint of RLlib alone is pickles, which are "
+                f"not read. Of an algorithm, desim_uav.policies.rllib.save(algorithm, folder) "
+                f"adds it"
+            )
+        names = ["weights", "statistics"]
+        self._stored = array_file.Stored(self.path, WHAT, names, FORMAT, LONGEST_TEXT)
+        self.about = self._stored.about
+        forms = self._stored.forms
+        for name, dtype in (("weights", np.float32), ("statistics", np.float64)):
+            form = forms[name]
+            if form.dtype != dtype or len(form.shape) != 1:
+                self._refuse(f"{name} is {in_short(form.dtype)} of shape {form.shape}, not a row")
+        weights, self.statistics = (forms[name].shape[0] for name in names)
+        unpacked = 4 * weights + 8 * self.statistics
+        self._refuse(_misfit(self.about, weights))
+        self._refuse(_too_dense(unpacked, self.path.stat().st_size))
+
+    def saved(self) -> Saved:
+        """All of it. Raises PolicyError where it is damaged."""
+        arrays = self._stored.arrays()
+        for name, values in arrays.items():
+            if not np.isfinite(values).all():
+                self._refuse(f"{name} has values that are not finite")
+        return Saved(self.about, arrays["weights"], arrays["statistics"])
+
+    def _refuse(self, problem: str) -> None:
+        if problem:
+            raise PolicyError(f"{self.path}: {problem}")
 
 
 def read(folder: Path) -> Saved:
     """What a checkpoint's folder holds. Raises PolicyError, naming it, if nothing that is ours."""
-    file = folder / NAME
-    if not folder.is_dir():
-        reason = "it is no folder" if folder.exists() else "no such folder"
-        raise PolicyError(f"{folder}: not a checkpoint: {reason}")
-    if not file.exists():
-        raise PolicyError(
-            f"{folder}: it has no {NAME}; a checkpoint of RLlib alone is pickles, which are not "
-            f"read. Of an algorithm, desim_uav.policies.rllib.save(algorithm, folder) adds it"
-        )
-    stored = array_file.Stored(file, WHAT, ["weights", "statistics"], FORMAT)
-    for name, dtype in (("weights", np.float32), ("statistics", np.float64)):
-        form = stored.forms[name]
-        if form.dtype != dtype or len(form.shape) != 1:
-            raise PolicyError(f"{file}: {name} is {form.dtype} of shape {form.shape}, not a row")
-    problem = _misfit(stored.about, stored.forms["weights"].shape[0])
-    if problem:
-        raise PolicyError(f"{file}: {problem}")
-    arrays = stored.arrays()
-    for name, values in arrays.items():
-        if not np.isfinite(values).all():
-            raise PolicyError(f"{file}: {name} has values that are not finite")
-    return Saved(stored.about, arrays["weights"], arrays["statistics"])
+    return NetworkFile(folder).saved()
+
+
+def _too_dense(unpacked: int, packed: int) -> str:
+    """Why a file of so many bytes cannot hold a network, or nothing."""
+    if unpacked <= max(SMALL, DENSEST * packed):
+        return ""
+    return f"its {packed:,} bytes are {unpacked:,} unpacked, which no network is"
 
 
 def _misfit(about: Mapping[str, Any], weights: int) -> str:
@@ -158,11 +189,19 @@ def _problems(about: Mapping[str, Any], weights: int) -> Iterator[str]:
     for key, of_type in ABOUT.items():
         if not isinstance(about.get(key), of_type):
             yield f"it says no {key}"
+    seed = about["world_seed"]
+    if seed is not None and not 0 <= seed <= MOST_SEED:
+        yield f"world_seed: {in_short(seed, 40)}: must be from 0 to 2^63 - 1"
+    if not re.fullmatch(r"\d+\.\d+[\w.]{0,30}", about["ray"], re.ASCII):
+        yield f"ray: {in_short(about['ray'], 40)} is no version"
     modules, pipelines = about["modules"], about["pipelines"]
     if not all(isinstance(name, str) and name in modules for name in about["agents"]):
         yield "agents must name one of the modules for each drone"
-    if len(modules) > MOST:
-        yield f"it has {len(modules):,} modules; {MOST:,} are the most"
+    unused = modules.keys() - about["agents"]
+    if unused:
+        yield f"it has {len(unused):,} modules that are no drone's"
+    if len(about["connectors"]) > MOST_CONNECTORS:
+        yield f"it has {len(about['connectors']):,} connectors; {MOST_CONNECTORS} are the most"
     of_modules = dict.fromkeys(MODULES, SETTINGS)
     yield from filter(None, (_wrong("module", m, MODULES, of_modules) for m in modules.values()))
     yield from filter(
@@ -171,6 +210,8 @@ def _problems(about: Mapping[str, Any], weights: int) -> Iterator[str]:
     if len(pipelines) != 2 or not all(isinstance(names, list) for names in pipelines):
         yield "pipelines must be two lists of names"
     shapes = [shape for module in modules.values() for _, shape in module["weights"]]
+    if weights > MOST_WEIGHTS:
+        yield f"it has {weights:,} weights; {MOST_WEIGHTS:,} are the most"
     if sum(map(math.prod, shapes)) != weights:
         yield f"it has {weights:,} weights, which are not those of its modules"
 
@@ -181,10 +222,10 @@ def _wrong(what: str, told: Any, known: Mapping[str, str], settings: Mapping[str
         return f"a {what} must be a mapping with class and settings"
     name = told.get("class")
     if not isinstance(name, str) or name not in known:
-        return f"its {what} is {name}; known are {', '.join(known)}"
+        return f"its {what} is {in_short(name)}; known are {', '.join(known)}"
     for key, value in told["settings"].items():
         if key not in settings[name] or not settings[name][key](value):
-            return f"{name}: {key}: {str(value)[:80]} is not known to do no harm"
+            return f"{name}: {in_short(key)}: {in_short(value, 80)} is not known to do no harm"
     if what == "module" and not _are_shapes(told.get("weights")):
         return "its weights must be [name, shape]"
     return ""

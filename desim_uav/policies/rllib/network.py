@@ -41,24 +41,44 @@ class Network:
     recurrent networks) finds there what it found in training. Filters have learned all they will.
     """
 
-    def __init__(self, saved: Saved, world: World) -> None:
-        """Raises ValueError, or whatever RLlib does, where the file does not fit."""
-        about = saved.about
+    def __init__(self, about: dict[str, Any], world: World) -> None:
+        """All but its numbers. Raises ValueError, or what RLlib does, where words do not fit."""
         self._agents = [f"drone_{drone}" for drone in range(world.scenario.drones.count)]
         mapping = dict(zip(self._agents, about["agents"], strict=True))
         self._module_of = lambda agent, episode, **_: mapping[agent]
         shown = observation_space(Feature(*feature) for feature in about["features"])
         actions = len(world.actions)
         self._dtype = shown.dtype
+        self._mask_size = actions
         mask = Box(0, 1, (actions,), np.int8)
         each = Dict({"observation": shown, "action_mask": mask})
         self._observations = Dict(dict.fromkeys(self._agents, each))
         self._actions = Dict({agent: Discrete(actions) for agent in self._agents})
         with _quiet():
             self._to_module, self._to_env = self._pipelines(about)
-            _fill_filters(self._to_module, saved.statistics)
-            self._modules = self._built(about["modules"], saved.weights)
+            self._specs = self._specified(about["modules"])
+        self._weights = {name: told["weights"] for name, told in about["modules"].items()}
+        self._lowest = [[feature[1] for feature in about["features"]]] * len(self._agents)
         self._shared: dict[str, Any] = {}
+
+    def require(self, statistics: int) -> None:
+        """Raises ValueError where so many numbers are not its filters'."""
+        if statistics != statistics_of(self._to_module).size:
+            raise ValueError(
+                f"its statistics are {statistics:,} numbers, which are not its filters'"
+            )
+
+    def fill(self, saved: Saved) -> None:
+        """Give it the numbers of a file, and let it decide once.
+
+        Raises ValueError, or whatever RLlib does, where they do not fit.
+        """
+        self.require(saved.statistics.size)
+        with _quiet():
+            _fill_filters(self._to_module, saved.statistics)
+            self._modules = self._built(saved.weights)
+        self.begin()
+        self.decide(self._lowest, [[True] * self._mask_size] * len(self._agents))
 
     def begin(self) -> None:
         """An episode begins."""
@@ -137,8 +157,8 @@ class Network:
             raise ValueError(f"its pipelines are {about['pipelines']}; RLlib builds {found}")
         return both
 
-    def _built(self, told: dict[str, Any], weights: NDArray[np.float32]) -> Any:
-        """The networks, with their weights."""
+    def _specified(self, told: dict[str, Any]) -> dict[str, RLModuleSpec]:
+        """The networks to build. Raises ValueError where they would have other weights."""
         shown = self._to_module.observation_space
         specs = {
             name: RLModuleSpec(
@@ -156,12 +176,16 @@ class Network:
                 found = shapes_of(spec.build())
             if found != told[name]["weights"]:
                 raise ValueError(f"the weights of {name} are not those of its settings")
+        return specs
+
+    def _built(self, weights: NDArray[np.float32]) -> Any:
+        """The networks, with their weights."""
         with torch.random.fork_rng(devices=[]):  # first weights are drawn, and leave no trace
-            modules = MultiRLModuleSpec(rl_module_specs=specs).build()
+            modules = MultiRLModuleSpec(rl_module_specs=self._specs).build()
         first = 0
-        for name in sorted(told):
+        for name in sorted(self._weights):
             state = {}
-            for weight, shape in told[name]["weights"]:
+            for weight, shape in self._weights[name]:
                 size = math.prod(shape)
                 state[weight] = weights[first : first + size].reshape(shape).copy()
                 first += size
@@ -205,23 +229,17 @@ def _running(pipeline: Any) -> Iterator[tuple[Any, dict[str, Any], Any]]:
 
 
 def _fill_filters(pipeline: Any, statistics: NDArray[np.float64]) -> None:
-    """Give filters what they have counted in training."""
+    """Give filters what they have counted in training: as many numbers as they have."""
     first = 0
     for piece, state, running in list(_running(pipeline)):
         size = running.mean_array.size
         part = statistics[first : first + 1 + 2 * size]
         first += len(part)
-        if len(part) != 1 + 2 * size:
-            break
         running.num_pushes = int(part[0])
         running.mean_array = part[1 : 1 + size].reshape(running.mean_array.shape).copy()
         running.sum_sq_diff_array = part[1 + size :].reshape(running.mean_array.shape).copy()
         (agent,) = state
         piece.set_state({agent: {**state[agent], "running_stats": [running.to_state()]}})
-    else:
-        if first == len(statistics):
-            return
-    raise ValueError(f"its statistics are {len(statistics):,} numbers, which are not its filters'")
 
 
 def _connector(told: dict[str, Any]) -> Any:

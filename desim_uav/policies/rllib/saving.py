@@ -62,7 +62,7 @@ def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
     saved = Saved(about, weights, built.statistics_of(to_module))
     content = saved.to_bytes()
     try:
-        built.Network(saved, world)
+        built.Network(about, world).fill(saved)
     except Exception as error:  # RLlib refuses in many ways
         raise PolicyError(f"it cannot be saved: it cannot be built again: {error}") from error
     file = Path(folder) / NAME
