@@ -141,4 +141,4 @@ def test_a_run_folder_that_is_read_only(words, flown, command, here):
         ended = command(*words, "fixed/flown")
     finally:
         subprocess.run(["umount", "-l", here / "fixed"], check=True)
-    ended.failed(2, "fixed/flown", "cannot be written to")
+    ended.failed(2, "desim-uav: fixed/flown/", ": the folder cannot be written to: Read-only file")
