@@ -6,15 +6,18 @@ They stand in ``SHA256SUMS``, as ``sha256sum -c`` reads it.
 from __future__ import annotations
 
 import hashlib
+import json
 import re
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from desim_uav.errors import PolicyError
 
 SUMS = "SHA256SUMS"
 LONGEST = 2**20
-LINE = re.compile(r"([0-9a-f]{64})  ([^/\0]+)")
+LINE = re.compile(r"\\?([0-9A-Fa-f]{64}) [ *](?:\./)?([^\0]+)")
+"""As ``sha256sum`` writes it, in binary mode and of other folders too, and as it reads it."""
 
 
 def of_files(files: Iterable[Path]) -> str:
@@ -27,22 +30,35 @@ def of_contents(contents: Mapping[str, bytes]) -> str:
     return _lines({name: hashlib.sha256(content).hexdigest() for name, content in contents.items()})
 
 
-def verify(file: Path) -> None:
-    """See that a file is as it was written, as far as its folder has checksums.
+def of_row(row: Mapping[str, Any]) -> str:
+    """The checksum of a row's values."""
+    return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest()
 
-    Raises PolicyError, naming it, where it is not, or the checksums are unreadable.
+
+def verify(file: Path, strangers: bool = False) -> None:
+    """See that a file is one, as it was written, as far as its folder has checksums.
+
+    ``strangers``: one that the checksums do not name is taken as it is. Raises PolicyError, naming
+    it, where it is not, or the checksums are unreadable.
     """
     sums = file.parent / SUMS
     try:
-        if not sums.exists() or not file.exists():  # what is missing its reader will say
+        if not file.exists():  # what is missing its reader will say
             return
-        expected, found = _read(sums).get(file.name), _sha256(file)
+        if not file.is_file():  # a pipe or a device may never end
+            raise PolicyError(f"{file}: it is no file")
+        if not sums.exists():
+            return
+        expected = _read(sums).get(file.name)
+        if expected is None and strangers:
+            return
+        if expected is None:
+            raise PolicyError(f"{file}: not one of the files in {SUMS}")
+        found = _sha256(file)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         wrong = getattr(error, "filename", None) or sums
         raise PolicyError(f"{wrong}: not readable: {reason}") from error
-    if expected is None:
-        raise PolicyError(f"{file}: not one of the files in {SUMS}")
     if found != expected:
         raise PolicyError(
             f"{file}: changed since it was written (without {SUMS} it is taken as it is)"
@@ -53,11 +69,12 @@ def _read(sums: Path) -> dict[str, str]:
     if not sums.is_file() or sums.stat().st_size > LONGEST:
         raise ValueError("not a list of checksums")
     found = {}
-    for number, line in enumerate(sums.read_text(encoding="utf-8").split("\n")[:-1], 1):
+    lines = sums.read_text(encoding="utf-8").removesuffix("\n").split("\n")
+    for number, line in enumerate(lines if lines != [""] else [], 1):
         match = LINE.fullmatch(line)
         if match is None or match[2] in found:
             raise ValueError(f"line {number} is no checksum and name")
-        found[match[2]] = match[1]
+        found[match[2]] = match[1].lower()
     return found
 
 

@@ -308,10 +308,20 @@ def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.
                 problem = misfit(columns, table)
                 if problem is not None:
                     raise PolicyError(f"{file}: {problem}")
-                yield table.to_pandas()
+                yield _frame(table, columns)
     except (pa.ArrowException, OSError, ValueError) as error:
         reason = str(error).partition("\n")[0]
         raise PolicyError(f"{file}: not a readable Parquet file: {reason}") from error
+
+
+def _frame(table: pa.Table, columns: dict[str, str]) -> pd.DataFrame:
+    """For pandas, whatever the file says of it: that has no checksum, and adds nothing."""
+    import pandas as pd
+
+    frame = table.to_pandas(ignore_metadata=True)
+    for name in (name for name, dtype in columns.items() if dtype == "Int64"):
+        frame[name] = table[name].to_pandas(types_mapper=lambda _: pd.Int64Dtype())
+    return frame
 
 
 def read_scenario(folder: Path) -> Scenario:
@@ -326,18 +336,40 @@ def read_scenario(folder: Path) -> Scenario:
         raise PolicyError(error.problems[0]) from error
 
 
-def file_place(out: Path, option: str = "--out") -> Path:
-    """Where an option points, links followed. Raises UsageError where no file can be written."""
+def file_place(out: Path, option: str = "") -> Path:
+    """Where a file is to stand, links followed; ``option``: who says so. Nothing is made yet.
+
+    Raises UsageError where no file can be written.
+    """
+    named = f"{option} {out}".strip()
     try:
         place = out.resolve()
         if place.exists() and not place.is_file():
-            raise UsageError(f"{option} {out}: exists and is not a file")
-        place.parent.mkdir(parents=True, exist_ok=True)
-        try_writing(place.parent)
+            raise UsageError(f"{named}: exists and is not a file")
+        try_writing(next(folder for folder in place.parents if folder.exists()))
     except (OSError, RuntimeError) as error:
         reason = getattr(error, "strerror", None) or error
-        raise UsageError(f"{option} {out}: the folder cannot be written to: {reason}") from error
+        raise UsageError(f"{named}: the folder cannot be written to: {reason}") from error
     return place
+
+
+def write_at(place: Path, content: bytes) -> None:
+    """Write a file in its place, in new folders if need be; where that fails, none is left.
+
+    Raises DesimError.
+    """
+    new = [folder for folder in place.parents if not folder.exists()]
+    try:
+        try:
+            place.parent.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise DesimError(f"cannot write {place}: {error.strerror or error}") from error
+        write_whole(place, content)
+    except BaseException:
+        for folder in new:
+            with suppress(OSError):  # somebody else's file is in it
+                folder.rmdir()
+        raise
 
 
 def try_writing(folder: Path) -> None:

@@ -12,12 +12,14 @@ import os
 import pickle
 import resource
 import shutil
+import signal
 import struct
 import sys
 import time
 import zipfile
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +30,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from desim_uav import array_file, cli
-from desim_uav.checksums import SUMS
+from desim_uav.checksums import SUMS, of_files
 from desim_uav.cli.ending import complain
 from desim_uav.errors import DesimError
 from desim_uav.experiment.command import run_to_folder
@@ -422,6 +424,74 @@ def test_a_broken_log(
     assert code == 4 and str(file) in message and part in message, message
 
 
+NO_FILES: list[tuple[str, Callable[[Path], None]]] = [
+    ("a pipe nobody writes to", os.mkfifo),
+    ("a link to zeros", lambda p: p.symlink_to("/dev/zero")),
+    ("a folder", lambda p: p.mkdir()),
+]
+
+
+@pytest.mark.parametrize("sums", [None, "", "{}  {}\n"], ids=["no sums", "empty sums", "sums"])
+@pytest.mark.parametrize(
+    ("words", "name"),
+    [
+        (("plot", "visits"), "scenario.yaml"),
+        (("replay",), "manifest.json"),
+        (("qoe",), "manifest.json"),
+        (("plot", "snapshot"), "world.json"),
+        (("qoe",), "requests.parquet"),
+        (("replay",), "users.parquet"),
+    ],
+    ids=lambda found: found if isinstance(found, str) else " ".join(found),
+)
+@pytest.mark.parametrize("make", [row[1] for row in NO_FILES], ids=[row[0] for row in NO_FILES])
+def test_what_is_no_file_of_a_run(
+    make: Callable[[Path], None],
+    words: tuple[str, ...],
+    name: str,
+    sums: str | None,
+    log: Path,
+    told,
+    tmp_path: Path,
+):
+    folder = shutil.copytree(log, tmp_path / "run")
+    if sums is not None:
+        files = [file for file in folder.iterdir() if sums and file.name != name]
+        (folder / SUMS).write_text(of_files(files) + sums.format("0" * 64, name))
+    (folder / name).unlink()
+    make(folder / name)
+    with soon():
+        code, message = told(*words, folder)
+    assert code == 4 and str(folder) in message, message
+    assert name in message or sums == "", message
+    assert message.count("desim-uav:") == 1
+
+
+@pytest.mark.parametrize("make", [row[1] for row in NO_FILES], ids=[row[0] for row in NO_FILES])
+def test_what_is_no_list_of_checksums(
+    make: Callable[[Path], None], log: Path, told, tmp_path: Path
+):
+    folder = shutil.copytree(log, tmp_path / "run")
+    make(folder / SUMS)
+    with soon():
+        code, message = told("qoe", folder)
+    assert code == 4 and f"{folder / SUMS}: " in message, message
+
+
+@contextmanager
+def soon() -> Iterator[None]:
+    """Who waits for what never comes takes no processor time."""
+
+    def too_long(*_: object) -> None:
+        raise AssertionError("it does not end")
+
+    before = signal.signal(signal.SIGALRM, too_long)
+    signal.alarm(20)
+    yield
+    signal.alarm(0)
+    signal.signal(signal.SIGALRM, before)
+
+
 # ---- command lines
 
 WORDS: list[tuple[str, int, str]] = [
@@ -482,6 +552,11 @@ WORDS: list[tuple[str, int, str]] = [
     ("plot policy nothing.npz", 4, "nothing.npz"),
     ("video nothing --gif x.gif", 4, "nothing"),
     ("video nothing", 2, "--gif"),
+    ("video nothing --gif new/deep/x.gif", 4, "nothing"),
+    ("plot services nothing -o new/x.png", 4, "nothing"),
+    ("report nothing --out new/x.html", 4, "nothing"),
+    ("replay nothing --html new/x.html", 4, "nothing"),
+    ("compare nothing nothing --out new/x.csv", 4, "nothing"),
     ("doctor --fix", 2, "No such option"),
 ]
 

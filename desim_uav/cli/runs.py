@@ -148,12 +148,12 @@ def compare(
     """Compare policies on common seeds: means, 95 % intervals and paired differences."""
     from desim_uav.experiment import compare as comparing
     from desim_uav.experiment.progress import progress
-    from desim_uav.run_folder import file_place, write_whole
+    from desim_uav.run_folder import file_place, write_at
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
 
     if out is not None:
-        out = file_place(out)
+        out = file_place(out, "--out")
     if policies is None:
         _refuse_how_to_run(context)
         found = comparing.compare_runs([Path(folder) for folder in what], against)
@@ -188,7 +188,7 @@ def compare(
             complain("interrupted; no run has ended")
             raise typer.Exit(130) from None
     if out is not None:
-        write_whole(out, found.as_csv().encode())
+        write_at(out, found.as_csv().encode())
     if as_json:
         print(json.dumps(found.content(), indent=1))
     else:

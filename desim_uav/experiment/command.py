@@ -219,11 +219,13 @@ def _label(policy_name: str) -> str:
 
 def clock() -> Callable[[], str]:
     """What tells the time from now on; if the clock is set back, the time does not go back."""
-    begun, since_s = datetime.now(UTC), time.monotonic()
+    last, since_s = datetime.now(UTC), time.monotonic()
 
     def now() -> str:
-        passed = timedelta(seconds=time.monotonic() - since_s)
-        return max(begun + passed, datetime.now(UTC)).isoformat()
+        nonlocal last, since_s
+        before_s, since_s = since_s, time.monotonic()
+        last = max(last + timedelta(seconds=since_s - before_s), datetime.now(UTC))
+        return last.isoformat()
 
     return now
 

@@ -11,7 +11,7 @@ from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.compare import compare_runs
 from desim_uav.policies.tabular import read_table
 from desim_uav.registry import did_you_mean
-from desim_uav.run_folder import file_place, write_whole
+from desim_uav.run_folder import file_place, write_at
 from desim_uav.shipped import find_table
 
 if TYPE_CHECKING:
@@ -94,9 +94,9 @@ def plot(kind: str, sources: Sequence[Path], out: Path | None, options: Mapping[
         raise UsageError(f"{kind}: one folder, not {len(sources)}: {', '.join(map(str, sources))}")
     place = _default(kind, sources) if out is None else out
     suffix = ending(place)
-    target = file_place(place)
+    target = file_place(place, "" if out is None else "--out")
     figure = chosen.draw(list(sources) if chosen.several else sources[0], **asked)
-    write_whole(target, to_bytes(figure, suffix))
+    write_at(target, to_bytes(figure, suffix))
     return place
 
 

@@ -24,7 +24,7 @@ from desim_uav.policies import load_policy
 from desim_uav.report.replay.data import Encoder
 from desim_uav.report.replay.page import page
 from desim_uav.report.run import IN_TIME, KEPT, Again, Run, Tables
-from desim_uav.run_folder import TABLES, file_place, world_content, write_whole
+from desim_uav.run_folder import TABLES, file_place, world_content, write_at
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World, build_world
 
@@ -70,7 +70,7 @@ def write_replay(
     run = Run(run_dir)
     wanted = run.chosen(episodes)
     file = run_dir / "replay.html" if html is None else html
-    place = file_place(file, "--html")
+    place = file_place(file, "" if html is None else "--html")
     encoder = Encoder(run)
     blocks: list[bytes] = []
     size, limit = 0.0, MOST_BYTES if most_bytes is None else most_bytes
@@ -87,7 +87,7 @@ def write_replay(
                 blocks.append(block)
     shown = wanted[: len(blocks)]
     content = page(encoder.common(shown), blocks)
-    write_whole(place, content)
+    write_at(place, content)
     return Written(file, len(content), shown, wanted[len(blocks) :], again)
 
 

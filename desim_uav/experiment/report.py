@@ -19,7 +19,7 @@ from desim_uav.report.comparison_page import Compared, comparison_page
 from desim_uav.report.page import Reported
 from desim_uav.report.run_page import run_page
 from desim_uav.report.text import MEASURES
-from desim_uav.run_folder import file_place, write_whole
+from desim_uav.run_folder import file_place, write_at
 
 NAME = "report.html"
 
@@ -39,7 +39,7 @@ def report(
     place = out if out is not None else folders[0] / NAME if alone else Path(NAME)
     runs = [_read(folder, place) for folder in folders]
     content = None if alone else compare_runs(folders, against).content()
-    file = file_place(place)
+    file = file_place(place, "" if out is None else "--out")
     try:
         if content is None:
             text = run_page(runs[0], title)
@@ -50,7 +50,7 @@ def report(
             f"{folders[0] if alone else 'these runs'}: the tables do not fit together: "
             f"{type(error).__name__}: {error}"
         ) from error
-    write_whole(file, text.encode())
+    write_at(file, text.encode())
     return place
 
 

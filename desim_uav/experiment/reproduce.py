@@ -7,7 +7,6 @@ finished job is a file, so that nothing is lost and the same command goes on whe
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -18,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from desim_uav import __version__
+from desim_uav.checksums import of_row
 from desim_uav.errors import UsageError
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.paper_table import (
@@ -189,7 +189,7 @@ def run_job(job: Job, folder: Path, engine: str = "batch") -> dict[str, Any]:
         row |= {f"last_{key}": _mean([getattr(one, key) for one in last]) for key in LAST_EPISODE}
     row |= evaluate(scenario, policy, job.seed, EPISODES, WARMUP, engine)
     file = folder / "jobs" / f"{job.name}.json"
-    kept = {"identity": job.identity(), "row": row, "sha256": _digest(row)}
+    kept = {"identity": job.identity(), "row": row, "sha256": of_row(row)}
     content = json.dumps(kept, indent=1, allow_nan=False)
     write_whole(file, content.encode())
     return row
@@ -223,15 +223,11 @@ def _finished(job: Job, folder: Path) -> dict[str, Any] | None:
     """The row of a job that was finished before, if it was this very job."""
     try:
         found = json.loads((folder / "jobs" / f"{job.name}.json").read_text(encoding="utf-8"))
-        if (found["identity"], found["sha256"]) == (job.identity(), _digest(found["row"])):
+        if (found["identity"], found["sha256"]) == (job.identity(), of_row(found["row"])):
             return dict(found["row"])
     except (OSError, ValueError, KeyError, TypeError):
         pass
     return None
-
-
-def _digest(row: dict[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest()
 
 
 def _mean(values: Sequence[float | None]) -> float | None:

@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from desim_uav import __version__
+from desim_uav.checksums import of_row
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import versions
 from desim_uav.experiment.evaluate import MEASURES
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
 
 MANIFEST, FAILED, RESULTS, TABLES = "manifest.json", "failed.json", "results", "policies"
 DIGEST = b"row_sha256"
+"""Pages have checksums, but what Parquet says about them has none."""
 PLAN = {"scenario": dict, "columns": dict, "episodes": int, "warmup": int, "jobs": list}
 """What a manifest says of what is swept."""
 
@@ -167,7 +169,7 @@ class SweepFolder:
         import pyarrow.parquet as pq
 
         file = pa.BufferOutputStream()
-        schema = self._schema().with_metadata({DIGEST: _digest(row)})
+        schema = self._schema().with_metadata({DIGEST: of_row(row).encode()})
         pq.write_table(pa.Table.from_pylist([row], schema), file, write_page_checksum=True)
         return bytes(file.getvalue())
 
@@ -183,13 +185,15 @@ class SweepFolder:
             return None
         if not table.schema.equals(self._schema()) or table.column("job").to_pylist() != [job.id]:
             return None
-        row = dict(table.to_pylist()[0])
-        return row if (table.schema.metadata or {}).get(DIGEST) == _digest(row) else None
+        row, kept = dict(table.to_pylist()[0]), table.schema.metadata or {}
+        return row if kept.get(DIGEST) == of_row(row).encode() else None
 
 
 def _manifest(file: Path) -> dict[str, Any]:
     """What a folder says of its sweep. Raises PolicyError."""
     try:
+        if not file.is_file():
+            raise ValueError("it is no file")
         found = json.loads(file.read_text(encoding="utf-8"))
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error
@@ -200,11 +204,6 @@ def _manifest(file: Path) -> dict[str, Any]:
     if not isinstance(found.get("versions"), dict) or "desim-uav" not in found["versions"]:
         raise PolicyError(f"{file}: not the manifest of a sweep: no versions")
     return dict(found)
-
-
-def _digest(row: Row) -> bytes:
-    """Pages have checksums, but what Parquet says about them has none."""
-    return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest().encode()
 
 
 def _typed(columns: dict[str, str]) -> str:

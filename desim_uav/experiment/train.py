@@ -122,7 +122,8 @@ def train_to_folder(
         first = training.episode
         if not (folder / CHECKPOINT).exists():
             _save(training, rows, folder)  # before anything else: a folder to be resumed has one
-        write_whole(folder / "scenario.yaml", dump(scenario).encode())
+        if not (folder / MANIFEST).exists():  # a finished one stays whole until this one is
+            write_whole(folder / "scenario.yaml", dump(scenario).encode())
         on_start(first)
         while training.episode < scenario.learning.episodes and not stop():
             after = training.episode + checkpoint_every

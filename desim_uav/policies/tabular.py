@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav import array_file
+from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError, in_short
 from desim_uav.model.observations import Feature, table_row, table_sizes
 from desim_uav.model.rules import DECIDES
@@ -54,9 +55,13 @@ class QTable:
 
 
 class TableFile:
-    """The file of a table: what it says of itself. Raises PolicyError, naming it, if it is none."""
+    """The file of a table: what it says of itself. Raises PolicyError, naming it, if it is none.
+
+    So it does where the checksums of its folder, if there are any, say that it has changed.
+    """
 
     def __init__(self, path: Path) -> None:
+        verify(path, strangers=True)
         self._stored = array_file.Stored(path, "policy file", ["q"], FORMAT)
         self.about = self._stored.about
         self.form = self._stored.forms["q"]

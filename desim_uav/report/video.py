@@ -22,7 +22,7 @@ from desim_uav.errors import DesimError, MissingExtraError, UsageError
 from desim_uav.model.rules import US
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.report.playback import Moment, Playback
-from desim_uav.run_folder import write_whole
+from desim_uav.run_folder import write_at
 
 FPS, SPEED = 12.0, 120.0
 """Frames a second, and simulated seconds in a second: half an hour lasts 15 s, 181 frames."""
@@ -153,7 +153,7 @@ def write_gif(film: Film, out: Path, on_frame: OnFrame = lambda: None) -> None:
     about: dict[str, Any] = {"duration": _durations_ms(film), "loop": 0, "disposal": 1}
     about["transparency"] = int(UNCHANGED)
     next(frames).save(file, "GIF", save_all=True, append_images=frames, optimize=False, **about)
-    write_whole(out, file.getvalue())
+    write_at(out, file.getvalue())
 
 
 def _palette(film: Film) -> Image.Image:
@@ -212,4 +212,4 @@ def write_mp4(film: Film, out: Path, on_frame: OnFrame = lambda: None) -> None:
             content = place.read_bytes()
         except OSError as error:
             raise DesimError(f"cannot write {out}: {error}") from error
-    write_whole(out, content)
+    write_at(out, content)

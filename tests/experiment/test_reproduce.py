@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from typer.testing import CliRunner
 
+from desim_uav import checksums
 from desim_uav.cli import app
 from desim_uav.engine.batch import BatchSimulation
 from desim_uav.engine.des import Simulation
@@ -163,7 +164,7 @@ def test_gates_that_hold(folder: Path, tmp_path: Path):
     for file in (folder / "jobs").glob("*.json"):
         content = json.loads(file.read_text())
         content["row"]["qoe3_percent"] = 100.0
-        content["sha256"] = reproduce._digest(content["row"])
+        content["sha256"] = checksums.of_row(content["row"])
         (tmp_path / "jobs").mkdir(exist_ok=True)
         (tmp_path / "jobs" / file.name).write_text(json.dumps(content))
     command = ("reproduce", "--cases", 1, "--seeds", 2, "--episodes", 20, "--out", tmp_path)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -13,12 +14,14 @@ import pytest
 from typer.testing import CliRunner
 
 from desim_uav import array_file
+from desim_uav.checksums import verify
 from desim_uav.cli import app
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
 from desim_uav.experiment.train import train, train_to_folder
 from desim_uav.learning.checkpoint import FORMAT
 from desim_uav.model.observations import Feature
 from desim_uav.records import TRAINING
+from desim_uav.report.figures.training import read_training
 from desim_uav.run_folder import read_table
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.scenario.schema import Scenario
@@ -244,6 +247,43 @@ print(done.interrupted, done.summary["episodes"])
     trained(tmp_path / "t", scenario, resume=True)
     trained(tmp_path / "u", scenario)
     assert (tmp_path / "t/policy.npz").read_bytes() == (tmp_path / "u/policy.npz").read_bytes()
+
+
+def test_one_that_goes_on_leaves_the_finished_one_whole(tmp_path: Path):
+    """Interrupted, its folder is that of the shorter training, with a checkpoint to go on from."""
+    shorter, longer = ({"learning": {**SMALL["learning"], "episodes": n}} for n in (20, 40))
+    folder = tmp_path / "t"
+    trained(folder, small(**shorter))
+    before = {file.name: file.read_bytes() for file in folder.iterdir()}
+
+    def looked_at(rows: Any) -> None:
+        read_training(folder)
+        if rows[0].episode == 25:
+            signal.raise_signal(signal.SIGINT)
+
+    done = trained(folder, small(**longer), resume=True, on_episode=looked_at)
+    assert done.interrupted and 25 < done.summary["episodes"] < 40
+    after = {file.name: file.read_bytes() for file in folder.iterdir()}
+    assert {name for name in after if after[name] != before.get(name)} == {
+        "checkpoint.npz",
+        "checkpoint-before.npz",
+    }
+    assert len(read_training(folder).curves) == 20
+    for file in folder.iterdir():
+        verify(file, strangers=True)
+    trained(folder, small(**longer), resume=True)
+    assert len(read_training(folder).curves) == 40
+    for file in folder.iterdir():
+        verify(file, strangers=True)
+    whole = trained(tmp_path / "whole", small(**longer))
+    assert (folder / "policy.npz").read_bytes() == Path(whole.summary["policy"]).read_bytes()
+
+
+def test_one_that_was_interrupted_says_what_it_is_of(tmp_path: Path):
+    with pytest.raises(StoppedError):
+        trained(tmp_path / "t", on_episode=stop_after(25))
+    assert load(tmp_path / "t" / "scenario.yaml") == small()
+    assert not (tmp_path / "t" / "SHA256SUMS").exists()
 
 
 # ---- the command line

@@ -3,7 +3,7 @@
 import itertools
 import json
 import time
-from datetime import datetime, timedelta
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
 import pytest
@@ -59,6 +59,38 @@ def twice(command, jumps, *words):
     times = [datetime.fromisoformat(manifest[k]) for k in ("started", "finished") if k in manifest]
     assert times == sorted(times)
     return Path("one"), Path("other")
+
+
+@pytest.mark.parametrize("days", [[0, 1, -1, 1, -2], [1, -1], [0, 0, 3, -3, -1], [-1, 2, 2, 0]])
+def test_no_time_is_before_another(days, monkeypatch):
+    looks = itertools.cycle(days)
+
+    class Jumping(datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return datetime.now(tz) + timedelta(days=next(looks))
+
+    monkeypatch.setattr(commands, "datetime", Jumping)
+    begun, now = datetime.now(UTC), commands.clock()
+    times = [datetime.fromisoformat(now()) for _ in range(4 * len(days))]
+    assert times == sorted(times)
+    assert times[-1] - begun < timedelta(days=max(days), minutes=1), "jumps add up"
+
+
+def test_it_goes_on_while_the_clock_is_behind(monkeypatch):
+    """By what has passed, and not from where the clock was set back to."""
+    wall, passed = iter([5, 9, 2, 2, 9]), iter([0.0, 10.0, 25.0, 45.0, 45.0])
+
+    class Set(datetime):
+        @classmethod
+        def now(cls, tz=None):
+            return datetime(2026, 1, next(wall), tzinfo=tz)
+
+    monkeypatch.setattr(commands, "datetime", Set)
+    monkeypatch.setattr(time, "monotonic", lambda: next(passed))
+    now = commands.clock()
+    ninth = "2026-01-09T00:00"
+    assert [now() for _ in range(4)] == [f"{ninth}:{s}+00:00" for s in ("00", "15", "35", "35")]
 
 
 @pytest.mark.parametrize("engine", ["des", "batch"])

@@ -1,4 +1,7 @@
-"""Damaged files: refused by name, or the same as they were; never read as something else."""
+"""Damaged files: refused by name, or the same as they were; never read as something else.
+
+JSON and YAML without checksums are what they say: another number there is another number.
+"""
 
 import shutil
 import subprocess
@@ -13,7 +16,8 @@ from desim_uav.errors import PolicyError
 from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.replay import write_replay
 from desim_uav.learning import checkpoint
-from desim_uav.policies.tabular import TableFile
+from desim_uav.policies import load_policy
+from desim_uav.policies.tabular import QTable, TableFile
 from desim_uav.report.figures.training import read_training
 from desim_uav.report.run import Run
 from tests.command_line import runner
@@ -21,7 +25,7 @@ from tests.report.helpers import make_run, make_training
 
 SMALL = ("users.count=6", "episode.steps=4")
 LEARNING = (*SMALL, "learning.episodes=8")
-FLIPS = 300
+FLIPS, FEW = 300, 10
 
 
 @pytest.fixture(scope="module")
@@ -70,11 +74,37 @@ def test_a_file_of_a_run(name, damage, flown, tmp_path):
     folder, chance = shutil.copytree(flown, tmp_path / "run"), np.random.default_rng(1)
     content = (folder / name).read_bytes()
     read_run(folder, name)
-    for _ in range(FLIPS):
+    for _ in range(FEW):
         (folder / name).write_bytes(damage(content, chance))
         with pytest.raises(PolicyError, match=rf"{name}: changed since it was written") as refused:
             read_run(folder, name)
         assert refused.value.exit_code == 4
+
+
+@pytest.mark.parametrize("damage", [flipped, cut])
+@pytest.mark.parametrize("name", RUN_FILES)
+def test_a_file_of_a_run_without_checksums(name, damage, flown, tmp_path):
+    """A table is refused or as it was, wherever the bit is: in a page, a footer, a name."""
+    folder, chance = shutil.copytree(flown, tmp_path / "run"), np.random.default_rng(1)
+    (folder / SUMS).unlink()
+    content, whole, refused = (folder / name).read_bytes(), read_run(folder, name), 0
+    for _ in range(FLIPS):
+        (folder / name).write_bytes(damage(content, chance))
+        try:
+            found = read_run(folder, name)
+        except PolicyError as error:
+            assert f"{folder / name}:" in str(error) and error.exit_code == 4
+            refused += 1
+        else:
+            if name.endswith(".parquet"):
+                pd.testing.assert_frame_equal(found, whole, check_exact=True)
+    assert refused > FLIPS / 3
+
+
+def listed(content: bytes) -> list[tuple[bytes, bytes]]:
+    """Checksums and names, upper case or lower, the last line ended or not."""
+    lines = content.removesuffix(b"\n").split(b"\n")
+    return [(line[:64].lower(), line[64:]) for line in lines]
 
 
 @pytest.mark.parametrize("damage", [flipped, cut])
@@ -84,7 +114,10 @@ def test_the_checksums_of_a_run(damage, flown, tmp_path):
     content = (folder / SUMS).read_bytes()
     assert all(f"  {name}\n".encode() in content for name in RUN_FILES)
     for _ in range(FLIPS):
-        (folder / SUMS).write_bytes(damage(content, chance))
+        damaged = damage(content, chance)
+        (folder / SUMS).write_bytes(damaged)
+        if listed(damaged) == listed(content):  # it says the same in other letters
+            continue
         with pytest.raises(PolicyError, match=rf"run/\S+: .*({SUMS}|line|checksums|utf-8)"):
             for name in RUN_FILES:
                 read_run(folder, name)
@@ -95,7 +128,7 @@ def test_a_file_of_a_training(name, learned, tmp_path):
     folder, chance = shutil.copytree(learned, tmp_path / "t"), np.random.default_rng(1)
     content = (folder / name).read_bytes()
     read_training(folder)
-    for _ in range(FLIPS):
+    for _ in range(FLIPS if name == SUMS else FEW):
         (folder / name).write_bytes(flipped(content, chance))
         try:
             read_training(folder)
@@ -103,6 +136,36 @@ def test_a_file_of_a_training(name, learned, tmp_path):
             assert str(folder) in str(error)
         else:  # of the checksums of the policy or the world, which a figure does not ask for
             assert name == SUMS
+
+
+class TestAPolicyBesideChecksums:
+    """One that has learned something else since is a policy file like any, but not this one."""
+
+    @pytest.fixture
+    def other(self, learned, tmp_path):
+        folder = shutil.copytree(learned, tmp_path / "t")
+        table = TableFile(folder / "policy.npz").table()
+        (folder / "policy.npz").write_bytes(QTable(table.q + 1, table.about).to_bytes())
+        return folder
+
+    @pytest.mark.parametrize(
+        "words", [("run", "case1", "--policy", "{}/policy.npz"), ("plot", "policy", "{}")]
+    )
+    def test_is_refused(self, words, other, capsys, monkeypatch):
+        monkeypatch.chdir(other.parent)
+        ended = runner(capsys, monkeypatch)(*(word.format(other) for word in words))
+        ended.failed(4, f"{other}/policy.npz: changed since it was written")
+        assert ended.err.count("\n") == 1 and list(other.parent.iterdir()) == [other]
+
+    def test_is_taken_where_they_are_gone_or_of_others(self, other):
+        lines = (other / SUMS).read_text().splitlines(keepends=True)
+        (other / SUMS).write_text("".join(line for line in lines if "policy" not in line))
+        TableFile(other / "policy.npz").table()
+        (other / SUMS).unlink()
+        TableFile(other / "policy.npz").table()
+
+    def test_a_whole_one_flies(self, learned):
+        load_policy(str(learned / "policy.npz"))
 
 
 @pytest.mark.parametrize("damage", [flipped, cut])
@@ -206,6 +269,29 @@ def test_sha256sum_reads_the_checksums(flown, learned):
         pytest.skip("no sha256sum here")
     for folder in (flown, learned):
         subprocess.run(["sha256sum", "--check", "--strict", SUMS], cwd=folder, check=True)
+
+
+@pytest.mark.parametrize("how", ["--binary", "upper case", "no newline", "./", "more", "other"])
+def test_checksums_as_sha256sum_reads_them(how, flown, tmp_path):
+    folder = shutil.copytree(flown, tmp_path / "run")
+    content = (folder / SUMS).read_text()
+    (folder / SUMS).write_text(
+        {
+            "--binary": content.replace("  ", " *"),
+            "upper case": "".join(
+                f"{line[:64].upper()}{line[64:]}" for line in content.splitlines(keepends=True)
+            ),
+            "no newline": content.rstrip("\n"),
+            "./": content.replace("  ", "  ./"),
+            "more": content + content.replace("  ", "  in/another/"),
+            "other": content + "\\" + "0" * 64 + "  new\\nline\n",
+        }[how]
+    )
+    for name in RUN_FILES:
+        read_run(folder, name)
+    (folder / "world.json").write_bytes((folder / "world.json").read_bytes() + b" ")
+    with pytest.raises(PolicyError, match=r"world.json: changed since"):
+        read_run(folder, "world.json")
 
 
 def test_a_table_nobody_has_a_checksum_of(flown, tmp_path):

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from desim_uav.experiment import sweep
-from tests.command_line import ROOT, elsewhere, runner
+from tests.command_line import ROOT, elsewhere, program, runner
 from tests.faults.kill import same_sweep, same_training
 
 NO_SPACE = "No space left on device"
@@ -117,6 +117,7 @@ def test_a_comparison_a_report_and_a_replay(disk, command):
         (("report", "mine", "--out"), disk / "report.html"),
         (("replay", "mine", "-q", "--html"), disk / "replay.html"),
         (("plot", "services", "mine", "-o"), disk / "services.png"),
+        (("plot", "services", "mine", "-o"), disk / "new/services.png"),
     ):
         ended = command(*words, file).failed(1, "cannot write ", NO_SPACE)
         assert f"{file}: {NO_SPACE}" in ended.err and ended.err.count("\n") == 1
@@ -145,7 +146,7 @@ def test_nobody_takes_what_is_printed(here):
     """The disk that stdout goes to is full; the run is kept."""
     with Path("/dev/full").open("w") as full:
         done = subprocess.run(
-            ["python", "-m", "desim_uav", "run", "tiny", "--json", "--out", "mine"],
+            program("run", "tiny", "--json", "--out", "mine"),
             stdout=full,
             stderr=subprocess.PIPE,
             text=True,

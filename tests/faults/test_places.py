@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from desim_uav.errors import PolicyError
 from desim_uav.experiment import replay
 from tests.command_line import runner
 
@@ -141,4 +142,26 @@ def test_a_run_folder_that_is_read_only(words, flown, command, here):
         ended = command(*words, "fixed/flown")
     finally:
         subprocess.run(["umount", "-l", here / "fixed"], check=True)
-    ended.failed(2, "fixed/flown", "cannot be written to")
+    ended.failed(2, "desim-uav: fixed/flown/", ": the folder cannot be written to: Read-only file")
+
+
+@pytest.mark.parametrize("name", DRAWN)
+def test_a_drawing_that_fails_leaves_no_folder(name, flown, command, here, monkeypatch):
+    """Its folders are made with it, and with it they go."""
+
+    def wrong(*_):
+        raise PolicyError("it went wrong")
+
+    monkeypatch.setattr(replay, "play", wrong)
+    (words, file), before = DRAWN[name], names(here)
+    command(*words, f"new/deep/{file}").failed(4, "it went wrong")
+    assert names(here) == before
+
+
+@pytest.mark.parametrize("words", [("report", "flown", "--out"), ("compare", "flown", "--out")])
+def test_a_drawing_in_new_folders(words, command, here):
+    command("run", "case8", *SMALL, "-q", "--events", "--out", "flown")
+    assert command(*words, "new/deep/page").code == 0
+    assert [path.name for path in Path("new/deep").iterdir()] == ["page"]
+    Path("new/file").touch()
+    command(*words, "new/file/page").failed(2, "--out new/file/page: the folder cannot be written")
