@@ -13,6 +13,7 @@ from desim_uav.model.motion import (
     REST,
     START,
     BangCoastBang,
+    Leg,
     cruise_speed,
     travelled,
 )
@@ -194,3 +195,8 @@ def test_minimum_time_formula(distance, v, a):
         return
     filled = slower.epoch_transit(distance, flight_s(transit) * (1 + 1e-9))
     assert top_speed(filled) == pytest.approx(v, rel=1e-3)
+
+
+def test_a_leg_that_leads_nowhere_is_where_it_begins():
+    resting = Leg(REST, (120.0, 360.0), (120.0, 360.0), 40.0, 40.0)
+    assert resting.position_m(17.0) == (120.0, 360.0, 40.0)

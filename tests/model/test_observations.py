@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
-from desim_uav.errors import ScenarioError
+from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.grid import Grid
-from desim_uav.model.observations import Encoding, Feature, Local, Position
+from desim_uav.model.observations import Encoding, Feature, Local, Position, table_row
 from desim_uav.model.rules import Mode
 from desim_uav.model.state import Facts, Observation
 from desim_uav.sample_path import draw
@@ -366,3 +366,13 @@ class Half:
 def test_what_does_not_encode_is_no_encoding():
     with pytest.raises(ScenarioError, match="is no observation: it has no method 'encode'"):
         loads(f'observation: {{kind: "{__name__}:Half"}}')
+
+
+def test_rows_of_a_table_count_as_numbers_do():
+    assert [table_row((x, y), (2, 3)) for x in range(2) for y in range(3)] == [*range(6)]
+
+
+@pytest.mark.parametrize("code", [(2, 0), (0, -1)])
+def test_a_state_that_a_table_does_not_have(code: tuple[int, int]):
+    with pytest.raises(SimulationError, match=r"outside its features, which have \(2, 3\) values"):
+        table_row(code, (2, 3))
