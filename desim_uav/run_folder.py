@@ -224,12 +224,12 @@ class Place:
     def _candidates(self) -> Iterator[Path]:
         if self.target is not None:
             yield self.target
-            return
-        yield self.parent / self.name
-        number = 2
-        while True:
-            yield self.parent / f"{self.name}-{number}"
-            number += 1
+        else:
+            yield self.parent / self.name
+            number = 2
+            while True:
+                yield self.parent / f"{self.name}-{number}"
+                number += 1
 
 
 def parquet(name: str, frame: pd.DataFrame) -> bytes:

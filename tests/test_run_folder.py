@@ -20,7 +20,7 @@ from desim_uav.experiment import run as experiment_run
 from desim_uav.experiment.command import read_summary, run_to_folder
 from desim_uav.experiment.run import headline
 from desim_uav.records import EPISODES, REQUESTS, USERS, to_frame
-from desim_uav.run_folder import TABLES, Draft, Place, held, read_table
+from desim_uav.run_folder import TABLES, Draft, Place, held, read_table, write_at
 from desim_uav.scenario.load import load, loads, scenario_hash
 from desim_uav.shipped import scenario_path
 from tests.report.helpers import read_counted
@@ -684,3 +684,12 @@ class TestHeld:
         monkeypatch.setattr(run_folder, "fcntl", None)
         with held(Path("mine")), held(Path("mine")):
             assert not list(Path().glob(".*.lock"))
+
+
+def test_a_folder_that_cannot_be_made_when_its_file_is_written():
+    """It could have been when that was looked at; what was made on the way is gone again."""
+    Path("new").mkdir()
+    Path("new/file").write_text("", encoding="utf-8")
+    with pytest.raises(DesimError, match=r"cannot write new/file/more/x\.csv: "):
+        write_at(Path("new/file/more/x.csv"), b"")
+    assert [path.name for path in Path("new").iterdir()] == ["file"]
