@@ -1,5 +1,11 @@
 """The errors a user can meet, each with the exit code the command line ends with."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
 
 class DesimError(Exception):
     """Something the user can mend; the command line prints it without a traceback."""
@@ -27,6 +33,15 @@ class ScenarioError(DesimError):
     def __init__(self, *problems: str) -> None:
         super().__init__("\n".join(problems))
         self.problems = problems
+
+
+@contextmanager
+def located(path: Path) -> Iterator[None]:
+    """Name a scenario's file in problems that are found only in drawing its world."""
+    try:
+        yield
+    except ScenarioError as error:
+        raise ScenarioError(*(f"{path}: {problem}" for problem in error.problems)) from error
 
 
 class PolicyError(DesimError):

@@ -21,6 +21,44 @@ USUAL = {
 }
 """What a signal does to a program that has just begun."""
 
+IN_TROUBLE = '''
+import os
+import signal
+import time
+from pathlib import Path
+
+from desim_uav.model.admission import FirstCome
+from desim_uav.policies.hover import Hover
+
+
+class Own(FirstCome):
+    """An admission rule without a kernel."""
+
+
+class OnSeedTwo(Hover):
+    """Does something where the world is that of seed 2."""
+
+    def begin(self, world, streams, carried=False):
+        if world.seed == 2:
+            self.do()
+
+
+class Broken(OnSeedTwo):
+    def do(self):
+        raise KeyError("boom")
+
+
+class Killed(OnSeedTwo):
+    def do(self):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+class Interrupted(OnSeedTwo):
+    def do(self):
+        os.kill(os.getpid(), signal.SIGINT)
+'''
+"""A module of policies that are in trouble on seed 2."""
+
 
 class Ended:
     """How a command ended: its exit code and what it printed."""

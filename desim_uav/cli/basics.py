@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import json
-from functools import partial
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from desim_uav.cli.ending import located
 from desim_uav.cli.options import Json, Override
 
 
@@ -39,7 +37,7 @@ def validate(
     overrides: Override = None,
 ) -> None:
     """Check scenario files, every error of each, and that their worlds can be drawn."""
-    from desim_uav.errors import ScenarioError
+    from desim_uav.errors import ScenarioError, located
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
     from desim_uav.world import build_world
@@ -49,7 +47,8 @@ def validate(
         try:
             path = find_scenario(file)
             scenario = load(path, overrides or [])
-            located(path, partial(build_world, scenario, scenario.effective_world_seed))
+            with located(path):
+                build_world(scenario, scenario.effective_world_seed)
             print(f"{file}: valid")
         except ScenarioError as error:
             problems += error.problems

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from desim_uav.cli.ending import complain, located
+from desim_uav.cli.ending import complain
 from desim_uav.cli.options import (
     Engine,
     EngineIfAny,
@@ -19,9 +19,9 @@ from desim_uav.cli.options import (
     ScenarioName,
     Seed,
     WorldSeed,
-    overriding,
+    opened,
 )
-from desim_uav.errors import UsageError
+from desim_uav.errors import UsageError, located
 
 
 def train(
@@ -53,27 +53,20 @@ def train(
     from desim_uav.experiment.progress import training_progress
     from desim_uav.experiment.train import train_to_folder
     from desim_uav.report.text import print_training
-    from desim_uav.scenario.load import load
-    from desim_uav.shipped import find_scenario
 
-    settings = overriding(overrides, seed, world_seed)
-    settings += [] if algorithm is None else [f'learning.algorithm="{algorithm}"']
+    settings = [] if algorithm is None else [f'learning.algorithm="{algorithm}"']
     settings += [] if episodes is None else [f"learning.episodes={episodes}"]
-    path = find_scenario(scenario)
-    loaded = load(path, settings)
-    with training_progress(not quiet, loaded.learning.episodes) as bar:
-        done = located(
-            path,
-            lambda: train_to_folder(
-                loaded,
-                out=out,
-                resume=resume,
-                checkpoint_every=checkpoint_every,
-                command=["desim-uav", *sys.argv[1:]],
-                engine=engine,
-                on_start=bar.start,
-                on_episode=bar.advance,
-            ),
+    path, loaded = opened(scenario, overrides, seed, world_seed, settings)
+    with training_progress(not quiet, loaded.learning.episodes) as bar, located(path):
+        done = train_to_folder(
+            loaded,
+            out=out,
+            resume=resume,
+            checkpoint_every=checkpoint_every,
+            command=["desim-uav", *sys.argv[1:]],
+            engine=engine,
+            on_start=bar.start,
+            on_episode=bar.advance,
         )
     if as_json:
         print(json.dumps(done.summary, indent=1))
@@ -94,13 +87,10 @@ def optimum(
     """Work out how well any policy could do, where users stand still."""
     from desim_uav.experiment.optimum import optimum as best_of
     from desim_uav.report.text import print_optimum
-    from desim_uav.scenario.load import load
-    from desim_uav.shipped import find_scenario
 
-    settings = overriding(overrides, seed, world_seed)
-    path = find_scenario(scenario)
-    loaded = load(path, settings)
-    found = located(path, lambda: best_of(loaded))
+    path, loaded = opened(scenario, overrides, seed, world_seed)
+    with located(path):
+        found = best_of(loaded)
     if as_json:
         print(json.dumps(found, indent=1))
     else:

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from desim_uav.scenario.schema import Scenario
 
 ScenarioName = Annotated[
     str, typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped name: case5.")
@@ -70,9 +73,19 @@ EngineIfAny = Annotated[
 ]
 
 
-def overriding(overrides: list[str] | None, seed: int | None, world_seed: int | None) -> list[str]:
-    """What the command line sets of a scenario."""
+def opened(
+    name: str,
+    overrides: list[str] | None,
+    seed: int | None,
+    world_seed: int | None,
+    further: Sequence[str] = (),
+) -> tuple[Path, Scenario]:
+    """A scenario's file, and what it says with all that the command line sets of it."""
+    from desim_uav.scenario.load import load
+    from desim_uav.shipped import find_scenario
+
     settings = list(overrides or [])
     settings += [] if seed is None else [f"seed={seed}"]
     settings += [] if world_seed is None else [f"world_seed={world_seed}"]
-    return settings
+    path = find_scenario(name)
+    return path, load(path, [*settings, *further])

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from desim_uav.cli.ending import complain, end_politely, located
+from desim_uav.cli.ending import complain, end_politely
 from desim_uav.cli.options import (
     Counted,
     Engine,
@@ -25,9 +25,9 @@ from desim_uav.cli.options import (
     Warmup,
     WorldSeed,
     one_of,
-    overriding,
+    opened,
 )
-from desim_uav.errors import UsageError
+from desim_uav.errors import UsageError, located
 
 
 def run(
@@ -55,17 +55,12 @@ def run(
 ) -> None:
     """Run a policy in a scenario, log every request, and print the quality of experience."""
     from desim_uav.experiment.command import run_to_folder
-    from desim_uav.scenario.load import load
-    from desim_uav.shipped import find_scenario
 
-    settings = overriding(overrides, seed, world_seed)
-    path = find_scenario(scenario)
-    loaded = load(path, settings)
+    path, loaded = opened(scenario, overrides, seed, world_seed)
     end_politely()
     try:
-        done = located(
-            path,
-            lambda: run_to_folder(
+        with located(path):
+            done = run_to_folder(
                 loaded,
                 policy,
                 episodes=episodes,
@@ -76,8 +71,7 @@ def run(
                 show_progress=not quiet,
                 engine=engine,
                 say=complain,
-            ),
-        )
+            )
     except KeyboardInterrupt:
         complain("interrupted; nothing is kept")
         raise typer.Exit(130) from None
@@ -168,21 +162,19 @@ def compare(
             complain(warning)
         end_politely()
         try:
-            located(path, lambda: comparing.try_on(loaded, names, drawn, engine))
-            with progress(True, len(names) * len(drawn), "runs", engine) as advance:
-                found = located(
-                    path,
-                    lambda: comparing.compare_policies(
-                        loaded,
-                        names,
-                        drawn,
-                        episodes,
-                        warmup,
-                        against=against,
-                        jobs=jobs,
-                        engine=engine,
-                        on_replication=advance,
-                    ),
+            with located(path):
+                comparing.try_on(loaded, names, drawn, engine)
+            with progress(True, len(names) * len(drawn), "runs", engine) as bar, located(path):
+                found = comparing.compare_policies(
+                    loaded,
+                    names,
+                    drawn,
+                    episodes,
+                    warmup,
+                    against=against,
+                    jobs=jobs,
+                    engine=engine,
+                    on_replication=bar,
                 )
         except KeyboardInterrupt:
             complain("interrupted; no run has ended")

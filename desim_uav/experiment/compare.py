@@ -24,7 +24,7 @@ from desim_uav.policies import load_policy
 from desim_uav.records import EPISODES
 from desim_uav.registry import did_you_mean
 from desim_uav.run_folder import read_scenario, read_table
-from desim_uav.scenario.load import scenario_hash, to_plain
+from desim_uav.scenario.load import scenario_hash, seedless, to_plain
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
 
@@ -267,7 +267,7 @@ def _read(folder: Path) -> _Run:
     )
     return _Run(
         folder,
-        scenario.model_copy(update={"seed": 0, "world_seed": None}),
+        seedless(scenario),
         summary["episodes"],
         int((numbers < 0).sum()),
         Replication(

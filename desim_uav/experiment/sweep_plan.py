@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from desim_uav.engine.choose import check_engine, engine_for
-from desim_uav.errors import DesimError, PolicyError, ScenarioError
+from desim_uav.errors import DesimError, PolicyError, ScenarioError, located
 from desim_uav.experiment.grid import Axis, Combination, combinations
 from desim_uav.learning.learner import load_algorithm
 from desim_uav.learning.training import table_features
@@ -121,13 +121,11 @@ def _prepared(
 ) -> tuple[Scenario, World, str]:
     """A scenario, its world on a seed, and the engine. Raises ScenarioError, naming the file."""
     scenario = load(path, settings)
-    try:
+    with located(path):
         drawn = scenario.model_copy(update={"seed": seed})
         world = build_world(drawn, drawn.effective_world_seed)
         chosen = engine or engine_for(world)
         check_engine(chosen, world)
-    except ScenarioError as error:
-        raise ScenarioError(*(f"{path}: {problem}" for problem in error.problems)) from error
     return scenario, world, chosen
 
 

@@ -105,6 +105,11 @@ def scenario_hash(scenario: Scenario) -> str:
     return hashlib.sha256(text.encode()).hexdigest()
 
 
+def seedless(scenario: Scenario) -> Scenario:
+    """A scenario whatever its seeds, to be compared with others."""
+    return scenario.model_copy(update={"seed": 0, "world_seed": None})
+
+
 def json_schema() -> dict[str, Any]:
     """The JSON Schema of scenario files, for editors."""
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"}

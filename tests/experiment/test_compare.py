@@ -21,24 +21,12 @@ from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import estimate, paired
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
-from tests.command_line import START, runner, with_plug_ins
+from tests.command_line import IN_TROUBLE, START, runner, with_plug_ins
 
 ROOT = Path(__file__).parents[2]
 SMALL = ("-S", "users.count=12", "-S", "episode.steps=8")
 SHORT = ("--episodes", 2, "--warmup", 1)
-PLUG_INS = '''
-import os
-import signal
-import time
-from pathlib import Path
-
-from desim_uav.model.admission import FirstCome
-from desim_uav.policies.hover import Hover
-
-
-class Own(FirstCome):
-    """An admission rule without a kernel."""
-
+PLUG_INS = f'''{IN_TROUBLE}
 
 class Same(Hover):
     """Hover under another name."""
@@ -48,29 +36,6 @@ class Trained(Hover):
     """Knows a world."""
 
     world_seed = 7
-
-
-class OnSeedTwo(Hover):
-    """Does something where the world is that of seed 2."""
-
-    def begin(self, world, streams, carried=False):
-        if world.seed == 2:
-            self.do()
-
-
-class Interrupted(OnSeedTwo):
-    def do(self):
-        os.kill(os.getpid(), signal.SIGINT)
-
-
-class Broken(OnSeedTwo):
-    def do(self):
-        raise KeyError("boom")
-
-
-class Killed(OnSeedTwo):
-    def do(self):
-        os.kill(os.getpid(), signal.SIGKILL)
 
 
 class Endless(OnSeedTwo):

@@ -19,47 +19,12 @@ from desim_uav.policies.tabular import read_table
 from desim_uav.run_folder import held
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
-from tests.command_line import runner, with_plug_ins
+from tests.command_line import IN_TROUBLE, runner, with_plug_ins
 
 ROOT = Path(__file__).parents[2]
 GRID = ("-S", "drones.footprint_radius_m=150,250", "-S", "episode.steps=3:4")
 SHORT = ("--episodes", 2, "--warmup", 1)
-PLUG_INS = '''
-import os
-import signal
-import time
-from pathlib import Path
-
-from desim_uav.model.admission import FirstCome
-from desim_uav.policies.hover import Hover
-
-
-class Own(FirstCome):
-    """An admission rule without a kernel."""
-
-
-class OnSeedTwo(Hover):
-    """Does something in the world of seed 2."""
-
-    def begin(self, world, streams, carried=False):
-        if world.seed == 2:
-            self.do()
-
-
-class Broken(OnSeedTwo):
-    def do(self):
-        raise KeyError("boom")
-
-
-class Killed(OnSeedTwo):
-    def do(self):
-        os.kill(os.getpid(), signal.SIGKILL)
-
-
-class Interrupted(OnSeedTwo):
-    def do(self):
-        os.kill(os.getpid(), signal.SIGINT)
-
+PLUG_INS = f'''{IN_TROUBLE}
 
 class Slow(Hover):
     """Takes its time, if it is asked to."""

@@ -25,7 +25,7 @@ from desim_uav.experiment.sweep_plan import policy_digest
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.rllib import RLlib, save
-from desim_uav.policies.rllib.file import NAME, NetworkFile, Saved, read
+from desim_uav.policies.rllib.file import NAME, NetworkFile, Saved
 from desim_uav.world import World, build_world
 from tests.command_line import elsewhere
 from tests.env.helpers import BRITTLE
@@ -209,7 +209,7 @@ def test_a_run_commands_what_the_training_would(
 @needs_rllib
 def test_the_filters_matter(trained: Any, tmp_path: Path):
     one = trained("case8", LOCAL, shared=True)
-    saved = read(one.folder)
+    saved = NetworkFile(one.folder).saved()
     assert saved.statistics.size > 30 and saved.statistics[0] > 300
     put(tmp_path, dataclasses.replace(saved, statistics=np.ones_like(saved.statistics)))
     other = dataclasses.replace(one, folder=tmp_path)
@@ -266,7 +266,7 @@ def test_filters_that_others_have_filled(trained: Any, tmp_path: Path):
     algorithm.train()
     assert algorithm.env_runner.env is None
     save(algorithm, tmp_path)
-    saved = read(tmp_path)
+    saved = NetworkFile(tmp_path).saved()
     (state,) = algorithm.env_runner_group.foreach_env_runner(
         lambda runner: runner.get_state(), local_env_runner=False
     )
@@ -329,7 +329,7 @@ def test_another_world_is_warned_of(trained: Any, tmp_path: Path):
 def test_a_sweep_knows_it_by_its_content(trained: Any, tmp_path: Path):
     one = trained("case1", CASE_1)
     before = policy_digest(f"rllib:{one.folder}")
-    saved = read(one.folder)
+    saved = NetworkFile(one.folder).saved()
     put(tmp_path, dataclasses.replace(saved, weights=2 * saved.weights))
     assert policy_digest(f"rllib:{tmp_path}") != before
     assert policy_digest(f"rllib:{one.folder / NAME}") == before
@@ -374,7 +374,7 @@ def test_files_that_do_not_fit_together(
     change: dict[str, Any], told: str, trained: Any, tmp_path: Path
 ):
     one = trained("case1", CASE_1)
-    saved = read(one.folder)
+    saved = NetworkFile(one.folder).saved()
     (module,) = saved.about["modules"].values()
     count = change.get("statistics", saved.statistics.size)
     settings = module["settings"] | {k: v for k, v in change.items() if k in module["settings"]}
@@ -440,7 +440,7 @@ def refused(folder: Path, told: str) -> None:
 
 
 def test_a_file_holds_what_was_put_in(tmp_path: Path):
-    saved, found = handmade(), read(put(tmp_path, handmade()))
+    saved, found = handmade(), NetworkFile(put(tmp_path, handmade())).saved()
     assert found.about.items() >= saved.about.items()
     assert found.weights.tolist() == saved.weights.tolist()
     assert found.statistics.size == 0
@@ -529,7 +529,7 @@ def test_numbers_that_are_none(weights: Any, statistics: Any, told: str, tmp_pat
     about, row = handmade().about, np.array(weights, np.float32)
     folder = put(tmp_path, Saved(about, row, np.array(statistics, float)))
     with pytest.raises(PolicyError, match=told):
-        read(folder)
+        NetworkFile(folder).saved()
 
 
 def test_numbers_are_not_unpacked_before_they_are_wanted(
@@ -564,7 +564,7 @@ def test_what_a_file_says_moves_no_cursor(tmp_path: Path):
 def test_the_file_may_be_named_itself(trained: Any, tmp_path: Path):
     one = trained("case1", CASE_1)
     for folder in (tmp_path / "npz.npz", tmp_path / NAME):
-        put(folder, read(one.folder))
+        put(folder, NetworkFile(one.folder).saved())
         for name in (folder, folder / NAME):
             load_policy(f"rllib:{name}").begin(one.world, streams())
 
@@ -578,7 +578,7 @@ def test_a_lie_about_its_layers_is_not_unpacked(
     trained: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     one = trained("case1", CASE_1)
-    saved = read(one.folder)
+    saved = NetworkFile(one.folder).saved()
     put(tmp_path, dataclasses.replace(saved, statistics=np.ones(3)))
     policy = load_policy(f"rllib:{tmp_path}")
     monkeypatch.setattr(NetworkFile, "saved", None)
@@ -631,7 +631,7 @@ class Touch:
 @needs_rllib
 def test_the_pickles_beside_it_are_not_read(trained: Any, tmp_path: Path):
     one, touched = trained("case1", CASE_1), tmp_path / "touched"
-    folder = put(tmp_path / "checkpoint", read(one.folder))
+    folder = put(tmp_path / "checkpoint", NetworkFile(one.folder).saved())
     trap = pickle.dumps(Touch(touched))
     parts = ("", "env_runner", "env_runner/env_to_module_connector", "learner_group/learner")
     for part in parts:

@@ -15,7 +15,7 @@ from desim_uav.policies.network_file import reason
 from desim_uav.policies.rllib.file import NAME, NetworkFile
 from desim_uav.registry import register
 from desim_uav.run_folder import world_hash
-from desim_uav.scenario.load import scenario_hash
+from desim_uav.scenario.load import scenario_hash, seedless
 from desim_uav.world import World
 
 
@@ -102,7 +102,7 @@ class RLlib:
             if world_hash(world) == about["world_hash"]:
                 return ""
             where = f"world: {name}, world seed {about['world_seed']}"
-        elif scenario_hash(seedless(world)) == about["scenario_hash"]:
+        elif scenario_hash(seedless(world.scenario)) == about["scenario_hash"]:
             return ""
         else:
             where = f"scenario: {name}"
@@ -131,8 +131,3 @@ def described(shown: Iterable[Feature]) -> list[list[Any]]:
 def spaces() -> Any:
     """The module, which imports Gymnasium."""
     return importlib.import_module("desim_uav.spaces")
-
-
-def seedless(world: World) -> Any:
-    """A scenario whatever its seeds."""
-    return world.scenario.model_copy(update={"seed": 0, "world_seed": None})

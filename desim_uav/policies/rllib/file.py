@@ -167,11 +167,6 @@ class NetworkFile:
             raise PolicyError(f"{self.path}: {problem}")
 
 
-def read(folder: Path) -> Saved:
-    """What a checkpoint's folder holds. Raises PolicyError, naming it, if nothing that is ours."""
-    return NetworkFile(folder).saved()
-
-
 def _too_dense(unpacked: int, packed: int) -> str:
     """Why a file of so many bytes cannot hold a network, or nothing."""
     if unpacked <= max(SMALL, DENSEST * packed):

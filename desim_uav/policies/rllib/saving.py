@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import DesimError, MissingExtraError, PolicyError
-from desim_uav.policies.rllib.adapter import described, seedless, spaces
+from desim_uav.policies.rllib.adapter import described, spaces
 from desim_uav.policies.rllib.file import (
     CONNECTORS,
     MODULES,
@@ -23,7 +23,7 @@ from desim_uav.policies.rllib.file import (
     Saved,
 )
 from desim_uav.run_folder import world_hash, write_whole
-from desim_uav.scenario.load import scenario_hash
+from desim_uav.scenario.load import scenario_hash, seedless
 from desim_uav.world import World
 
 RLLIBS_OWN = "AddObservationsFromEpisodesToBatch"
@@ -49,7 +49,7 @@ def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
     about = {
         "ray": built.ray_version(),
         "scenario": world.scenario.name,
-        "scenario_hash": scenario_hash(seedless(world)),
+        "scenario_hash": scenario_hash(seedless(world.scenario)),
         "world_seed": world.scenario.world_seed,
         "world_hash": None if world.scenario.world_seed is None else world_hash(world),
         "features": described(spaces().features(world)),
