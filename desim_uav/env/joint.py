@@ -77,12 +77,15 @@ class OnSimPy:
     def info(self) -> dict[str, Any]:
         """Means of the drones' terms."""
         session, drones = self.session, self.drones
-        shown, rewards = session.shown, session.reward_info()
+        shown, terms = session.shown, session.terms()
         return {
             **session.info(),
             "attached_users": sum(seen.attached_users for seen in shown.observations),
             "crashes": session.engine.log.crashes,
-            **{key: in_order(terms[key] for terms in rewards) / drones for key in rewards[0]},
+            **{
+                key: in_order(float(own[name]) for own in terms) / drones
+                for name, key in session.term_keys.items()
+            },
             "action_mask": flat_mask(shown.masks),
         }
 

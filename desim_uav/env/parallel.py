@@ -13,7 +13,7 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 from desim_uav.env.configure import Source
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
-from desim_uav.spaces import features, flat_mask, observation_space
+from desim_uav.spaces import features, mask_rows, observation_space
 
 Seen = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
@@ -76,8 +76,6 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         There are no ``options``.
         """
         self.session.reset(seed)
-        keys = (*self.session.info(), "attached_users", "crashes", *self.session.term_keys.values())
-        self._info_keys: dict[str, Any] = {**dict.fromkeys(keys, 0.0), "action_mask": None}
         self.agents = self.possible_agents[:]
         self.screen.refresh()
         return self._told()
@@ -98,7 +96,7 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         observations, infos = self._told()
         return (
             observations,
-            dict(zip(agents, map(float, shown.rewards), strict=True)),
+            dict(zip(agents, shown.rewards, strict=True)),
             dict.fromkeys(agents, shown.terminated),
             dict.fromkeys(agents, shown.truncated),
             infos,
@@ -125,18 +123,18 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         """Observations and infos of all agents."""
         session = self.session
         shown, crashed = session.shown, session.engine.log.crashed
-        rows = np.array(session.encoded(), self._dtype)
-        masks = flat_mask(shown.masks).reshape(len(rows), -1)
-        told = self._info_keys | session.info()
-        rewards = session.reward_info() if shown.rewards else None
+        rows, masks = np.array(session.encoded(), self._dtype), mask_rows(shown.masks)
+        of_all, keys, terms = session.info(), session.term_keys.items(), session.terms()
         observations, infos = {}, {}
         for drone, agent in enumerate(self.possible_agents):
             mask = masks[drone]
             observations[agent] = {"observation": rows[drone], "action_mask": mask}
-            info = infos[agent] = told.copy()  # cheaper than to put its keys together once more
-            info["attached_users"] = shown.observations[drone].attached_users
-            info["crashes"] = crashed.count(drone) if crashed else 0
-            if rewards is not None:
-                info.update(rewards[drone])
+            infos[agent] = info = {
+                **of_all,
+                "attached_users": shown.observations[drone].attached_users,
+                "crashes": crashed.count(drone) if crashed else 0,
+            }
+            for name, key in keys:
+                info[key] = float(terms[drone][name])
             info["action_mask"] = mask
         return observations, infos

@@ -70,6 +70,7 @@ class Session:
         ceilings = (True,) * scenario.drones.count
         settings = RunSettings(ceilings, scenario.episode.carry_over, keep_steps=False)
         self.engine = self._engine_of(settings)
+        self._commands = frozenset(range(len(self.world.actions)))
         self.seed, self.episode = seed, -1
         self._shown = None
         self._started = True
@@ -96,6 +97,7 @@ class Session:
             shown.observations[0], shown.open_requests, self.world.facts
         )
         self.term_keys = {name: f"reward_{name}" for name in terms}
+        self._no_terms = (dict.fromkeys(terms, 0.0),) * len(shown.observations)
         self._shown = shown
         return shown
 
@@ -125,14 +127,13 @@ class Session:
             commands = list(map(operator.index, actions))
         except TypeError as problem:
             raise ActionError(f"actions must be whole numbers, not {actions!r}") from problem
-        drones, count = self.scenario.drones.count, len(self.world.actions)
-        if len(commands) != drones:
+        if len(commands) != self.scenario.drones.count:
+            drones = self.scenario.drones.count
             raise ActionError(f"{len(commands)} action(s) for {drones} drone(s)")
-        if min(commands) >= 0 and max(commands) < count:
-            return commands
-        for drone, command in enumerate(commands):
-            if not 0 <= command < count:
-                raise ActionError(f"drone {drone}: action {command} is not one of 0 … {count - 1}")
+        if not self._commands.issuperset(commands):
+            drone = next(d for d, command in enumerate(commands) if command not in self._commands)
+            last = len(self._commands) - 1
+            raise ActionError(f"drone {drone}: action {commands[drone]} is not one of 0 … {last}")
         return commands
 
     # ---- what is told at a decision epoch
@@ -162,15 +163,9 @@ class Session:
             "episode_number": self.episode,
         }
 
-    def reward_info(self) -> list[dict[str, float]]:
-        """The terms of each drone's reward, 0 before the first step."""
-        shown, keys = self.shown, self.term_keys
-        if not shown.reward_terms:
-            return [dict.fromkeys(keys.values(), 0.0) for _ in shown.observations]
-        return [
-            {told: float(terms[name]) for name, told in keys.items()}
-            for terms in shown.reward_terms
-        ]
+    def terms(self) -> tuple[dict[str, float], ...]:
+        """The terms of each drone's reward, by name; 0 before the first step."""
+        return self.shown.reward_terms or self._no_terms
 
 
 def _checked(seed: int) -> int:
