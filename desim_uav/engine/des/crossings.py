@@ -51,6 +51,8 @@ class Crossings:
 
     def begin(self, walks: Walks) -> None:
         """An episode begins."""
+        if walks is self.walks:
+            return
         standing = len(walks.legs) < len(walks.offsets) and not walks.legs[:, VX : VY + 1].any()
         if not standing or not np.array_equal(walks.legs, self.walks.legs):
             self._kept.clear()
