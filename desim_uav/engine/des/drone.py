@@ -275,7 +275,7 @@ class Drone:
         """Begin a leg of ``span_us``, and foresee whether the battery lasts it out."""
         self._change_mode(mode)
         self.leg = leg
-        if leg.transit is not REST:
+        if self.logs and leg.transit is not REST:
             self._log_leg()
         self._foresee_depletion(span_us)
 
@@ -320,23 +320,25 @@ class Drone:
         battery_us = self.battery_seen_us = self.battery_now_us()
         ix, iy, level = self.belief
         served = tuple(radio.served)
-        return Observation(
-            self.index,
-            step,
-            self._facts.steps,
-            (ix, iy),
-            level,
-            self.mode,
-            None if capacity_s is None else battery_us / US,
-            capacity_s,
-            None if self.return_us is None else self.return_us / US,
-            radio.attached_users,
-            sum(served),
-            radio.used_bps / 1000,
-            None if back is None else back.station,
-            None if back is None else back.duration_us / US,
-            served,
-            tuple(radio.asking),
+        return Observation._make(
+            (
+                self.index,
+                step,
+                self._facts.steps,
+                (ix, iy),
+                level,
+                self.mode,
+                None if capacity_s is None else battery_us / US,
+                capacity_s,
+                None if self.return_us is None else self.return_us / US,
+                radio.attached_users,
+                sum(served),
+                radio.used_bps / 1000,
+                None if back is None else back.station,
+                None if back is None else back.duration_us / US,
+                served,
+                tuple(radio.asking),
+            )
         )
 
     def may(self) -> tuple[Mode, bool, bool]:

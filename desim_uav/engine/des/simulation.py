@@ -148,8 +148,8 @@ class Simulation:
         actions = self.world.actions
         for drone, command, legal in zip(self.drones, commands, self.shown.masks, strict=True):
             taken = obeyed(command, legal, actions)
-            known = 0 <= command < len(actions)
-            self.commanded.append((actions[command] if known else None, taken))
+            action = actions[command] if 0 <= command < len(actions) else None
+            self.commanded.append((action, taken))
             if drone.command is not None:
                 if drone.logs:
                     drone.emit(COMMAND, "decide")
@@ -203,9 +203,13 @@ class Simulation:
         """Note what each drone is rewarded for."""
         terms_of, facts = self.world.scenario.reward.terms, self.world.facts
         asked = tuple(self.airlink.open_requests)
-        self._terms = tuple([terms_of(seen, asked, facts) for seen in self.observations])
-        self._rewards = tuple([in_order(terms.values()) for terms in self._terms])
-        if not all(map(isfinite, self._rewards)):
+        all_terms, rewards = [], []
+        for seen in self.observations:
+            terms = terms_of(seen, asked, facts)
+            all_terms.append(terms)
+            rewards.append(in_order(terms.values()))
+        self._terms, self._rewards = tuple(all_terms), tuple(rewards)
+        if not all(map(isfinite, rewards)):
             kind = type(self.world.scenario.reward).__name__
             raise SimulationError(f"reward {kind!r}: {self._terms} is not a number for each term")
 
@@ -279,16 +283,18 @@ class Simulation:
     def _show(self, _: None = None) -> None:
         """The state as policies see it; it ends the run to this decision epoch."""
         self.agenda.paused = True
-        self.shown = Snapshot(
-            self.epoch,
-            self.agenda._now,
-            self.terminated,
-            self.truncated,
-            self.observations,
-            tuple([self._masks[drone.may()] for drone in self.drones]),
-            tuple(self.airlink.open_requests),
-            self._rewards,
-            self._terms,
+        self.shown = Snapshot._make(
+            (
+                self.epoch,
+                self.agenda._now,
+                self.terminated,
+                self.truncated,
+                self.observations,
+                tuple([self._masks[drone.may()] for drone in self.drones]),
+                tuple(self.airlink.open_requests),
+                self._rewards,
+                self._terms,
+            )
         )
 
     # ---- what can be asked in between
