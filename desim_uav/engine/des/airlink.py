@@ -45,7 +45,8 @@ class AirLink:
 
     By user: ``covering`` maps each drone whose footprint holds it to its time of entry,
     ``attached`` is the drone that holds it since ``since_us``, ``open`` its open request.
-    ``open_requests`` counts these by service.
+    ``open_requests`` counts these by service. ``_in_service`` has, of each user who is served, what
+    it was served before, less the time at which that began, and what it needs.
     """
 
     def __init__(
@@ -75,7 +76,7 @@ class AirLink:
         self._settling = False
         self._open_us = self._served_us = self._attached_since_us = 0
         self._attached_users = 0
-        self._in_service: dict[int, Request] = {}
+        self._in_service: dict[int, tuple[int, int]] = {}
         self._shares = [0.0] * users
 
     # ---- coverage
@@ -249,7 +250,7 @@ class AirLink:
         radio.served[request.service] += 1
         radio.used_bps += bandwidth_bps
         request.start(radio.index, now_us)
-        self._in_service[user] = request
+        self._in_service[user] = request.served_us - now_us, request.required_us
         self._served_us -= now_us
         if self.events is not None:
             self.events.append((now_us, phase, "serve", radio.index, user, request.request_id, -1))
@@ -344,9 +345,8 @@ class AirLink:
         another in another order.
         """
         now_us, shares, opened = self.agenda._now, self._shares, self.opened
-        for user, request in self._in_service.items():
-            served_us = request.served_us + now_us - request.started_us
-            shares[user] = served_us / request.required_us
+        for user, (before_us, required_us) in self._in_service.items():
+            shares[user] = (before_us + now_us) / required_us
         qoe1 = reduce(add, filter(None, shares), self._closed_qoe1)
         open_us = self._open_us + (opened - len(self.log.requests)) * now_us
         served_us = self._served_us + len(self._in_service) * now_us
