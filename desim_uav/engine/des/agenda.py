@@ -77,7 +77,8 @@ class Agenda(simpy.Environment):
 
     def run_before(self, key: int) -> None:
         """Let all happen that comes before this place in this instant."""
-        while not self.is_next(key):
+        queue = self._queue
+        while queue and queue[0][0] == self._now and queue[0][1] < key:
             self.step()
 
     # ---- letting it happen

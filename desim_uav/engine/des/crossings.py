@@ -74,7 +74,7 @@ class Crossings:
         kept = self._kept.get(key)
         if kept is None:
             kept = self._kept[key] = self._find(flight, 0, span_us, fresh)
-        return [[start_us + t_us, user, enters] for t_us, user, enters in kept]
+        return [[start_us + t_us, user, enters] for t_us, user, enters in kept] if kept else []
 
     def _find(self, flight: Leg, start_us: int, span_us: int, fresh: bool) -> list[Crossing]:
         (transit, (x0, y0), (x1, y1), _, _), (legs, offsets) = flight, self.walks
