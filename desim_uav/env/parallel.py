@@ -117,7 +117,7 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
     def _in_order(self, actions: Mapping[str, int]) -> list[int]:
         if self.agents and actions.keys() != self.action_spaces.keys():
             raise ActionError(f"one action for each of {self.agents}, not for {list(actions)}")
-        return [actions[agent] for agent in self.agents]
+        return list(map(actions.__getitem__, self.agents))
 
     def _told(self) -> tuple[dict[str, Seen], Infos]:
         """Observations and infos of all agents."""

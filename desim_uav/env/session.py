@@ -6,6 +6,7 @@ import math
 import operator
 import secrets
 from collections.abc import Callable, Iterable, Mapping
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,7 @@ class Session:
         """
         self.scenario = configured(scenario, config)
         self._world_of = worlds
+        self._encode = self.scenario.observation.encode
         given = "seed" in self.scenario.model_fields_set
         self.seed = self.scenario.seed if given else secrets.randbits(32)
         self.episode = -1
@@ -140,8 +142,7 @@ class Session:
 
     def encoded(self) -> list[tuple[float, ...]]:
         """What each drone is shown, as numbers."""
-        encode, facts = self.scenario.observation.encode, self.world.facts
-        return [encode(observation, facts) for observation in self.shown.observations]
+        return list(map(self._encode, self.shown.observations, repeat(self.world.facts)))
 
     def action_masks(self) -> NDArray[np.bool_]:
         """What each drone may be told now, one drone after the other: (drones * actions,)."""

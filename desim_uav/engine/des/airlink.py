@@ -57,7 +57,7 @@ class AirLink:
         self.log = journal.log
         self.events = journal.log.events
         self.agenda = journal.agenda
-        self.end_us = world.horizon_us
+        self.end_us, self.step_us = world.horizon_us, world.step_us
         self.admission = world.scenario.drones.admission
         self.crossings = crossings
         crossings.begin(path.walks)
@@ -354,7 +354,7 @@ class AirLink:
         lasted_us = len(self.open) * now_us
         return Measures(
             100 * qoe1 / opened if opened else None,
-            (open_us - served_us) / self.world.step_us / opened if opened else None,
+            (open_us - served_us) / self.step_us / opened if opened else None,
             100 * attached_us / lasted_us if lasted_us else None,
         )
 

@@ -53,15 +53,16 @@ class Drone:
         carried: CarriedDrone | None = None,
     ) -> None:
         self.world = world
-        self._facts = world.facts
+        self.steps, self.step_us = world.facts.steps, world.step_us
+        self.capacity_s = world.facts.capacity_s
         self.energy = world.scenario.drones.battery
-        self.journal = journal
         self.agenda = journal.agenda
+        self.log = journal.log
         self.airlink = airlink
         self.radio = airlink.radios[index]
         self.stations = stations
         self.index = index
-        self.events = journal.log.events
+        self.events = self.log.events
         self.logs = self.events is not None
         self.arrival_key = key(ARRIVAL, index)
         self.ceiling = ceiling
@@ -174,7 +175,7 @@ class Drone:
 
     def _fly(self, action: Action) -> Life:
         """A step of serving flight: a move to the next cell, or a hover."""
-        step_us = self.world.step_us
+        step_us = self.step_us
         move = None
         if action is not HOVER:
             move = self.flights.move(self.node, action, self.ceiling)
@@ -262,12 +263,12 @@ class Drone:
                 yield self.agenda.at(self.since_us + rest_us, self.arrival_key)
             self._change_mode(CHARGED)
             self.emit(phase, "charged", station.index)
-            self.journal.log.charges += 1
+            self.log.charges += 1
         self.pad = None
 
     def count_queueing(self) -> None:
         """Count what a queued drone has waited for a pad in this episode."""
-        self.journal.log.queueing_us += self.agenda._now - max(self.since_us, 0)
+        self.log.queueing_us += self.agenda._now - max(self.since_us, 0)
 
     # ---- legs
 
@@ -292,12 +293,12 @@ class Drone:
     def count_distance(self) -> None:
         """Count what the drone has flown of its leg, and not counted before."""
         flown_m = travelled(self.leg.transit.profile, (self.agenda._now - self.since_us) / US)
-        self.journal.log.distance_m += flown_m - self.counted_m
+        self.log.distance_m += flown_m - self.counted_m
         self.counted_m = flown_m
 
     def _arrive(self, target: Node) -> None:
         """End a leg; the drone hovers where it has led."""
-        self.journal.log.distance_m += self.leg.transit.distance_m - self.counted_m
+        self.log.distance_m += self.leg.transit.distance_m - self.counted_m
         self._change_mode(self.mode)
         self.node = target
         self.leg = self.flights.hover(target)
@@ -316,7 +317,7 @@ class Drone:
 
     def observe(self, step: int) -> Observation:
         """What it knows at a decision epoch, once it has taken its bearings."""
-        radio, back, capacity_s = self.radio, self.way_back, self._facts.capacity_s
+        radio, back, capacity_s = self.radio, self.way_back, self.capacity_s
         battery_us = self.battery_seen_us = self.battery_now_us()
         ix, iy, level = self.belief
         served = tuple(radio.served)
@@ -324,7 +325,7 @@ class Drone:
             (
                 self.index,
                 step,
-                self._facts.steps,
+                self.steps,
                 (ix, iy),
                 level,
                 self.mode,
@@ -410,7 +411,7 @@ class Drone:
         self.command = None
         self.hop, self.route = None, []
         self.airlink.silence(self.radio, DEPLETION)
-        self.journal.log.crashed.append(self.index)
+        self.log.crashed.append(self.index)
         self.emit(DEPLETION, "crash")
         self._log_leg()
         self.process.interrupt()
@@ -429,7 +430,7 @@ class Drone:
         """Write to the log what it is about: a transit, or to be where it is."""
         if self.logs:
             leg = self.leg
-            self.journal.log.legs.append(
+            self.log.legs.append(
                 FlownLeg(
                     self.since_us,
                     self.index,
