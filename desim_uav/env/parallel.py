@@ -13,6 +13,7 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 from desim_uav.env.configure import Source
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
+from desim_uav.model.state import Snapshot
 from desim_uav.spaces import features, mask_rows, observation_space
 
 Seen = dict[str, NDArray[Any]]
@@ -75,10 +76,10 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
 
         There are no ``options``.
         """
-        self.session.reset(seed)
+        shown = self.session.reset(seed)
         self.agents = self.possible_agents[:]
         self.screen.refresh()
-        return self._told()
+        return self._told(shown)
 
     def step(
         self, actions: Mapping[str, int]
@@ -93,7 +94,7 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         if shown.terminated or shown.truncated:
             self.agents = []
         self.screen.refresh()
-        observations, infos = self._told()
+        observations, infos = self._told(shown)
         return (
             observations,
             dict(zip(agents, shown.rewards, strict=True)),
@@ -119,12 +120,11 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
             raise ActionError(f"one action for each of {self.agents}, not for {list(actions)}")
         return list(map(actions.__getitem__, self.agents))
 
-    def _told(self) -> tuple[dict[str, Seen], Infos]:
+    def _told(self, shown: Snapshot) -> tuple[dict[str, Seen], Infos]:
         """Observations and infos of all agents."""
-        session = self.session
-        shown, crashed = session.shown, session.engine.log.crashed
-        rows, masks = np.array(session.encoded(), self._dtype), mask_rows(shown.masks)
-        of_all, keys, terms = session.info(), session.term_keys.items(), session.terms()
+        session, crashed = self.session, self.session.engine.log.crashed
+        rows, masks = np.array(session.encoded(shown), self._dtype), mask_rows(shown.masks)
+        of_all, terms, keys = session.info(shown), session.terms(shown), session.term_keys.items()
         observations, infos = {}, {}
         for drone, agent in enumerate(self.possible_agents):
             mask = masks[drone]

@@ -140,22 +140,22 @@ class Session:
 
     # ---- what is told at a decision epoch
 
-    def encoded(self) -> list[tuple[float, ...]]:
+    def encoded(self, shown: Snapshot) -> list[tuple[float, ...]]:
         """What each drone is shown, as numbers."""
-        return list(map(self._encode, self.shown.observations, repeat(self.world.facts)))
+        return list(map(self._encode, shown.observations, repeat(self.world.facts)))
 
     def action_masks(self) -> NDArray[np.bool_]:
         """What each drone may be told now, one drone after the other: (drones * actions,)."""
         return flat_mask(self.shown.masks).view(np.bool_)
 
-    def info(self) -> dict[str, float]:
+    def info(self, shown: Snapshot) -> dict[str, float]:
         """Time, quality of experience so far (nan where nothing was asked for), and seeds.
 
         No key is "episode", which Gymnasium and Stable-Baselines3 keep for their statistics.
         """
         qoe1, qoe2, qoe3 = self.engine.measures()
         return {
-            "sim_time_s": self.shown.t_us / US,
+            "sim_time_s": shown.t_us / US,
             "qoe1_percent": math.nan if qoe1 is None else qoe1,
             "qoe2_iterations": math.nan if qoe2 is None else qoe2,
             "qoe3_percent": math.nan if qoe3 is None else qoe3,
@@ -164,9 +164,9 @@ class Session:
             "episode_number": self.episode,
         }
 
-    def terms(self) -> tuple[dict[str, float], ...]:
+    def terms(self, shown: Snapshot) -> tuple[dict[str, float], ...]:
         """The terms of each drone's reward, by name; 0 before the first step."""
-        return self.shown.reward_terms or self._no_terms
+        return shown.reward_terms or self._no_terms
 
 
 def _checked(seed: int) -> int:

@@ -201,9 +201,10 @@ class Simulation:
     def _reward(self) -> None:
         """Note what each drone is rewarded for."""
         asked = tuple(self.airlink.open_requests)
+        terms_of, facts = self._terms_of, self.facts
         all_terms, rewards = [], []
         for seen in self.observations:
-            terms = self._terms_of(seen, asked, self.facts)
+            terms = terms_of(seen, asked, facts)
             all_terms.append(terms)
             rewards.append(in_order(terms.values()))
         self._terms, self._rewards = tuple(all_terms), tuple(rewards)
