@@ -53,8 +53,8 @@ class Drone:
         carried: CarriedDrone | None = None,
     ) -> None:
         self.world = world
-        self.steps, self.step_us = world.facts.steps, world.step_us
-        self.capacity_s = world.facts.capacity_s
+        self.facts = world.facts
+        self.step_us = world.step_us
         self.energy = world.scenario.drones.battery
         self.agenda = journal.agenda
         self.log = journal.log
@@ -63,12 +63,10 @@ class Drone:
         self.stations = stations
         self.index = index
         self.events = self.log.events
-        self.logs = self.events is not None
         self.arrival_key = key(ARRIVAL, index)
         self.ceiling = ceiling
         self.flights = flights
         self.leg_number = 0
-        self.respawns = 0
         self.command: Signal | None = None
         self.way_back: Return | None = None
         self.return_us: float | None = None
@@ -188,7 +186,7 @@ class Drone:
         target, leg = move
         self._begin(FLYING, leg, step_us)
         self.airlink.track(self.radio, leg, step_us, COVERAGE)
-        if self.logs:
+        if self.events is not None:
             self.emit(COMMAND, "depart")
         duration_us = leg.transit.duration_us
         yield self.agenda.at(self.since_us + duration_us, self.arrival_key)
@@ -276,7 +274,7 @@ class Drone:
         """Begin a leg of ``span_us``, and foresee whether the battery lasts it out."""
         self._change_mode(mode)
         self.leg = leg
-        if self.logs and leg.transit is not REST:
+        if self.events is not None and leg.transit is not REST:
             self._log_leg()
         self._foresee_depletion(span_us)
 
@@ -302,7 +300,7 @@ class Drone:
         self._change_mode(self.mode)
         self.node = target
         self.leg = self.flights.hover(target)
-        if self.logs:
+        if self.events is not None:
             self.emit(ARRIVAL, "arrive")
 
     def position_m(self) -> tuple[float, float, float]:
@@ -317,7 +315,7 @@ class Drone:
 
     def observe(self, step: int) -> Observation:
         """What it knows at a decision epoch, once it has taken its bearings."""
-        radio, back, capacity_s = self.radio, self.way_back, self.capacity_s
+        radio, back, capacity_s = self.radio, self.way_back, self.facts.capacity_s
         battery_us = self.battery_seen_us = self.battery_now_us()
         ix, iy, level = self.belief
         served = tuple(radio.served)
@@ -325,7 +323,7 @@ class Drone:
             (
                 self.index,
                 step,
-                self.steps,
+                self.facts.steps,
                 (ix, iy),
                 level,
                 self.mode,
@@ -428,7 +426,7 @@ class Drone:
 
     def _log_leg(self) -> None:
         """Write to the log what it is about: a transit, or to be where it is."""
-        if self.logs:
+        if self.events is not None:
             leg = self.leg
             self.log.legs.append(
                 FlownLeg(

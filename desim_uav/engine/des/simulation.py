@@ -134,6 +134,7 @@ class Simulation:
             )
             for index, ceiling in enumerate(self.settings.ceilings)
         ]
+        self._respawns = [0] * count
         places = [0 if drone is None else drone.place for drone in before]
         for index in sorted(range(count), key=places.__getitem__):
             self.drones[index].start()
@@ -150,7 +151,7 @@ class Simulation:
             action = actions[command] if 0 <= command < len(actions) else None
             self.commanded.append((action, taken))
             if drone.command is not None:
-                if drone.logs:
+                if drone.events is not None:
                     drone.emit(COMMAND, "decide")
                 told.append((drone, taken))
         # Commands are all that is left to happen in this instant before coverage changes. They
@@ -256,8 +257,8 @@ class Simulation:
         if self.world.on_crash != "remove":
             back = [drone for drone in self.drones if self._is_due(drone)]
             for drone in back:
-                drone.respawn(int(self.path.respawn[drone.index, drone.respawns]))
-                drone.respawns += 1
+                drone.respawn(int(self.path.respawn[drone.index, self._respawns[drone.index]]))
+                self._respawns[drone.index] += 1
             if back:
                 self._orient(back)
                 self._observe()
