@@ -346,6 +346,8 @@ class Drone:
         Is the battery low enough for a return? Is the drone on a station, at its landing level,
         and not full?
         """
+        if self.energy is None:
+            return self.mode, False, False
         battery_us, world = self.battery_seen_us, self.world
         may_charge = battery_us < world.capacity_us and self.node in self.stations
         return self.mode, battery_us <= world.return_below_us, may_charge
