@@ -84,7 +84,9 @@ class Agenda(simpy.Environment):
     # ---- letting it happen
 
     def step(self) -> None:
-        """Let the next thing happen."""
+        """Let the next thing happen. Raises SimPy's EmptySchedule where nothing is to come."""
+        if not self._queue:
+            raise simpy.core.EmptySchedule
         self._now, _, _, function, argument = heappop(self._queue)
         function(argument)
 
