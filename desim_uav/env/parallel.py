@@ -77,6 +77,8 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         There are no ``options``.
         """
         shown = self.session.reset(seed)
+        keys = ("attached_users", "crashes", *self.session.term_keys.values(), "action_mask")
+        self._own: dict[str, Any] = dict.fromkeys(keys)
         self.agents = self.possible_agents[:]
         self.screen.refresh()
         return self._told(shown)
@@ -124,16 +126,15 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         """Observations and infos of all agents."""
         session, crashed = self.session, self.session.engine.log.crashed
         rows, masks = np.array(session.encoded(shown), self._dtype), mask_rows(shown.masks)
-        of_all, terms, keys = session.info(shown), session.terms(shown), session.term_keys.items()
+        terms, keys = session.terms(shown), session.term_keys.items()
+        told = {**session.info(shown), **self._own}  # a copy costs less than its keys once more
         observations, infos = {}, {}
         for drone, agent in enumerate(self.possible_agents):
             mask = masks[drone]
             observations[agent] = {"observation": rows[drone], "action_mask": mask}
-            infos[agent] = info = {
-                **of_all,
-                "attached_users": shown.observations[drone].attached_users,
-                "crashes": crashed.count(drone) if crashed else 0,
-            }
+            info = infos[agent] = told.copy()
+            info["attached_users"] = shown.observations[drone].attached_users
+            info["crashes"] = crashed.count(drone) if crashed else 0
             for name, key in keys:
                 info[key] = float(terms[drone][name])
             info["action_mask"] = mask
