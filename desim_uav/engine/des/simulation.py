@@ -143,13 +143,12 @@ class Simulation:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
         if self.shown is None or self.terminated or self.truncated:
             raise SimulationError("step: the episode is over, or none has begun; call reset first")
-        self.commanded: list[tuple[Action | None, Action]] = []
+        self.commanded: list[tuple[int, Action]] = []
         told = []
         actions = self.actions
         for drone, command, legal in zip(self.drones, commands, self.shown.masks, strict=True):
             taken = obeyed(command, legal, actions)
-            action = actions[command] if 0 <= command < len(actions) else None
-            self.commanded.append((action, taken))
+            self.commanded.append((command, taken))
             if drone.command is not None:
                 if drone.events is not None:
                     drone.emit(COMMAND, "decide")
@@ -218,7 +217,8 @@ class Simulation:
         t_us, step, keep = self.agenda._now, self.epoch - 1, self.log.steps.append
         limited = self.facts.capacity_s is not None
         rows = zip(self.drones, self.commanded, self.observations, self._rewards, strict=True)
-        for drone, (action, taken), seen, reward in rows:
+        for drone, (command, taken), seen, reward in rows:
+            known = 0 <= command < len(self.actions)
             x_m, y_m, z_m = drone.position_m()
             keep(
                 Step(
@@ -230,7 +230,7 @@ class Simulation:
                     z_m,
                     drone.battery_seen_us if limited else None,
                     drone.mode,
-                    action,
+                    self.actions[command] if known else None,
                     taken,
                     seen.attached_users,
                     seen.served_requests,

@@ -18,10 +18,11 @@ Row = list[int]
 def start_asking(agenda: Agenda, airlink: AirLink, requests: Requests, horizon_us: int) -> None:
     """Let each user begin who asks for something in this episode, with its first request."""
     rows, start_us = requests.rows.tolist(), agenda.now
-    life = _ask_and_think if requests.after_previous else _ask_on_arrival
+    after_previous = requests.after_previous
+    life = _ask_and_think if after_previous else _ask_on_arrival
     for user, (first, last) in enumerate(pairwise(requests.offsets.tolist())):
         own = rows[first:last]
-        if not requests.after_previous:
+        if not after_previous:
             own = [row for row in own if row[DUE_US] < horizon_us]
         if own and own[0][DUE_US] < horizon_us:
             first_us, place = start_us + own[0][DUE_US], REQUEST_KEY + user
