@@ -62,9 +62,14 @@ def action_space(actions: int, drones: int) -> Discrete[Any] | MultiDiscrete[Any
 
 def flat_mask(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
     """The masks of all drones, one after the other: 1 for what is allowed. An array of its own."""
-    return _flat(masks).copy()
+    return mask_rows(masks).reshape(-1)
+
+
+def mask_rows(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
+    """The same as a row a drone: (drones, actions)."""
+    return _rows(masks).copy()
 
 
 @lru_cache(maxsize=1024)
-def _flat(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
-    return np.array(masks, np.int8).reshape(-1)
+def _rows(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
+    return np.array(masks, np.int8)

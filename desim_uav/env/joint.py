@@ -68,7 +68,9 @@ class OnSimPy:
 
     def observation(self) -> NDArray[Any]:
         """Encoded by the scenario's component."""
-        return np.array(list(chain.from_iterable(self.session.encoded())), self._dtype)
+        return np.array(
+            list(chain.from_iterable(self.session.encoded(self.session.shown))), self._dtype
+        )
 
     def masks(self) -> NDArray[np.bool_]:
         """Those of the snapshot."""
@@ -77,12 +79,16 @@ class OnSimPy:
     def info(self) -> dict[str, Any]:
         """Means of the drones' terms."""
         session, drones = self.session, self.drones
-        shown, rewards = session.shown, session.reward_info()
+        shown = session.shown
+        terms = session.terms(shown)
         return {
-            **session.info(),
+            **session.info(shown),
             "attached_users": sum(seen.attached_users for seen in shown.observations),
             "crashes": session.engine.log.crashes,
-            **{key: in_order(terms[key] for terms in rewards) / drones for key in rewards[0]},
+            **{
+                key: in_order(float(own[name]) for own in terms) / drones
+                for name, key in session.term_keys.items()
+            },
             "action_mask": flat_mask(shown.masks),
         }
 

@@ -13,7 +13,8 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 from desim_uav.env.configure import Source
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
-from desim_uav.spaces import features, flat_mask, observation_space
+from desim_uav.model.state import Snapshot
+from desim_uav.spaces import features, mask_rows, observation_space
 
 Seen = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
@@ -75,12 +76,12 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
 
         There are no ``options``.
         """
-        self.session.reset(seed)
-        keys = (*self.session.info(), "attached_users", "crashes", *self.session.term_keys.values())
-        self._info_keys: dict[str, Any] = {**dict.fromkeys(keys, 0.0), "action_mask": None}
+        shown = self.session.reset(seed)
+        keys = ("attached_users", "crashes", *self.session.term_keys.values(), "action_mask")
+        self._own: dict[str, Any] = dict.fromkeys(keys)
         self.agents = self.possible_agents[:]
         self.screen.refresh()
-        return self._told()
+        return self._told(shown)
 
     def step(
         self, actions: Mapping[str, int]
@@ -95,10 +96,10 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         if shown.terminated or shown.truncated:
             self.agents = []
         self.screen.refresh()
-        observations, infos = self._told()
+        observations, infos = self._told(shown)
         return (
             observations,
-            dict(zip(agents, map(float, shown.rewards), strict=True)),
+            dict(zip(agents, shown.rewards, strict=True)),
             dict.fromkeys(agents, shown.terminated),
             dict.fromkeys(agents, shown.truncated),
             infos,
@@ -119,24 +120,22 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
     def _in_order(self, actions: Mapping[str, int]) -> list[int]:
         if self.agents and actions.keys() != self.action_spaces.keys():
             raise ActionError(f"one action for each of {self.agents}, not for {list(actions)}")
-        return [actions[agent] for agent in self.agents]
+        return list(map(actions.__getitem__, self.agents))
 
-    def _told(self) -> tuple[dict[str, Seen], Infos]:
+    def _told(self, shown: Snapshot) -> tuple[dict[str, Seen], Infos]:
         """Observations and infos of all agents."""
-        session = self.session
-        shown, crashed = session.shown, session.engine.log.crashed
-        rows = np.array(session.encoded(), self._dtype)
-        masks = flat_mask(shown.masks).reshape(len(rows), -1)
-        told = self._info_keys | session.info()
-        rewards = session.reward_info() if shown.rewards else None
+        session, crashed = self.session, self.session.engine.log.crashed
+        rows, masks = np.array(session.encoded(shown), self._dtype), mask_rows(shown.masks)
+        terms, keys = session.terms(shown), session.term_keys.items()
+        told = {**session.info(shown), **self._own}  # a copy costs less than its keys once more
         observations, infos = {}, {}
         for drone, agent in enumerate(self.possible_agents):
             mask = masks[drone]
             observations[agent] = {"observation": rows[drone], "action_mask": mask}
-            info = infos[agent] = told.copy()  # cheaper than to put its keys together once more
+            info = infos[agent] = told.copy()
             info["attached_users"] = shown.observations[drone].attached_users
             info["crashes"] = crashed.count(drone) if crashed else 0
-            if rewards is not None:
-                info.update(rewards[drone])
+            for name, key in keys:
+                info[key] = float(terms[drone][name])
             info["action_mask"] = mask
         return observations, infos

@@ -6,6 +6,7 @@ import math
 import operator
 import secrets
 from collections.abc import Callable, Iterable, Mapping
+from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,7 @@ class Session:
         """
         self.scenario = configured(scenario, config)
         self._world_of = worlds
+        self._encode = self.scenario.observation.encode
         given = "seed" in self.scenario.model_fields_set
         self.seed = self.scenario.seed if given else secrets.randbits(32)
         self.episode = -1
@@ -70,6 +72,7 @@ class Session:
         ceilings = (True,) * scenario.drones.count
         settings = RunSettings(ceilings, scenario.episode.carry_over, keep_steps=False)
         self.engine = self._engine_of(settings)
+        self._commands = frozenset(range(len(self.world.actions)))
         self.seed, self.episode = seed, -1
         self._shown = None
         self._started = True
@@ -96,6 +99,7 @@ class Session:
             shown.observations[0], shown.open_requests, self.world.facts
         )
         self.term_keys = {name: f"reward_{name}" for name in terms}
+        self._no_terms = (dict.fromkeys(terms, 0.0),) * len(shown.observations)
         self._shown = shown
         return shown
 
@@ -125,35 +129,33 @@ class Session:
             commands = list(map(operator.index, actions))
         except TypeError as problem:
             raise ActionError(f"actions must be whole numbers, not {actions!r}") from problem
-        drones, count = self.scenario.drones.count, len(self.world.actions)
-        if len(commands) != drones:
+        if len(commands) != self.scenario.drones.count:
+            drones = self.scenario.drones.count
             raise ActionError(f"{len(commands)} action(s) for {drones} drone(s)")
-        if min(commands) >= 0 and max(commands) < count:
-            return commands
-        for drone, command in enumerate(commands):
-            if not 0 <= command < count:
-                raise ActionError(f"drone {drone}: action {command} is not one of 0 … {count - 1}")
+        if not self._commands.issuperset(commands):
+            drone = next(d for d, command in enumerate(commands) if command not in self._commands)
+            last = len(self._commands) - 1
+            raise ActionError(f"drone {drone}: action {commands[drone]} is not one of 0 … {last}")
         return commands
 
     # ---- what is told at a decision epoch
 
-    def encoded(self) -> list[tuple[float, ...]]:
+    def encoded(self, shown: Snapshot) -> list[tuple[float, ...]]:
         """What each drone is shown, as numbers."""
-        encode, facts = self.scenario.observation.encode, self.world.facts
-        return [encode(observation, facts) for observation in self.shown.observations]
+        return list(map(self._encode, shown.observations, repeat(self.world.facts)))
 
     def action_masks(self) -> NDArray[np.bool_]:
         """What each drone may be told now, one drone after the other: (drones * actions,)."""
         return flat_mask(self.shown.masks).view(np.bool_)
 
-    def info(self) -> dict[str, float]:
+    def info(self, shown: Snapshot) -> dict[str, float]:
         """Time, quality of experience so far (nan where nothing was asked for), and seeds.
 
         No key is "episode", which Gymnasium and Stable-Baselines3 keep for their statistics.
         """
         qoe1, qoe2, qoe3 = self.engine.measures()
         return {
-            "sim_time_s": self.shown.t_us / US,
+            "sim_time_s": shown.t_us / US,
             "qoe1_percent": math.nan if qoe1 is None else qoe1,
             "qoe2_iterations": math.nan if qoe2 is None else qoe2,
             "qoe3_percent": math.nan if qoe3 is None else qoe3,
@@ -162,15 +164,9 @@ class Session:
             "episode_number": self.episode,
         }
 
-    def reward_info(self) -> list[dict[str, float]]:
-        """The terms of each drone's reward, 0 before the first step."""
-        shown, keys = self.shown, self.term_keys
-        if not shown.reward_terms:
-            return [dict.fromkeys(keys.values(), 0.0) for _ in shown.observations]
-        return [
-            {told: float(terms[name]) for name, told in keys.items()}
-            for terms in shown.reward_terms
-        ]
+    def terms(self, shown: Snapshot) -> tuple[dict[str, float], ...]:
+        """The terms of each drone's reward, by name; 0 before the first step."""
+        return shown.reward_terms or self._no_terms
 
 
 def _checked(seed: int) -> int:

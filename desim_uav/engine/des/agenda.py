@@ -24,8 +24,8 @@ class Agenda(simpy.Environment):
 
     SimPy orders events of one instant by priority: ours is the key (phase, drone, user), which is
     above SimPy's own priorities, so a resource hands on its place before the next event of ours.
-    Crossings, completions and records have nobody who waits for them: beside SimPy's rows (time,
-    key, number, event) the queue holds bare calls, (time, key, number, function, argument).
+    Crossings, completions and records have nobody who waits for them: the queue holds calls,
+    (time, key, number, function, argument), of which that of ``happen`` is what wakes processes.
     ``paused`` ends a run.
     """
 
@@ -53,7 +53,7 @@ class Agenda(simpy.Environment):
     def at(self, t_us: int, key: int) -> Due:
         """An event for a process to wait for."""
         due = Due()
-        heappush(self._queue, (t_us, key, next(self._eid), due))
+        heappush(self._queue, (t_us, key, next(self._eid), happen, due))
         return due
 
     def call(self, function: Callable[[Any], None], argument: Any, t_us: int, key: int) -> None:
@@ -61,8 +61,14 @@ class Agenda(simpy.Environment):
         heappush(self._queue, (t_us, key, next(self._eid), function, argument))
 
     def add(self, event: simpy.Event, t_us: int, key: int) -> None:
-        """Let a triggered event happen (SimPy's schedule, without its detour over a delay)."""
-        heappush(self._queue, (t_us, key, next(self._eid), event))
+        """Let a triggered event happen."""
+        heappush(self._queue, (t_us, key, next(self._eid), happen, event))
+
+    def schedule(
+        self, event: simpy.Event, priority: int = simpy.events.NORMAL, delay: float = 0
+    ) -> None:
+        """What SimPy itself lets happen, such as the handing on of a pad: always at once."""
+        self.add(event, self._now + int(delay), priority)
 
     def is_next(self, key: int) -> bool:
         """Would an event of this instant, in this place, be the next one?"""
@@ -71,30 +77,26 @@ class Agenda(simpy.Environment):
 
     def run_before(self, key: int) -> None:
         """Let all happen that comes before this place in this instant."""
-        while not self.is_next(key):
+        queue = self._queue
+        while queue and queue[0][0] == self._now and queue[0][1] < key:
             self.step()
 
     # ---- letting it happen
 
     def step(self) -> None:
-        """Let the next thing happen; a SimPy event by SimPy's own step."""
-        queue = self._queue
-        if queue and len(queue[0]) == 5:
-            self._now, _, _, function, argument = heappop(queue)
-            function(argument)
-        else:
-            super().step()
+        """Let the next thing happen. Raises SimPy's EmptySchedule where nothing is to come."""
+        if not self._queue:
+            raise simpy.core.EmptySchedule
+        self._now, _, _, function, argument = heappop(self._queue)
+        function(argument)
 
     def run_on(self) -> None:
         """Step after step until somebody sets ``paused``; the loop of ``step``, written out."""
-        queue, simpy_step = self._queue, super().step
+        queue = self._queue
         self.paused = False
         while not self.paused:
-            if len(queue[0]) == 5:
-                self._now, _, _, function, argument = heappop(queue)
-                function(argument)
-            else:
-                simpy_step()
+            self._now, _, _, function, argument = heappop(queue)
+            function(argument)
 
     def abandon(self) -> None:
         """End all lives and forget what is to come.
@@ -109,6 +111,15 @@ class Agenda(simpy.Environment):
             life.close()
         self._lives.clear()
         self._queue.clear()
+
+
+def happen(event: simpy.Event) -> None:
+    """Wake who waits for an event, as SimPy's own step does; raise what nobody heeds."""
+    callbacks, event.callbacks = event.callbacks, None  # type: ignore[assignment]
+    for callback in callbacks:
+        callback(event)
+    if not event._ok and not event.defused:
+        raise event._value
 
 
 class Later(simpy.Process):
@@ -147,6 +158,4 @@ class Signal(simpy.Event):
         """Wake the process before anything else happens, as SimPy's step would."""
         self._ok = True
         self._value = value
-        callbacks, self.callbacks = self.callbacks, None  # type: ignore[assignment]
-        for callback in callbacks:
-            callback(self)
+        happen(self)

@@ -45,7 +45,8 @@ class AirLink:
 
     By user: ``covering`` maps each drone whose footprint holds it to its time of entry,
     ``attached`` is the drone that holds it since ``since_us``, ``open`` its open request.
-    ``open_requests`` counts these by service.
+    ``open_requests`` counts these by service. ``_in_service`` has, of each user who is served, what
+    it was served before, less the time at which that began, and what it needs.
     """
 
     def __init__(
@@ -56,7 +57,7 @@ class AirLink:
         self.log = journal.log
         self.events = journal.log.events
         self.agenda = journal.agenda
-        self.end_us = world.horizon_us
+        self.end_us, self.step_us = world.horizon_us, world.step_us
         self.admission = world.scenario.drones.admission
         self.crossings = crossings
         crossings.begin(path.walks)
@@ -74,7 +75,8 @@ class AirLink:
         self._affected: set[int] = set()
         self._settling = False
         self._open_us = self._served_us = self._attached_since_us = 0
-        self._in_service: dict[int, Request] = {}
+        self._attached_users = 0
+        self._in_service: dict[int, tuple[int, int]] = {}
         self._shares = [0.0] * users
 
     # ---- coverage
@@ -167,6 +169,7 @@ class AirLink:
         self.log.attached_us += now_us - since_us
         self._attached_since_us -= since_us
         self.attached[user] = None
+        self._attached_users -= 1
         radio.attached_users -= 1
         if self.events is not None:
             self.events.append((now_us, phase, "detach", radio.index, user, -1, -1))
@@ -177,6 +180,7 @@ class AirLink:
         self.attached[user] = radio
         self.since_us[user] = now_us
         self._attached_since_us += now_us
+        self._attached_users += 1
         radio.attached_users += 1
         if self.events is not None:
             self.events.append((now_us, phase, "attach", radio.index, user, -1, -1))
@@ -246,7 +250,7 @@ class AirLink:
         radio.served[request.service] += 1
         radio.used_bps += bandwidth_bps
         request.start(radio.index, now_us)
-        self._in_service[user] = request
+        self._in_service[user] = request.served_us - now_us, request.required_us
         self._served_us -= now_us
         if self.events is not None:
             self.events.append((now_us, phase, "serve", radio.index, user, request.request_id, -1))
@@ -340,19 +344,17 @@ class AirLink:
         that of their ends. The shares are added in the order of their users: a sum of floats is
         another in another order.
         """
-        now_us, shares = self.agenda._now, self._shares
-        for user, request in self._in_service.items():
-            served_us = request.served_us + now_us - request.started_us
-            shares[user] = served_us / request.required_us
+        now_us, shares, opened = self.agenda._now, self._shares, self.opened
+        for user, (before_us, required_us) in self._in_service.items():
+            shares[user] = (before_us + now_us) / required_us
         qoe1 = reduce(add, filter(None, shares), self._closed_qoe1)
-        open_us = self._open_us + sum(self.open_requests) * now_us
+        open_us = self._open_us + (opened - len(self.log.requests)) * now_us
         served_us = self._served_us + len(self._in_service) * now_us
-        attached = sum([radio.attached_users for radio in self.radios])
-        attached_us = self.log.attached_us + attached * now_us - self._attached_since_us
+        attached_us = self.log.attached_us + self._attached_users * now_us - self._attached_since_us
         lasted_us = len(self.open) * now_us
         return Measures(
-            100 * qoe1 / self.opened if self.opened else None,
-            (open_us - served_us) / self.world.step_us / self.opened if self.opened else None,
+            100 * qoe1 / opened if opened else None,
+            (open_us - served_us) / self.step_us / opened if opened else None,
             100 * attached_us / lasted_us if lasted_us else None,
         )
 

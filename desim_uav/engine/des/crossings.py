@@ -51,6 +51,8 @@ class Crossings:
 
     def begin(self, walks: Walks) -> None:
         """An episode begins."""
+        if walks is self.walks:
+            return
         standing = len(walks.legs) < len(walks.offsets) and not walks.legs[:, VX : VY + 1].any()
         if not standing or not np.array_equal(walks.legs, self.walks.legs):
             self._kept.clear()
@@ -72,7 +74,7 @@ class Crossings:
         kept = self._kept.get(key)
         if kept is None:
             kept = self._kept[key] = self._find(flight, 0, span_us, fresh)
-        return [[start_us + t_us, user, enters] for t_us, user, enters in kept]
+        return [[start_us + t_us, user, enters] for t_us, user, enters in kept] if kept else []
 
     def _find(self, flight: Leg, start_us: int, span_us: int, fresh: bool) -> list[Crossing]:
         (transit, (x0, y0), (x1, y1), _, _), (legs, offsets) = flight, self.walks

@@ -53,21 +53,20 @@ class Drone:
         carried: CarriedDrone | None = None,
     ) -> None:
         self.world = world
-        self._facts = world.facts
+        self.facts = world.facts
+        self.step_us = world.step_us
         self.energy = world.scenario.drones.battery
-        self.journal = journal
         self.agenda = journal.agenda
+        self.log = journal.log
         self.airlink = airlink
         self.radio = airlink.radios[index]
         self.stations = stations
         self.index = index
-        self.events = journal.log.events
-        self.logs = self.events is not None
+        self.events = self.log.events
         self.arrival_key = key(ARRIVAL, index)
         self.ceiling = ceiling
         self.flights = flights
         self.leg_number = 0
-        self.respawns = 0
         self.command: Signal | None = None
         self.way_back: Return | None = None
         self.return_us: float | None = None
@@ -174,7 +173,7 @@ class Drone:
 
     def _fly(self, action: Action) -> Life:
         """A step of serving flight: a move to the next cell, or a hover."""
-        step_us = self.world.step_us
+        step_us = self.step_us
         move = None
         if action is not HOVER:
             move = self.flights.move(self.node, action, self.ceiling)
@@ -187,7 +186,7 @@ class Drone:
         target, leg = move
         self._begin(FLYING, leg, step_us)
         self.airlink.track(self.radio, leg, step_us, COVERAGE)
-        if self.logs:
+        if self.events is not None:
             self.emit(COMMAND, "depart")
         duration_us = leg.transit.duration_us
         yield self.agenda.at(self.since_us + duration_us, self.arrival_key)
@@ -262,12 +261,12 @@ class Drone:
                 yield self.agenda.at(self.since_us + rest_us, self.arrival_key)
             self._change_mode(CHARGED)
             self.emit(phase, "charged", station.index)
-            self.journal.log.charges += 1
+            self.log.charges += 1
         self.pad = None
 
     def count_queueing(self) -> None:
         """Count what a queued drone has waited for a pad in this episode."""
-        self.journal.log.queueing_us += self.agenda._now - max(self.since_us, 0)
+        self.log.queueing_us += self.agenda._now - max(self.since_us, 0)
 
     # ---- legs
 
@@ -275,7 +274,7 @@ class Drone:
         """Begin a leg of ``span_us``, and foresee whether the battery lasts it out."""
         self._change_mode(mode)
         self.leg = leg
-        if leg.transit is not REST:
+        if self.events is not None and leg.transit is not REST:
             self._log_leg()
         self._foresee_depletion(span_us)
 
@@ -292,16 +291,16 @@ class Drone:
     def count_distance(self) -> None:
         """Count what the drone has flown of its leg, and not counted before."""
         flown_m = travelled(self.leg.transit.profile, (self.agenda._now - self.since_us) / US)
-        self.journal.log.distance_m += flown_m - self.counted_m
+        self.log.distance_m += flown_m - self.counted_m
         self.counted_m = flown_m
 
     def _arrive(self, target: Node) -> None:
         """End a leg; the drone hovers where it has led."""
-        self.journal.log.distance_m += self.leg.transit.distance_m - self.counted_m
+        self.log.distance_m += self.leg.transit.distance_m - self.counted_m
         self._change_mode(self.mode)
         self.node = target
         self.leg = self.flights.hover(target)
-        if self.logs:
+        if self.events is not None:
             self.emit(ARRIVAL, "arrive")
 
     def position_m(self) -> tuple[float, float, float]:
@@ -316,27 +315,29 @@ class Drone:
 
     def observe(self, step: int) -> Observation:
         """What it knows at a decision epoch, once it has taken its bearings."""
-        radio, back, capacity_s = self.radio, self.way_back, self._facts.capacity_s
+        radio, back, capacity_s = self.radio, self.way_back, self.facts.capacity_s
         battery_us = self.battery_seen_us = self.battery_now_us()
         ix, iy, level = self.belief
         served = tuple(radio.served)
-        return Observation(
-            self.index,
-            step,
-            self._facts.steps,
-            (ix, iy),
-            level,
-            self.mode,
-            None if capacity_s is None else battery_us / US,
-            capacity_s,
-            None if self.return_us is None else self.return_us / US,
-            radio.attached_users,
-            sum(served),
-            radio.used_bps / 1000,
-            None if back is None else back.station,
-            None if back is None else back.duration_us / US,
-            served,
-            tuple(radio.asking),
+        return Observation._make(
+            (
+                self.index,
+                step,
+                self.facts.steps,
+                (ix, iy),
+                level,
+                self.mode,
+                None if capacity_s is None else battery_us / US,
+                capacity_s,
+                None if self.return_us is None else self.return_us / US,
+                radio.attached_users,
+                sum(served),
+                radio.used_bps / 1000,
+                None if back is None else back.station,
+                None if back is None else back.duration_us / US,
+                served,
+                tuple(radio.asking),
+            )
         )
 
     def may(self) -> tuple[Mode, bool, bool]:
@@ -345,6 +346,8 @@ class Drone:
         Is the battery low enough for a return? Is the drone on a station, at its landing level,
         and not full?
         """
+        if self.energy is None:
+            return self.mode, False, False
         battery_us, world = self.battery_seen_us, self.world
         may_charge = battery_us < world.capacity_us and self.node in self.stations
         return self.mode, battery_us <= world.return_below_us, may_charge
@@ -408,7 +411,7 @@ class Drone:
         self.command = None
         self.hop, self.route = None, []
         self.airlink.silence(self.radio, DEPLETION)
-        self.journal.log.crashed.append(self.index)
+        self.log.crashed.append(self.index)
         self.emit(DEPLETION, "crash")
         self._log_leg()
         self.process.interrupt()
@@ -425,9 +428,9 @@ class Drone:
 
     def _log_leg(self) -> None:
         """Write to the log what it is about: a transit, or to be where it is."""
-        if self.logs:
+        if self.events is not None:
             leg = self.leg
-            self.journal.log.legs.append(
+            self.log.legs.append(
                 FlownLeg(
                     self.since_us,
                     self.index,

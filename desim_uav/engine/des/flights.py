@@ -29,12 +29,15 @@ class Flights:
     def move(self, node: Node, action: Action, ceiling: bool) -> Move | None:
         """What a moving action leads to; None where that is blocked."""
         key = (node, action, ceiling)
-        if key not in self._moves:
+        try:
+            return self._moves[key]
+        except KeyError:
             target = neighbour(node, MOVES[action])
             free = self.world.grid.can_enter(*target, ceiling)
             transits = self.world.epoch_transits
-            self._moves[key] = (target, self._leg(node, target, transits[action])) if free else None
-        return self._moves[key]
+            move = (target, self._leg(node, target, transits[action])) if free else None
+            self._moves[key] = move
+            return move
 
     def hop(self, node: Node, hop: Node) -> Leg:
         """A hop of a return."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import product
 from math import isfinite
+from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,6 +37,7 @@ from desim_uav.world import World
 
 # An enum member is looked up slowly in Python 3.11.
 CRASHED = Mode.CRASHED
+MODE_OF = attrgetter("mode")
 COMMAND = Phase.COMMAND
 RECORD_KEY, RESPAWN_KEY = key(Phase.RECORD), key(Phase.RESPAWN)
 
@@ -55,7 +57,9 @@ class Simulation:
         self.world = world
         self.settings = settings
         self.audit = audit
-        self.steps = world.scenario.episode.steps
+        self.steps, self.step_us = world.scenario.episode.steps, world.step_us
+        self.actions, self.facts = world.actions, world.facts
+        self._terms_of = world.scenario.reward.terms
         self.agenda = Agenda()
         self.shown: Snapshot | None = None
         self.terminated = self.truncated = False
@@ -66,11 +70,6 @@ class Simulation:
             (mode, may_return, may_charge): mask(world.actions, mode, may_return, may_charge)
             for mode, may_return, may_charge in product(Mode, (False, True), (False, True))
         }
-
-    @property
-    def log(self) -> EpisodeLog:
-        """What is told of the episode under way."""
-        return self.journal.log
 
     # ---- episodes
 
@@ -112,9 +111,9 @@ class Simulation:
         self._rewards: tuple[float, ...] = ()
         self._last_states: list[UserState] = []
         self.agenda = Agenda()
-        log = EpisodeLog(path.episode, [] if self.settings.keep_events else None)
-        self.journal = Journal(self.agenda, log)
-        self.airlink = AirLink(world, self.journal, path, self._crossings)
+        self.log = EpisodeLog(path.episode, [] if self.settings.keep_events else None)
+        journal = Journal(self.agenda, self.log)
+        self.airlink = AirLink(world, journal, path, self._crossings)
         pads = world.scenario.stations.pads
         self.stations: dict[Node, Station] = {
             (*cell, 0): Station(self.agenda, index, cell, pads)
@@ -125,7 +124,7 @@ class Simulation:
         self.drones = [
             Drone(
                 world,
-                self.journal,
+                journal,
                 self.airlink,
                 self.stations,
                 index,
@@ -135,6 +134,7 @@ class Simulation:
             )
             for index, ceiling in enumerate(self.settings.ceilings)
         ]
+        self._respawns = [0] * count
         places = [0 if drone is None else drone.place for drone in before]
         for index in sorted(range(count), key=places.__getitem__):
             self.drones[index].start()
@@ -143,15 +143,14 @@ class Simulation:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
         if self.shown is None or self.terminated or self.truncated:
             raise SimulationError("step: the episode is over, or none has begun; call reset first")
-        self.commanded: list[tuple[Action | None, Action]] = []
+        self.commanded: list[tuple[int, Action]] = []
         told = []
-        actions = self.world.actions
+        actions = self.actions
         for drone, command, legal in zip(self.drones, commands, self.shown.masks, strict=True):
             taken = obeyed(command, legal, actions)
-            known = 0 <= command < len(actions)
-            self.commanded.append((actions[command] if known else None, taken))
+            self.commanded.append((command, taken))
             if drone.command is not None:
-                if drone.logs:
+                if drone.events is not None:
                     drone.emit(COMMAND, "decide")
                 told.append((drone, taken))
         # Commands are all that is left to happen in this instant before coverage changes. They
@@ -163,7 +162,7 @@ class Simulation:
         self.airlink.settle_commanded()
         if self.audit is not None:
             self.audit(self)
-        end_us = self.agenda._now + self.world.step_us
+        end_us = self.agenda._now + self.step_us
         self.agenda.call(self._record, None, end_us, RECORD_KEY)
         return self._run()
 
@@ -188,7 +187,7 @@ class Simulation:
         self._reward()
         if self.settings.keep_steps:
             self._log_steps()
-        crashed = CRASHED in [drone.mode for drone in self.drones]
+        crashed = CRASHED in map(MODE_OF, self.drones)
         self.terminated = crashed and self.world.on_crash == "end_episode"
         self.truncated = self.epoch == self.steps
         if self.terminated or self.truncated:
@@ -201,20 +200,25 @@ class Simulation:
 
     def _reward(self) -> None:
         """Note what each drone is rewarded for."""
-        terms_of, facts = self.world.scenario.reward.terms, self.world.facts
         asked = tuple(self.airlink.open_requests)
-        self._terms = tuple([terms_of(seen, asked, facts) for seen in self.observations])
-        self._rewards = tuple([in_order(terms.values()) for terms in self._terms])
-        if not all(map(isfinite, self._rewards)):
+        terms_of, facts = self._terms_of, self.facts
+        all_terms, rewards = [], []
+        for seen in self.observations:
+            terms = terms_of(seen, asked, facts)
+            all_terms.append(terms)
+            rewards.append(in_order(terms.values()))
+        self._terms, self._rewards = tuple(all_terms), tuple(rewards)
+        if not all(map(isfinite, rewards)):
             kind = type(self.world.scenario.reward).__name__
             raise SimulationError(f"reward {kind!r}: {self._terms} is not a number for each term")
 
     def _log_steps(self) -> None:
         """One record a drone."""
         t_us, step, keep = self.agenda._now, self.epoch - 1, self.log.steps.append
-        limited = self.world.facts.capacity_s is not None
+        limited = self.facts.capacity_s is not None
         rows = zip(self.drones, self.commanded, self.observations, self._rewards, strict=True)
-        for drone, (action, taken), seen, reward in rows:
+        for drone, (command, taken), seen, reward in rows:
+            known = 0 <= command < len(self.actions)
             x_m, y_m, z_m = drone.position_m()
             keep(
                 Step(
@@ -226,7 +230,7 @@ class Simulation:
                     z_m,
                     drone.battery_seen_us if limited else None,
                     drone.mode,
-                    action,
+                    self.actions[command] if known else None,
                     taken,
                     seen.attached_users,
                     seen.served_requests,
@@ -253,8 +257,8 @@ class Simulation:
         if self.world.on_crash != "remove":
             back = [drone for drone in self.drones if self._is_due(drone)]
             for drone in back:
-                drone.respawn(int(self.path.respawn[drone.index, drone.respawns]))
-                drone.respawns += 1
+                drone.respawn(int(self.path.respawn[drone.index, self._respawns[drone.index]]))
+                self._respawns[drone.index] += 1
             if back:
                 self._orient(back)
                 self._observe()
@@ -279,16 +283,18 @@ class Simulation:
     def _show(self, _: None = None) -> None:
         """The state as policies see it; it ends the run to this decision epoch."""
         self.agenda.paused = True
-        self.shown = Snapshot(
-            self.epoch,
-            self.agenda._now,
-            self.terminated,
-            self.truncated,
-            self.observations,
-            tuple([self._masks[drone.may()] for drone in self.drones]),
-            tuple(self.airlink.open_requests),
-            self._rewards,
-            self._terms,
+        self.shown = Snapshot._make(
+            (
+                self.epoch,
+                self.agenda._now,
+                self.terminated,
+                self.truncated,
+                self.observations,
+                tuple([self._masks[drone.may()] for drone in self.drones]),
+                tuple(self.airlink.open_requests),
+                self._rewards,
+                self._terms,
+            )
         )
 
     # ---- what can be asked in between
