@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,8 +10,8 @@ from numpy.typing import NDArray
 
 from desim_uav.model.demand import Requests
 from desim_uav.model.kernels import kernel
-from desim_uav.model.mobility import Walks
-from desim_uav.model.streams import Purpose, Streams, next_uniform
+from desim_uav.model.mobility import RandomWalks, Walks
+from desim_uav.model.streams import Purpose, Streams, next_uniform, states_of
 from desim_uav.world import World
 
 
@@ -24,10 +25,15 @@ class SamplePath:
     """
 
     episode: int
-    walks: Walks
+    walking: Walks | RandomWalks
     requests: Requests
     position_error: NDArray[np.float64] | None
     respawn: NDArray[np.int64]
+
+    @property
+    def walks(self) -> Walks:
+        """The walks, drawn by now."""
+        return self.walking.drawn()
 
 
 def draw(world: World, seed: int, episode: int) -> SamplePath:
@@ -36,12 +42,21 @@ def draw(world: World, seed: int, episode: int) -> SamplePath:
     Whatever the policy, the same world, seed and episode give the same sample path; another drone
     or user changes nobody else's draws.
     """
-    return SamplePath(
-        episode,
-        world.fixed_walks or world.walks(seed, episode),
-        world.fixed_requests or world.requests(seed, episode),
-        _position_error(world, seed, episode),
-        _respawn(world, seed, episode),
+    return draw_all(world, seed, [episode])[0]
+
+
+def draw_all(world: World, seed: int, episodes: Sequence[int]) -> list[SamplePath]:
+    """The sample paths of several episodes, sooner than one by one."""
+    count, walks, requests = len(episodes), world.fixed_walks, world.fixed_requests
+    return list(
+        map(
+            SamplePath,
+            episodes,
+            [walks] * count if walks else world.walks_of(seed, episodes),
+            [requests] * count if requests else world.requests_of(seed, episodes),
+            [_position_error(world, seed, episode) for episode in episodes],
+            _respawns(world, seed, episodes),
+        )
     )
 
 
@@ -59,12 +74,13 @@ def _position_error(world: World, seed: int, episode: int) -> NDArray[np.float64
     return np.array(errors)
 
 
-def _respawn(world: World, seed: int, episode: int) -> NDArray[np.int64]:
+def _respawns(world: World, seed: int, episodes: Sequence[int]) -> NDArray[np.int64]:
     drones, epochs = world.scenario.drones.count, world.scenario.episode.steps + 1
     if not world.stations or not world.scenario.limited_battery:
-        return np.empty((drones, 0), np.int64)
-    states = Streams(seed, Purpose.RESPAWN, episode).states(drones)
-    return _choices(states, epochs, len(world.stations))
+        return np.empty((len(episodes), drones, 0), np.int64)
+    states = states_of(seed, Purpose.RESPAWN, episodes, drones)
+    drawn = _choices(states.reshape(-1, 4), epochs, len(world.stations))
+    return drawn.reshape(len(episodes), drones, epochs)
 
 
 @kernel

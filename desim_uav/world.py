@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import ScenarioError
-from desim_uav.model.demand import Requests
+from desim_uav.model.demand import Requests, requests_of
 from desim_uav.model.grid import Cell, Grid, altitudes, connected
-from desim_uav.model.mobility import Area, Walks
+from desim_uav.model.mobility import Area, RandomWalks, Walks, walks_of
 from desim_uav.model.motion import Transit
 from desim_uav.model.planner import Node, Planner
 from desim_uav.model.rules import MOVES, US, Action, actions
@@ -61,16 +61,25 @@ class World:
 
     def walks(self, seed: int, episode: int) -> Walks:
         """How the users walk in an episode."""
-        streams = Streams(seed, Purpose.MOBILITY, episode)
-        homes = np.ascontiguousarray(self.homes[:, :2])
-        return self.scenario.users.mobility.walks(homes, streams, self.area, self.horizon_us)
+        return self.walks_of(seed, [episode])[0].drawn()
+
+    def walks_of(self, seed: int, episodes: Sequence[int]) -> Sequence[Walks | RandomWalks]:
+        """How they walk in several; random walks are not drawn before they are asked for."""
+        mobility, homes = self.scenario.users.mobility, self._homes_on_map
+        return walks_of(mobility, homes, seed, episodes, self.area, self.horizon_us)
 
     def requests(self, seed: int, episode: int) -> Requests:
         """What the users ask for in an episode."""
-        streams = Streams(seed, Purpose.DEMAND, episode)
-        return self.scenario.demand.requests(
-            len(self.homes), self.services, streams, self.horizon_us
-        )
+        return self.requests_of(seed, [episode])[0]
+
+    def requests_of(self, seed: int, episodes: Sequence[int]) -> list[Requests]:
+        """What they ask for in several, drawn at once."""
+        demand, users = self.scenario.demand, len(self.homes)
+        return requests_of(demand, users, self.services, seed, episodes, self.horizon_us)
+
+    @cached_property
+    def _homes_on_map(self) -> NDArray[np.float64]:
+        return np.ascontiguousarray(self.homes[:, :2])
 
     @cached_property
     def fixed_walks(self) -> Walks | None:

@@ -1,4 +1,4 @@
-"""What an engine is, and the log it writes. An engine draws nothing."""
+"""What an engine is, and the log it writes. An engine leaves nothing to chance."""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import kernel
+from desim_uav.model.kernels import kernel, part
 
 
 @kernel
@@ -38,7 +38,7 @@ def epsilon_greedy(
     return best
 
 
-@kernel
+@part
 def value_of(q: NDArray[np.float32], state: int, action: int) -> float:
     """What an action is worth: the sum of the tables (tables, states, actions)."""
     value = 0.0

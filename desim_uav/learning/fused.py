@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.batch import airlink, calls, machine
 from desim_uav.engine.batch.access import mask_of, seen_of
 from desim_uav.engine.batch.drones import CHARGED, CRASHED, FLYING
-from desim_uav.engine.batch.kernels import inner, kernel
+from desim_uav.engine.batch.kernels import inner, kernel, part
 from desim_uav.engine.batch.memory import (
     AT_CRASHED,
     AT_REWARDS,
@@ -113,7 +113,7 @@ def play(
             return
 
 
-@inner
+@part
 def _decide(
     w: Fixed,
     s: State,

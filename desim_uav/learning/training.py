@@ -21,14 +21,14 @@ from desim_uav.model.observations import Feature, Position, table_row, table_siz
 from desim_uav.model.rules import DECIDES, Mode
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Purpose, Streams, uniforms_of
-from desim_uav.sample_path import draw
+from desim_uav.sample_path import draw, draw_all
 from desim_uav.world import World
 
 FIRST_PATH = 2**24
 """Training draws its sample paths from this number on: no run under the same seed meets them."""
 
 LARGEST_TABLE = 2**29
-MOST_TOGETHER, TOGETHER_FOR = 64, 1024
+MOST_TOGETHER, TOGETHER_FOR = 64, 2048
 """How many episodes are drawn at once for a fused training, at most, and for how many users."""
 
 DRAWS = 3
@@ -116,7 +116,7 @@ class Training:
             for drone, reward in enumerate(shown.rewards):
                 self.learners[drone].gain(reward)
                 rewards[drone] += reward
-        measures, crashed = self.engine.measures(), self.engine.log.crashed
+        measures, crashed = _known(self.engine.measures()), self.engine.log.crashed
         self.episode += 1
         if shown.terminated or not self._goes_on(self.episode):
             self._close(shown, draws[shown.step], epsilon, alpha)
@@ -139,7 +139,7 @@ class Training:
         assert isinstance(engine, BatchSimulation)
         episodes = range(self.episode, self.episode + count)
         numbers = [FIRST_PATH + episode for episode in episodes]
-        paths, starts = engine.prepare([draw(self.world, self.seed, n) for n in numbers])
+        paths, starts = engine.prepare(draw_all(self.world, self.seed, numbers))
         waiting = [learner.open_decision() or (-1, -1, 0.0, 1.0) for learner in self.learners]
         pending = np.array([decision[:2] for decision in waiting], np.int64)
         sums = [(learner.sum,) for learner in self.learners]
@@ -176,13 +176,12 @@ class Training:
         if engine.terminated or not self._goes_on(self.episode):
             engine.carry(None)
         return [
-            self._progress(episode, drone, law, (reward, total), measures, fallen)
+            self._progress(episode, drone, law, (row[0], row[1]), measures, fallen)
             for episode, law, rows, counts in zip(
                 episodes, laws, told.tolist(), crashes.tolist(), strict=True
             )
-            for drone, ((reward, total, *measures), fallen) in enumerate(
-                zip(rows, counts, strict=True)
-            )
+            for measures in (_known(rows[0][2:]),)
+            for drone, (row, fallen) in enumerate(zip(rows, counts, strict=True))
         ]
 
     def _law(self, episode: int) -> tuple[float, float]:
@@ -292,12 +291,17 @@ class Training:
         measures: Sequence[float | None],
         crashes: int,
     ) -> Progress:
-        """``told``: the reward and the sum of the values; a measure of nan: there is none."""
+        """``told``: the reward and the sum of the values."""
         reward, total = told
         q = self.q[drone]
         mean_q = total / q.size if self.sums else float(q.mean(dtype=np.float64))
-        one, two, three = [None if m is None or isnan(m) else m for m in measures]
+        one, two, three = measures
         return Progress(episode, drone, reward, *law, mean_q, one, two, three, crashes)
+
+
+def _known(measures: Sequence[float | None]) -> list[float | None]:
+    """A measure of nan: there is none."""
+    return [None if measure is None or isnan(measure) else measure for measure in measures]
 
 
 def table_features(world: World, tables: int = 1) -> tuple[Feature, ...]:

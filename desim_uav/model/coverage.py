@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import kernel
+from desim_uav.model.kernels import kernel, part
 from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
 
 T0_US, X0, Y0, VX, VY = range(5)
@@ -21,10 +21,10 @@ T0_US, X0, Y0, VX, VY = range(5)
 MARGIN_M = 1e-6
 """What is farther than this from crossing does not, whatever the rounding."""
 
-LEG, AT_X, AT_Y, WEST, EAST, SOUTH, NORTH = range(7)
-SEEN_COLUMNS = 7
-"""Columns of a table of users in a span: the row of the leg they begin it on, their place then, and
-the box around their walk."""
+LEG, AT_X, AT_Y, WEST, EAST, SOUTH, NORTH, NEAR = range(8)
+SEEN_ROWS = 8
+"""Rows of a table of users in a span: which of their legs they begin it on, their place then, the
+box around their walk; and whether a drone's leg comes near (NEAR, of the drone looked at last)."""
 
 FEWEST_BUCKETS = 48
 """With fewer than these a drone's reach is a good part of the map, and buckets save nothing."""
@@ -35,6 +35,7 @@ GRAZE_M = 1e-13
 Route = tuple[float, float, float, float]
 Span = tuple[int, int]
 Points = tuple[float, float, float]
+Box = tuple[float, float, float, float, float, float]
 
 TIME_US, USER, ENTERS = range(3)
 """Columns of a table of crossings."""
@@ -53,7 +54,7 @@ def leg_at(legs: NDArray[np.float64], first: int, last: int, t_us: float) -> int
     return low
 
 
-@kernel
+@part
 def leg_near(legs: NDArray[np.float64], first: int, last: int, t_us: float, guess: int) -> int:
     """``leg_at``, looked for beside a guess before anywhere else."""
     leg = min(max(guess, first), last - 1)
@@ -96,13 +97,12 @@ def look_around(
 ) -> None:
     """Where each user is at the start of a span, and between which bounds it stays until its end.
 
-    Into ``seen`` (users, SEEN_COLUMNS), the same for all drones that fly then.
+    Into ``seen`` (SEEN_ROWS, users), the same for all drones that fly then. What it says of the
+    span before, if anything, tells where to look first.
     """
-    leg_number = 0
     for user in range(len(offsets) - 1):
         begin, stop = offsets[user], offsets[user + 1]
-        first = leg_near(legs, begin, stop, start_us, begin + leg_number)
-        leg_number = first - begin  # walks are alike: the next one's is near
+        first = leg_near(legs, begin, stop, start_us, begin + int(seen[LEG, user]))
         x, y = walked(legs, first, start_us)
         west, south, east, north = x, y, x, y
         leg = first
@@ -116,9 +116,9 @@ def look_around(
             if next_us == end_us:
                 break
             leg += 1
-        seen[user, LEG], seen[user, AT_X], seen[user, AT_Y] = first, x, y
-        seen[user, WEST], seen[user, EAST] = west, east
-        seen[user, SOUTH], seen[user, NORTH] = south, north
+        seen[LEG, user], seen[AT_X, user], seen[AT_Y, user] = first - begin, x, y
+        seen[WEST, user], seen[EAST, user] = west, east
+        seen[SOUTH, user], seen[NORTH, user] = south, north
 
 
 @kernel
@@ -148,16 +148,14 @@ def crossings(
     """
     route = (x0, y0, x1, y1)
     span = (start_us, end_us)
+    box = _box(route, radius)
+    for user in range(len(offsets) - 1):  # by itself, for it is done for several users at once
+        seen[NEAR, user] = _comes_near(box, seen, user, fresh)
     total = 0
     for user in range(len(offsets) - 1):
-        inside = _beyond(x0 - seen[user, AT_X], y0 - seen[user, AT_Y], radius) <= 0.0
-        entered = fresh and inside
-        if entered:
-            total = _write(out, total, start_us, user, True)
-        if not _cannot_cross(route, radius, seen, user, inside):
-            first, stop = int(seen[user, LEG]), offsets[user + 1]
-            state = (user, inside, entered)
-            total = _roots(profile, route, span, radius, legs, first, stop, state, out, total)
+        if seen[NEAR, user] > 0.0:
+            pair = (user, fresh)
+            total = _cross(profile, route, span, radius, legs, offsets, seen, pair, out, total)
     return total
 
 
@@ -188,6 +186,7 @@ def crossings_near(
     """
     route = (x0, y0, x1, y1)
     span = (start_us, end_us)
+    box = _box(route, radius)
     reach = radius + far + MARGIN_M
     total = 0
     for i in range(
@@ -200,15 +199,10 @@ def crossings_near(
         ):
             user = heads[i * shape[1] + j]
             while user >= 0:
-                inside = _beyond(x0 - seen[user, AT_X], y0 - seen[user, AT_Y], radius) <= 0.0
-                entered = fresh and inside
-                if entered:
-                    total = _write(out, total, start_us, user, True)
-                if not _cannot_cross(route, radius, seen, user, inside):
-                    first, stop = int(seen[user, LEG]), offsets[user + 1]
-                    state = (user, inside, entered)
-                    total = _roots(
-                        profile, route, span, radius, legs, first, stop, state, out, total
+                if _comes_near(box, seen, user, fresh) > 0.0:
+                    pair = (user, fresh)
+                    total = _cross(
+                        profile, route, span, radius, legs, offsets, seen, pair, out, total
                     )
                 user = following[user]
     return total
@@ -230,9 +224,9 @@ def sort_into_buckets(
     far = 0.0
     heads[:] = -1
     for user in range(len(following) - 1, -1, -1):
-        x, y = seen[user, AT_X], seen[user, AT_Y]
-        far = max(far, x - seen[user, WEST], seen[user, EAST] - x)
-        far = max(far, y - seen[user, SOUTH], seen[user, NORTH] - y)
+        x, y = seen[AT_X, user], seen[AT_Y, user]
+        far = max(far, x - seen[WEST, user], seen[EAST, user] - x)
+        far = max(far, y - seen[SOUTH, user], seen[NORTH, user] - y)
         at = bucket_of(x, side[0], shape[0]) * shape[1] + bucket_of(y, side[1], shape[1])
         following[user] = heads[at]
         heads[at] = user
@@ -279,23 +273,55 @@ def _beyond(x: float, y: float, radius: float) -> float:
 
 
 @kernel
-def _cannot_cross(
-    route: Route, radius: float, seen: NDArray[np.float64], user: int, inside: bool
-) -> bool:
-    """Pass one: are the boxes around drone's leg and user's walk all in or all out of reach?"""
-    east_of = min(route[0], route[2]) - seen[user, EAST]
-    west_of = seen[user, WEST] - max(route[0], route[2])
-    north_of = min(route[1], route[3]) - seen[user, NORTH]
-    south_of = seen[user, SOUTH] - max(route[1], route[3])
-    if inside:  # the gaps the other way round are how far apart the boxes' far ends are
-        dx, dy = max(-east_of, -west_of), max(-north_of, -south_of)
-        room = max(radius - MARGIN_M, 0.0)
-        return bool(dx * dx + dy * dy < room * room)
-    dx, dy = max(east_of, west_of, 0.0), max(north_of, south_of, 0.0)
-    return bool(dx * dx + dy * dy > (radius + MARGIN_M) ** 2)
+def _box(route: Route, radius: float) -> Box:
+    """The box around a drone's leg, and the squares of what is surely out of reach and within."""
+    x0, y0, x1, y1 = route
+    within = max(radius - MARGIN_M, 0.0)
+    return min(x0, x1), max(x0, x1), min(y0, y1), max(y0, y1), (radius + MARGIN_M) ** 2, within**2
 
 
 @kernel
+def _comes_near(box: Box, seen: NDArray[np.float64], user: int, fresh: bool) -> float:
+    """Pass one: 0.0 where the boxes around drone's leg and user's walk are all out of reach.
+
+    And where they are all within: then the user has no crossing, though it is entered by a drone
+    that begins to serve (``fresh``). Without branches, so that a processor does several at once.
+    """
+    west, east, south, north, out, within = box
+    east_of, west_of = west - seen[EAST, user], seen[WEST, user] - east
+    north_of, south_of = south - seen[NORTH, user], seen[SOUTH, user] - north
+    dx, dy = max(east_of, west_of, 0.0), max(north_of, south_of, 0.0)
+    apart = dx * dx + dy * dy  # of the boxes' near ends
+    dx, dy = max(-east_of, -west_of), max(-north_of, -south_of)
+    across = dx * dx + dy * dy  # of their far ends
+    return 0.0 if apart > out or (across < within and not fresh) else 1.0
+
+
+@part
+def _cross(
+    profile: NDArray[np.float64],
+    route: Route,
+    span: Span,
+    radius: float,
+    legs: NDArray[np.float64],
+    offsets: NDArray[np.int64],
+    seen: NDArray[np.float64],
+    pair: tuple[int, bool],
+    out: NDArray[np.int64],
+    total: int,
+) -> int:
+    """Write the crossings of a user; ``pair``: who, and does the drone begin to serve?"""
+    user, fresh = pair
+    inside = _beyond(route[0] - seen[AT_X, user], route[1] - seen[AT_Y, user], radius) <= 0.0
+    entered = fresh and inside
+    if entered:
+        total = _write(out, total, span[0], user, True)
+    state = (user, inside, entered)
+    first, stop = offsets[user] + int(seen[LEG, user]), offsets[user + 1]
+    return _roots(profile, route, span, radius, legs, first, stop, state, out, total)
+
+
+@part
 def _roots(
     profile: NDArray[np.float64],
     route: Route,
@@ -313,8 +339,7 @@ def _roots(
     ``state``: the user, is it inside at the start, and is an entry at the start written already?
     """
     user, inside, entered = state
-    ex = np.sign(route[2] - route[0])
-    ey = np.sign(route[3] - route[1])
+    ex, ey = _sign(route[2] - route[0]), _sign(route[3] - route[1])
     duration = (span[1] - span[0]) * 1e-6
     latest = span[0] if entered else -1
     phase = 0
@@ -347,10 +372,11 @@ def _roots(
         wy = ey * speed - legs[leg, VY]
         ax, ay = ex * acceleration, ey * acceleration
 
-        moved = (
-            np.sqrt(wx * wx + wy * wy) * (end - at) + 0.5 * np.abs(acceleration) * (end - at) ** 2
-        )
-        if np.abs(np.sqrt(px * px + py * py) - radius) > moved + MARGIN_M:
+        span_s = end - at
+        moved = (abs(wx) + abs(wy) + 0.5 * abs(acceleration) * span_s) * span_s + MARGIN_M
+        apart = px * px + py * py
+        within = max(radius - moved, 0.0)
+        if apart > (radius + moved) * (radius + moved) or apart < within * within:
             at = end
             continue
 
@@ -361,7 +387,9 @@ def _roots(
             if k < turning:
                 after = points[k]
             if k == turning and end >= duration:
-                last = leg_near(legs, first, stop, span[1], leg)
+                last = leg
+                if leg + 1 < stop and legs[leg + 1, T0_US] <= span[1]:
+                    last = leg_near(legs, first, stop, span[1], leg)
                 now_inside = _is_inside(route[2], route[3], radius, legs, last, span[1])
             else:
                 excess = _excess(px, py, wx, wy, ax, ay, radius, after)
@@ -380,6 +408,13 @@ def _roots(
             before = after
         at = end
     return total
+
+
+@part
+def _sign(x: float) -> float:
+    if x > 0.0:
+        return 1.0
+    return -1.0 if x < 0.0 else 0.0
 
 
 @kernel

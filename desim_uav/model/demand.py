@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from desim_uav.model.kernels import kernel
 from desim_uav.model.rules import US
 from desim_uav.model.services import Catalogue
-from desim_uav.model.streams import Streams, next_uniform
+from desim_uav.model.streams import Purpose, Streams, advanced, as_uniform, states_of
 from desim_uav.model.traces import index, quantity, read_table
 from desim_uav.registry import did_you_mean, register
 
@@ -71,9 +71,24 @@ class Continuous:
         return Requests(rows, np.arange(users + 1), after_previous=True)
 
 
+class _Drawn:
+    """A demand that a compiled loop draws, a stream for each user."""
+
+    def law(self) -> tuple[int, float, float]:
+        """The kind of process, the probability of asking for nothing, a mean time in seconds."""
+        raise NotImplementedError
+
+    def requests(
+        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
+    ) -> Requests:
+        """The requests of one episode."""
+        states = streams.states(users)[np.newaxis]
+        return _drawn(services, states, *self.law(), horizon_us)[0]
+
+
 @register("demand", "static")
 @dataclass(frozen=True)
-class Static:
+class Static(_Drawn):
     """Each user asks once, at the start, for a service drawn from the mix.
 
     ``none``: the probability that it asks for nothing.
@@ -82,16 +97,14 @@ class Static:
     none: Annotated[float, Ge(0), Le(1)] = 0.0
     mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
 
-    def requests(
-        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
-    ) -> Requests:
+    def law(self) -> tuple[int, float, float]:
         """At most one request a user."""
-        return _drawn(users, services, streams, _ONCE, self.none, 0.0, horizon_us)
+        return _ONCE, self.none, 0.0
 
 
 @register("demand", "dynamic")
 @dataclass(frozen=True)
-class Dynamic:
+class Dynamic(_Drawn):
     """As static at the start; then each user thinks, once its request has ended, and asks again.
 
     Think times are exponential. A draw of nothing (probability ``none``) is another think time.
@@ -101,28 +114,23 @@ class Dynamic:
     none: Annotated[float, Ge(0), Lt(1)] = 0.0
     mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
 
-    def requests(
-        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
-    ) -> Requests:
+    def law(self) -> tuple[int, float, float]:
         """Requests until their required and think times together pass the horizon."""
-        return _drawn(users, services, streams, _CHAIN, self.none, self.think_time_s, horizon_us)
+        return _CHAIN, self.none, self.think_time_s
 
 
 @register("demand", "poisson")
 @dataclass(frozen=True)
-class Poisson:
+class Poisson(_Drawn):
     """Each user's requests arrive as a Poisson process; those during an open one are dropped."""
 
     rate_per_hour: Annotated[float, Ge(1e-6), Le(1e6)]
     none: Annotated[float, Ge(0), Lt(1)] = 0.0
     mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
 
-    def requests(
-        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
-    ) -> Requests:
+    def law(self) -> tuple[int, float, float]:
         """Arrivals before the horizon."""
-        gap_s = 3600.0 / self.rate_per_hour
-        return _drawn(users, services, streams, _ARRIVALS, self.none, gap_s, horizon_us)
+        return _ARRIVALS, self.none, 3600.0 / self.rate_per_hour
 
 
 @register("demand", "trace")
@@ -181,24 +189,43 @@ class Trace:
 _ONCE, _CHAIN, _ARRIVALS = range(3)
 
 
-def _drawn(
+def requests_of(
+    demand: Demand,
     users: int,
     services: Catalogue,
-    streams: Streams,
+    seed: int,
+    episodes: Sequence[int],
+    horizon_us: int,
+) -> list[Requests]:
+    """The requests of several episodes."""
+    if isinstance(demand, _Drawn) and type(demand).requests is _Drawn.requests:
+        states = states_of(seed, Purpose.DEMAND, episodes, users)
+        return _drawn(services, states, *demand.law(), horizon_us)
+    streams = [Streams(seed, Purpose.DEMAND, episode) for episode in episodes]
+    return [demand.requests(users, services, each, horizon_us) for each in streams]
+
+
+def _drawn(
+    services: Catalogue,
+    states: NDArray[np.uint64],
     process: int,
     none: float,
     mean_s: float,
     horizon_us: int,
-) -> Requests:
-    states = streams.states(users)
-    offsets = np.zeros(users + 1, np.int64)
+) -> list[Requests]:
+    episodes, users, _ = states.shape
+    offsets = np.zeros((episodes, users + 1), np.int64)
     law = (services.share, services.sizes, services.durations_us, services.bandwidths_bps)
-    rows = np.empty((16 * users, 4), np.int64)
-    count = _draw(*law, states.copy(), process, none, mean_s, horizon_us, offsets, rows)
+    rows = np.empty((episodes * users * 16, 4), np.int64)
+    count = _draw(*law, states, process, none, mean_s, horizon_us, offsets, rows)
     if count > len(rows):
         rows = np.empty((count, 4), np.int64)
         _draw(*law, states, process, none, mean_s, horizon_us, offsets, rows)
-    return Requests(rows[:count], offsets, after_previous=process != _ARRIVALS)
+    ends = np.cumsum(offsets[:, -1]).tolist()
+    return [
+        Requests(rows[first:end], own, after_previous=process != _ARRIVALS)
+        for first, end, own in zip([0, *ends], ends, offsets, strict=False)
+    ]
 
 
 @kernel
@@ -215,25 +242,40 @@ def _draw(
     offsets: NDArray[np.int64],
     rows: NDArray[np.int64],
 ) -> int:
-    """Write all users' requests; their number. What does not fit ``rows`` is not written.
+    """Write all users' requests, episode by episode; their number.
 
-    Five uniform numbers a draw, whatever comes of them: nothing or something, service, duration,
-    bandwidth, and the time to the next draw.
+    ``offsets`` (episodes, users + 1) are counted in each. What does not fit ``rows`` is not
+    written. Five uniform numbers a draw, whatever comes of them: nothing or something, service,
+    duration, bandwidth, and the time to the next draw.
     """
-    count = 0
-    for user in range(len(states)):
-        state = states[user]
+    count = first = 0
+    users = states.shape[1]
+    for k in range(len(states) * users):
+        episode, user = k // users, k % users
+        if user == 0:
+            first = count
+        own = states[episode, user]
+        state = (own[0], own[1], own[2], own[3])
         due = np.int64(0)
         elapsed = np.int64(0)
         if process == _ARRIVALS:
-            due = _exponential_us(next_uniform(state), mean_s)
+            word, state = advanced(state)
+            due = _exponential_us(as_uniform(word), mean_s)
             elapsed = due
         while elapsed < horizon_us:
-            asks = next_uniform(state) >= none
-            service = np.searchsorted(share, next_uniform(state), side="right")
-            duration = durations_us[service, int(next_uniform(state) * sizes[service, 0])]
-            bandwidth = bandwidths_bps[service, int(next_uniform(state) * sizes[service, 1])]
-            gap = _exponential_us(next_uniform(state), mean_s)
+            word, state = advanced(state)
+            asks = as_uniform(word) >= none
+            word, state = advanced(state)
+            which = as_uniform(word)
+            service = 0
+            while service < len(share) and share[service] <= which:
+                service += 1
+            word, state = advanced(state)
+            duration = durations_us[service, int(as_uniform(word) * sizes[service, 0])]
+            word, state = advanced(state)
+            bandwidth = bandwidths_bps[service, int(as_uniform(word) * sizes[service, 1])]
+            word, state = advanced(state)
+            gap = _exponential_us(as_uniform(word), mean_s)
             if asks:
                 if count < len(rows):
                     rows[count, DUE_US] = due
@@ -249,7 +291,7 @@ def _draw(
             else:
                 due = gap if asks else due + gap
                 elapsed += gap + (duration if asks else 0)
-        offsets[user + 1] = count
+        offsets[episode, user + 1] = count - first
     return count
 
 

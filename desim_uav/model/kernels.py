@@ -27,6 +27,11 @@ def kernel(function: F) -> F:
     return cached(function, OPTIONS)
 
 
+def part(function: F) -> F:
+    """A kernel that becomes part of the machine code of those that call it."""
+    return cached(function, {**OPTIONS, "forceinline": True})
+
+
 def cached(function: F, options: Mapping[str, Any]) -> F:
     """Compile with these options, cached on disk with all that it calls.
 

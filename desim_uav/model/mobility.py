@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import groupby, pairwise
 from operator import itemgetter
 from pathlib import Path
@@ -13,9 +15,9 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
-from desim_uav.model.kernels import kernel
+from desim_uav.model.kernels import kernel, part
 from desim_uav.model.rules import US
-from desim_uav.model.streams import State, Streams, advanced, as_uniform
+from desim_uav.model.streams import Purpose, State, Streams, advanced, as_uniform, states_of
 from desim_uav.model.traces import index, quantity, read_table
 from desim_uav.registry import register
 
@@ -35,6 +37,10 @@ class Walks(NamedTuple):
 
     legs: NDArray[np.float64]
     offsets: NDArray[np.int64]
+
+    def drawn(self) -> Walks:
+        """They are (see ``RandomWalks``)."""
+        return self
 
 
 class Mobility(Protocol):
@@ -77,17 +83,41 @@ class RandomWalk:
     def walks(
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
     ) -> Walks:
-        """Legs drawn by a compiled loop, a stream for each user."""
-        leg_us = round(self.leg_s * US)
-        size = np.array(area)
-        offsets = np.zeros(len(homes) + 1, np.int64)
-        states = streams.states(len(homes))
-        law = (size, self.speed_mps, leg_us, horizon_us)
-        legs = np.empty((len(homes) * (horizon_us // leg_us + 8), 5))
-        count = _random_walk(homes, states.copy(), *law, offsets, legs)
+        """A stream for each user."""
+        return RandomWalks(self, homes, streams.states(len(homes)), area, horizon_us).drawn()
+
+
+class RandomWalks:
+    """Random walks that are drawn, by a compiled loop, once their legs are asked for.
+
+    ``states`` (users, 4) are the beginnings of the users' streams. The compiled engine asks for no
+    more: it walks on from them by itself, step by step, with the same ``next_leg``.
+    """
+
+    def __init__(
+        self,
+        walk: RandomWalk,
+        homes: NDArray[np.float64],
+        states: NDArray[np.uint64],
+        area: Area,
+        horizon_us: int,
+    ) -> None:
+        self.homes, self.states = homes, states
+        self._law = (walk.speed_mps, round(walk.leg_s * US), horizon_us, *area)
+
+    def drawn(self) -> Walks:
+        """The walks."""
+        return self._walks
+
+    @cached_property
+    def _walks(self) -> Walks:
+        _, leg_us, horizon_us, *_ = self._law
+        offsets = np.zeros(len(self.homes) + 1, np.int64)
+        legs = np.empty((len(self.homes) * (horizon_us // leg_us + 8), 5))
+        count = _random_walk(self.homes, self.states, self._law, offsets, legs)
         if count > len(legs):
             legs = np.empty((count, 5))
-            _random_walk(homes, states, *law, offsets, legs)
+            _random_walk(self.homes, self.states, self._law, offsets, legs)
         return Walks(legs[:count], offsets)
 
 
@@ -152,48 +182,55 @@ class Trace:
         }
 
 
+def walks_of(
+    mobility: Mobility,
+    homes: NDArray[np.float64],
+    seed: int,
+    episodes: Sequence[int],
+    area: Area,
+    horizon_us: int,
+) -> Sequence[Walks | RandomWalks]:
+    """The walks of several episodes, from ``homes`` (users, 2); those at random not drawn yet."""
+    if isinstance(mobility, RandomWalk) and type(mobility).walks is RandomWalk.walks:
+        states = states_of(seed, Purpose.MOBILITY, episodes, len(homes))
+        return [RandomWalks(mobility, homes, own, area, horizon_us) for own in states]
+    streams = [Streams(seed, Purpose.MOBILITY, episode) for episode in episodes]
+    return [mobility.walks(homes, each, area, horizon_us) for each in streams]
+
+
+Law = tuple[float, int, int, float, float]
+"""Of a random walk: speed, the time of a leg, the horizon, width and depth of the map."""
+
+Walker = tuple[float, float, float, float, int, int]
+"""Who walks at random: place and velocity, when it got there, and when it will turn."""
+
+
 @kernel
 def _random_walk(
     homes: NDArray[np.float64],
     states: NDArray[np.uint64],
-    size: NDArray[np.float64],
-    speed: float,
-    leg_us: int,
-    horizon_us: int,
+    law: Law,
     offsets: NDArray[np.int64],
     legs: NDArray[np.float64],
 ) -> int:
     """Write all users' legs; their number. What does not fit ``legs`` is not written."""
-    count = 0
-    width, depth = size[0], size[1]
+    count, horizon_us = 0, law[2]
     for user in range(len(homes)):
         state = (states[user, 0], states[user, 1], states[user, 2], states[user, 3])
-        x, y = homes[user, 0], homes[user, 1]
-        t_us = 0
-        while t_us < horizon_us:
-            vx, vy, state = _draw_heading(state, speed)
-            end_us = min(t_us + leg_us, horizon_us)
-            while t_us < end_us:
-                vx, wall_x, hit_us = _next_wall(x, vx, width, end_us - t_us)
-                vy, wall_y, hit_y_us = _next_wall(y, vy, depth, hit_us)
-                stop_us = t_us + hit_y_us
-                if count < len(legs):
-                    legs[count, T0_US] = t_us
-                    legs[count, X0], legs[count, Y0] = x, y
-                    legs[count, VX], legs[count, VY] = vx, vy
-                count += 1
-                x = min(max(x + vx * (stop_us - t_us) * 1e-6, 0.0), width)
-                y = min(max(y + vy * (stop_us - t_us) * 1e-6, 0.0), depth)
-                if wall_y >= 0.0:
-                    y = wall_y
-                elif wall_x >= 0.0:
-                    x = wall_x
-                t_us = stop_us
+        walker = (homes[user, 0], homes[user, 1], 0.0, 0.0, 0, 0)
+        while walker[4] < horizon_us:
+            x, y, _, _, t_us, _ = walker
+            walker, state = next_leg(walker, state, law)
+            if count < len(legs):
+                legs[count, T0_US] = t_us
+                legs[count, X0], legs[count, Y0] = x, y
+                legs[count, VX], legs[count, VY] = walker[2], walker[3]
+            count += 1
         offsets[user + 1] = count
     return count
 
 
-@kernel
+@part
 def _next_wall(at: float, velocity: float, size: float, most_us: int) -> tuple[float, float, int]:
     """Along one axis, mirrored if it stands at a wall: velocity, the wall met, and when.
 
@@ -213,7 +250,7 @@ def _next_wall(at: float, velocity: float, size: float, most_us: int) -> tuple[f
     return velocity, -1.0, most_us
 
 
-@kernel
+@part
 def _draw_heading(state: State, speed: float) -> tuple[float, float, State]:
     """Draw a velocity of uniform heading, by rejection; it, and the stream's state after that.
 
@@ -229,3 +266,25 @@ def _draw_heading(state: State, speed: float) -> tuple[float, float, State]:
             break
     length = np.sqrt(squared)
     return speed * (x / length), speed * (y / length), state
+
+
+@part
+def next_leg(walker: Walker, state: State, law: Law) -> tuple[Walker, State]:
+    """Walk a leg, to the next turn or wall; where that leads, and the stream's state after it.
+
+    What is drawn, if it is time to turn, is the heading.
+    """
+    x, y, vx, vy, t_us, turn_us = walker
+    speed, leg_us, horizon_us, width, depth = law
+    if t_us == turn_us:
+        vx, vy, state = _draw_heading(state, speed)
+        turn_us = min(t_us + leg_us, horizon_us)
+    vx, wall_x, hit_us = _next_wall(x, vx, width, turn_us - t_us)
+    vy, wall_y, hit_us = _next_wall(y, vy, depth, hit_us)
+    x = min(max(x + vx * hit_us * 1e-6, 0.0), width)
+    y = min(max(y + vy * hit_us * 1e-6, 0.0), depth)
+    if wall_y >= 0.0:
+        y = wall_y
+    elif wall_x >= 0.0:
+        x = wall_x
+    return (x, y, vx, vy, t_us + hit_us, turn_us), state

@@ -44,9 +44,16 @@ class Streams:
 
     def states(self, count: int) -> NDArray[np.uint64]:
         """The SFC64 states of entities 0 … count-1 at their beginning, shape (count, 4)."""
-        return _seeded_states(
-            np.uint64(self.seed), np.uint64(self.purpose), np.uint64(self.episode), count
-        )
+        states: NDArray[np.uint64] = states_of(self.seed, self.purpose, [self.episode], count)[0]
+        return states
+
+
+def states_of(
+    seed: int, purpose: Purpose, episodes: Sequence[int], count: int
+) -> NDArray[np.uint64]:
+    """The states of several episodes' streams, shape (episodes, count, 4) (see ``Streams``)."""
+    numbers = (np.array(episodes, np.int64) % 2**32).astype(np.uint64)
+    return _seeded_states(np.uint64(seed), np.uint64(purpose), numbers, count)
 
 
 def uniforms_of(
@@ -56,10 +63,8 @@ def uniforms_of(
 
     Shape (episodes, entities, count).
     """
-    numbers = np.array(episodes, np.int64) % 2**32
-    return _uniforms_of(
-        np.uint64(seed), np.uint64(purpose), numbers.astype(np.uint64), entities, count
-    )
+    states = states_of(seed, purpose, episodes, entities)
+    return uniforms(states.reshape(-1, 4), count).reshape(len(episodes), entities, count)
 
 
 _LOW = np.uint64(0xFFFFFFFF)
@@ -87,19 +92,19 @@ def _mix(x: np.uint64, y: np.uint64) -> np.uint64:
 
 @kernel
 def _seeded_states(
-    seed: np.uint64, purpose: np.uint64, episode: np.uint64, count: int
+    seed: np.uint64, purpose: np.uint64, episodes: NDArray[np.uint64], count: int
 ) -> NDArray[np.uint64]:
     """NumPy's SeedSequence (pool of four 32-bit words) and SFC64 seeding, for each entity."""
-    states = np.empty((count, 4), np.uint64)
+    states = np.empty((len(episodes), count, 4), np.uint64)
     entropy = np.zeros(7, np.uint64)
     entropy[0] = seed & _LOW
     entropy[1] = seed >> np.uint64(32)
     entropy[4] = purpose
-    entropy[6] = episode
     pool = np.empty(4, np.uint64)
     words = np.empty(6, np.uint64)
-    for entity in range(count):
-        entropy[5] = np.uint64(entity)
+    for k in range(len(episodes) * count):
+        episode, entity = k // count, k % count
+        entropy[5], entropy[6] = np.uint64(entity), episodes[episode]
         constant = np.uint64(0x43B0D7E5)
         for i in range(4):
             pool[i], constant = _hashmix(entropy[i], constant, np.uint64(0x931E8875))
@@ -113,10 +118,10 @@ def _seeded_states(
         for i in range(6):
             words[i], constant = _hashmix(pool[i % 4], constant, np.uint64(0x58F38DED))
         for i in range(3):
-            states[entity, i] = words[2 * i] | (words[2 * i + 1] << np.uint64(32))
-        states[entity, 3] = np.uint64(1)
+            states[episode, entity, i] = words[2 * i] | (words[2 * i + 1] << np.uint64(32))
+        states[episode, entity, 3] = np.uint64(1)
         for _ in range(12):
-            next_word(states[entity])
+            next_word(states[episode, entity])
     return states
 
 
@@ -161,14 +166,4 @@ def uniforms(states: NDArray[np.uint64], count: int) -> NDArray[np.float64]:
     for stream in range(len(states)):
         for k in range(count):
             drawn[stream, k] = next_uniform(states[stream])
-    return drawn
-
-
-@kernel
-def _uniforms_of(
-    seed: np.uint64, purpose: np.uint64, episodes: NDArray[np.uint64], entities: int, count: int
-) -> NDArray[np.float64]:
-    drawn = np.empty((len(episodes), entities, count))
-    for k in range(len(episodes)):
-        drawn[k] = uniforms(_seeded_states(seed, purpose, episodes[k], entities), count)
     return drawn

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
-from desim_uav.model.coverage import ENTERS, SEEN_COLUMNS, TIME_US, USER, crossings, look_around
+from desim_uav.model.coverage import ENTERS, SEEN_ROWS, TIME_US, USER, crossings, look_around
 from desim_uav.model.mobility import Static
 from desim_uav.model.motion import REST, Leg
 from desim_uav.model.planner import Node
@@ -65,7 +65,7 @@ class Footprints:
 
     def _crossings(self, leg: Leg, span_us: int) -> NDArray[np.int64]:
         """Entries and exits of a leg; who is inside at its start enters then."""
-        seen = np.empty((len(self.offsets) - 1, SEEN_COLUMNS))
+        seen = np.zeros((SEEN_ROWS, len(self.offsets) - 1))
         look_around(self.legs, self.offsets, 0, span_us, seen)
         count = crossings(
             leg.transit.profile,

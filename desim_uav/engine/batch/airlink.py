@@ -20,7 +20,7 @@ from desim_uav.engine.batch.access import (
     user_of,
     waiting_of,
 )
-from desim_uav.engine.batch.kernels import inner
+from desim_uav.engine.batch.kernels import inner, part
 from desim_uav.engine.batch.memory import (
     AFFECTED,
     AT_AFFECTED,
@@ -60,11 +60,13 @@ from desim_uav.engine.batch.memory import (
     CELL_Y_M,
     CLOSED,
     CLOSED_QOE1,
+    COVERED,
     CROSSING_COLUMNS,
     CROSSINGS,
     DRONES,
     EVENTS,
     FAR_M,
+    FIRST_AFFECTED,
     FREE_BPS,
     FULL,
     HANDOVERS,
@@ -82,6 +84,7 @@ from desim_uav.engine.batch.memory import (
     K_REQUEST,
     K_SERVE,
     K_STOP,
+    LAST_AFFECTED,
     LAST_DRONE,
     LOOSE,
     MOST_CLOSED,
@@ -94,6 +97,7 @@ from desim_uav.engine.batch.memory import (
     OPEN_US,
     OPENED,
     P_AFTER_PREVIOUS,
+    P_AT_RANDOM,
     QUEUED_UP,
     RADIO,
     RADIUS_M,
@@ -132,15 +136,17 @@ from desim_uav.engine.batch.queue import (
     EXIT,
     RECORD,
     due,
-    is_next,
+    is_before,
     key,
+    next_slot,
     undo,
 )
 from desim_uav.engine.batch.queue import REQUEST as REQUEST_PHASE
 from desim_uav.engine.batch.standing import recall
+from desim_uav.engine.batch.walking import walk, walked
 from desim_uav.model.coverage import (
     ENTERS,
-    SEEN_COLUMNS,
+    SEEN_ROWS,
     TIME_US,
     USER,
     crossings,
@@ -227,21 +233,28 @@ def track(w: Fixed, p: Path, s: State, d: int, span_us: int, phase: int) -> None
     settle_after(w, s, phase)
 
 
-@inner
+@part
 def _foresee(w: Fixed, p: Path, s: State, d: int, span_us: int, fresh: bool) -> int:
     """Find the crossings of a drone's leg; their number, more than there is room for perhaps."""
     drone = drone_of(s, d)
     now_us, most = s.i[NOW], s.i[MOST_CROSSINGS]
     transit = s.i[drone + TRANSIT]
     profile, rows = profile_of(w, transit), w.i[transit_of(w, transit) + ROWS]
-    first, legs = crossing_of(s, d, 0), table(p.f, p.i[p.i[AT_ROWS] - 1], 5)
-    offsets = table(moved(p.i, p.i[AT_LEG_OFFSETS]), 1, w.i[USERS] + 1)[0]
-    seen = table(moved(s.f, s.i[AT_USERS_SEEN]), w.i[USERS], SEEN_COLUMNS)
+    first = crossing_of(s, d, 0)
+    seen = table(moved(s.f, s.i[AT_USERS_SEEN]), SEEN_ROWS, w.i[USERS])
     shape, side = (w.i[BUCKETS_X], w.i[BUCKETS_Y]), (w.f[BUCKET_X_M], w.f[BUCKET_Y_M])
     buckets = shape[0] * shape[1]
     heads = table(moved(s.i, s.i[AT_HEADS]), 1, buckets)[0]
     following = table(moved(s.i, s.i[AT_FOLLOWING]), 1, w.i[USERS])[0]
-    if s.i[SEEN_FROM_US] != now_us or s.i[SEEN_TO_US] != now_us + span_us:
+    new_span = s.i[SEEN_FROM_US] != now_us or s.i[SEEN_TO_US] != now_us + span_us
+    if p.i[P_AT_RANDOM]:
+        if new_span:
+            walk(w, s, now_us, now_us + span_us)
+        legs, offsets = walked(w, s)
+    else:
+        legs = table(p.f, p.i[p.i[AT_ROWS] - 1], 5)
+        offsets = table(moved(p.i, p.i[AT_LEG_OFFSETS]), 1, w.i[USERS] + 1)[0]
+    if new_span:
         look_around(legs, offsets, now_us, now_us + span_us, seen)
         s.i[SEEN_FROM_US], s.i[SEEN_TO_US] = now_us, now_us + span_us
         if buckets > 0:
@@ -267,49 +280,36 @@ def _foresee(w: Fixed, p: Path, s: State, d: int, span_us: int, fresh: bool) -> 
 
 
 @inner
-def _is_later(s: State, one: int, other: int) -> bool:
+def _is_later(s: State, t_us: int, user: int, enters: int, other: int) -> bool:
     """Does a crossing come after another: by time, entries after exits, by user?"""
-    if s.i[one + TIME_US] != s.i[other + TIME_US]:
-        return bool(s.i[one + TIME_US] > s.i[other + TIME_US])
-    if s.i[one + ENTERS] != s.i[other + ENTERS]:
-        return bool(s.i[one + ENTERS] > s.i[other + ENTERS])
-    return bool(s.i[one + USER] > s.i[other + USER])
+    if t_us != s.i[other + TIME_US]:
+        return bool(t_us > s.i[other + TIME_US])
+    if enters != s.i[other + ENTERS]:
+        return bool(enters > s.i[other + ENTERS])
+    return bool(user > s.i[other + USER])
+
+
+GAPS = (1750, 701, 301, 132, 57, 23, 10, 4, 1)
 
 
 @inner
 def _sort_last_first(s: State, first: int, count: int) -> None:
-    """Heapsort, the latest crossing first."""
-    for parent in range(count // 2 - 1, -1, -1):
-        _sink(s, first, parent, count)
-    for last in range(count - 1, 0, -1):
-        _swap(s, first, first + last * CROSSING_COLUMNS)
-        _sink(s, first, 0, last)
+    """Shellsort, the latest crossing first."""
+    for gap in GAPS:
+        for k in range(gap, count):
+            at = first + k * CROSSING_COLUMNS
+            t_us, user, enters = s.i[at + TIME_US], s.i[at + USER], s.i[at + ENTERS]
+            while at >= first + gap * CROSSING_COLUMNS:
+                before = at - gap * CROSSING_COLUMNS
+                if not _is_later(s, t_us, user, enters, before):
+                    break
+                for column in range(CROSSING_COLUMNS):
+                    s.i[at + column] = s.i[before + column]
+                at = before
+            s.i[at + TIME_US], s.i[at + USER], s.i[at + ENTERS] = t_us, user, enters
 
 
-@inner
-def _sink(s: State, first: int, parent: int, count: int) -> None:
-    at = first + parent * CROSSING_COLUMNS
-    while True:
-        child = 2 * parent + 1
-        if child >= count:
-            return
-        below = first + child * CROSSING_COLUMNS
-        if child + 1 < count and _is_later(s, below, below + CROSSING_COLUMNS):
-            child += 1
-            below += CROSSING_COLUMNS
-        if not _is_later(s, at, below):
-            return
-        _swap(s, at, below)
-        parent, at = child, below
-
-
-@inner
-def _swap(s: State, one: int, other: int) -> None:
-    for column in range(CROSSING_COLUMNS):
-        s.i[one + column], s.i[other + column] = s.i[other + column], s.i[one + column]
-
-
-@inner
+@part
 def _await_next(w: Fixed, s: State, d: int) -> None:
     count = s.i[drone_of(s, d) + CROSSINGS]
     if count == 0:
@@ -320,7 +320,7 @@ def _await_next(w: Fixed, s: State, d: int) -> None:
     due(s, crossing_slot(w, d), s.i[ahead + TIME_US], key(phase, d, s.i[ahead + USER]))
 
 
-@inner
+@part
 def _cross(w: Fixed, s: State, d: int, crossing: int, entry: int, exit_: int) -> None:
     if s.i[crossing + ENTERS]:
         _enter(s, d, s.i[crossing + USER], entry)
@@ -328,7 +328,7 @@ def _cross(w: Fixed, s: State, d: int, crossing: int, entry: int, exit_: int) ->
         _leave(w, s, d, s.i[crossing + USER], exit_)
 
 
-@inner
+@part
 def on_crossing(w: Fixed, s: State, d: int) -> None:
     """The next crossing of a drone's leg."""
     count = s.i[drone_of(s, d) + CROSSINGS] - 1
@@ -338,9 +338,10 @@ def on_crossing(w: Fixed, s: State, d: int) -> None:
     settle_after(w, s, ENTRY)
 
 
-@inner
+@part
 def _enter(s: State, d: int, user: int, phase: int) -> None:
     s.i[covering_of(s, user) + d] = s.i[NOW]
+    s.i[user_of(s, user) + COVERED] += 1
     note(s, phase, K_ENTER, d, user, -1, -1)
     if s.i[user_of(s, user) + REQUEST] >= 0:
         s.i[asking_of(s, d) + s.i[user_of(s, user) + SERVICE]] += 1
@@ -351,6 +352,7 @@ def _enter(s: State, d: int, user: int, phase: int) -> None:
 @inner
 def _leave(w: Fixed, s: State, d: int, user: int, phase: int) -> None:
     s.i[covering_of(s, user) + d] = -1
+    s.i[user_of(s, user) + COVERED] -= 1
     note(s, phase, K_EXIT, d, user, -1, -1)
     if s.i[user_of(s, user) + REQUEST] >= 0:
         s.i[asking_of(s, d) + s.i[user_of(s, user) + SERVICE]] -= 1
@@ -387,12 +389,17 @@ def _loosen(s: State, user: int) -> None:
 
 @inner
 def _affect(s: State, d: int) -> None:
-    if s.i[s.i[AT_AFFECTED] + d] == 0:
-        s.i[s.i[AT_AFFECTED] + d] = 1
-        s.i[AFFECTED] += 1
+    if s.i[AFFECTED] == 0:
+        s.i[FIRST_AFFECTED] = s.i[LAST_AFFECTED] = d
+    s.i[FIRST_AFFECTED], s.i[LAST_AFFECTED] = (
+        min(s.i[FIRST_AFFECTED], d),
+        max(s.i[LAST_AFFECTED], d),
+    )
+    s.i[s.i[AT_AFFECTED] + d] = 1
+    s.i[AFFECTED] = 1
 
 
-@inner
+@part
 def _detach(w: Fixed, s: State, d: int, user: int, phase: int) -> None:
     whole, u, now_us = s.i, user_of(s, user), s.i[NOW]
     since_us = s.i[u + HELD_SINCE_US]
@@ -409,13 +416,11 @@ def _detach(w: Fixed, s: State, d: int, user: int, phase: int) -> None:
     s.i[u + HOLDER] = -1
     s.i[drone_of(s, d) + ATTACHED_USERS] -= 1
     note(s, phase, K_DETACH, d, user, -1, -1)
-    for other in range(w.i[DRONES]):
-        if s.i[covering_of(s, user) + other] >= 0:
-            _loosen(s, user)
-            break
+    if s.i[u + COVERED] > 0:
+        _loosen(s, user)
 
 
-@inner
+@part
 def _attach(s: State, d: int, user: int, phase: int) -> None:
     u, now_us = user_of(s, user), s.i[NOW]
     s.i[u + HOLDER] = d
@@ -436,7 +441,7 @@ def settle_after(w: Fixed, s: State, phase: int) -> None:
     """
     if phase <= ATTACHMENT and (s.i[LOOSE] > 0 or s.i[AFFECTED] > 0):
         place = key(ATTACHMENT, -1, -1)
-        if is_next(s, s.i[NOW], place):
+        if not is_before(s, next_slot(s), s.i[NOW], place + 1):
             settle(w, s, ATTACHMENT, ATTACHMENT)
         else:
             due(s, settle_slot(w), s.i[NOW], place)
@@ -449,26 +454,29 @@ def settle(w: Fixed, s: State, attachment: int, admission: int) -> None:
     for k in range(whole[LOOSE]):
         user = s.i[s.i[AT_LOOSE] + k]
         if s.i[user_of(s, user) + HOLDER] < 0:
-            first = _entered_first(w, s, user)
+            first = _entered_first(s, user)
             if first >= 0:
                 _attach(s, first, user, attachment)
     whole[LOOSE] = 0
     if whole[AFFECTED] > 0:
-        for d in range(w.i[DRONES]):
+        for d in range(whole[FIRST_AFFECTED], whole[LAST_AFFECTED] + 1):
             if s.i[s.i[AT_AFFECTED] + d]:
                 s.i[s.i[AT_AFFECTED] + d] = 0
                 _scan(w, s, d, admission)
         whole[AFFECTED] = 0
 
 
-@inner
-def _entered_first(w: Fixed, s: State, user: int) -> int:
+@part
+def _entered_first(s: State, user: int) -> int:
     """The drone whose footprint was entered first; ties: the lowest index; -1: none."""
-    first = -1
-    for d in range(w.i[DRONES]):
+    first, d, left = -1, 0, s.i[user_of(s, user) + COVERED]
+    while left > 0:
         entered_us = s.i[covering_of(s, user) + d]
-        if entered_us >= 0 and (first < 0 or entered_us < s.i[covering_of(s, user) + first]):
-            first = d
+        if entered_us >= 0:
+            left -= 1
+            if first < 0 or entered_us < s.i[covering_of(s, user) + first]:
+                first = d
+        d += 1
     return first
 
 
@@ -488,7 +496,7 @@ def _wait(s: State, d: int, user: int) -> None:
     s.i[drone_of(s, d) + QUEUED_UP] += 1
 
 
-@inner
+@part
 def _no_longer_wait(s: State, d: int, user: int) -> None:
     waiting, last = waiting_of(s, d), s.i[drone_of(s, d) + QUEUED_UP] - 1
     place = 0
@@ -499,7 +507,7 @@ def _no_longer_wait(s: State, d: int, user: int) -> None:
     s.i[drone_of(s, d) + QUEUED_UP] = last
 
 
-@inner
+@part
 def _scan(w: Fixed, s: State, d: int, phase: int) -> None:
     """One admission scan of a drone's queue: in order, each that fits is served."""
     waiting, count = waiting_of(s, d), s.i[drone_of(s, d) + QUEUED_UP]
@@ -515,7 +523,7 @@ def _scan(w: Fixed, s: State, d: int, phase: int) -> None:
     s.i[drone_of(s, d) + QUEUED_UP] = kept
 
 
-@inner
+@part
 def _serve(w: Fixed, s: State, d: int, user: int, phase: int) -> None:
     whole, u, now_us = s.i, user_of(s, user), s.i[NOW]
     s.i[drone_of(s, d) + FREE_BPS] -= s.i[u + BPS]
@@ -574,7 +582,7 @@ def _hand_over(s: State, request: int, d: int) -> None:
 # ---- requests
 
 
-@inner
+@part
 def on_request(w: Fixed, p: Path, s: State, user: int) -> None:
     """A user asks, unless (in an open loop) a request of its is open."""
     u = user_of(s, user)
@@ -590,7 +598,7 @@ def on_request(w: Fixed, p: Path, s: State, user: int) -> None:
         _ask(w, p, s, user, request_of(p, row))
 
 
-@inner
+@part
 def _ask(w: Fixed, p: Path, s: State, user: int, row: int) -> None:
     whole, u, now_us = s.i, user_of(s, user), s.i[NOW]
     service = p.i[row + ROW_SERVICE]
@@ -610,9 +618,7 @@ def _ask(w: Fixed, p: Path, s: State, user: int, row: int) -> None:
     whole[OPENED] += 1
     whole[OPEN_US] -= now_us
     s.i[s.i[AT_OPEN_REQUESTS] + service] += 1
-    for d in range(w.i[DRONES]):
-        if s.i[covering_of(s, user) + d] >= 0:
-            s.i[asking_of(s, d) + service] += 1
+    _count_asking(s, user, 1)
     note(s, REQUEST_PHASE, K_REQUEST, -1, user, s.i[u + REQUEST], -1)
     holder = s.i[u + HOLDER]
     if holder >= 0:
@@ -621,7 +627,7 @@ def _ask(w: Fixed, p: Path, s: State, user: int, row: int) -> None:
         settle_after(w, s, REQUEST_PHASE)
 
 
-@inner
+@part
 def on_completion(w: Fixed, p: Path, s: State, user: int) -> None:
     """A request has had all it asked for."""
     d = s.i[user_of(s, user) + SERVING]
@@ -630,6 +636,18 @@ def on_completion(w: Fixed, p: Path, s: State, user: int) -> None:
     if s.i[drone_of(s, d) + QUEUED_UP] > 0:
         _affect(s, d)
         settle_after(w, s, COMPLETION)
+
+
+@inner
+def _count_asking(s: State, user: int, by: int) -> None:
+    """Tell the drones that cover a user that it asks, or does no longer."""
+    u = user_of(s, user)
+    d, left = 0, s.i[u + COVERED]
+    while left > 0:
+        if s.i[covering_of(s, user) + d] >= 0:
+            s.i[asking_of(s, d) + s.i[u + SERVICE]] += by
+            left -= 1
+        d += 1
 
 
 @inner
@@ -649,9 +667,7 @@ def _close(w: Fixed, p: Path, s: State, user: int, phase: int, kind: int) -> Non
     s.f[s.i[AT_SHARES] + user] = 0.0
     whole[OPEN_US] += now_us
     s.i[s.i[AT_OPEN_REQUESTS] + s.i[u + SERVICE]] -= 1
-    for d in range(w.i[DRONES]):
-        if s.i[covering_of(s, user) + d] >= 0:
-            s.i[asking_of(s, d) + s.i[u + SERVICE]] -= 1
+    _count_asking(s, user, -1)
     _write_closed(s, user)
     note(s, phase, kind, holder, user, s.i[u + REQUEST], -1)
     s.i[u + REQUEST] = -1
@@ -695,9 +711,11 @@ def end_all(w: Fixed, p: Path, s: State) -> None:
                 _stop(s, user, RECORD)
             _close(w, p, s, user, RECORD, K_CLOSE)
     for user in range(w.i[USERS]):
-        for d in range(w.i[DRONES]):
+        d = 0
+        while s.i[user_of(s, user) + COVERED] > 0:
             if s.i[covering_of(s, user) + d] >= 0:
                 _leave(w, s, d, user, RECORD)
+            d += 1
 
 
 @inner

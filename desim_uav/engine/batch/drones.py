@@ -13,7 +13,7 @@ from desim_uav.engine.batch.access import (
     transit_of,
 )
 from desim_uav.engine.batch.airlink import note, note_at, silence, track
-from desim_uav.engine.batch.kernels import inner
+from desim_uav.engine.batch.kernels import inner, part
 from desim_uav.engine.batch.memory import (
     AT_BLOCKED,
     AT_CEILINGS,
@@ -313,7 +313,7 @@ def appear(w: Fixed, s: State, d: int, x: int, y: int) -> None:
     _hover_at(s, d, x, y, 0)
 
 
-@inner
+@part
 def obey(w: Fixed, p: Path, s: State, d: int, command: int) -> None:
     """Act on an action (by its index)."""
     s.i[drone_of(s, d) + WAITS] = 0
@@ -326,7 +326,7 @@ def obey(w: Fixed, p: Path, s: State, d: int, command: int) -> None:
         _fly(w, p, s, d, command)
 
 
-@inner
+@part
 def _fly(w: Fixed, p: Path, s: State, d: int, command: int) -> None:
     """A step of serving flight: a move to the next cell, or a hover."""
     drone, move = drone_of(s, d), move_of(w, command)
@@ -402,7 +402,7 @@ def _next_hop(w: Fixed, s: State, d: int, phase: int) -> None:
     due(s, arrival_slot(w, d), s.i[drone + SINCE_US] + duration_us, key(ARRIVAL, d, -1))
 
 
-@inner
+@part
 def on_arrival(w: Fixed, s: State, d: int) -> None:
     """A move, a hop of a return or a charge ends."""
     drone = drone_of(s, d)

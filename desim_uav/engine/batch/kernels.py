@@ -16,14 +16,25 @@ OPTIONS: dict[str, Any] = {**kernels.OPTIONS, "_nrt": False}
 """``_nrt``: no kernel here allocates anything, so no references are counted."""
 
 
-def inner(function: F) -> F:
-    """A kernel that other kernels call and Python does not: part of their machine code.
+UNWRAPPED: dict[str, Any] = {**OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
 
-    It is compiled once for all whole numbers; left to itself, Numba compiles it for each constant
-    it is called with.
+
+def inner(function: F) -> F:
+    """A kernel that other kernels call and Python does not."""
+    return _for_any_number(function, UNWRAPPED)
+
+
+def part(function: F) -> F:
+    """The same; it becomes part of the machine code of those that call it, which are few."""
+    return _for_any_number(function, {**UNWRAPPED, "forceinline": True})
+
+
+def _for_any_number(function: F, options: dict[str, Any]) -> F:
+    """Compile it once for all whole numbers.
+
+    Left to itself, Numba compiles it for each constant it is called with.
     """
-    unwrapped: dict[str, Any] = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-    compiled: Any = numba.njit(**OPTIONS, **unwrapped)(function)
+    compiled: Any = numba.njit(**options)(function)
     template = compiled.get_call_template
 
     def for_any_number(args: Any, kws: Any) -> Any:

@@ -54,18 +54,16 @@ from desim_uav.engine.batch.drones import (
     position,
     respawn,
 )
-from desim_uav.engine.batch.kernels import inner
+from desim_uav.engine.batch.kernels import inner, part
 from desim_uav.engine.batch.memory import (
     ACTIONS,
     AT_AFFECTED,
     AT_ASKED,
-    AT_HEAP,
     AT_HISTORY,
     AT_OPEN_REQUESTS,
     AT_RESPAWN,
     AT_ROW_OFFSETS,
     AT_SHARES,
-    AT_SLOT_KEY,
     AT_SLOT_TIME,
     AT_STARTS,
     AT_STATES,
@@ -76,6 +74,7 @@ from desim_uav.engine.batch.memory import (
     CLOSED,
     CLOSED_QOE1,
     COUNTERS,
+    COVERED,
     CROSSINGS,
     DISTANCE_M,
     DRONES,
@@ -84,7 +83,6 @@ from desim_uav.engine.batch.memory import (
     EVENTS,
     FREE_BPS,
     HANDOVERS,
-    HEAPED,
     HOLDER,
     HOPPING,
     HORIZON_US,
@@ -99,6 +97,7 @@ from desim_uav.engine.batch.memory import (
     ON_CRASH,
     ON_CRASH_END,
     ON_CRASH_REMOVE,
+    P_AT_RANDOM,
     QUEUED_UP,
     R_ATTACHED,
     R_BACK,
@@ -157,12 +156,15 @@ from desim_uav.engine.batch.queue import (
     RESPAWN,
     clear_all,
     due,
+    is_before,
     key,
+    next_slot,
     undo,
 )
 from desim_uav.engine.batch.queue import REQUEST as REQUEST_PHASE
 from desim_uav.engine.batch.rewards import S_COUNTS, reward
 from desim_uav.engine.batch.standing import stand
+from desim_uav.engine.batch.walking import begin_walks
 from desim_uav.model.demand import DUE_US
 
 IDLE, ATTACHED, OPEN, SERVED = range(4)
@@ -188,6 +190,8 @@ def reset(w: Fixed, p: Path, s: State) -> None:
     """Begin an episode with the drones as they are, and run up to its first decision epoch."""
     _forget(w, s)
     s.i[STAND] = stand(w, p)
+    if p.i[P_AT_RANDOM]:
+        begin_walks(w, p, s)
     drones = w.i[DRONES]
     for d in range(drones):
         drone = drone_of(s, d)
@@ -231,6 +235,7 @@ def _forget(w: Fixed, s: State) -> None:
     for user in range(w.i[USERS]):
         u = user_of(s, user)
         s.i[u + HOLDER] = s.i[u + REQUEST] = s.i[u + SERVING] = -1
+        s.i[u + COVERED] = 0
         s.f[s.i[AT_SHARES] + user] = 0.0
         for d in range(w.i[DRONES]):
             s.i[covering_of(s, user) + d] = -1
@@ -285,7 +290,7 @@ def step(w: Fixed, p: Path, s: State, commands: Ints) -> None:
     _record(w, p, s)
 
 
-@inner
+@part
 def _obeyed(w: Fixed, s: State, d: int, told: int) -> int:
     """The index of the action a command leads to: itself, else the mask's only one, else hover."""
     mask = mask_of(s, d)
@@ -308,22 +313,20 @@ def _obeyed(w: Fixed, s: State, d: int, told: int) -> int:
 def _run_before(w: Fixed, p: Path, s: State, end_us: int, end_key: int) -> None:
     """Let everything happen that comes before a place in an instant."""
     users, drones = w.i[USERS], w.i[DRONES]
-    while s.i[HEAPED] > 0:
-        slot = s.i[s.i[AT_HEAP] + 0]
-        t_us = s.i[s.i[AT_SLOT_TIME] + slot]
-        if t_us > end_us or (t_us == end_us and s.i[s.i[AT_SLOT_KEY] + slot] >= end_key):
-            return
+    while is_before(s, next_slot(s), end_us, end_key):
+        slot = next_slot(s)
+        s.i[NOW] = s.i[s.i[AT_SLOT_TIME] + slot]
+        if 2 * users <= slot < 2 * users + drones:
+            on_crossing(w, s, slot - 2 * users)
+            continue  # its slot is the next crossing's
         undo(s, slot)
-        s.i[NOW] = t_us
         if slot < users:
             on_completion(w, p, s, slot)
         elif slot < 2 * users:
             on_request(w, p, s, slot - users)
         else:
             slot -= 2 * users
-            if slot < drones:
-                on_crossing(w, s, slot)
-            elif slot < 2 * drones:
+            if slot < 2 * drones:
                 on_arrival(w, s, slot - drones)
             elif slot < 3 * drones:
                 on_depletion(w, s, slot - 2 * drones)
@@ -334,7 +337,7 @@ def _run_before(w: Fixed, p: Path, s: State, end_us: int, end_key: int) -> None:
 # ---- a decision epoch
 
 
-@inner
+@part
 def _record(w: Fixed, p: Path, s: State) -> None:
     """Phase 8: the step's record, its reward, and the end of the episode; then respawns."""
     whole = s.i
@@ -358,7 +361,7 @@ def _record(w: Fixed, p: Path, s: State) -> None:
     _show(w, s)
 
 
-@inner
+@part
 def _write_record(w: Fixed, s: State, d: int) -> None:
     seen, record = seen_of(s, d), record_of(s, d)
     s.i[record + R_BATTERY_US] = s.i[seen + S_BATTERY_US]

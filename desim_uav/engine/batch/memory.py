@@ -15,8 +15,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.coverage import SEEN_COLUMNS
-from desim_uav.model.mobility import Walks
+from desim_uav.model.coverage import SEEN_ROWS
+from desim_uav.model.mobility import RandomWalks, Walks
 from desim_uav.sample_path import SamplePath
 
 Ints = NDArray[np.int64]
@@ -73,7 +73,8 @@ NEVER = 2**62
     AT_WEIGHTS,
     AT_HOMES,
     PROFILE_ROWS,
-) = range(46)
+    WALK_LEG_US,
+) = range(47)
 """The first of ``Fixed.i``; AT_…: where a section begins. A bandwidth of -1 is unlimited."""
 
 (
@@ -87,7 +88,10 @@ NEVER = 2**62
     WEIGHT_USERS,
     BUCKET_X_M,
     BUCKET_Y_M,
-) = range(10)
+    WALK_SPEED_MPS,
+    WIDTH_M,
+    DEPTH_M,
+) = range(13)
 """The first of ``Fixed.f``."""
 
 ON_CRASH_RESPAWN, ON_CRASH_REMOVE, ON_CRASH_END = range(3)
@@ -117,22 +121,30 @@ class Fixed(NamedTuple):
     (level * nx + x) * ny + y; hops (n, 3); blocked (levels, nx, ny); known (cells * 5 + 1,) and
     known_rows (n, 3), crossings by a drone's leg where they are TABULATED (see ``standing``). Of
     ``f``: levels_m (levels,); profiles (transits, PROFILE_ROWS, 4); distances_m (transits,);
-    weights (services,); homes (users, 2), of users in such a table.
+    weights (services,); homes (users, 2). WALK_…: how users walk who do so at random.
     """
 
     i: Ints
     f: Floats
 
 
-P_AFTER_PREVIOUS, AT_LEG_OFFSETS, AT_ROWS, AT_ROW_OFFSETS, AT_RESPAWN, RESPAWNS_DRAWN, NOISY = (
-    range(7)
-)
-"""The first of ``Path.i``; its walks begin ``Path.f``."""
+(
+    P_AFTER_PREVIOUS,
+    P_AT_RANDOM,
+    AT_LEG_OFFSETS,
+    AT_ROWS,
+    AT_ROW_OFFSETS,
+    AT_RESPAWN,
+    RESPAWNS_DRAWN,
+    NOISY,
+    AT_ERROR,
+    PATH_HEADER,
+) = range(10)
+"""The first of ``Path.i``; its walks begin ``Path.f``, the position errors begin at AT_ERROR.
 
-AT_ERROR = 7
-"""Where the position errors begin in ``Path.f``."""
-
-PATH_HEADER = 8
+P_AT_RANDOM: users walk at random; in place of leg_offsets there are the beginnings of their
+streams (users, 4), and of walks there are none.
+"""
 
 
 class Path(NamedTuple):
@@ -153,49 +165,53 @@ def paths_of(paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
     with the first.
     """
     starts: list[tuple[int, int]] = []
-    whole, real = [], []
+    whole: list[Ints] = []
+    real: list[Floats] = []
     at_i = at_f = 0
     for path in paths:
         if starts and _alike(path, paths[0]):
             starts.append((0, 0))
             continue
-        legs, leg_offsets = path.walks
+        starts.append((at_i, at_f))
+        at_random = isinstance(path.walking, RandomWalks)
+        legs, walkers = _walking(path.walking)
         rows, row_offsets, after_previous = path.requests
-        sections = (leg_offsets, rows.reshape(-1), row_offsets, path.respawn.reshape(-1))
-        first = PATH_HEADER
-        begin = []
-        for section in sections:
-            begin.append(first)
-            first += section.size
-        error = path.position_error
+        error, respawn = path.position_error, path.respawn
+        at_rows = PATH_HEADER + walkers.size
+        at_offsets = at_rows + rows.size
+        at_respawn = at_offsets + row_offsets.size
+        begin = (PATH_HEADER, at_rows, at_offsets, at_respawn)
         noisy = error is not None
-        header = [after_previous, *begin, path.respawn.shape[1], noisy, legs.size]
-        whole += [np.array(header, np.int64), *sections]
+        header = (after_previous, at_random, *begin, respawn.shape[1], noisy, legs.size)
+        whole += (np.array(header, np.int64), walkers, rows.reshape(-1), row_offsets)
+        whole.append(respawn.reshape(-1))
         real.append(legs.reshape(-1))
-        size = legs.size
+        at_i += at_respawn + respawn.size
+        at_f += legs.size
         if error is not None:
             real.append(error.reshape(-1))
-            size += error.size
-        starts.append((at_i, at_f))
-        at_i += first
-        at_f += size
+            at_f += error.size
     packed = Path(np.concatenate(whole, dtype=np.int64), np.concatenate(real))
     return packed, np.array(starts, np.int64)
 
 
+def _walking(walking: Walks | RandomWalks) -> tuple[Floats, Ints]:
+    """Legs and their offsets; of users who walk at random, none and the streams' beginnings."""
+    if isinstance(walking, RandomWalks):
+        return NO_LEGS, walking.states.reshape(-1).view(np.int64)
+    return walking
+
+
+NO_LEGS = np.empty((0, 5))
+
+
 def _alike(one: SamplePath, other: SamplePath) -> bool:
     return (
-        one.walks is other.walks
+        one.walking is other.walking
         and one.requests is other.requests
         and one.position_error is other.position_error is None
         and not one.respawn.size
     )
-
-
-def walks_of(path: Path) -> Walks:
-    """The walks of a packed sample path."""
-    _, at_offsets, at_rows, *_, reals = path.i[:PATH_HEADER].tolist()
-    return Walks(path.f[:reals].reshape(-1, 5), path.i[at_offsets:at_rows])
 
 
 # ---- State
@@ -217,11 +233,12 @@ def walks_of(path: Path) -> Walks:
     SUPPRESSED,
     CRASHES,
     LOOSE,
-    HEAPED,
     EVENTS,
     CLOSED,
     HANDOVERS,
     AFFECTED,
+    FIRST_AFFECTED,
+    LAST_AFFECTED,
     FULL,
     SEEN_FROM_US,
     SEEN_TO_US,
@@ -231,6 +248,7 @@ def walks_of(path: Path) -> Walks:
     MOST_EVENTS,
     MOST_CLOSED,
     MOST_HANDOVERS,
+    MOST_LEGS,
     SLOTS,
     WIDTH_OF_SEEN,
     SERVICES_OF_STATE,
@@ -250,8 +268,7 @@ def walks_of(path: Path) -> Walks:
     AT_OPEN_REQUESTS,
     AT_SLOT_TIME,
     AT_SLOT_KEY,
-    AT_HEAP,
-    AT_PLACE_OF,
+    AT_WINNERS,
     AT_RECORD,
     AT_SEEN,
     AT_MASKS,
@@ -264,15 +281,20 @@ def walks_of(path: Path) -> Walks:
     AT_HISTORY,
     AT_HEADS,
     AT_FOLLOWING,
+    AT_STREAMS,
+    AT_WALKERS,
+    AT_WALKED_OFFSETS,
     AT_PLACE,
     AT_SHARES,
     AT_REWARDS,
     AT_TERMS,
     AT_USERS_SEEN,
+    AT_WALKING,
+    AT_WALKED,
     STATE_HEADER,
-) = range(69)
+) = range(75)
 """The first of ``State.i``: clock, sums and counters, up to ``FULL`` (something did not fit); for
-which span users were looked for; then sizes, and where sections begin, the last five in
+which span users were looked for; then sizes, and where sections begin, the last seven in
 ``State.f``."""
 
 COUNTERS = FULL + 1
@@ -344,8 +366,15 @@ S_MODE, S_X, S_Y, S_LEVEL, S_BATTERY_US, S_BACK, S_ATTACHED, S_USED_BPS = range(
     STOPPED_US,
     SERVING,
     LAST_DRONE,
-) = range(16)
-"""Columns of the section user: who holds it, then its open request, if REQUEST >= 0."""
+    COVERED,
+) = range(17)
+"""Columns of the section user: who holds it, its open request, if REQUEST >= 0, and how many
+footprints it is in."""
+
+W_X, W_Y, W_VX, W_VY, W_T0_US, W_X0, W_Y0 = range(7)
+WALKING_COLUMNS = 7
+"""Columns of the section walking: where the user's leg leads, its velocity, when and where it
+began. The section walkers has when it gets there, and when it turns."""
 
 (
     C_REQUEST,
@@ -408,21 +437,22 @@ class State(NamedTuple):
     requests wait, in order; crossings (drones, MOST_CROSSINGS, 3), those of a drone's leg, the next
     one last; station (stations, drones + 1), how many are there, and who, first come first; loose,
     users to be attached; affected (drones,), queues to be scanned; slot_time and slot_key (SLOTS,),
-    what is to happen when, one slot for each thing that can, ordered by heap, with place_of each
-    there; seen and masks (drones, actions), what drones are shown at a decision epoch; record, what
-    is logged of the step before; asked, the open requests by service; states (users,) at the
-    episode's end; events, closed and handovers (request, drone), which have rows where they are
-    kept; crashed, who did; history (steps, drones), the commands of the episode so far; heads and
-    following, users in buckets (see ``sort_into_buckets``). Of ``f``: place, shares (users,),
-    rewards (drones,) and their terms, and users_seen, where users are in this step (see
-    ``look_around``).
+    what is to happen when, one slot for each thing that can, and winners (2 * SLOTS,), who comes
+    first (see ``queue``); seen and masks (drones, actions), what drones are shown at a decision
+    epoch; record, what is logged of the step before; asked, the open requests by service; states
+    (users,) at the episode's end; events, closed and handovers (request, drone), which have rows
+    where they are kept; crashed, who did; history (steps, drones), the commands of the episode so
+    far; heads and following, users in buckets (see ``sort_into_buckets``); of users who walk at
+    random streams (users, 4), walkers (users, 2) and walked_offsets (users + 1,). Of ``f``: place,
+    shares (users,), rewards (drones,) and their terms, users_seen, where users are in this step
+    (see ``look_around``); walking, see W_X …, and walked, the legs of this step (see ``walking``).
     """
 
     i: Ints
     f: Floats
 
 
-DRONE_COLUMNS, USER_COLUMNS, PLACE_COLUMNS = 27, 16, 6
+DRONE_COLUMNS, USER_COLUMNS, PLACE_COLUMNS = 27, 17, 6
 RECORD_COLUMNS, EVENT_COLUMNS, CLOSED_COLUMNS, COUNTS, CROSSING_COLUMNS = 6, 7, 11, 8, 3
 
 
@@ -438,16 +468,19 @@ def state_of(
     requests: int = 0,
     crossings: int,
     buckets: int,
+    legs: int = 0,
 ) -> State:
     """Room for one environment.
 
     ``events`` and ``requests``: rows for what is kept of a step; ``crossings``: rows for those of
-    a leg; ``buckets``: how many users are sorted into.
+    a leg; ``buckets``: how many users are sorted into; ``legs``: rows for those walked in a step,
+    where users walk at random.
     """
+    walkers = users if legs else 0
     most_crossings = crossings
     most_loose, slots = users * (2 * drones + 2), 2 * users + 3 * drones + 1
     seen = COUNTS + 2 * services
-    sizes = [most_crossings, most_loose, events, requests, 2 * requests, slots, seen]
+    sizes = [most_crossings, most_loose, events, requests, 2 * requests, legs, slots, seen]
     sizes += [services, drones, users, actions]
     whole = [
         drones * DRONE_COLUMNS,
@@ -463,8 +496,7 @@ def state_of(
         services,
         slots,
         slots,
-        slots,
-        slots,
+        2 * slots,
         drones * RECORD_COLUMNS,
         drones * seen,
         drones * actions,
@@ -477,13 +509,17 @@ def state_of(
         drones * steps,
         buckets,
         users if buckets else 0,
+        walkers * 4,
+        walkers * 2,
+        walkers + 1,
     ]
-    real = [drones * PLACE_COLUMNS, users, drones, drones * (services + 3), users * SEEN_COLUMNS]
+    real = [drones * PLACE_COLUMNS, users, drones, drones * (services + 3), users * SEEN_ROWS]
+    real += [walkers * WALKING_COLUMNS, legs * 5]
     whole_at, real_at = np.cumsum([STATE_HEADER, *whole]), np.cumsum([3, *real])
     i, f = np.zeros(whole_at[-1], np.int64), np.zeros(real_at[-1])
     i[MOST_CROSSINGS : MOST_CROSSINGS + len(sizes)] = sizes
     i[AT_DRONE:AT_PLACE] = whole_at[:-1]
-    i[AT_PLACE : AT_USERS_SEEN + 1] = real_at[:-1]
+    i[AT_PLACE:STATE_HEADER] = real_at[:-1]
     return State(i, f)
 
 

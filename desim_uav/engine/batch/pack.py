@@ -16,10 +16,10 @@ from desim_uav.engine.batch.memory import (
     ON_CRASH_END,
     ON_CRASH_REMOVE,
     ON_CRASH_RESPAWN,
-    PROFILE_ROWS,
     REWARD_BATTERY,
     REWARD_COVERAGE,
     REWARD_SERVICES,
+    WALK_LEG_US,
     Fixed,
     Ints,
 )
@@ -31,7 +31,7 @@ from desim_uav.model.coverage import bucket_grid
 from desim_uav.model.motion import REST, Transit
 from desim_uav.model.observations import Local, Position
 from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService
-from desim_uav.model.rules import MOVES
+from desim_uav.model.rules import MOVES, US
 from desim_uav.world import World
 
 REWARDS = {
@@ -115,6 +115,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         np.array([weights.get(name, 0.0) for name in world.services.names]),
         homes,
     ]
+    mobility = scenario.users.mobility
     buckets = bucket_grid(*world.area, scenario.drones.footprint_radius_m)
     real = [
         *grid.cell_m,
@@ -125,6 +126,8 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         getattr(reward, "low_battery", 0.0),
         getattr(reward, "users", 0.0),
         *(size / max(count, 1) for size, count in zip(world.area, buckets, strict=True)),
+        getattr(mobility, "speed_mps", 0.0),
+        *world.area,
     ]
     whole = [
         scenario.drones.count,
@@ -154,9 +157,9 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         *buckets,
         len(known) > 0,
     ]
-    whole += _starts(PROFILE_ROWS + 1, whole_sections)
+    whole += _starts(WALK_LEG_US + 1, whole_sections)
     whole += _starts(len(real), real_sections)
-    whole.append(profiles.shape[1])
+    whole += [profiles.shape[1], round(getattr(mobility, "leg_s", 0.0) * US)]
     return Fixed(
         np.concatenate([np.array(whole), *map(np.ravel, whole_sections)]).astype(np.int64),
         np.concatenate([np.array(real), *map(np.ravel, real_sections)]).astype(np.float64),

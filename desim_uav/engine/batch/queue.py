@@ -1,18 +1,18 @@
-"""What is to happen: a binary heap of slots, ordered by (time, key).
+"""What is to happen: slots, ordered by (time, key) in a tournament.
 
-Whatever can happen has a slot of its own, so nothing in the heap is ever stale: what no longer
-comes is taken out.
+Whatever can happen has a slot of its own, so nothing is ever stale: what no longer comes is set to
+NEVER. The slots play knock-out: match 1 is the final, the winners of matches 2n and 2n + 1 meet in
+match n, and the numbers from SLOTS on stand for the slots themselves. A slot that changes plays its
+matches again, as many as the logarithm of their number.
 """
 
 from __future__ import annotations
 
 from desim_uav.engine.batch.kernels import inner
 from desim_uav.engine.batch.memory import (
-    AT_HEAP,
-    AT_PLACE_OF,
     AT_SLOT_KEY,
     AT_SLOT_TIME,
-    HEAPED,
+    AT_WINNERS,
     NEVER,
     SLOTS,
     State,
@@ -32,65 +32,48 @@ def key(phase: int, drone: int, user: int) -> int:
 @inner
 def clear_all(s: State) -> None:
     """Nothing is to happen."""
-    s.i[HEAPED] = 0
-    for slot in range(s.i[SLOTS]):
+    slots = s.i[SLOTS]
+    for slot in range(slots):
         s.i[s.i[AT_SLOT_TIME] + slot] = NEVER
-        s.i[s.i[AT_PLACE_OF] + slot] = -1
+        s.i[s.i[AT_SLOT_KEY] + slot] = 0
+        s.i[s.i[AT_WINNERS] + slots + slot] = slot
+    for match in range(2 * slots - 2, 1, -2):
+        s.i[s.i[AT_WINNERS] + match // 2] = s.i[s.i[AT_WINNERS] + match]
 
 
 @inner
-def _before(s: State, one: int, other: int) -> bool:
-    t_one, t_other = s.i[s.i[AT_SLOT_TIME] + one], s.i[s.i[AT_SLOT_TIME] + other]
-    if t_one != t_other:
-        return bool(t_one < t_other)
-    return bool(s.i[s.i[AT_SLOT_KEY] + one] < s.i[s.i[AT_SLOT_KEY] + other])
+def _meet(s: State, slot: int) -> None:
+    """Play the matches of a slot that has changed.
+
+    Without branches: who wins can't be foreseen, and a processor that guesses wrongly loses more.
+    """
+    winners, times, keys = s.i[AT_WINNERS], s.i[AT_SLOT_TIME], s.i[AT_SLOT_KEY]
+    t_us, at = s.i[times + slot], s.i[keys + slot]
+    changed, node = slot, s.i[SLOTS] + slot
+    while node > 1:
+        other = s.i[winners + (node ^ 1)]
+        t_other, at_other = s.i[times + other], s.i[keys + other]
+        lost = -int((t_other < t_us) | ((t_other == t_us) & (at_other < at)))  # all bits, or none
+        t_us ^= (t_us ^ t_other) & lost
+        at ^= (at ^ at_other) & lost
+        slot ^= (slot ^ other) & lost
+        node >>= 1
+        if slot != changed and s.i[winners + node] == slot:
+            return
+        s.i[winners + node] = slot
 
 
 @inner
-def _up(s: State, child: int) -> None:
-    heap, place_of = s.i[AT_HEAP], s.i[AT_PLACE_OF]
-    slot = s.i[heap + child]
-    while child > 0:
-        parent = (child - 1) // 2
-        above = s.i[heap + parent]
-        if not _before(s, slot, above):
-            break
-        s.i[heap + child] = above
-        s.i[place_of + above] = child
-        child = parent
-    s.i[heap + child] = slot
-    s.i[place_of + slot] = child
+def next_slot(s: State) -> int:
+    """The slot of what happens next; its time is NEVER where nothing does."""
+    return int(s.i[s.i[AT_WINNERS] + 1])
 
 
 @inner
-def _down(s: State, parent: int) -> None:
-    heap, place_of = s.i[AT_HEAP], s.i[AT_PLACE_OF]
-    count = s.i[HEAPED]
-    slot = s.i[heap + parent]
-    while True:
-        child = 2 * parent + 1
-        if child >= count:
-            break
-        if child + 1 < count and _before(s, s.i[heap + child + 1], s.i[heap + child]):
-            child += 1
-        below = s.i[heap + child]
-        if not _before(s, below, slot):
-            break
-        s.i[heap + parent] = below
-        s.i[place_of + below] = parent
-        parent = child
-    s.i[heap + parent] = slot
-    s.i[place_of + slot] = parent
-
-
-@inner
-def is_next(s: State, t_us: int, at: int) -> bool:
-    """Does nothing happen before this place in this instant, nor just there?"""
-    if s.i[HEAPED] == 0:
-        return True
-    first = s.i[s.i[AT_HEAP]]
-    t_first = s.i[s.i[AT_SLOT_TIME] + first]
-    return bool(t_first > t_us or (t_first == t_us and s.i[s.i[AT_SLOT_KEY] + first] > at))
+def is_before(s: State, slot: int, t_us: int, at: int) -> bool:
+    """Does the thing of a slot come before a place in an instant?"""
+    t_slot = s.i[s.i[AT_SLOT_TIME] + slot]
+    return bool(t_slot < t_us or (t_slot == t_us and s.i[s.i[AT_SLOT_KEY] + slot] < at))
 
 
 @inner
@@ -98,31 +81,12 @@ def due(s: State, slot: int, t_us: int, at: int) -> None:
     """Let the thing of a slot happen at a time, in a place of that instant."""
     s.i[s.i[AT_SLOT_TIME] + slot] = t_us
     s.i[s.i[AT_SLOT_KEY] + slot] = at
-    place = s.i[s.i[AT_PLACE_OF] + slot]
-    if place < 0:
-        place = s.i[HEAPED]
-        s.i[HEAPED] = place + 1
-        s.i[s.i[AT_HEAP] + place] = slot
-        s.i[s.i[AT_PLACE_OF] + slot] = place
-        _up(s, place)
-    else:
-        _up(s, place)
-        _down(s, s.i[s.i[AT_PLACE_OF] + slot])
+    _meet(s, slot)
 
 
 @inner
 def undo(s: State, slot: int) -> None:
     """The thing of a slot will not happen."""
-    place = s.i[s.i[AT_PLACE_OF] + slot]
-    if place < 0:
-        return
-    last = s.i[HEAPED] - 1
-    s.i[HEAPED] = last
-    s.i[s.i[AT_PLACE_OF] + slot] = -1
-    s.i[s.i[AT_SLOT_TIME] + slot] = NEVER
-    if place < last:
-        moved = s.i[s.i[AT_HEAP] + last]
-        s.i[s.i[AT_HEAP] + place] = moved
-        s.i[s.i[AT_PLACE_OF] + moved] = place
-        _up(s, place)
-        _down(s, s.i[s.i[AT_PLACE_OF] + moved])
+    if s.i[s.i[AT_SLOT_TIME] + slot] != NEVER:
+        s.i[s.i[AT_SLOT_TIME] + slot] = NEVER
+        _meet(s, slot)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from desim_uav.engine.batch.access import plan_of, seen_of, terms_of
 from desim_uav.engine.batch.drones import CRASHED, QUEUED
-from desim_uav.engine.batch.kernels import inner
+from desim_uav.engine.batch.kernels import part
 from desim_uav.engine.batch.memory import (
     AT_ASKED,
     AT_REWARDS,
@@ -33,7 +33,7 @@ from desim_uav.engine.batch.memory import (
 S_COUNTS = 8
 
 
-@inner
+@part
 def reward(w: Fixed, s: State, d: int) -> None:
     """Write the terms of a drone's reward, and their sum in order."""
     kind, services = w.i[REWARD], w.i[SERVICES]
@@ -67,7 +67,7 @@ def reward(w: Fixed, s: State, d: int) -> None:
     s.f[s.i[AT_REWARDS] + d] = total
 
 
-@inner
+@part
 def _weights(w: Fixed, s: State, d: int) -> tuple[float, float, float]:
     """(w_s, w_c, r_c): how much service and the way home count, and what the way home costs."""
     if not w.i[LIMITED]:

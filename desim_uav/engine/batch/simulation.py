@@ -76,9 +76,9 @@ from desim_uav.engine.batch.memory import (
     paths_of,
     state_of,
     views,
-    walks_of,
 )
 from desim_uav.engine.batch.pack import pack, term_names
+from desim_uav.engine.batch.walking import legs_of_step
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.rules import US, Mode, Outcome, Phase
@@ -125,6 +125,7 @@ class BatchSimulation:
         self.shown: Snapshot | None = None
         self.log = EpisodeLog(0)
         self.room, self.crossing_room = ROOM, CROSSINGS_A_USER * len(world.homes) + 16
+        self.leg_room = legs_of_step(world)
         self._hops = self._section(AT_HOPS, AT_BLOCKED).reshape(-1, 3)
         self._plans = self._section(AT_PLANS, AT_HOPS).reshape(2, -1, 5)
         self._make_room()
@@ -149,6 +150,7 @@ class BatchSimulation:
             requests=self.room if self.settings.keep_steps else 0,
             crossings=self.crossing_room,
             buckets=int(self.fixed.i[BUCKETS_X] * self.fixed.i[BUCKETS_Y]),
+            legs=self.leg_room,
         )
         self.views = views(self.state)
         self._world_at, self._state_at = _addresses(self.fixed), _addresses(self.state)
@@ -195,7 +197,7 @@ class BatchSimulation:
             self._load(self._carried)
         self._carried = None
         self._under_way = True
-        self._episode = paths[-1].episode
+        self._episode, self._walking = paths[-1].episode, paths[-1].walking
         self._new_log()
         return paths_of(paths)
 
@@ -204,7 +206,8 @@ class BatchSimulation:
         self.log.crashed[:] = self.views.crashed[: self.state.i[CRASHES]].tolist()
         if self.state.i[FULL]:
             raise SimulationError(
-                f"a drone's leg has more than {self.crossing_room} crossings; --engine des has room"
+                f"a drone's leg has more than {self.crossing_room} crossings, or a step more than "
+                f"{self.leg_room} legs of users; --engine des has room"
             )
 
     def _drone_views(self) -> tuple[NDArray[Any], ...]:
@@ -232,6 +235,7 @@ class BatchSimulation:
             told_so_far = self.views.history[: self.state.i[EPOCH]].copy()
             self.room *= 2
             self.crossing_room *= 2
+            self.leg_room *= 2
             self._make_room()
             counters, *parts = self._drones_began
             self.state.i[:COUNTERS] = counters
@@ -502,7 +506,7 @@ class BatchSimulation:
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Where drones and users truly are: (drones, 3) and (users, 3)."""
         users = self.world.homes.copy()
-        users[:, :2] = all_walked(*walks_of(self.packed), int(self.state.i[NOW]))
+        users[:, :2] = all_walked(*self._walking.drawn(), int(self.state.i[NOW]))
         count = len(self.views.drone)
         drones = [calls.position(self.fixed, self.state, d) for d in range(count)]
         return np.array(drones), users

@@ -15,6 +15,7 @@ from desim_uav.engine.batch.memory import (
     MOST_CROSSINGS,
     NOW,
     NY,
+    P_AT_RANDOM,
     TABULATED,
     TO_X,
     TO_Y,
@@ -29,7 +30,7 @@ from desim_uav.engine.batch.memory import (
 )
 from desim_uav.model.coverage import (
     ENTERS,
-    SEEN_COLUMNS,
+    SEEN_ROWS,
     TIME_US,
     USER,
     VX,
@@ -62,7 +63,7 @@ def tabulate(world: World) -> tuple[Ints, Ints, Floats]:
     homes = np.ascontiguousarray(world.homes[:, :2])
     legs = nx * ny * len(COURSES)
     if type(world.scenario.users.mobility) is not Static or legs * len(homes) > MOST_LOOKS:
-        return np.empty(0, np.int64), np.empty((0, CROSSING_COLUMNS), np.int64), homes[:0]
+        return np.empty(0, np.int64), np.empty((0, CROSSING_COLUMNS), np.int64), homes
     by_course = {
         MOVES[action][:2]: transit
         for action, transit in world.epoch_transits.items()
@@ -83,7 +84,7 @@ class _Looks:
     def __init__(self, world: World, homes: Floats) -> None:
         self.world = world
         self.walks = world.walks(world.seed, 0)
-        self.seen = np.empty((len(homes), SEEN_COLUMNS))
+        self.seen = np.zeros((SEEN_ROWS, len(homes)))
         self.found = np.empty((2 * len(homes), CROSSING_COLUMNS), np.int64)
         look_around(*self.walks, 0, world.step_us, self.seen)
 
@@ -115,7 +116,7 @@ class _Looks:
 @inner
 def stand(w: Fixed, p: Path) -> bool:
     """Do all users of a sample path stand where the table has them?"""
-    if not w.i[TABULATED]:
+    if not w.i[TABULATED] or p.i[P_AT_RANDOM]:
         return False
     users, offsets = w.i[USERS], p.i[AT_LEG_OFFSETS]
     if p.i[offsets + users] != users:

@@ -8,7 +8,7 @@ import numpy as np
 
 from desim_uav.model.coverage import (
     ENTERS,
-    SEEN_COLUMNS,
+    SEEN_ROWS,
     TIME_US,
     USER,
     VX,
@@ -59,7 +59,7 @@ class Crossings:
         self._still = standing
         self.walks = walks
         users = len(walks.offsets) - 1
-        self._seen = np.empty((users, SEEN_COLUMNS))
+        self._seen = np.zeros((SEEN_ROWS, users))
         self._buckets = (self._shape, self._side, self._heads, np.empty(users, np.int64))
         self._span = (-1, -1)
 
