@@ -91,9 +91,9 @@ MUTATIONS = (
     # ---- draws and order
     Mutation(
         "walks drawn from the stream of demand",
-        "world.py",
-        "streams = Streams(seed, Purpose.MOBILITY, episode)",
-        "streams = Streams(seed, Purpose.DEMAND, episode)",
+        "model/mobility.py",
+        "states = states_of(seed, Purpose.MOBILITY, episodes, len(homes))",
+        "states = states_of(seed, Purpose.DEMAND, episodes, len(homes))",
         ("model/test_streams.py",),
     ),
     Mutation(

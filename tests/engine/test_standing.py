@@ -65,7 +65,7 @@ def test_users_who_are_not_at_home_are_looked_at(how: str):
         legs[:, 1:3] = legs[:, 1:3] * 0.5 + 300.0
     else:
         legs[:, 3] = 0.2
-    moved = replace(path, walks=Walks(legs, path.walks.offsets))
+    moved = replace(path, walking=Walks(legs, path.walks.offsets))
     settings = RunSettings((True,), False, keep_events=True)
     one, other = Simulation(world, settings), BatchSimulation(world, settings)
     rng = np.random.default_rng(0)

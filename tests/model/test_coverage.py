@@ -8,7 +8,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from desim_uav.model.coverage import (
-    SEEN_COLUMNS,
+    SEEN_ROWS,
     bucket_grid,
     crossings,
     crossings_near,
@@ -190,7 +190,7 @@ def test_what_does_not_fit_is_counted_and_not_written():
     whole = hover((0, 2000 * US), users)
     assert len(whole) == 6
     legs = np.array([leg for user in users for leg in user], float)
-    seen = np.empty((3, SEEN_COLUMNS))
+    seen = np.zeros((SEEN_ROWS, 3))
     look_around(legs, np.arange(4), 0, 2000 * US, seen)
     for room in range(7):
         out = np.full((room + 2, 3), -7, np.int64)
@@ -356,7 +356,7 @@ def test_users_in_buckets_cross_as_all_users_do(seed):
     assert shape[0] * shape[1] >= 48
     side = (area.width_m / shape[0], area.depth_m / shape[1])
     heads, following = np.empty(shape[0] * shape[1], np.int64), np.empty(400, np.int64)
-    seen, found = np.empty((400, SEEN_COLUMNS)), 0
+    seen, found = np.zeros((SEEN_ROWS, 400)), 0
     out, near = np.empty((5000, 3), np.int64), np.empty((5000, 3), np.int64)
     for _ in range(40):
         start = int(rng.integers(0, 540)) * US

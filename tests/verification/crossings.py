@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from desim_uav.model.coverage import SEEN_COLUMNS, crossings, look_around
+from desim_uav.model.coverage import SEEN_ROWS, crossings, look_around
 from desim_uav.model.motion import REST, BangCoastBang
 from desim_uav.model.rules import US
 from tests.model.sampler import Flight, Pair, Walk, look
@@ -23,7 +23,7 @@ def find(transit, route, span_us, users, *, fresh=False, radius=R, room=1000):
     legs = np.array([leg for user in users for leg in user], float).reshape(-1, 5)
     offsets = np.cumsum([0, *map(len, users)])
     out = np.full((room, 3), -7, np.int64)
-    seen = np.empty((len(users), SEEN_COLUMNS))
+    seen = np.zeros((SEEN_ROWS, len(users)))
     look_around(legs, offsets, *span_us, seen)
     count = crossings(
         transit.profile,

@@ -1,0 +1,106 @@
+"""Random walks that the compiled engine walks on by itself: exactly the legs of the path."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.batch.memory import AT_WALKED, AT_WALKED_OFFSETS, SEEN_FROM_US, SEEN_TO_US
+from desim_uav.engine.des import Simulation
+from desim_uav.model.coverage import T0_US
+from desim_uav.model.mobility import RandomWalk, Static
+from desim_uav.sample_path import SamplePath, draw
+from desim_uav.scenario.load import from_mapping
+from desim_uav.world import World, build_world
+
+HOVER = 4
+WALKS = [
+    pytest.param({"speed_mps": 1.4, "leg_s": 60.0}, 60, id="a turn at each epoch"),
+    pytest.param({"speed_mps": 1.4, "leg_s": 7.3}, 60, id="many turns a step"),
+    pytest.param({"speed_mps": 1.4, "leg_s": 250.0}, 60, id="a turn in some steps"),
+    pytest.param({"speed_mps": 90.0, "leg_s": 45.0}, 60, id="many walls a step"),
+    pytest.param({"speed_mps": 0.0, "leg_s": 60.0}, 60, id="no speed"),
+    pytest.param({"speed_mps": 3.0, "leg_s": 1e6}, 60, id="never a turn"),
+]
+
+
+def walking(walk: dict[str, float], step_s: float) -> World:
+    """Twelve users on a small map, and two drones without a battery."""
+    scenario = {
+        "name": "walking",
+        "map": {"size_m": [960, 480], "cells": [4, 2], "dimensions": 2},
+        "drones": {"count": 2, "start_cells": [[0, 0], [3, 1]], "battery": None},
+        "stations": {"count": 0},
+        "users": {"count": 12, "mobility": {"kind": "random_walk", **walk}},
+        "episode": {"steps": 20, "step_s": step_s},
+    }
+    return build_world(from_mapping(scenario), 5)
+
+
+def walked(engine: BatchSimulation, user: int) -> NDArray[np.float64]:
+    """The legs of a user that the engine has in this step."""
+    whole, real = engine.state
+    first, last = whole[whole[AT_WALKED_OFFSETS] + user :][:2].tolist()
+    return real[whole[AT_WALKED] :][5 * first : 5 * last].reshape(-1, 5)
+
+
+def in_span(path: SamplePath, user: int, start_us: int, end_us: int) -> NDArray[np.float64]:
+    """Those of the path that are under way in a span, its ends included."""
+    legs, offsets = path.walks
+    own = legs[offsets[user] : offsets[user + 1]]
+    first = int(np.flatnonzero(own[:, T0_US] <= start_us)[-1])
+    return own[first:][own[first:, T0_US] <= end_us]
+
+
+@pytest.mark.parametrize(("walk", "step_s"), WALKS)
+def test_the_legs_of_each_step_are_those_of_the_path(walk: dict[str, float], step_s: float):
+    world = walking(walk, step_s)
+    engine = BatchSimulation(world, RunSettings((True,) * 2, False))
+    for episode in range(2):
+        path = draw(world, 11, episode)
+        shown = engine.reset(path)
+        while not shown.truncated:
+            shown = engine.step([HOVER] * 2)
+            span = engine.state.i[SEEN_FROM_US], engine.state.i[SEEN_TO_US]
+            assert span == (shown.t_us - world.step_us, shown.t_us)
+            for user in range(12):
+                assert np.array_equal(walked(engine, user), in_span(path, user, *span))
+
+
+def test_room_is_made_for_more_legs_than_are_usual():
+    world = walking({"speed_mps": 200.0, "leg_s": 2.0}, 60)
+    settings = RunSettings((True,) * 2, False, keep_events=True)
+    engine, reference = BatchSimulation(world, settings), Simulation(world, settings)
+    room, engine.leg_room = engine.leg_room, 14
+    engine._make_room()
+    path = draw(world, 3, 0)
+    assert engine.reset(path) == reference.reset(path)
+    for _ in range(20):
+        assert engine.step([HOVER] * 2) == reference.step([HOVER] * 2)
+    assert 14 < engine.leg_room < 2 * room
+    assert engine.log.events == reference.log.events
+
+
+class Stopped(RandomWalk):
+    """One's own kind of random walk."""
+
+    def walks(self, *args):
+        return Static().walks(*args)
+
+
+def test_a_random_walk_of_ones_own_is_asked_for_its_walks():
+    world = walking({"speed_mps": 1.4, "leg_s": 60.0}, 60)
+    users = world.scenario.users.model_copy(update={"mobility": Stopped()})
+    own = replace(world, scenario=world.scenario.model_copy(update={"users": users}))
+    settings = RunSettings((True,) * 2, False, keep_events=True)
+    engine, reference = BatchSimulation(own, settings), Simulation(own, settings)
+    path = draw(own, 0, 0)
+    assert engine.reset(path) == reference.reset(path)
+    for _ in range(20):
+        assert engine.step([HOVER] * 2) == reference.step([HOVER] * 2)
+    assert np.array_equal(engine.positions_m()[1], own.homes)
