@@ -28,7 +28,7 @@ def world_of(case: str, *overrides: str) -> World:
 @pytest.mark.parametrize("case", ["case1", "case2", "case7"])
 def test_every_leg_is_as_the_simpy_engine_finds_it(case: str):
     world = world_of(case)
-    known, rows, _ = standing.tabulate(world)
+    known, rows = standing.tabulate(world)
     flights, (nx, ny) = Flights(world), world.grid.cells
     finder = Crossings(world.scenario.drones.footprint_radius_m, world.area)
     finder.begin(world.walks(0, 0))
@@ -46,8 +46,8 @@ def test_every_leg_is_as_the_simpy_engine_finds_it(case: str):
 
 
 def test_nothing_is_known_of_users_who_walk():
-    known, rows, homes = standing.tabulate(world_of("case8"))
-    assert len(known) == len(rows) == len(homes) == 0
+    known, rows = standing.tabulate(world_of("case8"))
+    assert len(known) == len(rows) == 0
 
 
 def test_nothing_is_tabulated_that_would_be_too_long(monkeypatch):

@@ -93,7 +93,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
     plans, hops = _plans(world, settings)
     weights = getattr(reward, "services", {})
     profiles = _stacked(transits)
-    known, known_rows, homes = tabulate(world)
+    known, known_rows = tabulate(world)
     whole_sections = [
         np.array(world.stations),
         station_at,
@@ -113,7 +113,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         profiles,
         np.array([t.distance_m for t in transits]),
         np.array([weights.get(name, 0.0) for name in world.services.names]),
-        homes,
+        world.homes[:, :2],
     ]
     mobility = scenario.users.mobility
     buckets = bucket_grid(*world.area, scenario.drones.footprint_radius_m)

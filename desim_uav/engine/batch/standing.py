@@ -21,7 +21,6 @@ from desim_uav.engine.batch.memory import (
     TO_Y,
     USERS,
     Fixed,
-    Floats,
     Ints,
     Path,
     State,
@@ -52,40 +51,39 @@ MOST_LOOKS = 2**22
 """With more pairs of a leg and a user than this, legs are looked at when they are flown."""
 
 
-def tabulate(world: World) -> tuple[Ints, Ints, Floats]:
-    """The crossings of all legs of a step: where each leg's rows begin, the rows, and the homes.
+def tabulate(world: World) -> tuple[Ints, Ints]:
+    """The crossings of all legs of a step: where each leg's rows begin, and the rows.
 
     Rows are (time since the leg's start, user, enters), a leg's last one first; the legs of cell
     (x, y) are ``(x * ny + y) * 5`` and the next ones, in order of ``COURSES``. Empty where users
     walk, or the table would be too long.
     """
     nx, ny = world.grid.cells
-    homes = np.ascontiguousarray(world.homes[:, :2])
-    legs = nx * ny * len(COURSES)
-    if type(world.scenario.users.mobility) is not Static or legs * len(homes) > MOST_LOOKS:
-        return np.empty(0, np.int64), np.empty((0, CROSSING_COLUMNS), np.int64), homes
+    pairs = nx * ny * len(COURSES) * len(world.homes)
+    if type(world.scenario.users.mobility) is not Static or pairs > MOST_LOOKS:
+        return np.empty(0, np.int64), np.empty((0, CROSSING_COLUMNS), np.int64)
     by_course = {
         MOVES[action][:2]: transit
         for action, transit in world.epoch_transits.items()
         if action not in (Action.UP, Action.DOWN)
     }
-    look = _Looks(world, homes)
+    look = _Looks(world)
     found = [
         look.along((x, y), course, by_course.get(course))
         for x, y in np.ndindex(nx, ny)
         for course in COURSES
     ]
-    return np.cumsum([0, *map(len, found)]), np.concatenate(found), homes
+    return np.cumsum([0, *map(len, found)]), np.concatenate(found)
 
 
 class _Looks:
     """What drones' legs pass of users at home."""
 
-    def __init__(self, world: World, homes: Floats) -> None:
-        self.world = world
+    def __init__(self, world: World) -> None:
+        self.world, users = world, len(world.homes)
         self.walks = world.walks(world.seed, 0)
-        self.seen = np.zeros((SEEN_ROWS, len(homes)))
-        self.found = np.empty((2 * len(homes), CROSSING_COLUMNS), np.int64)
+        self.seen = np.zeros((SEEN_ROWS, users))
+        self.found = np.empty((2 * users, CROSSING_COLUMNS), np.int64)
         look_around(*self.walks, 0, world.step_us, self.seen)
 
     def along(
