@@ -35,8 +35,9 @@ def test_what_is_drawn_is_drawn_for_each_episode():
     one, other = draw(world, 0, 0), draw(world, 0, 1)
     assert not np.array_equal(one.walks.legs, other.walks.legs)
     assert not np.array_equal(one.requests.rows[:10], other.requests.rows[:10])
-    _, starts = paths_of([one, other])
-    assert starts[1].all()
+    packed, ((_, _), (at_i, at_f)) = paths_of([one, other])
+    assert 0 < at_i < packed.i.size
+    assert at_f == packed.f.size == 0, "legs of random walks are not packed"
 
 
 @pytest.mark.parametrize("case", ["case4", "case6"])

@@ -340,8 +340,7 @@ def on_crossing(w: Fixed, s: State, d: int) -> None:
 
 @part
 def _enter(s: State, d: int, user: int, phase: int) -> None:
-    s.i[covering_of(s, user) + d] = s.i[NOW]
-    s.i[user_of(s, user) + COVERED] += 1
+    _cover(s, d, user, s.i[NOW])
     note(s, phase, K_ENTER, d, user, -1, -1)
     if s.i[user_of(s, user) + REQUEST] >= 0:
         s.i[asking_of(s, d) + s.i[user_of(s, user) + SERVICE]] += 1
@@ -350,9 +349,19 @@ def _enter(s: State, d: int, user: int, phase: int) -> None:
 
 
 @inner
+def _cover(s: State, d: int, user: int, since_us: int) -> None:
+    """A footprint holds a user since then, or (-1) does no longer.
+
+    Counted by what it says: a crossing may be missing where there was no room for it.
+    """
+    covering = covering_of(s, user) + d
+    s.i[user_of(s, user) + COVERED] += int(since_us >= 0) - int(s.i[covering] >= 0)
+    s.i[covering] = since_us
+
+
+@inner
 def _leave(w: Fixed, s: State, d: int, user: int, phase: int) -> None:
-    s.i[covering_of(s, user) + d] = -1
-    s.i[user_of(s, user) + COVERED] -= 1
+    _cover(s, d, user, -1)
     note(s, phase, K_EXIT, d, user, -1, -1)
     if s.i[user_of(s, user) + REQUEST] >= 0:
         s.i[asking_of(s, d) + s.i[user_of(s, user) + SERVICE]] -= 1

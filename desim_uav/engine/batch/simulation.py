@@ -205,9 +205,10 @@ class BatchSimulation:
         """After episodes without Python. Raises SimulationError where it ran out of room."""
         self.log.crashed[:] = self.views.crashed[: self.state.i[CRASHES]].tolist()
         if self.state.i[FULL]:
+            legs = f", or a step more than {self.leg_room} legs of users" if self.leg_room else ""
             raise SimulationError(
-                f"a drone's leg has more than {self.crossing_room} crossings, or a step more than "
-                f"{self.leg_room} legs of users; --engine des has room"
+                f"a drone's leg has more than {self.crossing_room} crossings{legs}; "
+                "--engine des has room"
             )
 
     def _drone_views(self) -> tuple[NDArray[Any], ...]:
