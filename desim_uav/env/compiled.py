@@ -114,12 +114,14 @@ class Compiled:
             told = np.asarray(actions)
         except ValueError as problem:
             raise ActionError(f"actions must be whole numbers: {problem}") from problem
-        shape = (len(self.sessions), self.drones)
-        if told.dtype.kind not in "iu" or told.size != shape[0] * shape[1]:
-            raise ActionError(
-                f"actions must be whole numbers, shape {shape}, not {told.dtype} {told.shape}"
-            )
-        commands: NDArray[np.int64] = told.astype(np.int64, copy=False).reshape(shape)
+        shape = self._seeds.shape[0], self.drones
+        if told.dtype != np.int64:
+            if told.dtype.kind not in "iu":
+                raise ActionError(f"actions must be whole numbers, not {told.dtype}")
+            told = told.astype(np.int64)
+        if told.size != shape[0] * shape[1]:
+            raise ActionError(f"actions must be of shape {shape}, not {told.shape}")
+        commands: NDArray[np.int64] = told.reshape(shape)
         return commands
 
     def info(self) -> dict[str, NDArray[Any]]:

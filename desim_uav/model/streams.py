@@ -52,7 +52,7 @@ def states_of(
     seed: int, purpose: Purpose, episodes: Sequence[int], count: int
 ) -> NDArray[np.uint64]:
     """The states of several episodes' streams, shape (episodes, count, 4) (see ``Streams``)."""
-    numbers = (np.array(episodes, np.int64) % 2**32).astype(np.uint64)
+    numbers = np.array([episode % 2**32 for episode in episodes], np.uint64)
     return _seeded_states(np.uint64(seed), np.uint64(purpose), numbers, count)
 
 
