@@ -50,6 +50,8 @@ PENDING_STATE, PENDING_ACTION = range(2)
 GAINED, DISCOUNT, SUM = range(3)
 """Columns of what a drone still has to learn from, and the sum of its values."""
 
+MINUTE_US = 60_000_000
+
 LEVELS_OF_STATE, MINUTES_OF_STATE = range(2)
 """What a state of the table has beside the cell: how many levels, minutes; 0: none."""
 
@@ -171,7 +173,7 @@ def state_row(w: Fixed, s: State, d: int, sizes: Ints) -> int:
     if sizes[LEVELS_OF_STATE]:
         row = row * sizes[LEVELS_OF_STATE] + s.i[seen + S_LEVEL]
     if w.i[LIMITED]:
-        row = row * sizes[MINUTES_OF_STATE] + int((s.i[seen + S_BATTERY_US] / 1_000_000) // 60)
+        row = row * sizes[MINUTES_OF_STATE] + s.i[seen + S_BATTERY_US] // MINUTE_US
     return int(row)
 
 

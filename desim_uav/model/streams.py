@@ -91,29 +91,35 @@ def _mix(x: np.uint64, y: np.uint64) -> np.uint64:
 
 
 @kernel
+def _stir(pool: NDArray[np.uint64], word: np.uint64, source: int, constant: np.uint64) -> np.uint64:
+    """Mix a word (the one of this number) into all others of the pool; the next constant."""
+    for target in range(4):
+        if source != target:
+            hashed, constant = _hashmix(word, constant, np.uint64(0x931E8875))
+            pool[target] = _mix(pool[target], hashed)
+    return constant
+
+
+@kernel
 def _seeded_states(
     seed: np.uint64, purpose: np.uint64, episodes: NDArray[np.uint64], count: int
 ) -> NDArray[np.uint64]:
     """NumPy's SeedSequence (pool of four 32-bit words) and SFC64 seeding, for each entity."""
     states = np.empty((len(episodes), count, 4), np.uint64)
-    entropy = np.zeros(7, np.uint64)
-    entropy[0] = seed & _LOW
-    entropy[1] = seed >> np.uint64(32)
-    entropy[4] = purpose
-    pool = np.empty(4, np.uint64)
     words = np.empty(6, np.uint64)
+    begun, pool = np.empty(4, np.uint64), np.empty(4, np.uint64)
+    seeds = (seed & _LOW, seed >> np.uint64(32), np.uint64(0), np.uint64(0))
+    first = np.uint64(0x43B0D7E5)
+    for i in range(4):
+        begun[i], first = _hashmix(seeds[i], first, np.uint64(0x931E8875))
+    for source in range(4):
+        first = _stir(begun, begun[source], source, first)
+    first = _stir(begun, purpose, 4, first)
     for k in range(len(episodes) * count):
         episode, entity = k // count, k % count
-        entropy[5], entropy[6] = np.uint64(entity), episodes[episode]
-        constant = np.uint64(0x43B0D7E5)
-        for i in range(4):
-            pool[i], constant = _hashmix(entropy[i], constant, np.uint64(0x931E8875))
-        for source in range(7):
-            for target in range(4):
-                if source != target:
-                    word = pool[source] if source < 4 else entropy[source]
-                    hashed, constant = _hashmix(word, constant, np.uint64(0x931E8875))
-                    pool[target] = _mix(pool[target], hashed)
+        pool[:] = begun
+        constant = _stir(pool, np.uint64(entity), 5, first)
+        _stir(pool, episodes[episode], 6, constant)
         constant = np.uint64(0x8B51F9DD)
         for i in range(6):
             words[i], constant = _hashmix(pool[i % 4], constant, np.uint64(0x58F38DED))

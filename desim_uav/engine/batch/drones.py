@@ -25,6 +25,9 @@ from desim_uav.engine.batch.memory import (
     AT_STATION_AT,
     AT_STATIONS,
     BACK,
+    BACK_LEVEL,
+    BACK_X,
+    BACK_Y,
     BATTERY_US,
     CAPACITY_US,
     CELL_X_M,
@@ -183,8 +186,8 @@ def position(w: Fixed, s: State, d: int) -> tuple[float, float, float]:
 
 
 @inner
-def orient(w: Fixed, p: Path, s: State, d: int, epoch: int) -> tuple[int, int, int]:
-    """Where the drone believes it is: cell x, cell y, level."""
+def orient(w: Fixed, p: Path, s: State, d: int, epoch: int) -> None:
+    """The drone takes its bearings: where does it believe it is?"""
     drone = drone_of(s, d)
     noisy = p.i[NOISY] != 0
     x, y, level = s.i[drone + X], s.i[drone + Y], s.i[drone + LEVEL]
@@ -199,7 +202,7 @@ def orient(w: Fixed, p: Path, s: State, d: int, epoch: int) -> tuple[int, int, i
         y = cell_index(y_m, w.f[CELL_Y_M], ny)
         level = level_index(z_m, w.f[LOWEST_M], w.f[LEVEL_STEP_M], w.i[LEVELS])
     s.i[drone + BACK] = node(w, x, y, level)
-    return x, y, level
+    s.i[drone + BACK_X], s.i[drone + BACK_Y], s.i[drone + BACK_LEVEL] = x, y, level
 
 
 # ---- battery and modes

@@ -69,6 +69,9 @@ from desim_uav.engine.batch.memory import (
     AT_STATES,
     ATTACHED_USERS,
     BACK,
+    BACK_LEVEL,
+    BACK_X,
+    BACK_Y,
     BANDWIDTH_BPS,
     CAPACITY_US,
     CLOSED,
@@ -92,8 +95,6 @@ from desim_uav.engine.batch.memory import (
     MOVE_ACTION,
     NEXT_ROW,
     NOW,
-    NX,
-    NY,
     ON_CRASH,
     ON_CRASH_END,
     ON_CRASH_REMOVE,
@@ -422,14 +423,13 @@ def _respawn(w: Fixed, p: Path, s: State) -> None:
 def _observe(w: Fixed, s: State) -> None:
     """Note what each drone knows, once it has taken its bearings."""
     services = w.i[SERVICES]
-    nx, ny = w.i[NX], w.i[NY]
     for d in range(w.i[DRONES]):
         drone, seen = drone_of(s, d), seen_of(s, d)
         s.i[drone + SEEN_US] = battery_now(w, s, d)
         s.i[seen + S_MODE] = s.i[drone + MODE]
-        s.i[seen + S_X] = s.i[drone + BACK] // ny % nx
-        s.i[seen + S_Y] = s.i[drone + BACK] % ny
-        s.i[seen + S_LEVEL] = s.i[drone + BACK] // (nx * ny)
+        s.i[seen + S_X] = s.i[drone + BACK_X]
+        s.i[seen + S_Y] = s.i[drone + BACK_Y]
+        s.i[seen + S_LEVEL] = s.i[drone + BACK_LEVEL]
         s.i[seen + S_BATTERY_US] = s.i[drone + SEEN_US]
         s.i[seen + S_BACK] = s.i[drone + BACK]
         s.i[seen + S_ATTACHED] = s.i[drone + ATTACHED_USERS]

@@ -321,6 +321,9 @@ CLOSED_QOE1, DISTANCE_M, FAR_M = range(3)
     WAITS,
     SEEN_US,
     BACK,
+    BACK_X,
+    BACK_Y,
+    BACK_LEVEL,
     RESPAWNS,
     RADIO,
     FREE_BPS,
@@ -330,13 +333,14 @@ CLOSED_QOE1, DISTANCE_M, FAR_M = range(3)
     CROSSINGS,
     TOLD,
     TAKEN,
-) = range(27)
+) = range(30)
 """Columns of the section drone.
 
 It rests at or flies from (X, Y, LEVEL) to (TO_X, TO_Y, TO_LEVEL) since SINCE_US, when its battery
 held BATTERY_US. HOPPING: on a hop of a return, whose next hops are ROUTE … ROUTE_END-1 of
 the hops. FALLEN: it lies where ``place`` says. WAITS: it can be told something. SEEN_US: its
-battery when it was observed last. BACK: the node it believes to be at. QUEUED_UP counts the users
+battery when it was observed last. BACK: the node it believes to be at, which is
+BACK_X, BACK_Y, BACK_LEVEL. QUEUED_UP counts the users
 in its row of waiting, CROSSINGS those left of its leg. TOLD and TAKEN: indexes of actions.
 """
 
@@ -452,7 +456,7 @@ class State(NamedTuple):
     f: Floats
 
 
-DRONE_COLUMNS, USER_COLUMNS, PLACE_COLUMNS = 27, 17, 6
+DRONE_COLUMNS, USER_COLUMNS, PLACE_COLUMNS = 30, 17, 6
 RECORD_COLUMNS, EVENT_COLUMNS, CLOSED_COLUMNS, COUNTS, CROSSING_COLUMNS = 6, 7, 11, 8, 3
 
 
