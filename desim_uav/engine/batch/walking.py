@@ -46,13 +46,13 @@ from desim_uav.world import World
 
 
 def legs_of_step(world: World) -> int:
-    """How many legs users walk in a step, about: those begun, and as many again as meet a wall."""
+    """How many legs users walk in a step, about: the one under way, those begun, and walls met."""
     walk = world.scenario.users.mobility
     if not isinstance(walk, RandomWalk):
         return 0
     step_s = world.scenario.episode.step_s
     walls = walk.speed_mps * step_s * sum(1.0 / side for side in world.area)
-    return len(world.homes) * (3 + int(step_s / walk.leg_s) + int(walls)) + 16
+    return len(world.homes) * (2 + int(step_s / walk.leg_s) + int(walls)) + 16
 
 
 @inner
