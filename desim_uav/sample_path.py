@@ -19,6 +19,8 @@ from desim_uav.world import World
 class SamplePath:
     """The walks, requests, position errors and respawn places of one episode.
 
+    ``walking``: the walks; random ones are drawn when somebody asks for ``walks``.
+
     ``position_error`` (drones, steps + 1, 2): cells by which a drone mistakes its coordinates at
     each decision epoch and at the episode's end; None without noise. ``respawn`` (drones,
     steps + 1): the station of a drone's first, second … respawn.

@@ -114,7 +114,7 @@ class Compiled:
             told = np.asarray(actions)
         except ValueError as problem:
             raise ActionError(f"actions must be whole numbers: {problem}") from problem
-        shape = self._seeds.shape[0], self.drones
+        shape = len(self.sessions), self.drones
         if told.dtype != np.int64:
             if told.dtype.kind not in "iu":
                 raise ActionError(f"actions must be whole numbers, not {told.dtype}")

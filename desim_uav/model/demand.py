@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -71,12 +72,12 @@ class Continuous:
         return Requests(rows, np.arange(users + 1), after_previous=True)
 
 
-class _Drawn:
+class _Drawn(ABC):
     """A demand that a compiled loop draws, a stream for each user."""
 
+    @abstractmethod
     def law(self) -> tuple[int, float, float]:
         """The kind of process, the probability of asking for nothing, a mean time in seconds."""
-        raise NotImplementedError
 
     def requests(
         self, users: int, services: Catalogue, streams: Streams, horizon_us: int

@@ -104,3 +104,18 @@ def test_a_random_walk_of_ones_own_is_asked_for_its_walks():
     for _ in range(20):
         assert engine.step([HOVER] * 2) == reference.step([HOVER] * 2)
     assert np.array_equal(engine.positions_m()[1], own.homes)
+
+
+class Strolling(Static):
+    """One's own kind of walk, whose settings are called as those of a random one."""
+
+    speed_mps, leg_s = "slow", "often"
+
+
+def test_what_is_no_random_walk_is_not_taken_for_one():
+    world = walking({"speed_mps": 1.4, "leg_s": 60.0}, 60)
+    users = world.scenario.users.model_copy(update={"mobility": Strolling()})
+    own = replace(world, scenario=world.scenario.model_copy(update={"users": users}))
+    engine = BatchSimulation(own, RunSettings((True,) * 2, False))
+    assert engine.reset(draw(own, 0, 0)).t_us == 0
+    assert np.array_equal(engine.positions_m()[1], own.homes)

@@ -290,6 +290,7 @@ def _is_later(s: State, t_us: int, user: int, enters: int, other: int) -> bool:
 
 
 GAPS = (1750, 701, 301, 132, 57, 23, 10, 4, 1)
+"""Of a Shellsort (Ciura, 2001)."""
 
 
 @inner
@@ -398,12 +399,10 @@ def _loosen(s: State, user: int) -> None:
 
 @inner
 def _affect(s: State, d: int) -> None:
-    if s.i[AFFECTED] == 0:
-        s.i[FIRST_AFFECTED] = s.i[LAST_AFFECTED] = d
-    s.i[FIRST_AFFECTED], s.i[LAST_AFFECTED] = (
-        min(s.i[FIRST_AFFECTED], d),
-        max(s.i[LAST_AFFECTED], d),
-    )
+    if s.i[AFFECTED] == 0 or d < s.i[FIRST_AFFECTED]:
+        s.i[FIRST_AFFECTED] = d
+    if s.i[AFFECTED] == 0 or d > s.i[LAST_AFFECTED]:
+        s.i[LAST_AFFECTED] = d
     s.i[s.i[AT_AFFECTED] + d] = 1
     s.i[AFFECTED] = 1
 

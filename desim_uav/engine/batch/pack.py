@@ -28,6 +28,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.admission import FirstCome
 from desim_uav.model.battery import Endurance
 from desim_uav.model.coverage import bucket_grid
+from desim_uav.model.mobility import RandomWalk
 from desim_uav.model.motion import REST, Transit
 from desim_uav.model.observations import Local, Position
 from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService
@@ -116,6 +117,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         world.homes[:, :2],
     ]
     mobility = scenario.users.mobility
+    walk = mobility if isinstance(mobility, RandomWalk) else None
     buckets = bucket_grid(*world.area, scenario.drones.footprint_radius_m)
     real = [
         *grid.cell_m,
@@ -126,7 +128,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         getattr(reward, "low_battery", 0.0),
         getattr(reward, "users", 0.0),
         *(size / max(count, 1) for size, count in zip(world.area, buckets, strict=True)),
-        getattr(mobility, "speed_mps", 0.0),
+        0.0 if walk is None else walk.speed_mps,
         *world.area,
     ]
     whole = [
@@ -159,7 +161,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
     ]
     whole += _starts(WALK_LEG_US + 1, whole_sections)
     whole += _starts(len(real), real_sections)
-    whole += [profiles.shape[1], round(getattr(mobility, "leg_s", 0.0) * US)]
+    whole += [profiles.shape[1], 0 if walk is None else round(walk.leg_s * US)]
     return Fixed(
         np.concatenate([np.array(whole), *map(np.ravel, whole_sections)]).astype(np.int64),
         np.concatenate([np.array(real), *map(np.ravel, real_sections)]).astype(np.float64),
