@@ -14,6 +14,9 @@ from desim_uav.model.mobility import RandomWalks, Walks
 from desim_uav.model.streams import Purpose, Streams, next_uniform, states_of
 from desim_uav.world import World
 
+MOST_AT_ONCE, AT_ONCE_FOR = 64, 2048
+"""How many episodes are worth drawing at once, at most, and for how many users in all."""
+
 
 @dataclass(frozen=True, eq=False)
 class SamplePath:
@@ -45,6 +48,11 @@ def draw(world: World, seed: int, episode: int) -> SamplePath:
     or user changes nobody else's draws.
     """
     return draw_all(world, seed, [episode])[0]
+
+
+def at_once(world: World) -> int:
+    """How many episodes are worth drawing at once."""
+    return max(1, min(MOST_AT_ONCE, AT_ONCE_FOR // len(world.homes)))
 
 
 def draw_all(world: World, seed: int, episodes: Sequence[int]) -> list[SamplePath]:

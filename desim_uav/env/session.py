@@ -18,7 +18,7 @@ from desim_uav.engine.des import Simulation
 from desim_uav.env.configure import Source, configured
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
-from desim_uav.sample_path import SamplePath, draw
+from desim_uav.sample_path import SamplePath, at_once, draw_all
 from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import flat_mask
 from desim_uav.world import World, build_world
@@ -46,12 +46,13 @@ class Session:
         config: Mapping[str, Any] | None = None,
         worlds: Callable[[Scenario, int], World] = build_world,
         starts: bool = True,
+        ahead: bool = True,
     ) -> None:
         """On the scenario's own seed where it gives one, else on one that is drawn.
 
         ``worlds`` builds the world of a seed, at once or (``starts``) before the first episode.
-        Raises ScenarioError, or UsageError for a ``config``
-        of another form.
+        ``ahead``: several episodes are drawn at once, which is sooner than one by one but takes
+        more memory. Raises ScenarioError, or UsageError for a ``config`` of another form.
         """
         self.scenario = configured(scenario, config)
         self._world_of = worlds
@@ -61,6 +62,7 @@ class Session:
         self.episode = -1
         self._shown: Snapshot | None = None
         self._started = False
+        self._ahead = ahead
         if starts:
             self._start_over(self.seed)
 
@@ -76,6 +78,7 @@ class Session:
         self.seed, self.episode = seed, -1
         self._shown = None
         self._started = True
+        self._paths: list[SamplePath] = []
 
     def _engine_of(self, settings: RunSettings) -> Engine:
         return Simulation(self.world, settings)
@@ -110,7 +113,12 @@ class Session:
         elif not self._started:
             self._start_over(self.seed)
         self.episode += 1
-        return draw(self.world, self.seed, self.episode)
+        if not self._paths:
+            so_far = self.episode + 1  # who plays on for long, looks far ahead
+            count = min(so_far, at_once(self.world)) if self._ahead else 1
+            numbers = range(self.episode, self.episode + count)
+            self._paths = draw_all(self.world, self.seed, numbers)[::-1]
+        return self._paths.pop()
 
     def step(self, actions: Iterable[Any]) -> Snapshot:
         """Give each drone its action and run to the next decision epoch.

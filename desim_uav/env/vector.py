@@ -55,7 +55,10 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self.metadata = {"autoreset_mode": autoreset_mode}
         chosen = configured(scenario, config)
         worlds = _Worlds()
-        sessions = [CompiledSession(chosen, worlds=worlds, starts=k == 0) for k in range(num_envs)]
+        sessions = [
+            CompiledSession(chosen, worlds=worlds, starts=k == 0, ahead=False)
+            for k in range(num_envs)
+        ]
         self.compiled = Compiled(sessions, min(threads, num_envs))
         world, drones = sessions[0].world, chosen.drones.count
         self.single_observation_space = observation_space(features(world) * drones)

@@ -21,16 +21,13 @@ from desim_uav.model.observations import Feature, Position, table_row, table_siz
 from desim_uav.model.rules import DECIDES, Mode
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Purpose, Streams, uniforms_of
-from desim_uav.sample_path import draw, draw_all
+from desim_uav.sample_path import at_once, draw, draw_all
 from desim_uav.world import World
 
 FIRST_PATH = 2**24
 """Training draws its sample paths from this number on: no run under the same seed meets them."""
 
 LARGEST_TABLE = 2**29
-MOST_TOGETHER, TOGETHER_FOR = 64, 2048
-"""How many episodes are drawn at once for a fused training, at most, and for how many users."""
-
 DRAWS = 3
 
 
@@ -95,7 +92,7 @@ class Training:
                 )
         self.learners = [Learner(algorithm, self.settings.gamma, tables) for tables in self.q]
         self.sums = self.settings.algorithm in fused.ALGORITHMS
-        self.together = max(1, min(MOST_TOGETHER, TOGETHER_FOR // len(world.homes)))
+        self.together = at_once(world)
         self.fuses = (
             isinstance(self.engine, BatchSimulation)
             and self.sums
