@@ -50,6 +50,7 @@ POINTERS: dict[str, Callable[..., Any]] = {
     "_table": lambda memory, rows, columns: memory[: rows * columns].reshape(rows, columns),
     "_whole_at": lambda address: _at(address, ctypes.c_int64),
     "_real_at": lambda address: _at(address, ctypes.c_double),
+    "_small_at": lambda address: _at(address, ctypes.c_int8),
 }
 
 numba.njit = njit

@@ -18,7 +18,6 @@ from desim_uav.env.session import ActionError, Session
 from desim_uav.model.state import Snapshot
 from desim_uav.spaces import features, observation_space
 
-ADDRESSES = 6
 SEEDS = ("seed", "world_seed", "episode_number")
 
 
@@ -70,10 +69,12 @@ class Compiled:
         self.rewards = np.zeros(count)
         self._told = np.zeros((count, len(MEASURES) + len(COUNTS) + len(terms)))
         self._over = np.zeros((count, 3), np.bool_)
-        self._shown = (self.values, self.masks, self.rewards, self._told, self._over)
         self._seeds = np.zeros((count, len(SEEDS)), np.int64)
         self._seeds_of = [(0, 0, 0)] * count
-        self._table = np.zeros((count, ADDRESSES), np.int64)
+        self._table = np.zeros((count, calls.ADDRESSES), np.int64)
+        shown_in = (self.values, self.masks, self.rewards, self._told, self._over)
+        for k in range(count):
+            self._table[k, -len(shown_in) :] = [array[k:].ctypes.data for array in shown_in]
         bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
         self._shares = [slice(*pair) for pair in pairwise(bounds)]
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
@@ -89,7 +90,7 @@ class Compiled:
         for k in which.nonzero()[0].tolist():
             session = self.sessions[k]
             session.begin(seeds[k])
-            self._table[k] = session.engine.addresses()
+            self._point_at(k)
             self._seeds_of[k] = session.seed, session.world.seed, session.episode
             self._seeds[k] = self._seeds_of[k]
         self._look(which)
@@ -149,9 +150,9 @@ class Compiled:
 
     def _share(self, work: Callable[..., int], *given: NDArray[Any]) -> int:
         """Let a kernel work on all environments, each thread on its share of them."""
-        arrays = (self._table, *given, *self._shown)
         if self._pool is None:
-            return work(*arrays)
+            return work(self._table, *given)
+        arrays = (self._table, *given)
         parts = [[array[share] for array in arrays] for share in self._shares]
         return sum(self._pool.map(lambda part: work(*part), parts))
 
@@ -159,7 +160,10 @@ class Compiled:
         """Play again, with more room, what did not fit."""
         full = self._over[:, 2].copy()
         for k in full.nonzero()[0].tolist():
-            engine = self.sessions[k].engine
-            engine.drain()  # plays again, with more room
-            self._table[k] = engine.addresses()
+            self.sessions[k].engine.drain()  # plays again, with more room
+            self._point_at(k)
         self._look(full)
+
+    def _point_at(self, k: int) -> None:
+        addresses = self.sessions[k].engine.addresses()
+        self._table[k, : len(addresses)] = addresses

@@ -200,17 +200,11 @@ def test_a_drone_that_sees_no_way_home():
 
 def looked_at(engine: BatchSimulation, numbers: int) -> list[float]:
     """What a drone is shown, encoded by the kernels."""
-    values, actions = np.empty((1, numbers)), len(engine.world.actions)
-    calls.look_at_all(
-        np.array([engine.addresses()], np.int64),
-        np.ones(1, bool),
-        values,
-        np.empty((1, actions), np.int8),
-        np.empty(1),
-        np.empty((1, 16)),
-        np.empty((1, 3), bool),
-    )
-    return values[0].tolist()
+    values, mask = np.empty(numbers), np.empty(len(engine.world.actions), np.int8)
+    reward, told, over = np.empty(1), np.empty(16), np.empty(3, np.int8)
+    shown = [array.ctypes.data for array in (values, mask, reward, told, over)]
+    calls.look_at_all(np.array([[*engine.addresses(), *shown]], np.int64), np.ones(1, bool))
+    return values.tolist()
 
 
 # ---- no room

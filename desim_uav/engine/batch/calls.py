@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -28,7 +30,7 @@ from desim_uav.engine.batch.memory import (
     State,
 )
 from desim_uav.engine.batch.observations import encode
-from desim_uav.engine.batch.pointers import moved, pointer, real_at, whole_at
+from desim_uav.engine.batch.pointers import moved, pointer, real_at, small_at, whole_at
 
 
 @inner
@@ -53,22 +55,32 @@ MEASURES = ("sim_time_s", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
 COUNTS = ("attached_users", "crashes")
 """What is told of an environment, in this order, before the terms of the reward."""
 
+ADDRESSES = 11
+"""Columns of a table of environments: where the arrays ``i`` and ``f`` of their ``Fixed``, ``Path``
+and ``State`` are, and the rows that take what they show (see ``Shown``)."""
+
+
+class Shown(NamedTuple):
+    """What an environment shows, by pointers, which a call takes sooner than arrays.
+
+    ``values`` (drones * features,), ``mask`` (drones * actions,); ``reward`` (1,), the mean over
+    the drones; ``told``, the MEASURES, COUNTS and mean terms; ``over`` (3,): terminated, truncated,
+    short of room.
+    """
+
+    values: Floats
+    mask: NDArray[np.int8]
+    reward: Floats
+    told: Floats
+    over: NDArray[np.int8]
+
 
 @kernel
-def step_all(
-    environments: Ints,
-    commands: Ints,
-    which: NDArray[np.bool_],
-    values: Floats,
-    masks: NDArray[np.int8],
-    rewards: Floats,
-    told: Floats,
-    over: NDArray[np.bool_],
-) -> int:
+def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> int:
     """A step of many environments, ``which`` of them; how many have run out of room.
 
-    ``environments`` (n, 6): the addresses of the arrays of their ``Fixed``, ``Path`` and ``State``.
-    The rest is as in ``look_at_all``. -1, and no step, where a command is no index of an action.
+    ``environments`` (n, ADDRESSES), ``commands`` (n, drones). -1, and no step, where a command is
+    no index of an action.
     """
     for k in range(len(environments)):
         w, _, _ = _environment(environments, k)
@@ -79,58 +91,44 @@ def step_all(
         if which[k]:
             w, p, s = _environment(environments, k)
             machine.step(w, p, s, commands[k])
-    return look_at_all(environments, which, values, masks, rewards, told, over)
+    return look_at_all(environments, which)
 
 
 @kernel
-def look_at_all(
-    environments: Ints,
-    which: NDArray[np.bool_],
-    values: Floats,
-    masks: NDArray[np.int8],
-    rewards: Floats,
-    told: Floats,
-    over: NDArray[np.bool_],
-) -> int:
-    """What many environments show, ``which`` of them; how many have run out of room.
-
-    ``values`` (n, drones * features), ``masks`` (n, drones * actions), ``rewards`` (n,) and the
-    terms in ``told`` (n, MEASURES, COUNTS and terms): means over the drones; ``over`` (n, 3):
-    terminated, truncated, short of room.
-    """
+def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
+    """Write what many environments show, ``which`` of them; how many have run out of room."""
     full = 0
     for k in range(len(environments)):
         if which[k]:
             w, _, s = _environment(environments, k)
-            _look_at(w, s, values[k], masks[k], told[k])
-            rewards[k] = 0.0
-            if s.i[EPOCH] > 0:
-                for d in range(w.i[DRONES]):
-                    rewards[k] += s.f[s.i[AT_REWARDS] + d]
-            rewards[k] /= w.i[DRONES]
-            over[k, 0], over[k, 1] = s.i[TERMINATED] != 0, s.i[TRUNCATED] != 0
-            over[k, 2] = s.i[FULL] != 0
-            full += over[k, 2]
+            full += _look_at(w, s, _shown(environments, k))
     return full
 
 
 @inner
-def _look_at(w: Fixed, s: State, values: Floats, mask: NDArray[np.int8], told: Floats) -> None:
+def _look_at(w: Fixed, s: State, shown: Shown) -> int:
     drones, actions, terms = w.i[DRONES], w.i[ACTIONS], w.i[TERMS]
+    told, begun = shown.told, s.i[EPOCH] > 0
     told[0] = s.i[NOW] / 1_000_000
     told[1], told[2], told[3] = airlink.measures(w, s)
-    told[4:] = 0.0
+    told[4], told[5] = 0.0, s.i[CRASHES]
+    for term in range(terms):
+        told[6 + term] = 0.0
+    reward = 0.0
     for d in range(drones):
-        encode(w, s, d, values, d * w.i[FEATURES])
+        encode(w, s, d, shown.values, d * w.i[FEATURES])
         for action in range(actions):
-            mask[d * actions + action] = s.i[mask_of(s, d) + action]
+            shown.mask[d * actions + action] = s.i[mask_of(s, d) + action]
         told[4] += s.i[seen_of(s, d) + S_ATTACHED]
-        if s.i[EPOCH] > 0:
+        if begun:
+            reward += s.f[s.i[AT_REWARDS] + d]
             for term in range(terms):
                 told[6 + term] += s.f[terms_of(s, d) + term]
-    told[5] = s.i[CRASHES]
     for term in range(terms):
         told[6 + term] /= drones
+    shown.reward[0] = reward / drones
+    shown.over[0], shown.over[1], shown.over[2] = s.i[TERMINATED], s.i[TRUNCATED], s.i[FULL]
+    return int(s.i[FULL])
 
 
 @inner
@@ -140,6 +138,14 @@ def _environment(environments: Ints, k: int) -> tuple[Fixed, Path, State]:
         Fixed(whole_at(row[0]), real_at(row[1])),
         Path(whole_at(row[2]), real_at(row[3])),
         State(whole_at(row[4]), real_at(row[5])),
+    )
+
+
+@inner
+def _shown(environments: Ints, k: int) -> Shown:
+    row = environments[k]
+    return Shown(
+        real_at(row[6]), small_at(row[7]), real_at(row[8]), real_at(row[9]), small_at(row[10])
     )
 
 

@@ -57,6 +57,11 @@ def _real_at(typing_context: Any, address: Any) -> Any:
     return _memory_at(types.float64), _from_address
 
 
+def _small_at(typing_context: Any, address: Any) -> Any:
+    """Bytes at an address."""
+    return _memory_at(types.int8), _from_address
+
+
 def _memory_at(number: Any) -> Any:
     return types.CPointer(number)(types.int64)
 
@@ -71,3 +76,4 @@ moved: Callable[[Any, int], Any] = in_kernels(_moved)
 table: Callable[[Any, int, int], Any] = in_kernels(_table)
 whole_at: Callable[[int], Any] = in_kernels(_whole_at)
 real_at: Callable[[int], Any] = in_kernels(_real_at)
+small_at: Callable[[int], Any] = in_kernels(_small_at)
