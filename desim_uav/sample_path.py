@@ -41,6 +41,41 @@ class SamplePath:
         return self.walking.drawn()
 
 
+@dataclass(frozen=True, eq=False)
+class SamplePaths:
+    """Those of several episodes, drawn at once; each is put together when it is asked for.
+
+    ``walking`` and ``requests`` have an entry an episode, ``position_error`` and ``respawn``
+    another dimension.
+    """
+
+    episodes: Sequence[int]
+    walking: Sequence[Walks | RandomWalks]
+    requests: Sequence[Requests]
+    position_error: NDArray[np.float64] | None
+    respawn: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, path: SamplePath) -> SamplePaths:
+        """Of one."""
+        error = path.position_error
+        errors = None if error is None else error[np.newaxis]
+        return cls(
+            [path.episode], [path.walking], [path.requests], errors, path.respawn[np.newaxis]
+        )
+
+    def __getitem__(self, k: int) -> SamplePath:
+        """The one of this place, not number."""
+        errors = self.position_error
+        return SamplePath(
+            self.episodes[k],
+            self.walking[k],
+            self.requests[k],
+            None if errors is None else errors[k],
+            self.respawn[k],
+        )
+
+
 def draw(world: World, seed: int, episode: int) -> SamplePath:
     """The sample path of an episode (negative: warm-up) under the run's seed.
 
@@ -55,33 +90,33 @@ def at_once(world: World) -> int:
     return max(1, min(MOST_AT_ONCE, AT_ONCE_FOR // len(world.homes)))
 
 
-def draw_all(world: World, seed: int, episodes: Sequence[int]) -> list[SamplePath]:
+def draw_all(world: World, seed: int, episodes: Sequence[int]) -> SamplePaths:
     """The sample paths of several episodes, sooner than one by one."""
     count, walks, requests = len(episodes), world.fixed_walks, world.fixed_requests
-    return list(
-        map(
-            SamplePath,
-            episodes,
-            [walks] * count if walks else world.walks_of(seed, episodes),
-            [requests] * count if requests else world.requests_of(seed, episodes),
-            [_position_error(world, seed, episode) for episode in episodes],
-            _respawns(world, seed, episodes),
-        )
+    return SamplePaths(
+        episodes,
+        [walks] * count if walks else world.walks_of(seed, episodes),
+        [requests] * count if requests else world.requests_of(seed, episodes),
+        _position_errors(world, seed, episodes),
+        _respawns(world, seed, episodes),
     )
 
 
-def _position_error(world: World, seed: int, episode: int) -> NDArray[np.float64] | None:
+def _position_errors(
+    world: World, seed: int, episodes: Sequence[int]
+) -> NDArray[np.float64] | None:
     noise = world.scenario.position_noise
     if noise is None:
         return None
-    streams = Streams(seed, Purpose.POSITION_NOISE, episode)
     shape = (world.scenario.episode.steps + 1, 2)
-    errors = []
-    for drone in range(world.scenario.drones.count):
-        rng = streams.generator(drone)
-        mistaken = rng.random(shape) < noise.probability
-        errors.append(np.where(mistaken, rng.normal(0.0, noise.sigma_cells, shape), 0.0))
-    return np.array(errors)
+    errors = np.empty((len(episodes), world.scenario.drones.count, *shape))
+    for k, episode in enumerate(episodes):
+        streams = Streams(seed, Purpose.POSITION_NOISE, episode)
+        for drone in range(world.scenario.drones.count):
+            rng = streams.generator(drone)
+            mistaken = rng.random(shape) < noise.probability
+            errors[k, drone] = np.where(mistaken, rng.normal(0.0, noise.sigma_cells, shape), 0.0)
+    return errors
 
 
 def _respawns(world: World, seed: int, episodes: Sequence[int]) -> NDArray[np.int64]:

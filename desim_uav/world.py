@@ -72,7 +72,7 @@ class World:
         """What the users ask for in an episode."""
         return self.requests_of(seed, [episode])[0]
 
-    def requests_of(self, seed: int, episodes: Sequence[int]) -> list[Requests]:
+    def requests_of(self, seed: int, episodes: Sequence[int]) -> Sequence[Requests]:
         """What they ask for in several, drawn at once."""
         demand, users = self.scenario.demand, len(self.homes)
         return requests_of(demand, users, self.services, seed, episodes, self.horizon_us)

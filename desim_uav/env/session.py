@@ -18,7 +18,7 @@ from desim_uav.engine.des import Simulation
 from desim_uav.env.configure import Source, configured
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
-from desim_uav.sample_path import SamplePath, at_once, draw_all
+from desim_uav.sample_path import SamplePath, SamplePaths, at_once, draw_all
 from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import flat_mask
 from desim_uav.world import World, build_world
@@ -78,7 +78,7 @@ class Session:
         self.seed, self.episode = seed, -1
         self._shown = None
         self._started = True
-        self._paths: list[SamplePath] = []
+        self._paths: SamplePaths | None = None
 
     def _engine_of(self, settings: RunSettings) -> Engine:
         return Simulation(self.world, settings)
@@ -113,12 +113,13 @@ class Session:
         elif not self._started:
             self._start_over(self.seed)
         self.episode += 1
-        if not self._paths:
+        paths = self._paths
+        if paths is None or self.episode not in paths.episodes:
             so_far = self.episode + 1  # who plays on for long, looks far ahead
             count = min(so_far, at_once(self.world)) if self._ahead else 1
             numbers = range(self.episode, self.episode + count)
-            self._paths = draw_all(self.world, self.seed, numbers)[::-1]
-        return self._paths.pop()
+            paths = self._paths = draw_all(self.world, self.seed, numbers)
+        return paths[self.episode - paths.episodes[0]]
 
     def step(self, actions: Iterable[Any]) -> Snapshot:
         """Give each drone its action and run to the next decision epoch.

@@ -113,22 +113,14 @@ class Training:
             for drone, reward in enumerate(shown.rewards):
                 self.learners[drone].gain(reward)
                 rewards[drone] += reward
-        measures, crashed = _known(self.engine.measures()), self.engine.log.crashed
+        measures, crashed = self.engine.measures(), self.engine.log.crashed
         self.episode += 1
         if shown.terminated or not self._goes_on(self.episode):
             self._close(shown, draws[shown.step], epsilon, alpha)
             self.engine.carry(None)
-        return [
-            self._progress(
-                number - FIRST_PATH,
-                drone,
-                (epsilon, alpha),
-                (rewards[drone], learner.sum),
-                measures,
-                crashed.count(drone),
-            )
-            for drone, learner in enumerate(self.learners)
-        ]
+        gained = [(reward, self._mean_q(drone)) for drone, reward in enumerate(rewards)]
+        fallen = [crashed.count(drone) for drone in range(len(rewards))]
+        return _rows([number - FIRST_PATH], [(epsilon, alpha)], [gained], [measures], [fallen])
 
     def _play_fused(self, count: int) -> list[Progress]:
         """The same without Python in between, episode after episode."""
@@ -172,14 +164,9 @@ class Training:
         self.episode += count
         if engine.terminated or not self._goes_on(self.episode):
             engine.carry(None)
-        return [
-            self._progress(episode, drone, law, (row[0], row[1]), measures, fallen)
-            for episode, law, rows, counts in zip(
-                episodes, laws, told.tolist(), crashes.tolist(), strict=True
-            )
-            for measures in (_known(rows[0][2:]),)
-            for drone, (row, fallen) in enumerate(zip(rows, counts, strict=True))
-        ]
+        told[:, :, 1] /= self.q[0].size
+        gained, qoe = told[:, :, :2].tolist(), told[:, 0, 2:].tolist()
+        return _rows(episodes, laws, gained, qoe, crashes.tolist())
 
     def _law(self, episode: int) -> tuple[float, float]:
         """ε and α."""
@@ -279,26 +266,34 @@ class Training:
         drawn = uniforms_of(self.seed, Purpose.LEARNER, numbers, count, epochs * DRAWS)
         return drawn.reshape(-1, count, epochs, DRAWS)
 
-    def _progress(
-        self,
-        episode: int,
-        drone: int,
-        law: tuple[float, float],
-        told: tuple[float, float],
-        measures: Sequence[float | None],
-        crashes: int,
-    ) -> Progress:
-        """``told``: the reward and the sum of the values."""
-        reward, total = told
+    def _mean_q(self, drone: int) -> float:
         q = self.q[drone]
-        mean_q = total / q.size if self.sums else float(q.mean(dtype=np.float64))
-        one, two, three = measures
-        return Progress(episode, drone, reward, *law, mean_q, one, two, three, crashes)
+        return self.learners[drone].sum / q.size if self.sums else float(q.mean(dtype=np.float64))
 
 
-def _known(measures: Sequence[float | None]) -> list[float | None]:
+def _rows(
+    episodes: Sequence[int],
+    laws: Sequence[tuple[float, float]],
+    gains: Sequence[Sequence[tuple[float, float]]],
+    measures: Sequence[Sequence[float | None]],
+    crashes: Sequence[Sequence[int]],
+) -> list[Progress]:
+    """A row an episode and drone; ``gains`` (episodes, drones, 2): its reward, its mean of Q."""
+    rows = []
+    for episode, law, gained, qoe, fallen in zip(
+        episodes, laws, gains, measures, crashes, strict=True
+    ):
+        one, two, three = map(_known, qoe)
+        for drone, (reward, mean_q) in enumerate(gained):
+            rows.append(
+                Progress(episode, drone, reward, *law, mean_q, one, two, three, fallen[drone])
+            )
+    return rows
+
+
+def _known(measure: float | None) -> float | None:
     """A measure of nan: there is none."""
-    return [None if measure is None or isnan(measure) else measure for measure in measures]
+    return None if measure is None or isnan(measure) else measure
 
 
 def table_features(world: World, tables: int = 1) -> tuple[Feature, ...]:

@@ -151,11 +151,15 @@ def crossings(
     box = _box(route, radius)
     for user in range(len(offsets) - 1):  # by itself, for it is done for several users at once
         seen[NEAR, user] = _comes_near(box, seen, user, fresh)
+    near = 0
+    for user in range(len(offsets) - 1):  # without branches, too: nobody can foresee who is near
+        is_near = int(seen[NEAR, user])
+        seen[NEAR, near] = user
+        near += is_near
     total = 0
-    for user in range(len(offsets) - 1):
-        if seen[NEAR, user] > 0.0:
-            pair = (user, fresh)
-            total = _cross(profile, route, span, radius, legs, offsets, seen, pair, out, total)
+    for k in range(near):
+        pair = (int(seen[NEAR, k]), fresh)
+        total = _cross(profile, route, span, radius, legs, offsets, seen, pair, out, total)
     return total
 
 

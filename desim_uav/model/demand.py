@@ -37,6 +37,28 @@ class Requests(NamedTuple):
     after_previous: bool
 
 
+class ManyRequests(Sequence[Requests]):
+    """The requests of several episodes, in a table: of episode k ``begins[k]:begins[k + 1]``.
+
+    ``offsets`` (episodes, users + 1) are counted in each.
+    """
+
+    def __init__(
+        self, rows: NDArray[np.int64], offsets: NDArray[np.int64], after_previous: bool
+    ) -> None:
+        self.offsets, self.after_previous = offsets, after_previous
+        ends: list[int] = np.cumsum(offsets[:, -1]).tolist()
+        self.begins, self.rows = [0, *ends[:-1]], rows[: ends[-1]]
+
+    def __len__(self) -> int:
+        return len(self.offsets)
+
+    def __getitem__(self, k: Any) -> Any:
+        """Those of an episode."""
+        own, begin = self.offsets[k], self.begins[k]
+        return Requests(self.rows[begin : begin + own[-1]], own, self.after_previous)
+
+
 class Demand(Protocol):
     """A model of demand.
 
@@ -84,7 +106,8 @@ class _Drawn(ABC):
     ) -> Requests:
         """The requests of one episode."""
         states = streams.states(users)[np.newaxis]
-        return _drawn(services, states, *self.law(), horizon_us)[0]
+        drawn: Requests = _drawn(services, states, *self.law(), horizon_us)[0]
+        return drawn
 
 
 @register("demand", "static")
@@ -197,7 +220,7 @@ def requests_of(
     seed: int,
     episodes: Sequence[int],
     horizon_us: int,
-) -> list[Requests]:
+) -> Sequence[Requests]:
     """The requests of several episodes."""
     if isinstance(demand, _Drawn) and type(demand).requests is _Drawn.requests:
         states = states_of(seed, Purpose.DEMAND, episodes, users)
@@ -213,7 +236,7 @@ def _drawn(
     none: float,
     mean_s: float,
     horizon_us: int,
-) -> list[Requests]:
+) -> ManyRequests:
     episodes, users, _ = states.shape
     offsets = np.zeros((episodes, users + 1), np.int64)
     law = (services.share, services.sizes, services.durations_us, services.bandwidths_bps)
@@ -222,11 +245,7 @@ def _drawn(
     if count > len(rows):
         rows = np.empty((count, 4), np.int64)
         _draw(*law, states, process, none, mean_s, horizon_us, offsets, rows)
-    ends = np.cumsum(offsets[:, -1]).tolist()
-    return [
-        Requests(rows[first:end], own, after_previous=process != _ARRIVALS)
-        for first, end, own in zip([0, *ends], ends, offsets, strict=False)
-    ]
+    return ManyRequests(rows, offsets, after_previous=process != _ARRIVALS)
 
 
 @kernel
@@ -269,8 +288,8 @@ def _draw(
             word, state = advanced(state)
             which = as_uniform(word)
             service = 0
-            while service < len(share) and share[service] <= which:
-                service += 1
+            for bound in share:  # all of them: a branch that nobody can foresee costs more
+                service += int(bound <= which)
             word, state = advanced(state)
             duration = durations_us[service, int(as_uniform(word) * sizes[service, 0])]
             word, state = advanced(state)

@@ -8,7 +8,7 @@ from functools import cached_property
 from itertools import groupby, pairwise
 from operator import itemgetter
 from pathlib import Path
-from typing import Annotated, ClassVar, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -121,6 +121,29 @@ class RandomWalks:
         return Walks(legs[:count], offsets)
 
 
+class ManyRandomWalks(Sequence[RandomWalks]):
+    """Random walks of several episodes; ``states`` (episodes, users, 4)."""
+
+    def __init__(
+        self,
+        walk: RandomWalk,
+        homes: NDArray[np.float64],
+        states: NDArray[np.uint64],
+        area: Area,
+        horizon_us: int,
+    ) -> None:
+        self.states = states
+        self._told = walk, homes, area, horizon_us
+
+    def __len__(self) -> int:
+        return len(self.states)
+
+    def __getitem__(self, k: Any) -> Any:
+        """Those of an episode."""
+        walk, homes, area, horizon_us = self._told
+        return RandomWalks(walk, homes, self.states[k], area, horizon_us)
+
+
 @register("mobility", "trace")
 @dataclass(frozen=True)
 class Trace:
@@ -193,7 +216,7 @@ def walks_of(
     """The walks of several episodes, from ``homes`` (users, 2); those at random not drawn yet."""
     if isinstance(mobility, RandomWalk) and type(mobility).walks is RandomWalk.walks:
         states = states_of(seed, Purpose.MOBILITY, episodes, len(homes))
-        return [RandomWalks(mobility, homes, own, area, horizon_us) for own in states]
+        return ManyRandomWalks(mobility, homes, states, area, horizon_us)
     streams = [Streams(seed, Purpose.MOBILITY, episode) for episode in episodes]
     return [mobility.walks(homes, each, area, horizon_us) for each in streams]
 

@@ -31,7 +31,6 @@ from desim_uav.engine.batch.memory import (
     AT_LOOSE,
     AT_OPEN_REQUESTS,
     AT_ROW_OFFSETS,
-    AT_ROWS,
     AT_SHARES,
     AT_USERS_SEEN,
     ATTACHED_FROM_US,
@@ -252,7 +251,7 @@ def _foresee(w: Fixed, p: Path, s: State, d: int, span_us: int, fresh: bool) -> 
             walk(w, s, now_us, now_us + span_us)
         legs, offsets = walked(w, s)
     else:
-        legs = table(p.f, p.i[p.i[AT_ROWS] - 1], 5)
+        legs = table(p.f, p.i[p.i[AT_LEG_OFFSETS] + w.i[USERS]], 5)
         offsets = table(moved(p.i, p.i[AT_LEG_OFFSETS]), 1, w.i[USERS] + 1)[0]
     if new_span:
         look_around(legs, offsets, now_us, now_us + span_us, seen)

@@ -9,15 +9,12 @@ Two arrays, because a kernel that takes thirty compiles for minutes. Times are w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.coverage import SEEN_ROWS
-from desim_uav.model.mobility import RandomWalks, Walks
-from desim_uav.sample_path import SamplePath
 
 Ints = NDArray[np.int64]
 Floats = NDArray[np.float64]
@@ -156,62 +153,6 @@ class Path(NamedTuple):
 
     i: Ints
     f: Floats
-
-
-def paths_of(paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
-    """Sample paths one after the other, and where each begins: (paths, 2), in ``i`` and in ``f``.
-
-    Sections are counted from their own path's beginning. Where nothing is left to chance, all begin
-    with the first.
-    """
-    starts: list[tuple[int, int]] = []
-    whole: list[Ints] = []
-    real: list[Floats] = []
-    at_i = at_f = 0
-    for path in paths:
-        if starts and _alike(path, paths[0]):
-            starts.append((0, 0))
-            continue
-        starts.append((at_i, at_f))
-        at_random = isinstance(path.walking, RandomWalks)
-        legs, walkers = _walking(path.walking)
-        rows, row_offsets, after_previous = path.requests
-        error, respawn = path.position_error, path.respawn
-        at_rows = PATH_HEADER + walkers.size
-        at_offsets = at_rows + rows.size
-        at_respawn = at_offsets + row_offsets.size
-        begin = (PATH_HEADER, at_rows, at_offsets, at_respawn)
-        noisy = error is not None
-        header = (after_previous, at_random, *begin, respawn.shape[1], noisy, legs.size)
-        whole += (np.array(header, np.int64), walkers, rows.reshape(-1), row_offsets)
-        whole.append(respawn.reshape(-1))
-        real.append(legs.reshape(-1))
-        at_i += at_respawn + respawn.size
-        at_f += legs.size
-        if error is not None:
-            real.append(error.reshape(-1))
-            at_f += error.size
-    packed = Path(np.concatenate(whole, dtype=np.int64), np.concatenate(real))
-    return packed, np.array(starts, np.int64)
-
-
-def _walking(walking: Walks | RandomWalks) -> tuple[Floats, Ints]:
-    """Legs and their offsets; of users who walk at random, none and the streams' beginnings."""
-    if isinstance(walking, RandomWalks):
-        return NO_LEGS, walking.states.reshape(-1).view(np.int64)
-    return walking
-
-
-NO_LEGS = np.empty((0, 5))
-
-
-def _alike(one: SamplePath, other: SamplePath) -> bool:
-    return (
-        one.walking is other.walking
-        and one.requests is other.requests
-        and one.position_error is other.position_error is None
-        and not one.respawn.size
-    )
 
 
 # ---- State

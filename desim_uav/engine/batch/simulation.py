@@ -73,17 +73,17 @@ from desim_uav.engine.batch.memory import (
     Path,
     X,
     Y,
-    paths_of,
     state_of,
     views,
 )
 from desim_uav.engine.batch.pack import pack, term_names
+from desim_uav.engine.batch.paths import paths_of
 from desim_uav.engine.batch.walking import legs_of_step
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.sample_path import SamplePath
+from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.world import World
 
 MODES = tuple(Mode)
@@ -183,21 +183,21 @@ class BatchSimulation:
     def begin(self, path: SamplePath) -> None:
         """The same without looking."""
         self.shown = None
-        self.packed, _ = self.prepare([path])
+        self.packed, _ = self.prepare(SamplePaths.of(path))
         self._drones_began = tuple(
             part.copy() for part in (self.state.i[:COUNTERS], *self._drone_views())
         )
         calls.reset(self.fixed, self.packed, self.state)
         self.drain()
 
-    def prepare(self, paths: Sequence[SamplePath]) -> tuple[Path, Ints]:
+    def prepare(self, paths: SamplePaths) -> tuple[Path, Ints]:
         """Put the drones where they begin; episodes on these packed paths are to follow."""
         goes_on = self.truncated and not self.terminated and self.settings.carry_over
         if not goes_on:
             self._load(self._carried)
         self._carried = None
         self._under_way = True
-        self._episode, self._walking = paths[-1].episode, paths[-1].walking
+        self._episode, self._walking = paths.episodes[-1], paths.walking[-1]
         self._new_log()
         return paths_of(paths)
 
