@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.demand import Requests
-from desim_uav.model.kernels import kernel
+from desim_uav.model.kernels import maker
 from desim_uav.model.mobility import RandomWalks, Walks
 from desim_uav.model.streams import Purpose, Streams, next_uniform, states_of
 from desim_uav.world import World
@@ -128,7 +128,7 @@ def _respawns(world: World, seed: int, episodes: Sequence[int]) -> NDArray[np.in
     return drawn.reshape(len(episodes), drones, epochs)
 
 
-@kernel
+@maker
 def _choices(states: NDArray[np.uint64], count: int, options: int) -> NDArray[np.int64]:
     """``count`` uniform choices among 0 … options-1 from each stream."""
     chosen = np.empty((len(states), count), np.int64)

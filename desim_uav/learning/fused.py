@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.batch import airlink, calls, machine
 from desim_uav.engine.batch.access import mask_of, seen_of
 from desim_uav.engine.batch.drones import CHARGED, CRASHED, FLYING
-from desim_uav.engine.batch.kernels import inner, kernel, part
+from desim_uav.engine.batch.kernels import inner, part
 from desim_uav.engine.batch.memory import (
     AT_CRASHED,
     AT_REWARDS,
@@ -42,6 +42,7 @@ from desim_uav.learning.expected_sarsa import update as expected_sarsa
 from desim_uav.learning.exploration import epsilon_greedy, value_of
 from desim_uav.learning.q_learning import update as q_learning
 from desim_uav.learning.sarsa import update as sarsa
+from desim_uav.model.kernels import kernel
 
 ALGORITHMS = ("q_learning", "sarsa", "expected_sarsa", "double_q")
 """Those that are compiled into an episode, by their number here."""

@@ -12,7 +12,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import kernel, part
+from desim_uav.model.kernels import kernel, maker, part
 from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
 
 T0_US, X0, Y0, VX, VY = range(5)
@@ -75,7 +75,7 @@ def walked(legs: NDArray[np.float64], leg: int, t_us: float) -> tuple[float, flo
     return legs[leg, X0] + legs[leg, VX] * t, legs[leg, Y0] + legs[leg, VY] * t
 
 
-@kernel
+@maker
 def all_walked(
     legs: NDArray[np.float64], offsets: NDArray[np.int64], t_us: float
 ) -> NDArray[np.float64]:

@@ -16,15 +16,24 @@ import numba
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-OPTIONS: dict[str, Any] = {"nogil": True, "fastmath": False, "error_model": "numpy"}
+MAKER: dict[str, Any] = {"nogil": True, "fastmath": False, "error_model": "numpy"}
+
+OPTIONS: dict[str, Any] = {**MAKER, "_nrt": False}
+"""``_nrt``: what makes no arrays need not count references to those it is given. Said of each
+kernel: on disk it is the same whether Python has called it first, or another kernel."""
 
 SOURCES = ("model", "engine/batch", "learning")
 """The folders that hold kernels."""
 
 
 def kernel(function: F) -> F:
-    """A kernel that Python can call."""
+    """A kernel that Python can call; it makes no arrays."""
     return cached(function, OPTIONS)
+
+
+def maker(function: F) -> F:
+    """A kernel that Python can call, and that makes arrays or lists."""
+    return cached(function, MAKER)
 
 
 def part(function: F) -> F:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.grid import Cell, Grid
-from desim_uav.model.kernels import kernel
+from desim_uav.model.kernels import maker
 
 Node = tuple[int, int, int]
 """(cell x, cell y, level)."""
@@ -81,7 +81,7 @@ def _axis(hop: Node) -> int:
     return 0 if hop[0] else 1 if hop[1] else 2
 
 
-@kernel
+@maker
 def shortest_path(
     blocked: NDArray[np.bool_],
     hop_us: NDArray[np.int64],
@@ -150,7 +150,7 @@ def shortest_path(
     return path
 
 
-@kernel
+@maker
 def _push(heap: list[tuple[np.int64, np.int64]], item: tuple[np.int64, np.int64]) -> None:
     """Add to a binary heap."""
     heap.append(item)
@@ -163,7 +163,7 @@ def _push(heap: list[tuple[np.int64, np.int64]], item: tuple[np.int64, np.int64]
         child = parent
 
 
-@kernel
+@maker
 def _pop(heap: list[tuple[np.int64, np.int64]]) -> tuple[np.int64, np.int64]:
     """Take the least item off a binary heap."""
     top = heap[0]

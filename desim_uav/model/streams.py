@@ -12,7 +12,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import kernel
+from desim_uav.model.kernels import kernel, maker
 
 
 class Purpose(IntEnum):
@@ -100,7 +100,7 @@ def _stir(pool: NDArray[np.uint64], word: np.uint64, source: int, constant: np.u
     return constant
 
 
-@kernel
+@maker
 def _seeded_states(
     seed: np.uint64, purpose: np.uint64, episodes: NDArray[np.uint64], count: int
 ) -> NDArray[np.uint64]:
@@ -165,7 +165,7 @@ def as_uniform(word: np.uint64) -> float:
     return np.float64(word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
-@kernel
+@maker
 def uniforms(states: NDArray[np.uint64], count: int) -> NDArray[np.float64]:
     """The next ``count`` uniform numbers of each stream: (streams, count)."""
     drawn = np.empty((len(states), count))

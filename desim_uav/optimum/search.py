@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import kernel
+from desim_uav.model.kernels import maker
 
 
 def as_bits(rows: NDArray[np.bool_]) -> NDArray[np.uint64]:
@@ -21,7 +21,7 @@ def as_bits(rows: NDArray[np.bool_]) -> NDArray[np.uint64]:
     return bytes_.view(np.uint64)
 
 
-@kernel
+@maker
 def _bits(word: np.uint64) -> int:
     """The number of ones."""
     m1, m2 = np.uint64(0x5555555555555555), np.uint64(0x3333333333333333)
@@ -32,7 +32,7 @@ def _bits(word: np.uint64) -> int:
     return int((word * ones) >> np.uint64(56))
 
 
-@kernel
+@maker
 def _size(one: NDArray[np.uint64]) -> int:
     """The number of users in a set."""
     total = 0
@@ -41,7 +41,7 @@ def _size(one: NDArray[np.uint64]) -> int:
     return total
 
 
-@kernel
+@maker
 def _gain(union: NDArray[np.uint64], one: NDArray[np.uint64]) -> int:
     """How many users a set adds."""
     total = 0
@@ -50,7 +50,7 @@ def _gain(union: NDArray[np.uint64], one: NDArray[np.uint64]) -> int:
     return total
 
 
-@kernel
+@maker
 def _unite(one: NDArray[np.uint64], other: NDArray[np.uint64], union: NDArray[np.uint64]) -> int:
     """Write the union of two sets; its number of users."""
     total = 0
@@ -60,7 +60,7 @@ def _unite(one: NDArray[np.uint64], other: NDArray[np.uint64], union: NDArray[np
     return total
 
 
-@kernel
+@maker
 def sizes(sets: NDArray[np.uint64]) -> NDArray[np.int64]:
     """The number of users in each set."""
     counted = np.empty(len(sets), np.int64)
@@ -75,7 +75,7 @@ def union_of(sets: NDArray[np.uint64]) -> NDArray[np.uint64]:
     return union
 
 
-@kernel
+@maker
 def undominated(sets: NDArray[np.uint64]) -> NDArray[np.bool_]:
     """Which of the sets, all different and the largest first, lie in no other one."""
     kept = np.ones(len(sets), np.bool_)
@@ -87,7 +87,7 @@ def undominated(sets: NDArray[np.uint64]) -> NDArray[np.bool_]:
     return kept
 
 
-@kernel
+@maker
 def greedy_cover(sets: NDArray[np.uint64], drones: int) -> tuple[NDArray[np.int64], int, int]:
     """Each drone in turn where it adds most: (the sets, users covered, a bound on the best cover).
 
@@ -114,7 +114,7 @@ def greedy_cover(sets: NDArray[np.uint64], drones: int) -> tuple[NDArray[np.int6
     return chosen, int(covered), int(bound)
 
 
-@kernel
+@maker
 def best_cover(
     sets: NDArray[np.uint64], drones: int, chosen: NDArray[np.int64], covered: int, budget: int
 ) -> tuple[NDArray[np.int64], int, bool]:
@@ -158,7 +158,7 @@ def best_cover(
     return best, int(covered), depth < 0
 
 
-@kernel
+@maker
 def _ranked(
     sets: NDArray[np.uint64], union: NDArray[np.uint64], line: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -170,7 +170,7 @@ def _ranked(
     return line[order], added[order]
 
 
-@kernel
+@maker
 def _shared(counted: NDArray[np.int64], drones: int, most: int) -> int:
     """The most users that ``drones`` drones can hold, at most ``most`` each.
 
@@ -184,7 +184,7 @@ def _shared(counted: NDArray[np.int64], drones: int, most: int) -> int:
     return int(held)
 
 
-@kernel
+@maker
 def best_shares(
     sets: NDArray[np.uint64],
     drones: int,

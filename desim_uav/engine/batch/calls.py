@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.batch import airlink, drones, machine
 from desim_uav.engine.batch.access import mask_of, seen_of, terms_of
-from desim_uav.engine.batch.kernels import inner, kernel
+from desim_uav.engine.batch.kernels import inner
 from desim_uav.engine.batch.memory import (
     ACTIONS,
     AT_REWARDS,
@@ -31,6 +31,7 @@ from desim_uav.engine.batch.memory import (
 )
 from desim_uav.engine.batch.observations import encode
 from desim_uav.engine.batch.pointers import moved, pointer, real_at, small_at, whole_at
+from desim_uav.model.kernels import kernel
 
 
 @inner

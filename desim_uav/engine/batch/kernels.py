@@ -8,15 +8,15 @@ from typing import Any, TypeVar, cast
 import numba
 from numba import types
 
-from desim_uav.model import kernels
+from desim_uav.model.kernels import OPTIONS
 
 F = TypeVar("F", bound=Callable[..., Any])
 
-OPTIONS: dict[str, Any] = {**kernels.OPTIONS, "_nrt": False}
-"""``_nrt``: no kernel here allocates anything, so no references are counted."""
-
-
-UNWRAPPED: dict[str, Any] = {**OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+UNWRAPPED: dict[str, Any] = {
+    **OPTIONS,
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+}
 
 
 def inner(function: F) -> F:
@@ -43,8 +43,3 @@ def _for_any_number(function: F, options: dict[str, Any]) -> F:
 
     compiled.get_call_template = for_any_number
     return cast(F, compiled)
-
-
-def kernel(function: F) -> F:
-    """A kernel that Python calls."""
-    return kernels.cached(function, OPTIONS)
