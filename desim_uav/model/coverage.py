@@ -21,10 +21,11 @@ T0_US, X0, Y0, VX, VY = range(5)
 MARGIN_M = 1e-6
 """What is farther than this from crossing does not, whatever the rounding."""
 
-LEG, AT_X, AT_Y, WEST, EAST, SOUTH, NORTH, NEAR = range(8)
-SEEN_ROWS = 8
-"""Rows of a table of users in a span: which of their legs they begin it on, their place then, the
-box around their walk; and whether a drone's leg comes near (NEAR, of the drone looked at last)."""
+LEG, AT_X, AT_Y, TO_X, TO_Y, STRAY, NEAR = range(7)
+SEEN_ROWS = 7
+"""Rows of a table of users in a span: which of their legs they begin it on, their place then and
+at its end, how far they stray from the straight way between at an even speed; and whether a drone's
+leg comes near (NEAR, of the drone looked at last)."""
 
 FEWEST_BUCKETS = 48
 """With fewer than these a drone's reach is a good part of the map, and buckets save nothing."""
@@ -35,7 +36,7 @@ GRAZE_M = 1e-13
 Route = tuple[float, float, float, float]
 Span = tuple[int, int]
 Points = tuple[float, float, float]
-Box = tuple[float, float, float, float, float, float]
+Part = tuple[float, float, float, float, float, float, float, float]
 
 TIME_US, USER, ENTERS = range(3)
 """Columns of a table of crossings."""
@@ -95,7 +96,7 @@ def look_around(
     end_us: int,
     seen: NDArray[np.float64],
 ) -> None:
-    """Where each user is at the start of a span, and between which bounds it stays until its end.
+    """Where each user is at the start of a span and at its end, and how straight it walks.
 
     Into ``seen`` (SEEN_ROWS, users), the same for all drones that fly then. What it says of the
     span before, if anything, tells where to look first.
@@ -103,22 +104,19 @@ def look_around(
     for user in range(len(offsets) - 1):
         begin, stop = offsets[user], offsets[user + 1]
         first = leg_near(legs, begin, stop, start_us, begin + int(seen[LEG, user]))
+        last = first
+        while last + 1 < stop and legs[last + 1, T0_US] < end_us:
+            last += 1
         x, y = walked(legs, first, start_us)
-        west, south, east, north = x, y, x, y
-        leg = first
-        while True:
-            next_us = end_us
-            if leg + 1 < stop and legs[leg + 1, T0_US] < end_us:
-                next_us = int(legs[leg + 1, T0_US])
-            to_x, to_y = walked(legs, leg, next_us)
-            west, east = min(west, to_x), max(east, to_x)
-            south, north = min(south, to_y), max(north, to_y)
-            if next_us == end_us:
-                break
-            leg += 1
+        to_x, to_y = walked(legs, last, end_us)
+        stray = 0.0
+        for leg in range(first + 1, last + 1):
+            share = (legs[leg, T0_US] - start_us) / (end_us - start_us)
+            aside_x = legs[leg, X0] - x - (to_x - x) * share
+            aside_y = legs[leg, Y0] - y - (to_y - y) * share
+            stray = max(stray, abs(aside_x) + abs(aside_y))
         seen[LEG, user], seen[AT_X, user], seen[AT_Y, user] = first - begin, x, y
-        seen[WEST, user], seen[EAST, user] = west, east
-        seen[SOUTH, user], seen[NORTH, user] = south, north
+        seen[TO_X, user], seen[TO_Y, user], seen[STRAY, user] = to_x, to_y, stray
 
 
 @kernel
@@ -148,9 +146,12 @@ def crossings(
     """
     route = (x0, y0, x1, y1)
     span = (start_us, end_us)
-    box = _box(route, radius)
+    flight, stay = _parts(profile, route, span, radius)
     for user in range(len(offsets) - 1):  # by itself, for it is done for several users at once
-        seen[NEAR, user] = _comes_near(box, seen, user, fresh)
+        seen[NEAR, user] = _comes_near(flight, seen, user, fresh)
+    if stay[END] > stay[BEGIN]:
+        for user in range(len(offsets) - 1):
+            seen[NEAR, user] = max(seen[NEAR, user], _comes_near(stay, seen, user, fresh))
     near = 0
     for user in range(len(offsets) - 1):  # without branches, too: nobody can foresee who is near
         is_near = int(seen[NEAR, user])
@@ -190,7 +191,7 @@ def crossings_near(
     """
     route = (x0, y0, x1, y1)
     span = (start_us, end_us)
-    box = _box(route, radius)
+    flight, stay = _parts(profile, route, span, radius)
     reach = radius + far + MARGIN_M
     total = 0
     for i in range(
@@ -203,7 +204,7 @@ def crossings_near(
         ):
             user = heads[i * shape[1] + j]
             while user >= 0:
-                if _comes_near(box, seen, user, fresh) > 0.0:
+                if _comes_near(flight, seen, user, fresh) + _comes_near(stay, seen, user, fresh):
                     pair = (user, fresh)
                     total = _cross(
                         profile, route, span, radius, legs, offsets, seen, pair, out, total
@@ -229,8 +230,8 @@ def sort_into_buckets(
     heads[:] = -1
     for user in range(len(following) - 1, -1, -1):
         x, y = seen[AT_X, user], seen[AT_Y, user]
-        far = max(far, x - seen[WEST, user], seen[EAST, user] - x)
-        far = max(far, y - seen[SOUTH, user], seen[NORTH, user] - y)
+        walk = max(abs(seen[TO_X, user] - x), abs(seen[TO_Y, user] - y))
+        far = max(far, walk + seen[STRAY, user])
         at = bucket_of(x, side[0], shape[0]) * shape[1] + bucket_of(y, side[1], shape[1])
         following[user] = heads[at]
         heads[at] = user
@@ -276,29 +277,55 @@ def _beyond(x: float, y: float, radius: float) -> float:
     return (x - radius) * (x + radius) + y * y
 
 
+FROM_X, FROM_Y, ONTO_X, ONTO_Y, BEGIN, END, OUT, WITHIN = range(8)
+"""Of a part of a drone's leg: its ends, and when it has them, as shares of the span; how near a
+user has to come, and how far to be off, to cross the footprint's edge."""
+
+
 @kernel
-def _box(route: Route, radius: float) -> Box:
-    """The box around a drone's leg, and the squares of what is surely out of reach and within."""
+def _parts(
+    profile: NDArray[np.float64], route: Route, span: Span, radius: float
+) -> tuple[Part, Part]:
+    """A drone's leg as two straight ways at an even speed: its flight, and its hover after that."""
     x0, y0, x1, y1 = route
-    within = max(radius - MARGIN_M, 0.0)
-    return min(x0, x1), max(x0, x1), min(y0, y1), max(y0, y1), (radius + MARGIN_M) ** 2, within**2
+    duration = (span[1] - span[0]) * 1e-6
+    last = len(profile) - 1
+    arrival, length = profile[last, START], profile[last, DISTANCE]
+    aside = bow = 0.0
+    even = length / arrival if last > 0 else 0.0
+    for k in range(last):
+        lasts = profile[k + 1, START] - profile[k, START]
+        aside = max(aside, abs(profile[k, DISTANCE] - even * profile[k, START]))
+        bow = max(bow, abs(profile[k, ACCELERATION]) * lasts * lasts / 8.0)
+    stray = aside + bow + MARGIN_M
+    landed = min(arrival / duration, 1.0) if last > 0 else 1.0
+    flight = (x0, y0, x1, y1, 0.0, landed, radius + stray, radius - stray)
+    return flight, (x1, y1, x1, y1, landed, 1.0, radius + MARGIN_M, radius - MARGIN_M)
 
 
 @kernel
-def _comes_near(box: Box, seen: NDArray[np.float64], user: int, fresh: bool) -> float:
-    """Pass one: 0.0 where the boxes around drone's leg and user's walk are all out of reach.
+def _comes_near(way: Part, seen: NDArray[np.float64], user: int, fresh: bool) -> float:
+    """Pass one: 0.0 where a user who walked straight on would stay out of the footprint or in it.
 
-    And where they are all within: then the user has no crossing, though it is entered by a drone
-    that begins to serve (``fresh``). Without branches, so that a processor does several at once.
+    By more than it and the drone stray. One who stays in it has no crossing, but is entered by a
+    drone that begins to serve (``fresh``). Without branches, so that a processor does several at
+    once.
     """
-    west, east, south, north, out, within = box
-    east_of, west_of = west - seen[EAST, user], seen[WEST, user] - east
-    north_of, south_of = south - seen[NORTH, user], seen[SOUTH, user] - north
-    dx, dy = max(east_of, west_of, 0.0), max(north_of, south_of, 0.0)
-    apart = dx * dx + dy * dy  # of the boxes' near ends
-    dx, dy = max(-east_of, -west_of), max(-north_of, -south_of)
-    across = dx * dx + dy * dy  # of their far ends
-    return 0.0 if apart > out or (across < within and not fresh) else 1.0
+    x0, y0, x1, y1, begin, end, out, within = way
+    x, y = seen[AT_X, user], seen[AT_Y, user]
+    walk_x, walk_y = seen[TO_X, user] - x, seen[TO_Y, user] - y
+    px, py = x0 - x - walk_x * begin, y0 - y - walk_y * begin
+    qx, qy = x1 - x - walk_x * end, y1 - y - walk_y * end
+    wx, wy = qx - px, qy - py
+    out, within = out + seen[STRAY, user], max(within - seen[STRAY, user], 0.0)
+    first, last = px * px + py * py, qx * qx + qy * qy
+    along, way_2 = -(px * wx + py * wy), wx * wx + wy * wy
+    nearest = min(first, last)
+    passes = (along > 0.0) & (along < way_2)  # then the nearest point is on the way
+    out_of_passing = first * way_2 - along * along > out * out * way_2
+    stays_out = (nearest > out * out) & (out_of_passing | (not passes))
+    stays_in = (max(first, last) < within * within) & (not fresh)
+    return 0.0 if stays_out | stays_in else 1.0
 
 
 @part
