@@ -93,15 +93,19 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         """
         agents = self.possible_agents
         shown = self.session.step(self._in_order(actions))
-        if shown.terminated or shown.truncated:
+        terminated, truncated, earned = shown.terminated, shown.truncated, shown.rewards
+        if terminated or truncated:
             self.agents = []
         self.screen.refresh()
         observations, infos = self._told(shown)
+        rewards = {}
+        for drone, agent in enumerate(agents):
+            rewards[agent] = earned[drone]
         return (
             observations,
-            dict(zip(agents, shown.rewards, strict=True)),
-            dict.fromkeys(agents, shown.terminated),
-            dict.fromkeys(agents, shown.truncated),
+            rewards,
+            dict.fromkeys(agents, terminated),
+            dict.fromkeys(agents, truncated),
             infos,
         )
 
@@ -118,9 +122,10 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         self.screen.close()
 
     def _in_order(self, actions: Mapping[str, int]) -> list[int]:
-        if self.agents and actions.keys() != self.action_spaces.keys():
-            raise ActionError(f"one action for each of {self.agents}, not for {list(actions)}")
-        return list(map(actions.__getitem__, self.agents))
+        agents = self.agents
+        if agents and actions.keys() != self.action_spaces.keys():
+            raise ActionError(f"one action for each of {agents}, not for {list(actions)}")
+        return [actions[agent] for agent in agents]
 
     def _told(self, shown: Snapshot) -> tuple[dict[str, Seen], Infos]:
         """Observations and infos of all agents."""

@@ -6,7 +6,6 @@ import math
 import operator
 import secrets
 from collections.abc import Callable, Iterable, Mapping
-from itertools import repeat
 from typing import Any
 
 import numpy as np
@@ -57,6 +56,7 @@ class Session:
         self.scenario = configured(scenario, config)
         self._world_of = worlds
         self._encode = self.scenario.observation.encode
+        self._drones = self.scenario.drones.count
         given = "seed" in self.scenario.model_fields_set
         self.seed = self.scenario.seed if given else secrets.randbits(32)
         self.episode = -1
@@ -137,9 +137,8 @@ class Session:
             commands = list(map(operator.index, actions))
         except TypeError as problem:
             raise ActionError(f"actions must be whole numbers, not {actions!r}") from problem
-        if len(commands) != self.scenario.drones.count:
-            drones = self.scenario.drones.count
-            raise ActionError(f"{len(commands)} action(s) for {drones} drone(s)")
+        if len(commands) != self._drones:
+            raise ActionError(f"{len(commands)} action(s) for {self._drones} drone(s)")
         if not self._commands.issuperset(commands):
             drone = next(d for d, command in enumerate(commands) if command not in self._commands)
             last = len(self._commands) - 1
@@ -150,7 +149,8 @@ class Session:
 
     def encoded(self, shown: Snapshot) -> list[tuple[float, ...]]:
         """What each drone is shown, as numbers."""
-        return list(map(self._encode, shown.observations, repeat(self.world.facts)))
+        encode, facts = self._encode, self.world.facts
+        return [encode(seen, facts) for seen in shown.observations]
 
     def action_masks(self) -> NDArray[np.bool_]:
         """What each drone may be told now, one drone after the other: (drones * actions,)."""

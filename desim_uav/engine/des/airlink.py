@@ -9,7 +9,7 @@ from __future__ import annotations
 from functools import reduce
 from operator import add, attrgetter
 
-from desim_uav.engine.base import Measures
+from desim_uav.engine.base import Measures, measured
 from desim_uav.engine.des.agenda import Due, key
 from desim_uav.engine.des.crossings import Crossing, Crossings
 from desim_uav.engine.des.journal import Journal
@@ -352,10 +352,12 @@ class AirLink:
         served_us = self._served_us + len(self._in_service) * now_us
         attached_us = self.log.attached_us + self._attached_users * now_us - self._attached_since_us
         lasted_us = len(self.open) * now_us
-        return Measures(
-            100 * qoe1 / opened if opened else None,
-            (open_us - served_us) / self.step_us / opened if opened else None,
-            100 * attached_us / lasted_us if lasted_us else None,
+        return measured(
+            (
+                100 * qoe1 / opened if opened else None,
+                (open_us - served_us) / self.step_us / opened if opened else None,
+                100 * attached_us / lasted_us if lasted_us else None,
+            )
         )
 
     def end(self) -> None:

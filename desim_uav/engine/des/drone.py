@@ -20,7 +20,7 @@ from desim_uav.model.grid import Cell
 from desim_uav.model.motion import REST, Leg, travelled
 from desim_uav.model.planner import Node, Return
 from desim_uav.model.rules import US, Action, Mode, Phase
-from desim_uav.model.state import Observation
+from desim_uav.model.state import Observation, observed
 from desim_uav.world import World
 
 # An enum member is looked up slowly in Python 3.11.
@@ -327,7 +327,7 @@ class Drone:
         battery_us = self.battery_seen_us = self.battery_now_us()
         ix, iy, level = self.belief
         served = tuple(radio.served)
-        return Observation._make(
+        return observed(
             (
                 self.index,
                 step,

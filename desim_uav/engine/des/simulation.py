@@ -30,7 +30,7 @@ from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.planner import Node
 from desim_uav.model.rules import Action, Mode, Phase, mask, obeyed
-from desim_uav.model.state import Snapshot
+from desim_uav.model.state import Snapshot, shown
 from desim_uav.model.sums import in_order
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
@@ -283,7 +283,7 @@ class Simulation:
     def _show(self, _: None = None) -> None:
         """The state as policies see it; it ends the run to this decision epoch."""
         self.agenda.paused = True
-        self.shown = Snapshot._make(
+        self.shown = shown(
             (
                 self.epoch,
                 self.agenda._now,
