@@ -158,4 +158,6 @@ class Signal(simpy.Event):
         """Wake the process before anything else happens, as SimPy's step would."""
         self._ok = True
         self._value = value
-        happen(self)
+        callbacks, self.callbacks = self.callbacks, None  # type: ignore[assignment]
+        for callback in callbacks:
+            callback(self)

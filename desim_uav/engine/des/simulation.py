@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import product
 from math import isfinite
-from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,7 +36,6 @@ from desim_uav.world import World
 
 # An enum member is looked up slowly in Python 3.11.
 CRASHED = Mode.CRASHED
-MODE_OF = attrgetter("mode")
 COMMAND = Phase.COMMAND
 RECORD_KEY, RESPAWN_KEY = key(Phase.RECORD), key(Phase.RESPAWN)
 
@@ -66,7 +64,7 @@ class Simulation:
         self._carried: Carried | None = None
         self._flights = Flights(world)
         self._crossings = Crossings(world.scenario.drones.footprint_radius_m, world.area)
-        self._masks = {
+        self._mask_of = {
             (mode, may_return, may_charge): mask(world.actions, mode, may_return, may_charge)
             for mode, may_return, may_charge in product(Mode, (False, True), (False, True))
         }
@@ -143,11 +141,14 @@ class Simulation:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
         if self.shown is None or self.terminated or self.truncated:
             raise SimulationError("step: the episode is over, or none has begun; call reset first")
+        if len(commands) != len(self.drones):
+            raise ValueError(f"{len(commands)} commands for {len(self.drones)} drones")
         self.commanded: list[tuple[int, Action]] = []
         told = []
-        actions = self.actions
-        for drone, command, legal in zip(self.drones, commands, self.shown.masks, strict=True):
-            taken = obeyed(command, legal, actions)
+        actions, masks = self.actions, self.shown.masks
+        for index, drone in enumerate(self.drones):
+            command = commands[index]
+            taken = obeyed(command, masks[index], actions)
             self.commanded.append((command, taken))
             if drone.command is not None:
                 if drone.events is not None:
@@ -187,7 +188,9 @@ class Simulation:
         self._reward()
         if self.settings.keep_steps:
             self._log_steps()
-        crashed = CRASHED in map(MODE_OF, self.drones)
+        crashed = False
+        for drone in self.drones:
+            crashed = crashed or drone.mode is CRASHED
         self.terminated = crashed and self.world.on_crash == "end_episode"
         self.truncated = self.epoch == self.steps
         if self.terminated or self.truncated:
@@ -200,8 +203,7 @@ class Simulation:
 
     def _reward(self) -> None:
         """Note what each drone is rewarded for."""
-        asked = tuple(self.airlink.open_requests)
-        terms_of, facts = self._terms_of, self.facts
+        asked, terms_of, facts = tuple(self.airlink.open_requests), self._terms_of, self.facts
         all_terms, rewards = [], []
         for seen in self.observations:
             terms = terms_of(seen, asked, facts)
@@ -277,8 +279,12 @@ class Simulation:
             drone.orient(None if error is None else error[drone.index, self.epoch])
 
     def _observe(self) -> None:
-        """Note what each drone knows."""
-        self.observations = tuple([drone.observe(self.epoch) for drone in self.drones])
+        """Note what each drone knows, and may be told."""
+        observations, masks = [], []
+        for drone in self.drones:
+            observations.append(drone.observe(self.epoch))
+            masks.append(self._mask_of[drone.may()])
+        self.observations, self.masks = tuple(observations), tuple(masks)
 
     def _show(self, _: None = None) -> None:
         """The state as policies see it; it ends the run to this decision epoch."""
@@ -290,7 +296,7 @@ class Simulation:
                 self.terminated,
                 self.truncated,
                 self.observations,
-                tuple([self._masks[drone.may()] for drone in self.drones]),
+                self.masks,
                 tuple(self.airlink.open_requests),
                 self._rewards,
                 self._terms,
