@@ -24,7 +24,7 @@ from desim_uav.engine.des.drone import Drone
 from desim_uav.engine.des.flights import Flights
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
-from desim_uav.engine.des.users import start_asking
+from desim_uav.engine.des.users import Users
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.planner import Node
@@ -37,6 +37,7 @@ from desim_uav.world import World
 # An enum member is looked up slowly in Python 3.11.
 CRASHED = Mode.CRASHED
 COMMAND = Phase.COMMAND
+IDLE, ATTACHED, OPEN, SERVED = UserState
 RECORD_KEY, RESPAWN_KEY = key(Phase.RECORD), key(Phase.RESPAWN)
 
 
@@ -55,13 +56,14 @@ class Simulation:
         self.world = world
         self.settings = settings
         self.audit = audit
-        self.steps, self.step_us = world.scenario.episode.steps, world.step_us
+        self.step_us = world.step_us
         self.actions, self.facts = world.actions, world.facts
         self._terms_of = world.scenario.reward.terms
         self.agenda = Agenda()
         self.shown: Snapshot | None = None
         self.terminated = self.truncated = False
         self._carried: Carried | None = None
+        self._users = Users(world.horizon_us)
         self._flights = Flights(world)
         self._crossings = Crossings(world.scenario.drones.footprint_radius_m, world.area)
         self._mask_of = {
@@ -81,7 +83,7 @@ class Simulation:
             if drone.mode is Mode.FLYING:
                 self.airlink.track(drone.radio, drone.leg, 0, Phase.ENTRY)
         self._orient(self.drones)
-        start_asking(self.agenda, self.airlink, path.requests, self.world.horizon_us)
+        self._users.start(self.agenda, self.airlink, path.requests)
         self.agenda.call(self._respawn, None, 0, RESPAWN_KEY)
         return self._run()
 
@@ -192,7 +194,7 @@ class Simulation:
         for drone in self.drones:
             crashed = crashed or drone.mode is CRASHED
         self.terminated = crashed and self.world.on_crash == "end_episode"
-        self.truncated = self.epoch == self.steps
+        self.truncated = self.epoch == self.facts.steps
         if self.terminated or self.truncated:
             self._show()
             self._end_episode()
@@ -322,7 +324,7 @@ class Simulation:
         states = []
         for request, radio in zip(self.airlink.open, self.airlink.attached, strict=True):
             if request is not None:
-                states.append(UserState.SERVED if request.serving >= 0 else UserState.OPEN)
+                states.append(SERVED if request.serving >= 0 else OPEN)
             else:
-                states.append(UserState.IDLE if radio is None else UserState.ATTACHED)
+                states.append(IDLE if radio is None else ATTACHED)
         return states
