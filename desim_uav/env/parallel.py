@@ -91,23 +91,16 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         A masked action becomes the only allowed one, or hover. Raises ResetNeeded outside an
         episode, ActionError for what is no action, or one too few or many.
         """
-        agents = self.possible_agents
         shown = self.session.step(self._in_order(actions))
         terminated, truncated, earned = shown.terminated, shown.truncated, shown.rewards
         if terminated or truncated:
             self.agents = []
         self.screen.refresh()
         observations, infos = self._told(shown)
-        rewards = {}
-        for drone, agent in enumerate(agents):
-            rewards[agent] = earned[drone]
-        return (
-            observations,
-            rewards,
-            dict.fromkeys(agents, terminated),
-            dict.fromkeys(agents, truncated),
-            infos,
-        )
+        rewards, ends, cuts = {}, {}, {}
+        for drone, agent in enumerate(self.possible_agents):
+            rewards[agent], ends[agent], cuts[agent] = earned[drone], terminated, truncated
+        return observations, rewards, ends, cuts, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
         """The masks of all drones, one after the other: (drones * actions,)."""

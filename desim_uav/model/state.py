@@ -64,7 +64,7 @@ class Observation(NamedTuple):
 
 
 observed = partial(tuple.__new__, Observation)
-"""An Observation of a tuple of all its fields, as ``_make`` makes it, but counts them."""
+"""An Observation of a tuple of all its fields: ``_make`` without counting them."""
 
 
 class Snapshot(NamedTuple):

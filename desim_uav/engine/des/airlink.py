@@ -88,7 +88,7 @@ class AirLink:
         """
         radio.sweep += 1
         now_us = self.agenda._now
-        found = self.crossings.of(flight, now_us, span_us, not radio.on)
+        found = self.crossings.of(flight, now_us, span_us, fresh=not radio.on)
         radio.on = True
         while found and found[-1][0] == now_us:
             _, user, enters = found.pop()
@@ -342,12 +342,8 @@ class AirLink:
         that of their ends. The shares are added in the order of their users: a sum of floats is
         another in another order.
         """
-        now_us, opened, shares, in_service = (
-            self.agenda._now,
-            self.opened,
-            self._shares,
-            self._in_service,
-        )
+        now_us, opened = self.agenda._now, self.opened
+        shares, in_service = self._shares, self._in_service
         for user, (before_us, required_us) in in_service.items():
             shares[user] = (before_us + now_us) / required_us
         qoe1 = self._closed_qoe1

@@ -205,14 +205,17 @@ class Simulation:
 
     def _reward(self) -> None:
         """Note what each drone is rewarded for."""
-        asked, terms_of, facts = tuple(self.airlink.open_requests), self._terms_of, self.facts
-        all_terms, rewards = [], []
+        asked = tuple(self.airlink.open_requests)
+        terms_of, facts = self._terms_of, self.facts
+        all_terms, rewards, finite = [], [], True
         for seen in self.observations:
             terms = terms_of(seen, asked, facts)
+            reward = in_order(terms.values())
+            finite = finite and isfinite(reward)
             all_terms.append(terms)
-            rewards.append(in_order(terms.values()))
+            rewards.append(reward)
         self._terms, self._rewards = tuple(all_terms), tuple(rewards)
-        if not all(map(isfinite, rewards)):
+        if not finite:
             kind = type(self.world.scenario.reward).__name__
             raise SimulationError(f"reward {kind!r}: {self._terms} is not a number for each term")
 
