@@ -62,14 +62,14 @@ def action_space(actions: int, drones: int) -> Discrete[Any] | MultiDiscrete[Any
 
 def flat_mask(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
     """The masks of all drones, one after the other: 1 for what is allowed. An array of its own."""
-    return mask_rows(masks).reshape(-1)
+    return _array(masks).flatten()
 
 
-def mask_rows(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
-    """The same as a row a drone: (drones, actions)."""
-    return _rows(masks).copy()
+def mask_row(mask: Mask) -> NDArray[np.int8]:
+    """The same of one drone."""
+    return _array(mask).copy()
 
 
 @lru_cache(maxsize=1024)
-def _rows(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
+def _array(masks: Mask | tuple[Mask, ...]) -> NDArray[np.int8]:
     return np.array(masks, np.int8)

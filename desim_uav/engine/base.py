@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
+from functools import partial
 from operator import itemgetter
 from typing import NamedTuple, Protocol
 
@@ -171,6 +172,10 @@ class Measures(NamedTuple):
     qoe1_percent: float | None
     qoe2_iterations: float | None
     qoe3_percent: float | None
+
+
+measured = partial(tuple.__new__, Measures)
+"""Measures of a tuple of all its fields."""
 
 
 class Engine(Protocol):

@@ -14,7 +14,7 @@ from desim_uav.env.configure import Source
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
 from desim_uav.model.state import Snapshot
-from desim_uav.spaces import features, mask_rows, observation_space
+from desim_uav.spaces import features, mask_row, observation_space
 
 Seen = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
@@ -78,7 +78,7 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         """
         shown = self.session.reset(seed)
         keys = ("attached_users", "crashes", *self.session.term_keys.values(), "action_mask")
-        self._own: dict[str, Any] = dict.fromkeys(keys)
+        self.session.blank.update(dict.fromkeys(keys))
         self.agents = self.possible_agents[:]
         self.screen.refresh()
         return self._told(shown)
@@ -91,19 +91,16 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         A masked action becomes the only allowed one, or hover. Raises ResetNeeded outside an
         episode, ActionError for what is no action, or one too few or many.
         """
-        agents = self.possible_agents
         shown = self.session.step(self._in_order(actions))
-        if shown.terminated or shown.truncated:
+        terminated, truncated, earned = shown.terminated, shown.truncated, shown.rewards
+        if terminated or truncated:
             self.agents = []
         self.screen.refresh()
         observations, infos = self._told(shown)
-        return (
-            observations,
-            dict(zip(agents, shown.rewards, strict=True)),
-            dict.fromkeys(agents, shown.terminated),
-            dict.fromkeys(agents, shown.truncated),
-            infos,
-        )
+        rewards, ends, cuts = {}, {}, {}
+        for drone, agent in enumerate(self.possible_agents):
+            rewards[agent], ends[agent], cuts[agent] = earned[drone], terminated, truncated
+        return observations, rewards, ends, cuts, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
         """The masks of all drones, one after the other: (drones * actions,)."""
@@ -118,24 +115,28 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         self.screen.close()
 
     def _in_order(self, actions: Mapping[str, int]) -> list[int]:
-        if self.agents and actions.keys() != self.action_spaces.keys():
-            raise ActionError(f"one action for each of {self.agents}, not for {list(actions)}")
-        return list(map(actions.__getitem__, self.agents))
+        agents = self.agents
+        if agents and actions.keys() != self.action_spaces.keys():
+            raise ActionError(f"one action for each of {agents}, not for {list(actions)}")
+        in_order = []
+        for agent in agents:
+            in_order.append(actions[agent])
+        return in_order
 
     def _told(self, shown: Snapshot) -> tuple[dict[str, Seen], Infos]:
         """Observations and infos of all agents."""
         session, crashed = self.session, self.session.engine.log.crashed
-        rows, masks = np.array(session.encoded(shown), self._dtype), mask_rows(shown.masks)
-        terms, keys = session.terms(shown), session.term_keys.items()
-        told = {**session.info(shown), **self._own}  # a copy costs less than its keys once more
+        encode, facts, keys = session.encode, session.world.facts, session.term_keys.items()
+        told, terms = session.info(shown), session.terms(shown)
         observations, infos = {}, {}
         for drone, agent in enumerate(self.possible_agents):
-            mask = masks[drone]
-            observations[agent] = {"observation": rows[drone], "action_mask": mask}
+            seen, mask, own = shown.observations[drone], mask_row(shown.masks[drone]), terms[drone]
+            encoded = np.array(encode(seen, facts), self._dtype)
+            observations[agent] = {"observation": encoded, "action_mask": mask}
             info = infos[agent] = told.copy()
-            info["attached_users"] = shown.observations[drone].attached_users
+            info["attached_users"] = seen.attached_users
             info["crashes"] = crashed.count(drone) if crashed else 0
             for name, key in keys:
-                info[key] = float(terms[drone][name])
+                info[key] = float(own[name])
             info["action_mask"] = mask
         return observations, infos

@@ -24,6 +24,7 @@ from desim_uav.spaces import flat_mask
 from desim_uav.world import World, build_world
 
 SEEDS = 2**63
+MEASURED = ("sim_time_s", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
 
 
 class ActionError(error.InvalidAction, ValueError):
@@ -34,7 +35,8 @@ class Session:
     """A scenario under way.
 
     ``seed`` is the run's; it draws the world too, unless the scenario has a ``world_seed``.
-    ``episode`` counts from 0, which is -1 before the first ``reset``.
+    ``episode`` counts from 0, which is -1 before the first ``reset``. ``blank`` is the info of an
+    episode with what changes left open; who has more to tell adds its keys after a ``reset``.
     """
 
     world: World
@@ -56,7 +58,8 @@ class Session:
         """
         self.scenario = configured(scenario, config)
         self._world_of = worlds
-        self._encode = self.scenario.observation.encode
+        self.encode = self.scenario.observation.encode
+        self._drones = self.scenario.drones.count
         given = "seed" in self.scenario.model_fields_set
         self.seed = self.scenario.seed if given else secrets.randbits(32)
         self.episode = -1
@@ -102,6 +105,12 @@ class Session:
             shown.observations[0], shown.open_requests, self.world.facts
         )
         self.term_keys = {name: f"reward_{name}" for name in terms}
+        self.blank: dict[str, Any] = {
+            **dict.fromkeys(MEASURED, math.nan),
+            "seed": self.seed,
+            "world_seed": self.world.seed,
+            "episode_number": self.episode,
+        }
         self._no_terms = (dict.fromkeys(terms, 0.0),) * len(shown.observations)
         self._shown = shown
         return shown
@@ -134,13 +143,14 @@ class Session:
 
     def commands(self, actions: Iterable[Any]) -> list[int]:
         """Actions as commands, drones in order."""
+        commands = []
         try:
-            commands = list(map(operator.index, actions))
+            for action in actions:
+                commands.append(operator.index(action))
         except TypeError as problem:
             raise ActionError(f"actions must be whole numbers, not {actions!r}") from problem
-        if len(commands) != self.scenario.drones.count:
-            drones = self.scenario.drones.count
-            raise ActionError(f"{len(commands)} action(s) for {drones} drone(s)")
+        if len(commands) != self._drones:
+            raise ActionError(f"{len(commands)} action(s) for {self._drones} drone(s)")
         if not self._commands.issuperset(commands):
             drone = next(d for d, command in enumerate(commands) if command not in self._commands)
             last = len(self._commands) - 1
@@ -151,27 +161,24 @@ class Session:
 
     def encoded(self, shown: Snapshot) -> list[tuple[float, ...]]:
         """What each drone is shown, as numbers."""
-        return list(map(self._encode, shown.observations, repeat(self.world.facts)))
+        return list(map(self.encode, shown.observations, repeat(self.world.facts)))
 
     def action_masks(self) -> NDArray[np.bool_]:
         """What each drone may be told now, one drone after the other: (drones * actions,)."""
         return flat_mask(self.shown.masks).view(np.bool_)
 
-    def info(self, shown: Snapshot) -> dict[str, float]:
+    def info(self, shown: Snapshot) -> dict[str, Any]:
         """Time, quality of experience so far (nan where nothing was asked for), and seeds.
 
         No key is "episode", which Gymnasium and Stable-Baselines3 keep for their statistics.
         """
         qoe1, qoe2, qoe3 = self.engine.measures()
-        return {
-            "sim_time_s": shown.t_us / US,
-            "qoe1_percent": math.nan if qoe1 is None else qoe1,
-            "qoe2_iterations": math.nan if qoe2 is None else qoe2,
-            "qoe3_percent": math.nan if qoe3 is None else qoe3,
-            "seed": self.seed,
-            "world_seed": self.world.seed,
-            "episode_number": self.episode,
-        }
+        info = self.blank.copy()
+        info["sim_time_s"] = shown.t_us / US
+        info["qoe1_percent"] = math.nan if qoe1 is None else qoe1
+        info["qoe2_iterations"] = math.nan if qoe2 is None else qoe2
+        info["qoe3_percent"] = math.nan if qoe3 is None else qoe3
+        return info
 
     def terms(self, shown: Snapshot) -> tuple[dict[str, float], ...]:
         """The terms of each drone's reward, by name; 0 before the first step."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -62,6 +63,10 @@ class Observation(NamedTuple):
     asking: tuple[int, ...] = ()
 
 
+observed = partial(tuple.__new__, Observation)
+"""An Observation of a tuple of all its fields: ``_make`` without counting them."""
+
+
 class Snapshot(NamedTuple):
     """The state at a decision epoch, one observation, mask and reward a drone.
 
@@ -80,3 +85,7 @@ class Snapshot(NamedTuple):
     open_requests: tuple[int, ...]
     rewards: tuple[float, ...]
     reward_terms: tuple[dict[str, float], ...]
+
+
+shown = partial(tuple.__new__, Snapshot)
+"""A Snapshot of a tuple of all its fields."""

@@ -243,10 +243,10 @@ def test_a_battery_too_large_for_whole_microseconds_is_refused_by_name():
 
 
 def test_as_many_commands_as_drones():
-    _, engine = both(strip())
-    engine.reset(path_of(engine.world))
-    with pytest.raises(ValueError, match="2 commands for 1 drones"):
-        engine.step([0, 0])
+    for engine in both(strip()):
+        engine.reset(path_of(engine.world))
+        with pytest.raises(ValueError, match="2 commands for 1 drones"):
+            engine.step([0, 0])
 
 
 class Generous:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.des import Simulation
 from desim_uav.model.rules import Outcome
 from tests.engine.helpers import US, before_end, events, fly, path_of, seen, strip, the
 
@@ -124,3 +126,11 @@ def test_two_arrivals_of_one_instant_are_one_request():
     log = fly(world, path_of(world, {0: [(10, 20, 0), (10, 20, 0)]}))
     assert len(log.requests) == 1
     assert log.suppressed == 1
+
+
+def test_an_episode_has_the_requests_of_its_own_path():
+    world = strip(users=[(120, 120)], steps=1)
+    engine = Simulation(world, RunSettings((True,), False))
+    once, never = path_of(world, {0: [(0, 5, 0)]}), path_of(world, {})
+    asked = [engine.reset(path).open_requests[0] for path in (once, once, never, once)]
+    assert asked == [1, 1, 0, 1]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import deepcopy
 
 import numpy as np
 import pytest
@@ -64,3 +65,15 @@ def test_nothing_asked_for_is_nan():
     _, info = UavEnv("case8", {"demand": {"kind": "poisson", "rate_per_hour": 0.001}}).reset(seed=0)
     assert math.isnan(info["qoe1_percent"])
     assert math.isnan(info["qoe2_iterations"])
+
+
+@pytest.mark.parametrize("case", ["case1", "case8"])
+def test_what_is_told_is_the_callers_to_change(case: str):
+    expected = [deepcopy(told) for told in play_parallel(UavParallelEnv(case), 2, seed=0)]
+    env = UavParallelEnv(case)
+    for told, before in zip(play_parallel(env, 2, seed=0), expected, strict=True):
+        np.testing.assert_equal(told, before)
+        for agent in env.possible_agents:
+            told[0][agent]["observation"][:] = -1
+            told[0][agent]["action_mask"][:] = -1
+            told[-1][agent].clear()

@@ -6,10 +6,9 @@ crossings, arrivals and requests are known (``_settle``).
 
 from __future__ import annotations
 
-from functools import reduce
-from operator import add, attrgetter
+from operator import attrgetter
 
-from desim_uav.engine.base import Measures
+from desim_uav.engine.base import Measures, measured
 from desim_uav.engine.des.agenda import Due, key
 from desim_uav.engine.des.crossings import Crossing, Crossings
 from desim_uav.engine.des.journal import Journal
@@ -74,7 +73,7 @@ class AirLink:
         self._loose: list[int] = []
         self._affected: set[int] = set()
         self._settling = False
-        self._open_us = self._served_us = self._attached_since_us = 0
+        self._unserved_us = self._attached_us = 0
         self._attached_users = 0
         self._in_service: dict[int, tuple[int, int]] = {}
         self._shares = [0.0] * users
@@ -166,8 +165,7 @@ class AirLink:
                 self._stop(request, now_us, phase)
                 if radio.waiting:
                     self._affected.add(radio.index)
-        self.log.attached_us += now_us - since_us
-        self._attached_since_us -= since_us
+        self._attached_us += now_us
         self.attached[user] = None
         self._attached_users -= 1
         radio.attached_users -= 1
@@ -179,7 +177,7 @@ class AirLink:
     def _attach(self, radio: Radio, user: int, now_us: int, phase: Phase) -> None:
         self.attached[user] = radio
         self.since_us[user] = now_us
-        self._attached_since_us += now_us
+        self._attached_us -= now_us
         self._attached_users += 1
         radio.attached_users += 1
         if self.events is not None:
@@ -251,7 +249,7 @@ class AirLink:
         radio.used_bps += bandwidth_bps
         request.start(radio.index, now_us)
         self._in_service[user] = request.served_us - now_us, request.required_us
-        self._served_us -= now_us
+        self._unserved_us += now_us
         if self.events is not None:
             self.events.append((now_us, phase, "serve", radio.index, user, request.request_id, -1))
         done_us = now_us + request.required_us - request.served_us
@@ -264,7 +262,7 @@ class AirLink:
         user, bandwidth_bps = request.user, request.bandwidth_bps
         elapsed_us = request.stop(now_us)
         del self._in_service[user]
-        self._served_us += now_us
+        self._unserved_us -= now_us
         self._shares[user] = request.served_us / request.required_us
         self.log.bandwidth_us_bps += elapsed_us * bandwidth_bps
         radio.free_bps += bandwidth_bps
@@ -292,7 +290,7 @@ class AirLink:
         self.opened += 1
         self.open[user] = request
         self.open_requests[service] += 1
-        self._open_us -= now_us
+        self._unserved_us -= now_us
         for index in self.covering[user]:
             self.radios[index].asking[service] += 1
         if self.events is not None:
@@ -322,7 +320,7 @@ class AirLink:
         request.close(now_us)
         self._closed_qoe1 += request.served_us / request.required_us
         self._shares[user] = 0.0
-        self._open_us += now_us
+        self._unserved_us += now_us
         self.open[user] = None
         self.open_requests[request.service] -= 1
         for index in self.covering[user]:
@@ -344,18 +342,23 @@ class AirLink:
         that of their ends. The shares are added in the order of their users: a sum of floats is
         another in another order.
         """
-        now_us, shares, opened = self.agenda._now, self._shares, self.opened
-        for user, (before_us, required_us) in self._in_service.items():
+        now_us, opened = self.agenda._now, self.opened
+        shares, in_service = self._shares, self._in_service
+        for user, (before_us, required_us) in in_service.items():
             shares[user] = (before_us + now_us) / required_us
-        qoe1 = reduce(add, filter(None, shares), self._closed_qoe1)
-        open_us = self._open_us + (opened - len(self.log.requests)) * now_us
-        served_us = self._served_us + len(self._in_service) * now_us
-        attached_us = self.log.attached_us + self._attached_users * now_us - self._attached_since_us
-        lasted_us = len(self.open) * now_us
-        return Measures(
-            100 * qoe1 / opened if opened else None,
-            (open_us - served_us) / self.step_us / opened if opened else None,
-            100 * attached_us / lasted_us if lasted_us else None,
+        qoe1 = self._closed_qoe1
+        for share in shares:
+            qoe1 += share
+        unserved = opened - len(self.log.requests) - len(in_service)
+        unserved_us = self._unserved_us + unserved * now_us
+        attached_us = self._attached_us + self._attached_users * now_us
+        lasted_us = len(shares) * now_us
+        return measured(
+            (
+                100 * qoe1 / opened if opened else None,
+                unserved_us / self.step_us / opened if opened else None,
+                100 * attached_us / lasted_us if lasted_us else None,
+            )
         )
 
     def end(self) -> None:
@@ -372,4 +375,5 @@ class AirLink:
         for radio in self.radios:
             radio.waiting.clear()
             radio.on = False
+        self.log.attached_us = self._attached_us
         self.log.requests.sort(key=attrgetter("request_id"))

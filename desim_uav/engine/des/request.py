@@ -7,6 +7,7 @@ from desim_uav.model.rules import Outcome
 
 # An enum member is looked up slowly in Python 3.11.
 NEVER_SERVED, COMPLETED = Outcome.NEVER_SERVED, Outcome.COMPLETED
+UNFINISHED = Outcome.UNFINISHED
 
 
 class Request:
@@ -82,7 +83,7 @@ class Request:
         if self.served_us == self.required_us:
             self.outcome = COMPLETED
         elif self.served_us > 0:
-            self.outcome = Outcome.UNFINISHED
+            self.outcome = UNFINISHED
             self._count_interruption(t_us)
 
     def _count_interruption(self, resumed_us: int) -> None:

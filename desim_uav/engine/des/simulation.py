@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import product
 from math import isfinite
-from operator import attrgetter
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,20 +24,20 @@ from desim_uav.engine.des.drone import Drone
 from desim_uav.engine.des.flights import Flights
 from desim_uav.engine.des.journal import Journal
 from desim_uav.engine.des.station import Station
-from desim_uav.engine.des.users import start_asking
+from desim_uav.engine.des.users import Users
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.planner import Node
 from desim_uav.model.rules import Action, Mode, Phase, mask, obeyed
-from desim_uav.model.state import Snapshot
+from desim_uav.model.state import Snapshot, shown
 from desim_uav.model.sums import in_order
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
 # An enum member is looked up slowly in Python 3.11.
 CRASHED = Mode.CRASHED
-MODE_OF = attrgetter("mode")
 COMMAND = Phase.COMMAND
+IDLE, ATTACHED, OPEN, SERVED = UserState
 RECORD_KEY, RESPAWN_KEY = key(Phase.RECORD), key(Phase.RESPAWN)
 
 
@@ -57,16 +56,17 @@ class Simulation:
         self.world = world
         self.settings = settings
         self.audit = audit
-        self.steps, self.step_us = world.scenario.episode.steps, world.step_us
+        self.step_us = world.step_us
         self.actions, self.facts = world.actions, world.facts
         self._terms_of = world.scenario.reward.terms
         self.agenda = Agenda()
         self.shown: Snapshot | None = None
         self.terminated = self.truncated = False
         self._carried: Carried | None = None
+        self._users = Users(world.horizon_us)
         self._flights = Flights(world)
         self._crossings = Crossings(world.scenario.drones.footprint_radius_m, world.area)
-        self._masks = {
+        self._mask_of = {
             (mode, may_return, may_charge): mask(world.actions, mode, may_return, may_charge)
             for mode, may_return, may_charge in product(Mode, (False, True), (False, True))
         }
@@ -83,7 +83,7 @@ class Simulation:
             if drone.mode is Mode.FLYING:
                 self.airlink.track(drone.radio, drone.leg, 0, Phase.ENTRY)
         self._orient(self.drones)
-        start_asking(self.agenda, self.airlink, path.requests, self.world.horizon_us)
+        self._users.start(self.agenda, self.airlink, path.requests)
         self.agenda.call(self._respawn, None, 0, RESPAWN_KEY)
         return self._run()
 
@@ -143,11 +143,14 @@ class Simulation:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
         if self.shown is None or self.terminated or self.truncated:
             raise SimulationError("step: the episode is over, or none has begun; call reset first")
+        if len(commands) != len(self.drones):
+            raise ValueError(f"{len(commands)} commands for {len(self.drones)} drones")
         self.commanded: list[tuple[int, Action]] = []
         told = []
-        actions = self.actions
-        for drone, command, legal in zip(self.drones, commands, self.shown.masks, strict=True):
-            taken = obeyed(command, legal, actions)
+        actions, masks = self.actions, self.shown.masks
+        for index, drone in enumerate(self.drones):
+            command = commands[index]
+            taken = obeyed(command, masks[index], actions)
             self.commanded.append((command, taken))
             if drone.command is not None:
                 if drone.events is not None:
@@ -187,9 +190,11 @@ class Simulation:
         self._reward()
         if self.settings.keep_steps:
             self._log_steps()
-        crashed = CRASHED in map(MODE_OF, self.drones)
+        crashed = False
+        for drone in self.drones:
+            crashed = crashed or drone.mode is CRASHED
         self.terminated = crashed and self.world.on_crash == "end_episode"
-        self.truncated = self.epoch == self.steps
+        self.truncated = self.epoch == self.facts.steps
         if self.terminated or self.truncated:
             self._show()
             self._end_episode()
@@ -202,13 +207,15 @@ class Simulation:
         """Note what each drone is rewarded for."""
         asked = tuple(self.airlink.open_requests)
         terms_of, facts = self._terms_of, self.facts
-        all_terms, rewards = [], []
+        all_terms, rewards, finite = [], [], True
         for seen in self.observations:
             terms = terms_of(seen, asked, facts)
+            reward = in_order(terms.values())
+            finite = finite and isfinite(reward)
             all_terms.append(terms)
-            rewards.append(in_order(terms.values()))
+            rewards.append(reward)
         self._terms, self._rewards = tuple(all_terms), tuple(rewards)
-        if not all(map(isfinite, rewards)):
+        if not finite:
             kind = type(self.world.scenario.reward).__name__
             raise SimulationError(f"reward {kind!r}: {self._terms} is not a number for each term")
 
@@ -277,20 +284,24 @@ class Simulation:
             drone.orient(None if error is None else error[drone.index, self.epoch])
 
     def _observe(self) -> None:
-        """Note what each drone knows."""
-        self.observations = tuple([drone.observe(self.epoch) for drone in self.drones])
+        """Note what each drone knows, and may be told."""
+        observations, masks = [], []
+        for drone in self.drones:
+            observations.append(drone.observe(self.epoch))
+            masks.append(self._mask_of[drone.may()])
+        self.observations, self.masks = tuple(observations), tuple(masks)
 
     def _show(self, _: None = None) -> None:
         """The state as policies see it; it ends the run to this decision epoch."""
         self.agenda.paused = True
-        self.shown = Snapshot._make(
+        self.shown = shown(
             (
                 self.epoch,
                 self.agenda._now,
                 self.terminated,
                 self.truncated,
                 self.observations,
-                tuple([self._masks[drone.may()] for drone in self.drones]),
+                self.masks,
                 tuple(self.airlink.open_requests),
                 self._rewards,
                 self._terms,
@@ -316,7 +327,7 @@ class Simulation:
         states = []
         for request, radio in zip(self.airlink.open, self.airlink.attached, strict=True):
             if request is not None:
-                states.append(UserState.SERVED if request.serving >= 0 else UserState.OPEN)
+                states.append(SERVED if request.serving >= 0 else OPEN)
             else:
-                states.append(UserState.IDLE if radio is None else UserState.ATTACHED)
+                states.append(IDLE if radio is None else ATTACHED)
         return states

@@ -5,6 +5,7 @@ Who asks only once in an episode has nothing to wait for: that is a bare call.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from itertools import pairwise
 
 from desim_uav.engine.des.agenda import Agenda, Due, Life
@@ -15,22 +16,36 @@ Row = list[int]
 """What a user will ask for: due_us or think_us, service, required_us, bandwidth_bps."""
 
 
-def start_asking(agenda: Agenda, airlink: AirLink, requests: Requests, horizon_us: int) -> None:
-    """Let each user begin who asks for something in this episode, with its first request."""
-    rows, start_us = requests.rows.tolist(), agenda.now
-    after_previous = requests.after_previous
-    life = _ask_and_think if after_previous else _ask_on_arrival
-    for user, (first, last) in enumerate(pairwise(requests.offsets.tolist())):
-        own = rows[first:last]
-        if not after_previous:
-            own = [row for row in own if row[DUE_US] < horizon_us]
-        if own and own[0][DUE_US] < horizon_us:
+class Users:
+    """Lets users ask; what they ask for is read once where all episodes have the same requests."""
+
+    def __init__(self, horizon_us: int) -> None:
+        self.horizon_us = horizon_us
+        self._requests: Requests | None = None
+        self._asking: list[tuple[int, list[Row]]] = []
+
+    def start(self, agenda: Agenda, airlink: AirLink, requests: Requests) -> None:
+        """Let each user begin who asks for something in this episode, with its first request."""
+        if requests is not self._requests:
+            self._requests, self._asking = requests, list(self._who_asks(requests))
+        start_us, life = agenda.now, _ask_and_think if requests.after_previous else _ask_on_arrival
+        for user, own in self._asking:
             first_us, place = start_us + own[0][DUE_US], REQUEST_KEY + user
             if len(own) == 1:
                 agenda.call(_ask_once, (airlink, user, own[0]), first_us, place)
             else:
                 due = agenda.at(first_us, place)
                 agenda.process(life(agenda, airlink, user, own), begins=due)
+
+    def _who_asks(self, requests: Requests) -> Iterator[tuple[int, list[Row]]]:
+        """Each user who asks for something before the horizon, and for what."""
+        rows = requests.rows.tolist()
+        for user, (first, last) in enumerate(pairwise(requests.offsets.tolist())):
+            own = rows[first:last]
+            if not requests.after_previous:
+                own = [row for row in own if row[DUE_US] < self.horizon_us]
+            if own and own[0][DUE_US] < self.horizon_us:
+                yield user, own
 
 
 def _ask_once(asked: tuple[AirLink, int, Row]) -> None:
