@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 
 import numpy as np
 import simpy
@@ -29,9 +29,6 @@ CHARGING, CHARGED, CRASHED = Mode.CHARGING, Mode.CHARGED, Mode.CRASHED
 ARRIVAL, DEPLETION, RESPAWN = Phase.ARRIVAL, Phase.DEPLETION, Phase.RESPAWN
 COMMAND, COVERAGE = Phase.COMMAND, Phase.COVERAGE
 HOVER, GOTO, CHARGE = Action.HOVER, Action.GOTO_CHARGING_STATION, Action.CHARGE
-
-Waits = Iterable[simpy.Event]
-"""What a drone waits for, one after the other, until it can be told something."""
 
 
 class Drone:
@@ -149,7 +146,7 @@ class Drone:
         told, self.command = self.command, None
         told.give_now(action)
 
-    def _unfinished(self) -> Waits:
+    def _unfinished(self) -> Life:
         """What the drone was about in the episode before, if it was."""
         if self.mode is RETURNING:
             return self._go_home(ARRIVAL)
@@ -157,49 +154,44 @@ class Drone:
             return self._queue_and_charge(ARRIVAL)
         if self.mode is CRASHED:
             return self._lie()
-        return ()
+        return self._rest()
 
-    def _obey(self, action: Action) -> Waits:
+    def _obey(self, action: Action) -> Life:
         if action is GOTO:
             return self._return()
         if action is CHARGE:
             return self._land(COMMAND)
-        self._fly(action)
-        return ()
+        return self._fly(action)
+
+    def _rest(self) -> Life:
+        yield from ()
 
     def _lie(self) -> Life:
         """Crashed, until another drone takes its place."""
         self.revival = Signal(self.agenda)
         yield self.revival
 
-    def _fly(self, action: Action) -> None:
-        """Begin a step of serving flight: a move to the next cell, or a hover.
-
-        The next command comes when the step is over, so nobody waits for the arrival.
-        """
+    def _fly(self, action: Action) -> Life:
+        """A step of serving flight: a move to the next cell, or a hover."""
+        step_us = self.step_us
         move = None
         if action is not HOVER:
             move = self.flights.move(self.node, action, self.ceiling)
             if move is None:
                 self.emit(COMMAND, "blocked")
-        # A drone that is told something rests: its leg is the hover it has been in.
-        leg = self.leg if move is None else move[1]
-        self._begin(FLYING, leg, self.step_us)
-        self.airlink.track(self.radio, leg, self.step_us, COVERAGE)
-        if move is not None:
-            if self.events is not None:
-                self.emit(COMMAND, "depart")
-            arrival_us = self.since_us + leg.transit.duration_us
-            arrival = (self.leg_number, move[0])
-            self.agenda.call(self._on_arrival, arrival, arrival_us, self.arrival_key)
-
-    def _on_arrival(self, arrival: tuple[int, Node]) -> None:
-        """The end of a move, if the drone has not crashed in it."""
-        leg_number, target = arrival
-        if leg_number == self.leg_number:
-            rest_us = self.step_us - self.leg.transit.duration_us
-            self._arrive(target)
-            self._foresee_depletion(rest_us)
+        if move is None:
+            self._begin(FLYING, self.flights.hover(self.node), step_us)
+            self.airlink.track(self.radio, self.leg, step_us, COVERAGE)
+            return
+        target, leg = move
+        self._begin(FLYING, leg, step_us)
+        self.airlink.track(self.radio, leg, step_us, COVERAGE)
+        if self.events is not None:
+            self.emit(COMMAND, "depart")
+        duration_us = leg.transit.duration_us
+        yield self.agenda.at(self.since_us + duration_us, self.arrival_key)
+        self._arrive(target)
+        self._foresee_depletion(step_us - duration_us)
 
     def _return(self) -> Life:
         """Fly back by A* without stopping for decisions; land and queue at once.
