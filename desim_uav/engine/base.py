@@ -174,6 +174,9 @@ class Measures(NamedTuple):
     qoe3_percent: float | None
 
 
+MEASURES = ("sim_time_s", *Measures._fields)
+"""What is told of an episode under way."""
+
 measured = partial(tuple.__new__, Measures)
 """Measures of a tuple of all its fields."""
 

@@ -11,9 +11,9 @@ import numpy as np
 from gymnasium import error
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import Engine, RunSettings
+from desim_uav.engine.base import MEASURES, Engine, RunSettings
 from desim_uav.engine.batch import BatchSimulation, calls
-from desim_uav.engine.batch.calls import COUNTS, MEASURES
+from desim_uav.engine.batch.calls import COUNTS
 from desim_uav.env.session import ActionError, Session
 from desim_uav.model.state import Snapshot
 from desim_uav.spaces import features, observation_space

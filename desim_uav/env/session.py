@@ -13,7 +13,7 @@ import numpy as np
 from gymnasium import error
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import Engine, RunSettings
+from desim_uav.engine.base import MEASURES, Engine, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.env.configure import Source, configured
 from desim_uav.model.rules import US
@@ -24,7 +24,6 @@ from desim_uav.spaces import flat_mask
 from desim_uav.world import World, build_world
 
 SEEDS = 2**63
-MEASURED = ("sim_time_s", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
 
 
 class ActionError(error.InvalidAction, ValueError):
@@ -106,7 +105,7 @@ class Session:
         )
         self.term_keys = {name: f"reward_{name}" for name in terms}
         self.blank: dict[str, Any] = {
-            **dict.fromkeys(MEASURED, math.nan),
+            **dict.fromkeys(MEASURES, math.nan),
             "seed": self.seed,
             "world_seed": self.world.seed,
             "episode_number": self.episode,

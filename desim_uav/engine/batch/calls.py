@@ -52,9 +52,8 @@ def state(s: State) -> State:
     return State(pointer(s.i), pointer(s.f))
 
 
-MEASURES = ("sim_time_s", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
 COUNTS = ("attached_users", "crashes")
-"""What is told of an environment, in this order, before the terms of the reward."""
+"""What is told of an environment, after MEASURES and before the terms of the reward."""
 
 ADDRESSES = 11
 """Columns of a table of environments: where the arrays ``i`` and ``f`` of their ``Fixed``, ``Path``

@@ -24,9 +24,9 @@ class Agenda(simpy.Environment):
 
     SimPy orders events of one instant by priority: ours is the key (phase, drone, user), which is
     above SimPy's own priorities, so a resource hands on its place before the next event of ours.
-    Crossings, arrivals, completions and records have nobody who waits for them (but a returning
-    drone for its arrivals): the queue holds calls, (time, key, number, function, argument), of
-    which that of ``happen`` is what wakes processes. ``paused`` ends a run.
+    Crossings, completions and records have nobody who waits for them: the queue holds calls,
+    (time, key, number, function, argument), of which that of ``happen`` is what wakes processes.
+    ``paused`` ends a run.
     """
 
     _now: int
