@@ -14,7 +14,7 @@ from desim_uav.model.mobility import RandomWalks, Walks
 from desim_uav.model.streams import Purpose, Streams, next_uniform, states_of
 from desim_uav.world import World
 
-MOST_AT_ONCE, AT_ONCE_FOR = 64, 2048
+MOST_AT_ONCE, AT_ONCE_FOR = 64, 3072
 """How many episodes are worth drawing at once, at most, and for how many users in all."""
 
 

@@ -133,7 +133,8 @@ class Training:
         pending = np.array([decision[:2] for decision in waiting], np.int64)
         sums = [(learner.sum,) for learner in self.learners]
         due = np.array([(*decision[2:], *s) for decision, s in zip(waiting, sums, strict=True)])
-        laws = [self._law(episode) for episode in episodes]
+        epsilon, alpha = self.settings.epsilon.at, self.settings.alpha.at
+        laws = list(zip(map(epsilon, episodes), map(alpha, episodes), strict=True))
         told, crashes = np.zeros((count, drones, 5)), np.zeros((count, drones), np.int64)
         fused.play(
             engine.fixed,

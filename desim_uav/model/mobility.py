@@ -302,6 +302,11 @@ def next_leg(walker: Walker, state: State, law: Law) -> tuple[Walker, State]:
     if t_us == turn_us:
         vx, vy, state = _draw_heading(state, speed)
         turn_us = min(t_us + leg_us, horizon_us)
+    far_m = speed * (turn_us - t_us) * 1e-6 + 1.0
+    if (far_m < x) & (x < width - far_m) & (far_m < y) & (y < depth - far_m):
+        lasts_us = turn_us - t_us  # no wall is in reach
+        x, y = x + vx * lasts_us * 1e-6, y + vy * lasts_us * 1e-6
+        return (x, y, vx, vy, turn_us, turn_us), state
     vx, wall_x, hit_us = _next_wall(x, vx, width, turn_us - t_us)
     vy, wall_y, hit_us = _next_wall(y, vy, depth, hit_us)
     x = min(max(x + vx * hit_us * 1e-6, 0.0), width)

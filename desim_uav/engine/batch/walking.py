@@ -75,9 +75,9 @@ def walk(w: Fixed, s: State, start_us: int, end_us: int) -> None:
     """
     law = (w.f[WALK_SPEED_MPS], w.i[WALK_LEG_US], w.i[HORIZON_US], w.f[WIDTH_M], w.f[DEPTH_M])
     count, most = 0, s.i[MOST_LEGS]
+    one, own, times = s.i[AT_WALKING], s.i[AT_STREAMS], s.i[AT_WALKERS]
+    written, ends = s.i[AT_WALKED], s.i[AT_WALKED_OFFSETS] + 1
     for user in range(w.i[USERS]):
-        one, own = s.i[AT_WALKING] + user * WALKING_COLUMNS, s.i[AT_STREAMS] + 4 * user
-        times = s.i[AT_WALKERS] + 2 * user
         x, y, vx, vy = s.f[one + W_X], s.f[one + W_Y], s.f[one + W_VX], s.f[one + W_VY]
         t0_us, x0, y0 = s.f[one + W_T0_US], s.f[one + W_X0], s.f[one + W_Y0]
         walker = (x, y, vx, vy, s.i[times], s.i[times + 1])
@@ -91,7 +91,7 @@ def walk(w: Fixed, s: State, start_us: int, end_us: int) -> None:
             t_us = walker[4]
             if t_us > start_us or t_us == law[2]:
                 if count < most:
-                    leg = s.i[AT_WALKED] + count * 5
+                    leg = written + count * 5
                     s.f[leg + T0_US], s.f[leg + X0], s.f[leg + Y0] = t0_us, x0, y0
                     s.f[leg + VX], s.f[leg + VY] = walker[2], walker[3]
                 count += 1
@@ -109,7 +109,8 @@ def walk(w: Fixed, s: State, start_us: int, end_us: int) -> None:
         s.i[times], s.i[times + 1] = walker[4], walker[5]
         for word in range(4):
             s.i[own + word] = np.int64(stream[word])
-        s.i[s.i[AT_WALKED_OFFSETS] + user + 1] = min(count, most)
+        s.i[ends + user] = min(count, most)
+        one, own, times = one + WALKING_COLUMNS, own + 4, times + 2
     if count > most:
         s.i[FULL] = 1
 
