@@ -72,6 +72,10 @@ class Static:
         return Walks(legs, np.arange(len(homes) + 1))
 
 
+Law = tuple[float, int, int, float, float]
+"""Of a random walk: speed, the time of a leg, the horizon, width and depth of the map."""
+
+
 @register("mobility", "random_walk")
 @dataclass(frozen=True)
 class RandomWalk:
@@ -84,9 +88,15 @@ class RandomWalk:
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
     ) -> Walks:
         """A stream for each user."""
-        return RandomWalks(self, homes, streams.states(len(homes)), area, horizon_us).drawn()
+        law = self.law(area, horizon_us)
+        return RandomWalks(homes, streams.states(len(homes)), law).drawn()
+
+    def law(self, area: Area, horizon_us: int) -> Law:
+        """What the compiled loop goes by."""
+        return self.speed_mps, round(self.leg_s * US), horizon_us, *area
 
 
+@dataclass(frozen=True, eq=False)
 class RandomWalks:
     """Random walks that are drawn, by a compiled loop, once their legs are asked for.
 
@@ -94,16 +104,9 @@ class RandomWalks:
     more: it walks on from them by itself, step by step, with the same ``next_leg``.
     """
 
-    def __init__(
-        self,
-        walk: RandomWalk,
-        homes: NDArray[np.float64],
-        states: NDArray[np.uint64],
-        area: Area,
-        horizon_us: int,
-    ) -> None:
-        self.homes, self.states = homes, states
-        self._law = (walk.speed_mps, round(walk.leg_s * US), horizon_us, *area)
+    homes: NDArray[np.float64]
+    states: NDArray[np.uint64]
+    law: Law
 
     def drawn(self) -> Walks:
         """The walks."""
@@ -111,37 +114,30 @@ class RandomWalks:
 
     @cached_property
     def _walks(self) -> Walks:
-        _, leg_us, horizon_us, *_ = self._law
+        _, leg_us, horizon_us, *_ = self.law
         offsets = np.zeros(len(self.homes) + 1, np.int64)
         legs = np.empty((len(self.homes) * (horizon_us // leg_us + 8), 5))
-        count = _random_walk(self.homes, self.states, self._law, offsets, legs)
+        count = _random_walk(self.homes, self.states, self.law, offsets, legs)
         if count > len(legs):
             legs = np.empty((count, 5))
-            _random_walk(self.homes, self.states, self._law, offsets, legs)
+            _random_walk(self.homes, self.states, self.law, offsets, legs)
         return Walks(legs[:count], offsets)
 
 
+@dataclass(frozen=True, eq=False)
 class ManyRandomWalks(Sequence[RandomWalks]):
-    """Random walks of several episodes; ``states`` (episodes, users, 4)."""
+    """Those of several episodes; ``states`` (episodes, users, 4)."""
 
-    def __init__(
-        self,
-        walk: RandomWalk,
-        homes: NDArray[np.float64],
-        states: NDArray[np.uint64],
-        area: Area,
-        horizon_us: int,
-    ) -> None:
-        self.states = states
-        self._told = walk, homes, area, horizon_us
+    homes: NDArray[np.float64]
+    states: NDArray[np.uint64]
+    law: Law
 
     def __len__(self) -> int:
         return len(self.states)
 
     def __getitem__(self, k: Any) -> Any:
         """Those of an episode."""
-        walk, homes, area, horizon_us = self._told
-        return RandomWalks(walk, homes, self.states[k], area, horizon_us)
+        return RandomWalks(self.homes, self.states[k], self.law)
 
 
 @register("mobility", "trace")
@@ -216,13 +212,10 @@ def walks_of(
     """The walks of several episodes, from ``homes`` (users, 2); those at random not drawn yet."""
     if isinstance(mobility, RandomWalk) and type(mobility).walks is RandomWalk.walks:
         states = states_of(seed, Purpose.MOBILITY, episodes, len(homes))
-        return ManyRandomWalks(mobility, homes, states, area, horizon_us)
+        return ManyRandomWalks(homes, states, mobility.law(area, horizon_us))
     streams = [Streams(seed, Purpose.MOBILITY, episode) for episode in episodes]
     return [mobility.walks(homes, each, area, horizon_us) for each in streams]
 
-
-Law = tuple[float, int, int, float, float]
-"""Of a random walk: speed, the time of a leg, the horizon, width and depth of the map."""
 
 Walker = tuple[float, float, float, float, int, int]
 """Who walks at random: place and velocity, when it got there, and when it will turn."""
