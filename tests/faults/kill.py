@@ -19,7 +19,7 @@ import pandas as pd
 
 from desim_uav import cli
 from desim_uav.engine.batch import BatchSimulation
-from desim_uav.experiment import command, compare, sweep_command, train  # noqa: F401 (warm)
+from desim_uav.experiment import command, compare, reproduce, sweep_command, train  # noqa: F401 (warm)
 from desim_uav.learning.training import Training
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -31,10 +31,10 @@ SWEPT = ("-S", "episode.steps=3:4", "--seeds", "2", "--episodes", "2", "--warmup
 
 @dataclass(frozen=True)
 class Command:
-    """What is killed, what a kill may leave, and what must come out in the end."""
+    """What is killed, how it goes on (None: anew), what a kill may leave, what must come out."""
 
     words: tuple[str, ...]
-    resumes: bool
+    goes_on: tuple[str, ...] | None
     left: Callable[[Path, Path], None]
     same: Callable[[Path, Path], None]
 
@@ -77,6 +77,22 @@ def same_sweep(one: Path, other: Path) -> None:
     assert tables[0] == tables[1]
 
 
+def same_table(one: Path, other: Path) -> None:
+    """But for the command it names."""
+    for folder in ("jobs", "policies"):
+        same_files(one / folder, other / folder, "[!.]*")
+    same_files(one, other, "*.csv")
+    tables = [(d / "table.md").read_text().split("\n", 1)[1] for d in (one, other)]
+    assert tables[0] == tables[1]
+
+
+def no_part_of_a_table(one: Path, whole: Path) -> None:
+    """Each finished job that stands there is whole."""
+    for name in ("jobs", "policies"):
+        for file in (one / name).glob("[!.]*"):
+            assert file.read_bytes() == (whole / name / file.name).read_bytes(), file
+
+
 def no_part_of_a_sweep(one: Path, whole: Path) -> None:
     """Each row and each table that stands there is whole."""
     for name in ("results", "policies"):
@@ -87,33 +103,39 @@ def no_part_of_a_sweep(one: Path, whole: Path) -> None:
 COMMANDS = {
     "run": Command(
         ("run", "tiny", "--policy", "random", "--episodes", "60", "--events", "--engine", "batch"),
-        False,
+        None,
         no_part_of_a_run,
         same_run,
     ),
     "run-des": Command(
         ("run", "tiny", "--policy", "random", "--episodes", "60", "--warmup", "2"),
-        False,
+        None,
         no_part_of_a_run,
         same_run,
     ),
     "train": Command(
         ("train", "tiny", "--episodes", "400", "--checkpoint-every", "25"),
-        True,
+        ("--resume",),
         no_part_of_a_training,
         same_training,
     ),
     "sweep": Command(
         ("sweep", "tiny", "--policies", "hover,random", *SWEPT),
-        True,
+        ("--resume",),
         no_part_of_a_sweep,
         same_sweep,
     ),
     "sweep-train": Command(
         ("sweep", "tiny", "--train", "-S", "learning.episodes=30", *SWEPT),
-        True,
+        ("--resume",),
         no_part_of_a_sweep,
         same_sweep,
+    ),
+    "reproduce": Command(
+        ("reproduce", "--cases", "1", "--seeds", "2", "--episodes", "30"),
+        (),
+        no_part_of_a_table,
+        same_table,
     ),
 }
 
@@ -160,7 +182,7 @@ def ended(child: int) -> int | None:
 
 def main(name: str, kills: int, seed: int) -> dict[str, int]:
     what, chance = COMMANDS[name], random.Random(seed)
-    resumed = (*what.words, *(("--resume",) if what.resumes else ()))
+    resumed = (*what.words, *(what.goes_on or ()))
     warm()
     assert ended(begun(what.words, Path("warm"))) == 0, Path("stderr").read_text()
     before = time.monotonic()
@@ -177,19 +199,19 @@ def main(name: str, kills: int, seed: int) -> dict[str, int]:
         what.left(out, whole)
         if code is None:
             killed += 1
-            if what.resumes and not refused and out.exists() and any(out.iterdir()):
+            if what.goes_on and not refused and out.exists() and any(out.iterdir()):
                 assert ended(begun(what.words, out)) == 2, "it needs --resume"
                 assert "Traceback" not in Path("stderr").read_text()
                 what.left(out, whole)
                 refused = 1
-            if what.resumes or not out.exists():
+            if what.goes_on is not None or not out.exists():
                 continue
         else:
             assert code == 0, Path("stderr").read_text()
         what.same(out, whole)
         finished += 1
     out = Path(f"out{finished}")
-    if what.resumes or not out.exists():
+    if what.goes_on is not None or not out.exists():
         assert ended(begun(resumed, out)) == 0, Path("stderr").read_text()
     what.same(out, whole)
     return {"killed": killed, "refused": refused, "finished": finished + 1}

@@ -44,7 +44,8 @@ def killed(name: str, kills: int, seed: int):
 
 
 @pytest.mark.parametrize(
-    ("name", "kills"), [("run", 6), ("run-des", 4), ("sweep", 5), ("sweep-train", 5)]
+    ("name", "kills"),
+    [("run", 6), ("run-des", 4), ("sweep", 5), ("sweep-train", 5), ("reproduce", 4)],
 )
 def test_at_random_moments(name, kills):
     """Those of ``train`` are in experiment/test_train.py."""
