@@ -41,7 +41,7 @@ from desim_uav.engine.batch.pack import pack
 from desim_uav.engine.des import Simulation
 from desim_uav.model import coverage
 from desim_uav.model.rules import Action
-from desim_uav.sample_path import SamplePath, draw
+from desim_uav.sample_path import SamplePath, SamplePaths, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
@@ -189,7 +189,7 @@ def engine_steps(engine: Engine) -> Timed:
 
 def kernel_steps(engine: BatchSimulation) -> Timed:
     def timed(path: SamplePath, told: Commands) -> float:
-        packed, _ = engine.prepare([path])
+        packed, _ = engine.prepare(SamplePaths.of(path))
         calls.reset(engine.fixed, packed, engine.state)
         start = time.process_time()
         for command in told:

@@ -122,11 +122,13 @@ class Session:
             self._start_over(self.seed)
         self.episode += 1
         paths = self._paths
-        if paths is None or self.episode not in paths.episodes:
+        if paths is None:
             so_far = self.episode + 1  # who plays on for long, looks far ahead
             count = min(so_far, at_once(self.world)) if self._ahead else 1
             numbers = range(self.episode, self.episode + count)
             paths = self._paths = draw_all(self.world, self.seed, numbers)
+        if self.episode == paths.episodes[-1]:
+            self._paths = None
         return paths[self.episode - paths.episodes[0]]
 
     def step(self, actions: Iterable[Any]) -> Snapshot:
