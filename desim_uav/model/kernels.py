@@ -44,23 +44,27 @@ def part(function: F) -> F:
 def cached(function: F, options: Mapping[str, Any]) -> F:
     """Compile with these options, cached on disk with all that it calls.
 
-    Numba looks at a function's own file to see whether machine code on disk is stale, which is not
-    enough: it is, when any source of a kernel has changed.
+    Numba looks at the time of a function's own file to see whether machine code on disk is stale,
+    which is not enough: it is, when that file or any source of our kernels says something else.
     """
     compiled: Any = numba.njit(cache=True, **options)(function)
-    compiled._cache._cache_file._source_stamp = digest()
+    compiled._cache._cache_file._source_stamp = digest() + _said(function.__code__.co_filename)
     return cast(F, compiled)
 
 
 @cache
 def digest() -> str:
-    """What all sources of kernels say."""
+    """What all sources of our kernels say."""
     package = Path(__file__).parents[1]
-    found = hashlib.sha256()
-    for folder in SOURCES:
-        for file in sorted((package / folder).glob("*.py")):
-            found.update(file.read_bytes())
-    return found.hexdigest()
+    files = (file for folder in SOURCES for file in sorted((package / folder).glob("*.py")))
+    return hashlib.sha256("".join(map(_said, map(str, files))).encode()).hexdigest()
+
+
+@cache
+def _said(file: str) -> str:
+    path = Path(file)
+    said = path.read_bytes() if path.is_file() else b""  # a notebook's cell is no file
+    return hashlib.sha256(said).hexdigest()
 
 
 def compiled_before(function: Any) -> bool:
