@@ -133,8 +133,7 @@ class Training:
         pending = np.array([decision[:2] for decision in waiting], np.int64)
         sums = [(learner.sum,) for learner in self.learners]
         due = np.array([(*decision[2:], *s) for decision, s in zip(waiting, sums, strict=True)])
-        epsilon, alpha = self.settings.epsilon.at, self.settings.alpha.at
-        laws = list(zip(map(epsilon, episodes), map(alpha, episodes), strict=True))
+        laws = [self._law(episode) for episode in episodes]
         told, crashes = np.zeros((count, drones, 5)), np.zeros((count, drones), np.int64)
         fused.play(
             engine.fixed,
