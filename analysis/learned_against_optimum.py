@@ -2,7 +2,7 @@
 
 python analysis/learned_against_optimum.py [SEEDS [EPISODES]]
 
-Trains on each seed, in the world of the seed, evaluates greedily (20 episodes after 2 of warm-up),
+Trains on each seed from 100 on, in the world of the seed, evaluates greedily (20 episodes after 2 of warm-up),
 and divides the reward a step by the largest long-run average any policy can have.
 """
 
@@ -12,6 +12,7 @@ from pathlib import Path
 
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.optimum import optimum
+from desim_uav.experiment.reproduce import FIRST_SEED
 from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.train import train
 from desim_uav.scenario.load import load
@@ -24,7 +25,7 @@ def main(seeds: int = 10, episodes: int | None = None) -> None:
     print("| seed | algorithm | reward a step | optimum | share | QoE3 % | best QoE3 % |")
     print("| --- | --- | --- | --- | --- | --- | --- |")
     shares: dict[str, list[float]] = {"q_learning": [], "sarsa": []}
-    for seed in range(seeds):
+    for seed in range(FIRST_SEED, FIRST_SEED + seeds):
         for algorithm, found in shares.items():
             settings = [f"seed={seed}", "drones.count=1", f"learning.algorithm={algorithm}"]
             settings += [] if episodes is None else [f"learning.episodes={episodes}"]

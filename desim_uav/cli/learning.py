@@ -99,7 +99,19 @@ def optimum(
 
 def reproduce(
     cases: Annotated[str, typer.Option(metavar="1-9", help="Which, as 1-3,8.")] = "1-9",
-    seeds: Annotated[int, typer.Option(metavar="N", min=1, max=10**4, help="From 0 on.")] = 10,
+    seeds: Annotated[
+        int, typer.Option(metavar="N", min=1, max=10**4, help="The number of seeds.")
+    ] = 10,
+    first_seed: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            min=0,
+            max=2**62,
+            help="The first seed; the others follow it. The defaults of learning were chosen on "
+            "seeds below 100.",
+        ),
+    ] = 100,
     episodes: Annotated[
         int | None, typer.Option(metavar="N", min=1, max=10**7, help="Of training.")
     ] = None,
@@ -131,7 +143,8 @@ def reproduce(
         raise UsageError(f"--preset {preset}: allowed: {', '.join(presets)}")
     if check and preset == "paper":
         raise UsageError("--check: the gates are of the default training, not of the paper's")
-    todo = table.jobs(table.numbers(cases), seeds, episodes, presets[preset])
+    drawn = range(first_seed, first_seed + seeds)
+    todo = table.jobs(table.numbers(cases), drawn, episodes, presets[preset])
     with progress(not quiet, len(todo), "jobs", engine) as advance:
         rows = table.run_jobs(todo, out, jobs, advance, engine)
     found = table.report(rows, out, " ".join(["desim-uav", *sys.argv[1:]]))

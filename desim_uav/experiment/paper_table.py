@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
 from desim_uav.experiment.evaluate import MEASURES
@@ -207,15 +207,17 @@ def cells(line: Line) -> list[str]:
     ]
 
 
-def markdown(table: Sequence[Line], found: Sequence[Claim], command: str) -> str:
-    """The table and the claims, with the command that made them."""
-    seeds = max(line.estimates["qoe3_percent"].n for line in table)
+def markdown(
+    table: Sequence[Line], found: Sequence[Claim], seeds: Collection[int], command: str
+) -> str:
+    """Write the table and the claims as Markdown, with the seeds and the command behind them."""
     parts = [
         f"`{command}`",
         "",
-        f"Means over {seeds} seeds, each with a world of its own, ± the half-width of the 95 % "
-        "t-interval; greedy, 20 episodes after 2 of warm-up. *Last episode* is that of the "
-        "training, which is what the paper's table printed. Crashes are per drone and episode.",
+        f"The values are means over {len(seeds)} seeds ({min(seeds)} to {max(seeds)}), each with a "
+        "world of its own, ± the half-width of the 95 % t-interval. Policies are greedy and fly 20 "
+        "episodes after 2 of warm-up. *Last episode* is the last episode of the training, which "
+        "is what the paper's table printed. Crashes are per drone and episode.",
         "",
         "| " + " | ".join(HEADINGS) + " |",
         "| " + " | ".join("---" for _ in HEADINGS) + " |",

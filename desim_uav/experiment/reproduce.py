@@ -40,7 +40,10 @@ from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
 
 EPISODES, WARMUP = 20, 2
-"""Evaluated greedily, after so many that are not counted."""
+"""The numbers of episodes that are evaluated greedily, and that are flown and not counted before."""
+
+FIRST_SEED = 100
+"""The first seed of the table. The defaults of learning were chosen on seeds below it."""
 
 CASES = [str(case) for case in PUBLISHED]
 BEST_COVER = (
@@ -83,15 +86,15 @@ class Job:
 
 
 def jobs(
-    cases: Sequence[int], seeds: int, episodes: int | None, presets: Sequence[str | None]
+    cases: Sequence[int], seeds: range, episodes: int | None, presets: Sequence[str | None]
 ) -> list[Job]:
-    """All jobs of a table, the long ones first."""
+    """List all jobs of a table, the long ones first."""
     found = [
         Job(case, policy, seed, preset, episodes)
         for preset in presets
         for case in sorted(cases, reverse=True)
         for policy in POLICIES
-        for seed in range(seeds)
+        for seed in seeds
     ]
     return sorted(found, key=lambda job: job.policy == "baseline")
 
@@ -123,7 +126,8 @@ def report(rows: Sequence[dict[str, Any]], folder: Path, command: str) -> Report
     table, found = lines(rows), claims(rows)
     write_whole(folder / "rows.csv", rows_csv(rows).encode())
     write_whole(folder / "table.csv", table_csv(table).encode())
-    write_whole(folder / "table.md", markdown(table, found, command).encode())
+    seeds = {row["seed"] for row in rows}
+    write_whole(folder / "table.md", markdown(table, found, seeds, command).encode())
     return Report(table, found, folder)
 
 

@@ -23,6 +23,9 @@ from desim_uav.records import EPISODES
 from desim_uav.run_folder import read_table as read_parquet
 
 
+SEEDS = ("--seeds", 2, "--first-seed", 0)
+
+
 def run_cli(*args: object) -> Any:
     return CliRunner().invoke(app, [str(arg) for arg in args])
 
@@ -31,7 +34,7 @@ def run_cli(*args: object) -> Any:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Case 1 on two seeds, hardly trained."""
     out = tmp_path_factory.mktemp("reproduce")
-    run_jobs(jobs([1], 2, 20, [None]), out, 1)
+    run_jobs(jobs([1], range(2), 20, [None]), out, 1)
     return out
 
 
@@ -50,7 +53,7 @@ def test_other_cases_are_refused(text: str):
 
 
 def test_jobs_are_every_policy_in_every_case_on_every_seed():
-    found = jobs([1, 8], 3, None, [None, "paper"])
+    found = jobs([1, 8], range(3), None, [None, "paper"])
     assert len(set(found)) == len(found) == 2 * 3 * 3 * 2
     assert {job.policy for job in found} == set(POLICIES)
     job = Job(8, "sarsa", 2, "paper", 11)
@@ -81,12 +84,23 @@ def test_its_row_is_what_run_says_of_the_policy(folder: Path, tmp_path: Path):
     assert (episodes["episode"] >= 0).sum() == 20
 
 
+def test_the_table_is_of_seeds_that_no_default_was_chosen_on(monkeypatch: pytest.MonkeyPatch):
+    asked: list[Job] = []
+    monkeypatch.setattr(reproduce, "run_jobs", lambda todo, *_: asked.extend(todo) or [])
+    monkeypatch.setattr(reproduce, "report", lambda *_: None)
+    run_cli("reproduce", "--cases", "1,8")
+    assert {job.seed for job in asked} == set(range(100, 110))
+    asked.clear()
+    run_cli("reproduce", "--cases", "8", "--seeds", 3, "--first-seed", 7)
+    assert {job.seed for job in asked} == {7, 8, 9}
+
+
 def test_finished_jobs_are_not_run_again(folder: Path, monkeypatch: pytest.MonkeyPatch):
     ran: list[Job] = []
     monkeypatch.setattr(reproduce, "run_job", lambda job, *_: ran.append(job) or {})
-    again = run_jobs(jobs([1], 2, 20, [None]), folder, 1)
+    again = run_jobs(jobs([1], range(2), 20, [None]), folder, 1)
     assert not ran and len(again) == 6
-    run_jobs(jobs([1], 2, 21, [None]), folder, 1)
+    run_jobs(jobs([1], range(2), 21, [None]), folder, 1)
     assert {job.policy for job in ran} == {"q_learning", "sarsa"} and len(ran) == 4
 
 
@@ -102,7 +116,7 @@ def test_a_damaged_row_is_made_again(folder: Path, tmp_path: Path):
 
 
 def test_any_number_of_processes_gives_the_same(folder: Path, tmp_path: Path):
-    todo = [job for job in jobs([1], 2, 20, [None]) if job.policy != "sarsa"]
+    todo = [job for job in jobs([1], range(2), 20, [None]) if job.policy != "sarsa"]
     for rows in (run_jobs(todo, tmp_path, 2), run_jobs(todo, folder, 1)):
         rows.sort(key=lambda row: (row["policy"], row["seed"]))
         todo.append(rows)
@@ -118,7 +132,7 @@ def test_the_engine_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPa
     monkeypatch.setattr(Simulation, "__init__", lambda *_: pytest.fail("not compiled"))
     assert run_cli(*command, tmp_path / "batch", "--engine", "batch").exit_code == 0
     assert run_cli(*command, tmp_path / "unsaid").exit_code == 0, "the compiled one unless told"
-    made = list((tmp_path / "des").rglob("*-s0.*"))
+    made = list((tmp_path / "des").rglob("*-s100.*"))
     assert len(made) == 3 + 2, "the rows of three policies, and what two have learned"
     for file in [*made, *(tmp_path / "des" / f"{name}.csv" for name in ("rows", "table"))]:
         within = file.relative_to(tmp_path / "des")
@@ -129,7 +143,7 @@ def test_the_engine_changes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 def test_the_command_writes_the_table(folder: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("COLUMNS", "200")
     monkeypatch.setattr(sys, "argv", ["desim-uav", "reproduce", "--cases", "1"])
-    result = run_cli("reproduce", "--cases", 1, "--seeds", 2, "--episodes", 20, "--out", folder)
+    result = run_cli("reproduce", "--cases", 1, *SEEDS, "--episodes", 20, "--out", folder)
     assert result.exit_code == 0, result.output
     assert "75, 0, 100" in result.stdout and "best cover" in result.stdout
     with (folder / "rows.csv").open() as file:
@@ -148,7 +162,7 @@ def test_the_command_writes_the_table(folder: Path, monkeypatch: pytest.MonkeyPa
 
 def test_a_gate_that_does_not_hold(tmp_path: Path):
     """A drone that was trained for an episode is not at 0.99 of the best cover."""
-    command = ("reproduce", "--cases", 1, "--seeds", 2, "--episodes", 1, "--out", tmp_path)
+    command = ("reproduce", "--cases", 1, *SEEDS, "--episodes", 1, "--out", tmp_path)
     assert run_cli(*command, "-q").exit_code == 0, "it is asked for"
     reached = [
         json.loads(file.read_text())["row"]["qoe3_percent"]
@@ -167,7 +181,7 @@ def test_gates_that_hold(folder: Path, tmp_path: Path):
         content["sha256"] = checksums.of_row(content["row"])
         (tmp_path / "jobs").mkdir(exist_ok=True)
         (tmp_path / "jobs" / file.name).write_text(json.dumps(content))
-    command = ("reproduce", "--cases", 1, "--seeds", 2, "--episodes", 20, "--out", tmp_path)
+    command = ("reproduce", "--cases", 1, *SEEDS, "--episodes", 20, "--out", tmp_path)
     assert run_cli(*command, "--check", "-q").exit_code == 0
 
 
@@ -175,7 +189,7 @@ def test_nothing_is_trained_for_a_folder_that_cannot_be(tmp_path: Path, monkeypa
     (tmp_path / "file").write_text("mine")
     monkeypatch.setattr(reproduce, "run_job", lambda *_: pytest.fail("trained"))
     with pytest.raises(UsageError, match="--out"):
-        run_jobs(jobs([1], 1, 20, [None]), tmp_path / "file", 1)
+        run_jobs(jobs([1], range(1), 20, [None]), tmp_path / "file", 1)
     result = run_cli("reproduce", "--preset", "paper", "--check", "--out", tmp_path / "new")
     assert isinstance(result.exception, UsageError) and not (tmp_path / "new").exists()
 
@@ -270,13 +284,13 @@ def test_safety_is_of_the_cases_with_batteries():
 def test_the_paper_preset_is_shown_and_not_judged():
     rows = [row | {"preset": "paper"} for row in made(4, {"qoe3_percent": 1.0}, {})]
     assert claims(rows) == []
-    assert "q-learning (paper)" in markdown(lines(rows), [], "command")
+    assert "q-learning (paper)" in markdown(lines(rows), [], {0, 1, 2}, "command")
 
 
 def test_one_seed_has_no_interval():
     (line,) = lines([row(4, "sarsa", 0)])
     assert line.estimates["qoe3_percent"].half_width is None
-    assert "| 4 | sarsa | 90.0 | 91.0 |" in markdown([line], [], "command")
+    assert "| 4 | sarsa | 90.0 | 91.0 |" in markdown([line], [], {0}, "command")
 
 
 def test_the_published_table():
