@@ -2,8 +2,8 @@
 
 python analysis/learned_against_optimum.py [SEEDS [EPISODES]]
 
-Trains on each seed from 100 on, in the world of the seed, evaluates greedily (20 episodes after 2 of warm-up),
-and divides the reward a step by the largest long-run average any policy can have.
+Trains on each seed from 100 on, in the world of the seed, evaluates greedily (20 episodes after 2
+of warm-up), and divides the reward per step by the largest long-run average any policy can have.
 """
 
 import sys

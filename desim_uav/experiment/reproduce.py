@@ -40,7 +40,7 @@ from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
 
 EPISODES, WARMUP = 20, 2
-"""The numbers of episodes that are evaluated greedily, and that are flown and not counted before."""
+"""The numbers of episodes that count, and of warm-up episodes that are flown before them."""
 
 FIRST_SEED = 100
 """The first seed of the table. The defaults of learning were chosen on seeds below it."""

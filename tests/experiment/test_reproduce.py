@@ -22,7 +22,6 @@ from desim_uav.policies.tabular import read_table
 from desim_uav.records import EPISODES
 from desim_uav.run_folder import read_table as read_parquet
 
-
 SEEDS = ("--seeds", 2, "--first-seed", 0)
 
 
