@@ -98,9 +98,11 @@ def test_rllib_and_its_gymnasium(monkeypatch):
 
 def test_an_extra_of_another_packages_extra(monkeypatch):
     """RLlib is an extra of Ray: that Ray is there does not do."""
-    real, asked = doctor.requires, {"ray": ["gymnasium==1.2.2; extra == 'rllib'"], "desim-uav": []}
-    asked["desim-uav"] = [*real("desim-uav"), "ray[rllib]>=2.60; extra == 'sb3'"]
-    monkeypatch.setattr(doctor, "requires", lambda name: asked.get(name) or real(name))
+    asked = {
+        "desim-uav": ["ray[rllib]>=2.60; extra == 'sb3'"],
+        "ray": ["gymnasium==1.2.2; extra == 'rllib'"],
+    }
+    monkeypatch.setattr(doctor, "requires", asked.get)
     pretend(monkeypatch, {"ray": "2.60.0", "gymnasium": "1.4.0"})
     told = found(examine(), "extra sb3")
     assert told.verdict == "note"
