@@ -20,6 +20,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from desim_uav.errors import PolicyError, in_short
+from desim_uav.regular_file import opened
 
 LARGEST = 2**32
 LONGEST_TEXT = 2**24
@@ -78,9 +79,7 @@ class Stored:
     @contextmanager
     def _opened(self) -> Iterator[zipfile.ZipFile]:
         try:
-            if self.path.exists() and not self.path.is_file():
-                raise ValueError("it is no file")
-            with zipfile.ZipFile(self.path) as archive:
+            with opened(self.path, LARGEST) as file, zipfile.ZipFile(file) as archive:
                 yield archive
         except Exception as error:  # zipfile, zlib, NumPy and JSON have many ways to refuse a file
             reason = getattr(error, "strerror", None) or str(error).partition("\n")[0]

@@ -46,7 +46,7 @@ def verify(file: Path, strangers: bool = False) -> None:
         if not file.exists():  # what is missing its reader will say
             return
         if not file.is_file():  # a pipe or a device may never end
-            raise PolicyError(f"{file}: it is no file")
+            raise PolicyError(f"{file}: it is not a regular file")
         if not sums.exists():
             return
         expected = _read(sums).get(file.name)

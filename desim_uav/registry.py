@@ -9,11 +9,22 @@ from __future__ import annotations
 import difflib
 import importlib
 import pkgutil
-from collections.abc import Callable, Iterable
-from types import ModuleType
+import traceback
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from types import CodeType, ModuleType
 from typing import TypeVar
 
+from desim_uav.errors import DesimError, SimulationError
+
 _SLOTS: dict[str, dict[str, type]] = {}
+
+_PLUG_INS: dict[str, str] = {}
+"""The source file of each module that a component of a user's own came from: the module's name."""
+
+FAULTS = (Exception, SystemExit)
+"""What a user's own code may raise; ``sys.exit`` in a component must not end us in silence."""
 
 T = TypeVar("T", bound=type)
 
@@ -63,12 +74,50 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     return f" (did you mean {nearest[0]!r}?)" if nearest else ""
 
 
+def what_failed(error: BaseException) -> str:
+    """Say what an error says, with the file and the line of the user's own code that raised it."""
+    frames = [(frame.f_code, line) for frame, line in traceback.walk_tb(error.__traceback__)]
+    own = [at for at in frames if at[0].co_filename in _PLUG_INS] or [
+        at for at in frames if _is_foreign(at[0])
+    ]
+    said = f"{type(error).__name__}: {error}"
+    if not own:
+        return said
+    code, line = own[-1]
+    within = "" if code.co_name == "<module>" else f", in {code.co_qualname}"
+    return f"{said} ({code.co_filename}:{line}{within})"
+
+
+@contextmanager
+def naming_plug_ins() -> Iterator[None]:
+    """Turn what a component of a user's own raises into one SimulationError that names it."""
+    try:
+        yield
+    except DesimError:
+        raise
+    except FAULTS as error:
+        frames = traceback.walk_tb(error.__traceback__)
+        codes = [frame.f_code for frame, _ in frames if frame.f_code.co_filename in _PLUG_INS]
+        if not codes:
+            raise
+        name = f"{_PLUG_INS[codes[-1].co_filename]}:{codes[-1].co_qualname.partition('.')[0]}"
+        raise SimulationError(f"component {name!r} failed: {what_failed(error)}") from error
+
+
+def _is_foreign(code: CodeType) -> bool:
+    """Is this code neither the package's nor the import system's?"""
+    file = code.co_filename
+    return not file.startswith("<") and not Path(file).is_relative_to(Path(__file__).parent)
+
+
 def _import_class(name: str) -> type:
     module_name, _, class_name = name.partition(":")
     try:
-        found = getattr(importlib.import_module(module_name), class_name)
-    except Exception as error:  # a user's module may raise anything while it is imported
-        raise ValueError(f"cannot import {name!r}: {type(error).__name__}: {error}") from error
+        module = importlib.import_module(module_name)
+        found = getattr(module, class_name)
+    except FAULTS as error:
+        raise ValueError(f"cannot import {name!r}: {what_failed(error)}") from error
+    _PLUG_INS[str(getattr(module, "__file__", None))] = module_name
     if not isinstance(found, type):
         raise ValueError(f"{name!r} is not a class")
     if "kind" not in vars(found):

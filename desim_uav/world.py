@@ -20,6 +20,7 @@ from desim_uav.model.rules import MOVES, US, Action, actions
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
 from desim_uav.model.streams import Purpose, Streams
+from desim_uav.registry import naming_plug_ins
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.schema import DrawnObstacles, Scenario
 
@@ -190,6 +191,7 @@ class World:
         return dx if move[0] else dy if move[1] else self.grid.level_step_m
 
 
+@naming_plug_ins()
 def build_world(scenario: Scenario, seed: int) -> World:
     """Draw the world of a scenario; ``seed`` is the world seed.
 

@@ -28,6 +28,7 @@ import pandas as pd
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
+from typer.testing import CliRunner
 
 from desim_uav import array_file, cli
 from desim_uav.checksums import SUMS, of_files
@@ -315,10 +316,10 @@ def test_the_table_itself_is_taken(table: QTable, tmp_path: Path):
 
 FILES: list[tuple[str, Callable[[Path], None], str]] = [
     ("not there", lambda p: None, "No such file"),
-    ("a folder", lambda p: p.mkdir(), "it is no file"),
-    ("a pipe nobody writes to", os.mkfifo, "it is no file"),
+    ("a folder", lambda p: p.mkdir(), "it is not a regular file"),
+    ("a pipe nobody writes to", os.mkfifo, "it is not a regular file"),
     ("a link to itself", lambda p: p.symlink_to(p), "not a readable policy file"),
-    ("a link to zeros", lambda p: p.symlink_to("/dev/zero"), "it is no file"),
+    ("a link to zeros", lambda p: p.symlink_to("/dev/zero"), "it is not a regular file"),
 ]
 
 
@@ -330,6 +331,48 @@ def test_what_is_no_file(make: Callable[[Path], None], part: str, told, tmp_path
     make(file)
     code, message = told("run", "tiny", "--policy", file)
     assert code == 4 and str(file) in message and part in message, message
+
+
+NOT_REGULAR: list[tuple[str, Callable[[Path], None]]] = [
+    ("a pipe nobody writes to", os.mkfifo),
+    ("a link to zeros", lambda p: p.symlink_to("/dev/zero")),
+    ("a file of 3 GiB", lambda p: os.truncate(os.open(p, os.O_CREAT | os.O_WRONLY), 3 * 2**30)),
+]
+
+
+@pytest.mark.parametrize("make", [row[1] for row in NOT_REGULAR], ids=[r[0] for r in NOT_REGULAR])
+@pytest.mark.parametrize(
+    ("words", "code"),
+    [
+        (("run", "{file}"), 3),
+        (("validate", "{file}"), 3),
+        (("run", "tiny", "-S", "users.mobility={{kind: trace, file: {file}}}"), 3),
+        (("run", "tiny", "-S", "demand={{kind: trace, file: {file}}}"), 3),
+        (("run", "tiny", "--policy", "script:{file}"), 4),
+        (("run", "tiny", "--policy", "sb3:{file}"), 4),
+    ],
+    ids=lambda given: " ".join(given) if isinstance(given, tuple) else str(given),
+)
+def test_only_regular_files_of_a_bounded_size_are_read(
+    words: tuple[str, ...], code: int, make: Callable[[Path], None], told, tmp_path: Path
+):
+    file = tmp_path / "given.yaml"
+    make(file)
+    found, message = told(*(word.format(file=file) for word in words))
+    assert found == code and str(file) in message, message
+    assert "it is not a regular file" in message or "it is larger than" in message, message
+
+
+@pytest.mark.parametrize("words", [("qoe",), ("qoe", "--by", "service")])
+def test_what_a_manifest_says_moves_no_cursor(words: tuple[str, ...], log: Path, tmp_path: Path):
+    folder = shutil.copytree(log, tmp_path / "run")
+    manifest = json.loads((folder / "manifest.json").read_text())
+    manifest["scenario"] = manifest["policy"] = "\x1b[2J[bold]mine[/bold]\x9b1A"
+    (folder / "manifest.json").write_text(json.dumps(manifest))
+    ended = CliRunner().invoke(cli.app, [words[0], str(folder), *words[1:]])
+    assert ended.exit_code == 0, ended.output
+    assert "\x1b[2J" not in ended.output and "\x9b" not in ended.output
+    assert len(words) > 1 or "\\x1b[2J[bold]mine[/bold]\\x9b1A" in ended.output
 
 
 # ---- logs

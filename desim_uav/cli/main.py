@@ -51,6 +51,8 @@ def main() -> NoReturn:
         finally:
             print(end="", flush=True)
     except DesimError as error:
+        if error.__cause__ is not None and os.environ.get("DESIM_UAV_TRACEBACK"):
+            raise
         complain(str(error))
         sys.exit(error.exit_code)
     except KeyboardInterrupt:

@@ -15,6 +15,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, cast
 
 from desim_uav.errors import SimulationError
+from desim_uav.registry import FAULTS, what_failed
 
 DIED = "a process has died; if memory ran out, run fewer at a time (-j)"
 
@@ -104,7 +105,7 @@ def _work(
             number = connection.recv()
             try:
                 result = function(*tasks[number])
-            except Exception as error:
+            except FAULTS as error:
                 result = _portable(error)
             connection.send(result)
 
@@ -116,8 +117,10 @@ def _end_with_parent() -> None:
     os._exit(1)
 
 
-def _portable(error: Exception) -> Exception:
-    """An error as it is, or what it says, where it cannot be sent."""
+def _portable(error: BaseException) -> Exception:
+    """An error as it is; or what it says, if it cannot be sent, or would end its receiver."""
+    if not isinstance(error, Exception):
+        return SimulationError(what_failed(error))
     try:
         pickle.loads(pickle.dumps(error))
     except Exception:

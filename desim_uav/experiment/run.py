@@ -16,6 +16,7 @@ from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.base import Policy, decide
+from desim_uav.registry import FAULTS, naming_plug_ins, what_failed
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.world import World
 
@@ -87,15 +88,16 @@ def play(
     settings = run_settings(world, policy, keep_events)
     simulation = make_engine(engine, world, settings)
     for episode in range(-warmup, episodes):
-        path = draw(world, seed, episode)
-        with _blame(policy_name, episode):
-            carried = settings.carry_over and simulation.truncated and not simulation.terminated
-            policy.begin(world, Streams(seed, Purpose.LEARNER, episode), carried)
-        shown = simulation.reset(path)
-        while not (shown.terminated or shown.truncated):
-            with _blame(policy_name, episode, shown.step):
-                commands = decide(policy, shown)
-            shown = simulation.step(commands)
+        with naming_plug_ins():
+            path = draw(world, seed, episode)
+            with _blame(policy_name, episode):
+                carried = settings.carry_over and simulation.truncated and not simulation.terminated
+                policy.begin(world, Streams(seed, Purpose.LEARNER, episode), carried)
+            shown = simulation.reset(path)
+            while not (shown.terminated or shown.truncated):
+                with _blame(policy_name, episode, shown.step):
+                    commands = decide(policy, shown)
+                shown = simulation.step(commands)
         yield simulation.log, path
 
 
@@ -148,10 +150,10 @@ def _blame(policy_name: str, episode: int, step: int | None = None) -> Iterator[
         yield
     except DesimError:
         raise
-    except Exception as error:
+    except FAULTS as error:
         where = f"episode {episode}" + ("" if step is None else f", step {step}")
         raise SimulationError(
-            f"policy {policy_name!r} failed in {where}: {type(error).__name__}: {error}"
+            f"policy {policy_name!r} failed in {where}: {what_failed(error)}"
         ) from error
 
 

@@ -22,6 +22,7 @@ from desim_uav.experiment.grid import MOST
 from desim_uav.experiment.statistics import Estimate, estimate
 from desim_uav.experiment.sweep_plan import Arm, policy_digest
 from desim_uav.experiment.train import train
+from desim_uav.registry import FAULTS, what_failed
 from desim_uav.world import build_world
 
 Row = dict[str, Any]
@@ -145,8 +146,8 @@ def run_job(job: Job, version: str = __version__) -> Outcome:
         return _run(job, version)
     except DesimError as error:
         return Outcome(failure=" ".join(str(error).split("\n")))
-    except Exception as error:
-        return Outcome(failure=f"{type(error).__name__}: {error}")
+    except FAULTS as error:
+        return Outcome(failure=what_failed(error))
 
 
 def estimates(todo: Sequence[Job], rows: Sequence[Row]) -> list[tuple[Arm, dict[str, Estimate]]]:

@@ -21,6 +21,8 @@ from desim_uav.experiment.command import versions
 from desim_uav.experiment.evaluate import MEASURES
 from desim_uav.experiment.grid import Axis
 from desim_uav.experiment.sweep import Failure, Job, Outcome, Row
+from desim_uav.regular_file import text_of
+from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.run_folder import held, write_whole
 
 if TYPE_CHECKING:
@@ -192,9 +194,7 @@ class SweepFolder:
 def _manifest(file: Path) -> dict[str, Any]:
     """What a folder says of its sweep. Raises PolicyError."""
     try:
-        if not file.is_file():
-            raise ValueError("it is no file")
-        found = json.loads(file.read_text(encoding="utf-8"))
+        found = json.loads(text_of(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error
         raise PolicyError(f"{file}: not a readable manifest: {reason}") from error

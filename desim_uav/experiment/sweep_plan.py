@@ -18,11 +18,15 @@ from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import file_of, parts
 from desim_uav.registry import names
+from desim_uav.regular_file import content_of
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 
 MOST_PROBLEMS = 100
+
+LARGEST_POLICY = 2**32
+"""The most bytes of a policy's file that are read to tell whether it has changed."""
 """Said of a sweep's combinations, at most."""
 
 
@@ -87,8 +91,8 @@ def policy_digest(policy: str) -> str:
         return ""
     try:
         file = file or Path(inspect.getsourcefile(type(load_policy(policy))) or "")
-        return hashlib.sha256(file.read_bytes()).hexdigest()
-    except (OSError, TypeError) as error:
+        return hashlib.sha256(content_of(file, LARGEST_POLICY)).hexdigest()
+    except (OSError, TypeError, ValueError) as error:
         raise PolicyError(f"policy {policy!r}: its file cannot be read: {error}") from error
 
 

@@ -21,6 +21,7 @@ from desim_uav.model.observations import Feature, Position, table_row, table_siz
 from desim_uav.model.rules import DECIDES, Mode
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Purpose, Streams, uniforms_of
+from desim_uav.registry import naming_plug_ins
 from desim_uav.sample_path import at_once, draw, draw_all
 from desim_uav.world import World
 
@@ -99,6 +100,7 @@ class Training:
             and type(scenario.observation) is Position
         )
 
+    @naming_plug_ins()
     def play(self, most: int = 1) -> list[Progress]:
         """Learn in the next episode, or in up to ``most``; a row an episode and drone."""
         if self.fuses:

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import csv
+import io
 import math
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
+
+from desim_uav.regular_file import content_of
 
 MAX_BYTES = 256 * 2**20
 
@@ -37,8 +40,6 @@ def read_table(path: Path, columns: Mapping[str, Callable[[str], Any]]) -> list[
         status = path.stat()
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from error
-    if status.st_size > MAX_BYTES:
-        raise ValueError(f"{path}: larger than {MAX_BYTES >> 20} MiB")
     version = (str(path.resolve()), status.st_mtime_ns, status.st_size)
     return list(_read_table(path, tuple(columns.items()), version))
 
@@ -51,12 +52,15 @@ def _read_table(
 ) -> list[tuple[Any, ...]]:
     """The file as it was at this ``version`` (place, time of change, size)."""
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
-            return _rows(path, csv.DictReader(file, strict=True), columns)
+        text = content_of(path, MAX_BYTES).decode("utf-8-sig")
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: not UTF-8 text") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
+    try:
+        return _rows(path, csv.DictReader(io.StringIO(text, newline=""), strict=True), columns)
     except csv.Error as error:
         raise ValueError(f"{path}: {error}") from error
 

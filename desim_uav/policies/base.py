@@ -9,7 +9,7 @@ from typing import Protocol
 from desim_uav.errors import DesimError, PolicyError
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Streams
-from desim_uav.registry import names, resolve
+from desim_uav.registry import FAULTS, names, resolve, what_failed
 from desim_uav.world import World
 
 
@@ -85,8 +85,10 @@ def load_policy(name: str) -> Policy:
             policy = resolve("policy", name)()
     except DesimError:
         raise
-    except Exception as error:  # a user's class may raise anything
+    except ValueError as error:  # what a built-in, or the registry, finds wrong
         raise PolicyError(f"policy {name!r}: {error or type(error).__name__}") from error
+    except FAULTS as error:
+        raise PolicyError(f"policy {name!r}: {what_failed(error)}") from error
     for method in ("begin", "act"):
         if not callable(getattr(policy, method, None)):
             raise PolicyError(f"policy {name!r}: it has no method {method!r}")

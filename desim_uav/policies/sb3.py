@@ -24,6 +24,7 @@ from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.policies.network_file import are_widths, is_bool, is_width, reason
 from desim_uav.registry import register
+from desim_uav.regular_file import opened
 from desim_uav.world import World
 
 LARGEST = {"data": 2**26, "policy.pth": 2**30}
@@ -175,7 +176,7 @@ def _network(saved: Saved, observations: Any, actions: Any) -> Any:
 
 def _read(path: Path) -> Saved:
     """What a file tells. Raises PolicyError, MissingExtraError, or whatever finds it unreadable."""
-    with zipfile.ZipFile(path) as archive:
+    with opened(path, sum(LARGEST.values())) as file, zipfile.ZipFile(file) as archive:
         data = json.loads(_member(archive, "data"))
         weights = _member(archive, "policy.pth")
     policy = _policy(data)

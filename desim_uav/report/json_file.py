@@ -10,6 +10,10 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError
+from desim_uav.regular_file import text_of
+
+MOST_BYTES = 2**28
+"""The largest JSON file of a run folder that is read; a world of a million users has 60 MB."""
 
 
 class Form(BaseModel):
@@ -26,7 +30,7 @@ def read_json(file: Path, form: type[Form], what: str) -> dict[str, Any]:
     """
     try:
         verify(file)
-        content = json.loads(file.read_text(encoding="utf-8"))
+        content = json.loads(text_of(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
         reason = getattr(error, "strerror", None) or error
         raise PolicyError(f"{file}: not a readable JSON file: {reason}") from error

@@ -11,6 +11,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from desim_uav.errors import printable
+
 PIPED_WIDTH = 200
 TRAINED = ("reward_mean", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
 MEASURES = {
@@ -48,8 +50,8 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
     """The table a run ends with: all requests, and by service."""
     rows = [{"service": "all"} | summary, *by_service]
     title = "{scenario}, {policy}, seed {seed}: {episodes} episode(s), {crashes} crash(es)"
-    _print("service", rows, Text(title.format(**summary)))
-    print(f"{summary['run_dir']}")
+    _print("service", rows, title.format(**summary))
+    print(summary["run_dir"])
 
 
 def print_training(summary: dict[str, Any]) -> None:
@@ -68,7 +70,7 @@ def print_optimum(found: dict[str, Any]) -> None:
     title = "{scenario}, world seed {world_seed}: {drones} drone(s), {users} user(s)"
     rows = list(_optima(found))
     table = Table(
-        title=Text(title.format(**found)),
+        title=_text(title.format(**found)),
         box=box.SIMPLE_HEAD,
         padding=(0, 0, 0, 1),
         title_justify="left",
@@ -139,7 +141,7 @@ def print_summary(summary: dict[str, Any]) -> None:
 
 def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
     """A row for each group of requests."""
-    _print(by, rows, None)
+    _print(by, rows, "")
 
 
 def print_comparison(found: dict[str, Any]) -> None:
@@ -154,7 +156,8 @@ def print_comparison(found: dict[str, Any]) -> None:
         _print_estimates(title, "pairs", found["differences"])
     for row in found["differences"]:
         if not row["seeds"]:
-            print(f"{row['policy']} and {row['against']} have no seed and world in common")
+            named = f"{row['policy']} and {row['against']}"
+            print(f"{printable(named)} have no seed and world in common")
     shown = found["policies"] + found["differences"]
     if any(estimate["n"] == 1 for row in shown for estimate in row["measures"].values()):
         print("no interval from a single seed")
@@ -165,9 +168,9 @@ def print_sweep(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
     for number, heading in enumerate(headings):
         left = number <= headings.index("policy")
-        table.add_column(Text(heading), justify="left" if left else "right", overflow="fold")
+        table.add_column(_text(heading), justify="left" if left else "right", overflow="fold")
     for row in rows:
-        table.add_row(*map(Text, row))
+        table.add_row(*map(_text, row))
     print_table(table)
 
 
@@ -179,13 +182,13 @@ def print_findings(findings: list[tuple[str, str, str]]) -> None:
     table.add_column(overflow="fold")
     look = {"ok": "green", "note": "yellow", "problem": "bold red"}
     for verdict, what, words in findings:
-        table.add_row(Text(verdict, look[verdict]), Text(what), Text(words))
+        table.add_row(Text(verdict, look[verdict]), _text(what), _text(words))
     print_table(table)
 
 
 def _print_estimates(title: str, counted: str, rows: list[dict[str, Any]]) -> None:
     """A line for each measure and policy."""
-    table = Table(title=Text(title), box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
+    table = Table(title=_text(title), box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
     table.title_justify = "left"
     table.add_column("measure", no_wrap=True)
     table.add_column("policy", overflow="fold", max_width=32)
@@ -195,7 +198,7 @@ def _print_estimates(title: str, counted: str, rows: list[dict[str, Any]]) -> No
         for number, row in enumerate(rows):
             last = number == len(rows) - 1
             cells = _estimate_cells(row["measures"][name], form)
-            table.add_row("" if number else label, Text(row["policy"]), *cells, end_section=last)
+            table.add_row("" if number else label, _text(row["policy"]), *cells, end_section=last)
     print_table(table)
 
 
@@ -209,15 +212,25 @@ def _estimate_cells(found: dict[str, Any], form: str) -> tuple[str, ...]:
     return str(found["n"]), mean, f"± {half_width}", interval, outside
 
 
-def _print(by: str, rows: list[dict[str, Any]], title: Text | None) -> None:
-    table = Table(title=title, box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1), title_justify="left")
+def _print(by: str, rows: list[dict[str, Any]], title: str) -> None:
+    table = Table(
+        title=_text(title) if title else None,
+        box=box.SIMPLE_HEAD,
+        padding=(0, 0, 0, 1),
+        title_justify="left",
+    )
     table.add_column(by, no_wrap=True)
     shown = {name: look for name, look in MEASURES.items() if any(name in row for row in rows)}
     for heading, _ in shown.values():
         table.add_column(heading, justify="right")
     for row in rows:
-        table.add_row(str(row[by]), *(_cell(row, name, look[1]) for name, look in shown.items()))
+        table.add_row(_text(row[by]), *(_cell(row, name, look[1]) for name, look in shown.items()))
     print_table(table)
+
+
+def _text(value: Any) -> Text:
+    """Make a text of what a file may say: no markup, and nothing that moves a cursor."""
+    return Text(printable(str(value)))
 
 
 def _cell(row: dict[str, Any], name: str, form: str) -> str:
@@ -226,4 +239,10 @@ def _cell(row: dict[str, Any], name: str, form: str) -> str:
 
 
 def _shown(value: Any) -> str:
-    return f"{value:.6g}" if isinstance(value, float) else "-" if value is None else str(value)
+    return (
+        f"{value:.6g}"
+        if isinstance(value, float)
+        else "-"
+        if value is None
+        else printable(str(value))
+    )

@@ -12,7 +12,7 @@ import numpy as np
 from desim_uav.model.grid import Cell, reachable
 from desim_uav.model.mobility import Area
 from desim_uav.model.rewards import MultiService
-from desim_uav.registry import did_you_mean
+from desim_uav.registry import FAULTS, did_you_mean, what_failed
 from desim_uav.scenario.components import place_of_problem
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
@@ -288,8 +288,8 @@ def _transit_problem(scenario: Scenario, distance_m: float) -> str:
         scenario.drones.motion.epoch_transit(distance_m, scenario.episode.step_s)
     except ValueError as error:
         return str(error)
-    except Exception as error:  # a user's class may raise anything
-        return f"{type(error).__name__}: {error}"
+    except FAULTS as error:
+        return what_failed(error)
     return ""
 
 

@@ -17,6 +17,7 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema, to_json
 
 from desim_uav import registry
+from desim_uav.registry import FAULTS, what_failed
 from desim_uav.scenario.yaml12 import KeyPath
 
 LARGEST = 1e9
@@ -163,16 +164,16 @@ def _validated(found: type, given: dict[str, Any], base: Path | None) -> Any:
         if causes and len(files) == 1:
             raise _error_at(files[0], str(causes[0]), given.get(files[0])) from error
         raise
-    except Exception as error:  # a user's class may raise anything
-        raise _error(f"cannot be made: {type(error).__name__}: {error}") from error
+    except FAULTS as error:
+        raise _error(f"cannot be made: {what_failed(error)}") from error
 
 
 def _called(found: type, given: dict[str, Any]) -> Any:
     """An instance of a user's class that is no dataclass."""
     try:
         component = found(**given)
-    except Exception as error:
-        raise _error(f"cannot be made: {type(error).__name__}: {error}") from error
+    except FAULTS as error:
+        raise _error(f"cannot be made: {what_failed(error)}") from error
     try:
         object.__setattr__(component, _GIVEN, given)
     except AttributeError as error:

@@ -17,6 +17,8 @@ import yaml
 from pydantic import BaseModel, ValidationError
 
 from desim_uav.errors import ScenarioError
+from desim_uav.model.traces import MAX_BYTES as MAX_TABLE_BYTES
+from desim_uav.regular_file import content_of
 from desim_uav.scenario import yaml12
 from desim_uav.scenario.checks import findings
 from desim_uav.scenario.components import described, strictly
@@ -119,13 +121,10 @@ def json_schema() -> dict[str, Any]:
 def _text(path: Path) -> str:
     """A file as text. Raises ScenarioError."""
     try:
-        with path.open("rb") as file:
-            content = file.read(MAX_BYTES + 1)
+        content = content_of(path, MAX_BYTES)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or str(error)
         raise ScenarioError(f"{path}: cannot be read: {reason}") from error
-    if len(content) > MAX_BYTES:
-        raise ScenarioError(f"{path}: larger than {MAX_BYTES >> 20} MiB")
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
@@ -191,9 +190,10 @@ def _plain(value: Any, file_as: Callable[[Path], str] = str) -> Any:
 
 def _digest(path: Path) -> str:
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
-    except OSError as error:
-        raise ScenarioError(f"{path}: cannot be read: {error.strerror}") from error
+        return hashlib.sha256(content_of(path, MAX_TABLE_BYTES)).hexdigest()
+    except (OSError, ValueError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ScenarioError(f"{path}: cannot be read: {reason}") from error
 
 
 class _Dumper(yaml.SafeDumper):

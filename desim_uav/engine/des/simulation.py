@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import product
-from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +36,9 @@ from desim_uav.world import World
 # An enum member is looked up slowly in Python 3.11.
 CRASHED = Mode.CRASHED
 COMMAND = Phase.COMMAND
+
+LARGEST_REWARD = 1e100
+"""The largest magnitude of a drone's reward; sums of such rewards over a run stay finite."""
 IDLE, ATTACHED, OPEN, SERVED = UserState
 RECORD_KEY, RESPAWN_KEY = key(Phase.RECORD), key(Phase.RESPAWN)
 
@@ -207,17 +209,20 @@ class Simulation:
         """Note what each drone is rewarded for."""
         asked = tuple(self.airlink.open_requests)
         terms_of, facts = self._terms_of, self.facts
-        all_terms, rewards, finite = [], [], True
+        all_terms, rewards, bounded = [], [], True
         for seen in self.observations:
             terms = terms_of(seen, asked, facts)
             reward = in_order(terms.values())
-            finite = finite and isfinite(reward)
+            bounded = bounded and -LARGEST_REWARD <= reward <= LARGEST_REWARD
             all_terms.append(terms)
             rewards.append(reward)
         self._terms, self._rewards = tuple(all_terms), tuple(rewards)
-        if not finite:
+        if not bounded:
             kind = type(self.world.scenario.reward).__name__
-            raise SimulationError(f"reward {kind!r}: {self._terms} is not a number for each term")
+            raise SimulationError(
+                f"reward {kind!r} gave the drones {rewards} of the terms {self._terms}; a reward "
+                f"must be a number between -{LARGEST_REWARD:g} and {LARGEST_REWARD:g}"
+            )
 
     def _log_steps(self) -> None:
         """One record a drone."""
