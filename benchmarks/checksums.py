@@ -11,7 +11,8 @@ from collections.abc import Callable
 from pathlib import Path
 
 from desim_uav.checksums import verify
-from desim_uav.run_folder import TABLES, read_table
+from desim_uav.records import TABLES
+from desim_uav.run_folder import read_table
 
 TIMES = 5
 

@@ -12,114 +12,187 @@ if TYPE_CHECKING:
 TEXT, LIST = "str", "object"
 INT, FLOAT, BOOL = "int64", "float64", "bool"
 
-REQUESTS = {
-    "episode": INT,
-    "request_id": INT,
-    "user": INT,
-    "service": TEXT,
-    "t_request_s": FLOAT,
-    "t_first_service_s": FLOAT,
-    "t_end_s": FLOAT,
-    "requested_s": FLOAT,
-    "served_s": FLOAT,
-    "bandwidth_kbps": FLOAT,
-    "wait_s": FLOAT,
-    "completion_s": FLOAT,
-    "interruptions": INT,
-    "handovers": INT,
-    "drones": LIST,
-    "outcome": TEXT,
-    "qoe1": FLOAT,
-    "qoe1_feasible": FLOAT,
-    "qoe2_iterations": FLOAT,
-    "attached_s": FLOAT,
-}
+
+class Columns(dict[str, str]):
+    """The columns of a table: the dtype of each by name, in order.
+
+    ``about`` says what a row of the table is, and ``meanings`` what each column holds.
+    """
+
+    def __init__(self, about: str, **columns: tuple[str, str]) -> None:
+        super().__init__((name, dtype) for name, (dtype, _) in columns.items())
+        self.about = about
+        self.meanings = {name: meaning for name, (_, meaning) in columns.items()}
+
+
+_EPISODE = (INT, "The number of the episode, from 0. Warm-up episodes have negative numbers.")
+_DRONE = (INT, "The number of the drone, from 0.")
+_QOE1_PERCENT = (FLOAT, "QoE1 of the episode, in percent. Null if nothing was asked for.")
+_QOE2_ITERATIONS = (FLOAT, "QoE2 of the episode, in steps. Null if nothing was asked for.")
+_QOE3_PERCENT = (FLOAT, "QoE3 of the episode, in percent.")
+
+REQUESTS = Columns(
+    "One row per request. Every request that was made is there, also if it was never served.",
+    episode=_EPISODE,
+    request_id=(INT, "The number of the request in its episode, from 0."),
+    user=(INT, "The number of the user, from 0."),
+    service=(TEXT, "The name of the service."),
+    t_request_s=(FLOAT, "When the user made the request."),
+    t_first_service_s=(FLOAT, "When the request was first served. Null if it never was."),
+    t_end_s=(FLOAT, "When the request was completed, refused, or closed by the episode's end."),
+    requested_s=(FLOAT, "The service time that the request requires, in seconds."),
+    served_s=(FLOAT, "The service time that the request received, in seconds."),
+    bandwidth_kbps=(FLOAT, "The bandwidth the request occupies while it is served, in kbit/s."),
+    wait_s=(
+        FLOAT,
+        "Seconds from the request to its first service, or to its end if there is none.",
+    ),
+    completion_s=(
+        FLOAT,
+        "Seconds from the request to its completion. Null if it was not completed.",
+    ),
+    interruptions=(INT, "How often service stopped and the request then went unserved for a time."),
+    handovers=(INT, "How often the request went from one drone to another."),
+    drones=(LIST, "The drones that served the request, in order, without immediate repetitions."),
+    outcome=(TEXT, "`completed`, `unfinished` or `never_served`."),
+    qoe1=(FLOAT, "`served_s` over `requested_s`, from 0 to 1."),
+    qoe1_feasible=(
+        FLOAT,
+        "`served_s` over the part of `requested_s` that fits before the episode's end. "
+        "Null if no time was left.",
+    ),
+    qoe2_iterations=(FLOAT, "The time the request was open but not served, in steps."),
+    attached_s=(FLOAT, "Seconds for which the user was attached to a drone while it was open."),
+)
 """``attached_s``: the time attached while open, from which QoE3 of the active users follows."""
 
-STEPS = {
-    "episode": INT,
-    "step": INT,
-    "t_s": FLOAT,
-    "drone": INT,
-    "x_m": FLOAT,
-    "y_m": FLOAT,
-    "z_m": FLOAT,
-    "battery_s": FLOAT,
-    "mode": TEXT,
-    "action": TEXT,
-    "action_taken": TEXT,
-    "attached_users": INT,
-    "served_requests": INT,
-    "bandwidth_kbps": FLOAT,
-    "n_b_s": FLOAT,
-    "crashed": BOOL,
-    "reward": FLOAT,
-}
+STEPS = Columns(
+    "One row per step and drone: the state at the end of the step, before the next command.",
+    episode=_EPISODE,
+    step=(INT, "The number of the step in its episode, from 0."),
+    t_s=(FLOAT, "The time of the end of the step."),
+    drone=_DRONE,
+    x_m=(FLOAT, "The true position of the drone to the east, in metres."),
+    y_m=(FLOAT, "The true position of the drone to the north, in metres."),
+    z_m=(FLOAT, "The altitude of the drone, in metres. 0 if it has crashed."),
+    battery_s=(FLOAT, "Seconds of flight that its battery holds. Null if batteries are unlimited."),
+    mode=(TEXT, "`flying`, `returning`, `queued`, `charging`, `charged` or `crashed`."),
+    action=(TEXT, "The action that was commanded at the start of the step. Null if it was none."),
+    action_taken=(TEXT, "The action that was taken. It differs if the command was masked."),
+    attached_users=(INT, "How many users are attached to the drone."),
+    served_requests=(INT, "How many requests the drone is serving."),
+    bandwidth_kbps=(FLOAT, "The bandwidth in use at the drone, in kbit/s."),
+    n_b_s=(
+        FLOAT,
+        "The battery, in seconds of flight, that the quickest return to a charging station takes "
+        "from where the drone believes it is. Null if there is no way, or no limited battery.",
+    ),
+    crashed=(BOOL, "Whether the drone lies crashed."),
+    reward=(FLOAT, "The reward of the drone for this step."),
+)
 
-EPISODES = {
-    "episode": INT,
-    "qoe1_percent": FLOAT,
-    "qoe2_iterations": FLOAT,
-    "qoe3_percent": FLOAT,
-    "qoe3_active_percent": FLOAT,
-    "crashes": INT,
-    "requests": INT,
-    "reward": FLOAT,
-    "qoe1_feasible_percent": FLOAT,
-    "suppressed": INT,
-    "charges": INT,
-    "queueing_s": FLOAT,
-    "distance_m": FLOAT,
-    "bandwidth_percent": FLOAT,
-    "fairness": FLOAT,
-    "duration_s": FLOAT,
-}
+EPISODES = Columns(
+    "One row per episode: its measures.",
+    episode=_EPISODE,
+    qoe1_percent=_QOE1_PERCENT,
+    qoe2_iterations=_QOE2_ITERATIONS,
+    qoe3_percent=_QOE3_PERCENT,
+    qoe3_active_percent=(
+        FLOAT,
+        "QoE3 of users with an open request, in percent: their time attached over the time they "
+        "had a request open. Null if nothing was asked for.",
+    ),
+    crashes=(INT, "How many drones crashed."),
+    requests=(INT, "How many requests were made."),
+    reward=(FLOAT, "The sum of the rewards of the steps, averaged over the drones."),
+    qoe1_feasible_percent=(
+        FLOAT,
+        "The mean of `qoe1_feasible` over the requests, in percent. Null if there is none.",
+    ),
+    suppressed=(
+        INT,
+        "How many arrivals were dropped because the user had a request open at that time.",
+    ),
+    charges=(INT, "How often a drone was charged until its battery was full."),
+    queueing_s=(FLOAT, "Seconds for which drones waited for a charging pad, summed over them."),
+    distance_m=(FLOAT, "Metres flown within the episode, summed over the drones."),
+    bandwidth_percent=(
+        FLOAT,
+        "The time average of the bandwidth in use over that of all drones, in percent. "
+        "Null if bandwidth is unlimited.",
+    ),
+    fairness=(
+        FLOAT,
+        "Jain's fairness index of the users' mean QoE1: 1 if all users fare alike. "
+        "Null if it is not defined.",
+    ),
+    duration_s=(FLOAT, "How long the episode lasted, in seconds."),
+)
 
-USERS = {"episode": INT, "user": INT, "t_s": FLOAT, "x_m": FLOAT, "y_m": FLOAT, "z_m": FLOAT}
+USERS = Columns(
+    "One row per way point of a user's walk. Users walk straight from one to the next.",
+    episode=_EPISODE,
+    user=(INT, "The number of the user, from 0."),
+    t_s=(FLOAT, "When the user is there."),
+    x_m=(FLOAT, "The position to the east, in metres."),
+    y_m=(FLOAT, "The position to the north, in metres."),
+    z_m=(FLOAT, "The height of the user, in metres: above 0 in a building."),
+)
 
-EVENTS = {
-    "episode": INT,
-    "t_us": INT,
-    "phase": INT,
-    "kind": TEXT,
-    "drone": "Int64",
-    "user": "Int64",
-    "request_id": "Int64",
-    "station": "Int64",
-}
+EVENTS = Columns(
+    "One row per event, sorted by time, phase, drone and user. Kept with `--events`.",
+    episode=_EPISODE,
+    t_us=(INT, "The time of the event, in microseconds."),
+    phase=(INT, "The phase of the instant in which it happened, from 1 to 12."),
+    kind=(TEXT, "What happened."),
+    drone=("Int64", "The drone it concerns, if any."),
+    user=("Int64", "The user it concerns, if any."),
+    request_id=("Int64", "The request it concerns, if any."),
+    station=("Int64", "The charging station it concerns, if any."),
+)
 """Sorted by (t_us, phase, drone, user); what an event does not concern is null."""
 
-LEGS = {
-    "episode": INT,
-    "t_s": FLOAT,
-    "drone": INT,
-    "duration_s": FLOAT,
-    "mode": TEXT,
-    "x_from_m": FLOAT,
-    "y_from_m": FLOAT,
-    "z_from_m": FLOAT,
-    "x_to_m": FLOAT,
-    "y_to_m": FLOAT,
-    "z_to_m": FLOAT,
-}
-"""Where drones were, exactly: a row where a transit begins (``t_s`` below 0: in the episode before)
-and one of duration 0 where a drone is put at an episode's start, on its crash, in place of another.
-Between legs a drone is where the last one led.
-"""
+LEGS = Columns(
+    "One row per transit that a drone flew, and one of duration 0 for each place at which a drone "
+    "was put: at an episode's start, on its crash, and as the replacement of another. Between "
+    "transits a drone stays where the last one led. Kept with `--events`.",
+    episode=_EPISODE,
+    t_s=(FLOAT, "When the transit began. Below 0 if it began in the episode before."),
+    drone=_DRONE,
+    duration_s=(FLOAT, "How long the transit takes, in seconds."),
+    mode=(TEXT, "The mode of the drone on it."),
+    x_from_m=(FLOAT, "Where it began, to the east, in metres."),
+    y_from_m=(FLOAT, "Where it began, to the north, in metres."),
+    z_from_m=(FLOAT, "The altitude at which it began, in metres."),
+    x_to_m=(FLOAT, "Where it leads, to the east, in metres."),
+    y_to_m=(FLOAT, "Where it leads, to the north, in metres."),
+    z_to_m=(FLOAT, "The altitude to which it leads, in metres."),
+)
 
-TRAINING = {
-    "episode": INT,
-    "drone": INT,
-    "reward": FLOAT,
-    "epsilon": FLOAT,
-    "alpha": FLOAT,
-    "mean_q": FLOAT,
-    "qoe1_percent": FLOAT,
-    "qoe2_iterations": FLOAT,
-    "qoe3_percent": FLOAT,
-    "crashes": INT,
+TRAINING = Columns(
+    "One row per episode and drone of a training.",
+    episode=(INT, "The number of the episode, from 0."),
+    drone=_DRONE,
+    reward=(FLOAT, "The sum of the drone's rewards over the episode's steps."),
+    epsilon=(FLOAT, "The probability of a random action in this episode."),
+    alpha=(FLOAT, "The learning rate in this episode."),
+    mean_q=(FLOAT, "The mean of all values in the drone's table after the episode."),
+    qoe1_percent=_QOE1_PERCENT,
+    qoe2_iterations=_QOE2_ITERATIONS,
+    qoe3_percent=_QOE3_PERCENT,
+    crashes=(INT, "How often the drone crashed in the episode."),
+)
+
+TABLES = {
+    "requests": REQUESTS,
+    "steps": STEPS,
+    "episodes": EPISODES,
+    "users": USERS,
+    "events": EVENTS,
+    "legs": LEGS,
+    "training": TRAINING,
 }
-"""One row a drone and episode of a training. ``reward``: the sum over the episode's steps."""
+"""Every table by the name of its Parquet file."""
 
 
 def arrow_schema(columns: dict[str, str]) -> pa.Schema:

@@ -18,17 +18,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from desim_uav.checksums import SUMS, of_files, verify
 from desim_uav.errors import DesimError, PolicyError, ScenarioError, UsageError
-from desim_uav.records import (
-    EPISODES,
-    EVENTS,
-    LEGS,
-    REQUESTS,
-    STEPS,
-    TRAINING,
-    USERS,
-    arrow_schema,
-    misfit,
-)
+from desim_uav.records import TABLES, arrow_schema, misfit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -38,15 +28,6 @@ if TYPE_CHECKING:
     from desim_uav.scenario.schema import Scenario
     from desim_uav.world import World
 
-TABLES = {
-    "requests": REQUESTS,
-    "steps": STEPS,
-    "episodes": EPISODES,
-    "users": USERS,
-    "events": EVENTS,
-    "legs": LEGS,
-    "training": TRAINING,
-}
 LONGEST_NAME = 200
 
 fcntl: Any = None

@@ -20,12 +20,12 @@ from desim_uav.records import (
     EVENTS,
     REQUESTS,
     STEPS,
+    TABLES,
     USERS,
     arrow_schema,
     misfit,
     to_frame,
 )
-from desim_uav.run_folder import TABLES
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world

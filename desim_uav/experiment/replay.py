@@ -24,7 +24,7 @@ from desim_uav.policies import load_policy
 from desim_uav.report.replay.data import Encoder
 from desim_uav.report.replay.page import page
 from desim_uav.report.run import IN_TIME, KEPT, Again, Run, Tables
-from desim_uav.run_folder import TABLES, file_place, world_content, write_at
+from desim_uav.run_folder import file_place, world_content, write_at
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World, build_world
 
@@ -178,7 +178,7 @@ def _checked(run: Run, world: World, log: EpisodeLog, path: SamplePath) -> Table
 
 
 def _arrow(name: str, frame: Any) -> pa.Table:
-    from desim_uav.records import arrow_schema
+    from desim_uav.records import TABLES, arrow_schema
 
     return pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
 

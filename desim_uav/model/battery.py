@@ -40,9 +40,15 @@ class Endurance:
     """
 
     autonomy_min: Annotated[float, Gt(0)] = 30.0
+    """How long a full battery lasts in the air, in minutes."""
     return_below: Annotated[float, Gt(0), Le(1)] = 0.2
+    """`goto_charging_station` is allowed at or below this share of the capacity."""
     on_crash: Literal["respawn", "remove", "end_episode"] = "respawn"
+    """What happens after a crash: the drone is replaced (`respawn`), stays away (`remove`), or
+    the episode ends (`end_episode`).
+    """
     respawn_after_min: Annotated[float, Ge(0)] = 10.0
+    """How many minutes after a crash the drone is replaced, at the next decision epoch."""
 
     def drained_us(self, flight: Transit, elapsed_us: int) -> int:
         """The time in the air."""

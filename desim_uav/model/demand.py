@@ -119,7 +119,11 @@ class Static(_Drawn):
     """
 
     none: Annotated[float, Ge(0), Le(1)] = 0.0
+    """The probability that a user asks for nothing."""
     mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+    """The weight of each service. Weights are normalised; a service that is not named has
+    none.
+    """
 
     def law(self) -> tuple[int, float, float]:
         """At most one request a user."""
@@ -135,8 +139,15 @@ class Dynamic(_Drawn):
     """
 
     think_time_s: Annotated[float, Gt(0)] = 300.0
+    """The mean of the exponential time between the end of a request and the next one, in
+    seconds.
+    """
     none: Annotated[float, Ge(0), Lt(1)] = 0.0
+    """The probability that a draw is no request but another think time."""
     mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+    """The weight of each service. Weights are normalised; a service that is not named has
+    none.
+    """
 
     def law(self) -> tuple[int, float, float]:
         """Requests until their required and think times together pass the horizon."""
@@ -149,8 +160,13 @@ class Poisson(_Drawn):
     """Each user's requests arrive as a Poisson process; those during an open one are dropped."""
 
     rate_per_hour: Annotated[float, Ge(1e-6), Le(1e6)]
+    """The mean number of arrivals per user and hour."""
     none: Annotated[float, Ge(0), Lt(1)] = 0.0
+    """The probability that an arrival is no request."""
     mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
+    """The weight of each service. Weights are normalised; a service that is not named has
+    none.
+    """
 
     def law(self) -> tuple[int, float, float]:
         """Arrivals before the horizon."""
@@ -163,6 +179,7 @@ class Trace:
     """Requests from a CSV file: user, t_s, service, required_s, bandwidth_kbps."""
 
     file: Path
+    """The CSV file, relative to the scenario's file."""
     draws: ClassVar = False
 
     def __post_init__(self) -> None:

@@ -82,7 +82,9 @@ class RandomWalk:
     """A new uniform heading every ``leg_s``; mirrored at the map's edge, the leg split there."""
 
     speed_mps: Annotated[float, Ge(0), Le(200)] = 1.4
+    """The walking speed, in metres per second."""
     leg_s: Annotated[float, Ge(0.001)] = 60.0
+    """How long a user walks before it takes a new heading, in seconds."""
 
     def walks(
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
@@ -150,6 +152,7 @@ class Trace:
     """
 
     file: Path
+    """The CSV file, relative to the scenario's file."""
     draws: ClassVar = False
 
     def __post_init__(self) -> None:

@@ -50,8 +50,13 @@ class BangCoastBang:
     """
 
     max_speed_mps: Annotated[float, Gt(0)] = 8.3
+    """The highest speed, in metres per second."""
     max_acceleration_mps2: Annotated[float, Gt(0)] = 4.0
+    """The highest acceleration, in metres per second squared."""
     timing: Literal["fill_epoch", "minimum_time"] = "fill_epoch"
+    """`fill_epoch`: a move lasts exactly one step. `minimum_time`: it is as quick as possible,
+    and the drone hovers for the rest of the step.
+    """
 
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
         """The commanded transit of ``distance_m`` within a step. Raises ValueError if none fits."""

@@ -55,7 +55,9 @@ class CoverageBattery:
     """
 
     cost_sign: Sign = -1.0
+    """-1: danger is a cost. 1: it is paid, as the paper writes it."""
     low_battery: Share = 0.2
+    """The share of the capacity (c1) at or below which the way to a station counts."""
 
     def terms(
         self, drone: Observation, open_requests: tuple[int, ...], facts: Facts
@@ -80,11 +82,15 @@ class MultiService:
     """
 
     cost_sign: Sign = -1.0
+    """-1: danger is a cost. 1: it is paid, as the paper writes it."""
     low_battery: Share = 0.2
+    """The share of the capacity (c1) at or below which the way to a station counts."""
     users: Weight = 0.5
+    """The weight of the attached users."""
     services: Mapping[str, Weight] = field(
         default_factory=lambda: {"throughput": 0.2, "edge_computing": 0.2, "data_gathering": 0.1}
     )
+    """The weight of each service, by name."""
 
     def terms(
         self, drone: Observation, open_requests: tuple[int, ...], facts: Facts

@@ -30,7 +30,9 @@ class UniformChoice:
     """One of the durations and one of the bandwidths, independently and equally likely."""
 
     duration_min: Annotated[tuple[Annotated[float, Gt(0)], ...], MinLen(1)]
+    """The service times a request can require, in minutes, equally likely."""
     bandwidth_kbps: Annotated[tuple[Annotated[float, Ge(0)], ...], MinLen(1)]
+    """The bandwidths a request can occupy, in kbit/s, equally likely."""
 
     def durations_us(self) -> NDArray[np.int64]:
         """The durations."""

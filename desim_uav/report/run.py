@@ -12,9 +12,10 @@ import pandas as pd
 
 from desim_uav.checksums import verify
 from desim_uav.errors import NoEventsError, PolicyError, UsageError
+from desim_uav.records import TABLES
 from desim_uav.report.manifest import Settings, read_manifest, read_settings
 from desim_uav.report.world import read_world, stored_world
-from desim_uav.run_folder import TABLES, read_scenario, read_table
+from desim_uav.run_folder import read_scenario, read_table
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World
 

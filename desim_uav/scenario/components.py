@@ -18,6 +18,7 @@ from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, cor
 
 from desim_uav import registry
 from desim_uav.registry import FAULTS, what_failed
+from desim_uav.scenario.meanings import with_meanings
 from desim_uav.scenario.yaml12 import KeyPath
 
 LARGEST = 1e9
@@ -100,7 +101,7 @@ class Slot:
 
     def _built_in_schema(self, kind: str) -> JsonSchemaValue:
         found = registry.resolve(self.name, kind)
-        schema = _adapter(found).json_schema()
+        schema = with_meanings(_adapter(found).json_schema(), found)
         properties = {"kind": {"const": kind}} | schema.get("properties", {})
         required = schema.get("required", [])
         if kind != self.default:

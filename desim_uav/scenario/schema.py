@@ -12,9 +12,12 @@ from pydantic import (
     BeforeValidator,
     ConfigDict,
     Field,
+    GetJsonSchemaHandler,
     StringConstraints,
     model_validator,
 )
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
 
 import desim_uav.model
 from desim_uav import registry
@@ -27,6 +30,7 @@ from desim_uav.model.observations import Encoding, Position
 from desim_uav.model.rewards import MultiService, Reward
 from desim_uav.model.services import PAPER, Service
 from desim_uav.scenario.components import Slot, errors, strictly
+from desim_uav.scenario.meanings import with_meanings
 from desim_uav.scenario.yaml12 import KeyPath
 
 registry.discover(desim_uav.model)
@@ -72,26 +76,41 @@ class Section(BaseModel):
         """Set what follows from other keys; ``model_fields_set`` still says what was given."""
         self.__dict__.update(values)
 
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """What each key means stands beside it."""
+        made = handler(schema)
+        with_meanings(handler.resolve_ref_schema(made), cls)
+        return made
+
 
 class Levels(Section):
     """The altitudes drones fly at: the lowest, and the step between levels (3D)."""
 
     min_altitude_m: Height = 20.0
+    """The lowest level, in metres. In 2D it is the only one."""
     step_m: Height = 20.0
+    """The vertical distance between two levels, in metres."""
 
 
 class DrawnObstacles(Section):
     """Buildings to be drawn: covered fraction, heights, the side of a square (null: the cell)."""
 
     coverage: FractionRange = (0.05, 0.15)
+    """The range from which the covered fraction of the map is drawn."""
     height_m: HeightRange = (20.0, 60.0)
+    """The range from which the height of each building is drawn, in metres."""
     square_m: Metres | None = None
+    """The side of a building's square, in metres; null means the size of a cell."""
 
 
 class ListedObstacles(Section):
     """Buildings one by one: [cell x, cell y, height in metres]."""
 
     cells: tuple[tuple[Index, Index, Height], ...]
+    """The buildings one by one: [cell x, cell y, height in metres]."""
 
 
 def _obstacles(value: Any) -> Any:
@@ -109,10 +128,15 @@ class Map(Section):
     """The map: its size, its cells, and in 3D its levels and obstacles."""
 
     size_m: tuple[Metres, Metres] = (2400.0, 2400.0)
+    """The width (to the east) and depth (to the north) of the map, in metres."""
     cells: tuple[CellCount, CellCount] = (10, 10)
+    """The number of cells along x and along y. Drones fly from cell centre to cell centre."""
     dimensions: Literal[2, 3] = 3
+    """3: drones change altitude between buildings. 2: they fly above everything."""
     levels: Levels = Levels()
+    """The altitudes at which drones fly."""
     obstacles: Obstacles | None = DrawnObstacles()
+    """The buildings (3D only): drawn, or listed under `cells`; null means none."""
 
     @model_validator(mode="after")
     def _nothing_stands_in_the_way_in_2d(self) -> Map:
@@ -130,38 +154,58 @@ class Drones(Section):
     """The drones: how many, what they cover and carry, how they fly."""
 
     count: Annotated[int, Field(ge=1, le=10_000)] = 3
+    """The number of drones."""
     start_cells: tuple[tuple[Index, Index], ...] | None = None
+    """The cell [x, y] in which each drone starts; null means on the charging stations in turn,
+    or on a circle if there are none.
+    """
     footprint_radius_m: Metres = 600.0
+    """The radius of the disc on the ground that a drone covers, in metres."""
     bandwidth_kbps: Annotated[float, Field(gt=0, le=1e9)] | None = 5000.0
+    """The bandwidth of each drone, in kbit/s; null means unlimited."""
     motion: Annotated[Motion, MOTION] = BangCoastBang()
+    """How drones fly from one cell to the next."""
     battery: Annotated[Energy, BATTERY] | None = cast(Energy, Endurance())
+    """The battery and its energy model; null means an unlimited battery."""
     admission: Annotated[Admission, ADMISSION] = FirstCome()
+    """Which of the waiting requests a drone serves."""
 
 
 class Stations(Section):
     """The charging stations, on a circle around the middle of the map; count 0: none."""
 
     count: Annotated[int, Field(ge=0, le=1000)] = 3
+    """The number of charging stations."""
     radius_m: Length = 960.0
+    """The radius of the circle around the middle of the map on which they stand, in metres."""
     pads: Annotated[int, Field(ge=1, le=10_000)] = 1
+    """The number of drones that a station can charge at the same time."""
     full_charge_min: Annotated[float, Field(ge=1e-6, le=1e6)] = 5.0
+    """How long it takes to charge an empty battery, in minutes."""
 
 
 class Clusters(Section):
     """Where users live: how many clusters, and the range of their radii."""
 
     count: Annotated[int, Field(ge=1, le=10_000)] = 4
+    """The number of clusters."""
     radius_m: RadiusRange = (240.0, 480.0)
+    """The range from which the radius of each cluster is drawn, in metres."""
 
 
 class Users(Section):
     """The users: drawn around clusters, or at given positions, and how they move."""
 
     count: Annotated[int, Field(ge=1, le=1_000_000)] = 48
+    """The number of users."""
     clusters: Clusters | None = Clusters()
+    """The clusters around which users live; null only beside `positions_m`."""
     positions_m: Annotated[tuple[Point, ...], Field(min_length=1)] | None = None
+    """The home [x, y] of each user, in metres. It replaces `count` and `clusters`."""
     max_height_m: Annotated[float, Field(ge=0, le=1e4)] = 9.0
+    """The greatest height of a user in a cell with a building, in metres."""
     mobility: Annotated[Mobility, MOBILITY] = RandomWalk()
+    """How users move."""
 
     @model_validator(mode="after")
     def _positions_decide(self) -> Users:
@@ -184,15 +228,20 @@ class PositionNoise(Section):
     """How often a drone is wrong about each coordinate at a decision epoch, and by how much."""
 
     probability: Fraction = 0.1
+    """How likely it is that a coordinate is wrong at a decision epoch."""
     sigma_cells: Annotated[float, Field(ge=0, le=1000)] = 1.0
+    """The standard deviation of the error, in cells."""
 
 
 class Episode(Section):
     """How long an episode is; ``carry_over``: drones begin it as they ended the one before."""
 
     steps: Annotated[int, Field(ge=1, le=1_000_000)] = 30
+    """The number of steps in an episode."""
     step_s: Annotated[float, Field(ge=1, le=86_400)] = 60.0
+    """The length of a step, in seconds."""
     carry_over: bool = False
+    """Whether drones begin an episode in the state in which the one before has left them."""
 
 
 ALGORITHMS = ("q_learning", "sarsa", "expected_sarsa", "double_q")
@@ -211,8 +260,11 @@ class Schedule(Section):
     """A parameter over the episodes of a training: ``start`` x ``decay`` each, down to ``end``."""
 
     start: Fraction = 1.0
+    """The value in the first episode."""
     decay: Fraction = 1.0
+    """The factor by which the value is multiplied after each episode."""
     end: Fraction = 0.0
+    """The value below which it does not fall."""
 
     def at(self, episode: int) -> float:
         """Its value in an episode, counted from 0."""
@@ -231,7 +283,7 @@ def _over(default: Schedule) -> BeforeValidator:
     def filled(value: Any) -> Any:
         return default.model_dump() | value if isinstance(value, dict) else _schedule(value)
 
-    return BeforeValidator(filled)
+    return BeforeValidator(filled, json_schema_input_type=Schedule | Fraction)
 
 
 ALPHA = Schedule(start=1.0, decay=0.9996, end=0.1)
@@ -263,34 +315,63 @@ class Learning(Section):
     """
 
     algorithm: Annotated[str, AfterValidator(_algorithm)] = "q_learning"
+    """`q_learning`, `sarsa`, `expected_sarsa`, `double_q`, or the class of an algorithm of
+    your own as `"package.module:Class"`.
+    """
     alpha: Annotated[Schedule, _over(ALPHA)] = ALPHA
+    """The learning rate: a number, or a schedule over the episodes."""
     gamma: Annotated[float, Field(ge=0, lt=1)] = 0.95
+    """The discount factor per step."""
     epsilon: Annotated[Schedule, _over(EPSILON)] = EPSILON
+    """The probability of a random action: a number, or a schedule over the episodes."""
     initial_q: Annotated[InitialQ, BeforeValidator(_initial_q)] = 3.0
+    """The values with which a table begins: `zero`, `random` (uniform from 0 to 1),
+    `max_reward` (1), `prior` (how near the action's next cell is to a cluster), or a
+    number.
+    """
     episodes: Annotated[int, Field(ge=1, le=10**7)] = 12_000
+    """The number of episodes of a training."""
     restart_every: Annotated[int, Field(ge=1, le=10**7)] | None = 3
+    """With carry-over, every so many episodes of a training begin at the start places; null
+    means never.
+    """
 
 
 class Scenario(Section):
     """A scenario, fully resolved: every key has its value, the preset's among them."""
 
     name: Name = "scenario"
+    """The name of the scenario. Run folders are named after it."""
     seed: Seed = 0
+    """The seed of everything that is drawn."""
     world_seed: Seed | None = None
+    """The seed of the world (buildings, clusters, homes); null means `seed`."""
     preset: Literal["paper"] | None = None
+    """`paper`: the defaults of the paper's code instead of the simulator's."""
     map: Map = Map()
+    """The map: its size, its cells, and in 3D its levels and buildings."""
     drones: Drones = Drones()
+    """The drones: how many there are, what they cover, and how they fly."""
     stations: Stations = Stations()
+    """The charging stations."""
     users: Users = Users()
+    """The users: where they live and how they move."""
     demand: Annotated[Demand, DEMAND] = Dynamic()
+    """When users make requests, and for which services."""
     services: Annotated[
         dict[Name, Annotated[Service, SERVICE]], Field(min_length=1, max_length=1000)
     ] = Field(default_factory=lambda: dict(PAPER))
+    """The services by name: how long a request takes and what bandwidth it occupies."""
     position_noise: PositionNoise | None = None
+    """How often a drone is wrong about its position; null means never."""
     episode: Episode = Episode()
+    """The length of an episode, and how the next one begins."""
     reward: Annotated[Reward, REWARD] = MultiService()
+    """What a drone is rewarded for at the end of each step."""
     observation: Annotated[Encoding, OBSERVATION] = Position()
+    """What a learner sees of its drone."""
     learning: Learning = Learning()
+    """How drones learn."""
 
     @property
     def three_d(self) -> bool:

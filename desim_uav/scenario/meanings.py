@@ -1,0 +1,47 @@
+"""What the keys of a scenario mean: the docstrings beneath the fields of its classes."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import textwrap
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+
+def with_meanings(schema: dict[str, Any], found: type) -> dict[str, Any]:
+    """A class's JSON Schema with a description of each property that has a docstring."""
+    properties = schema.get("properties", {})
+    for name, meaning in meanings(found).items():
+        if name in properties:
+            properties[name]["description"] = meaning
+    return schema
+
+
+@cache
+def meanings(found: type) -> dict[str, str]:
+    """The docstring beneath each annotated field of a class and of its bases.
+
+    A class whose source cannot be read has none.
+    """
+    collected: dict[str, str] = {}
+    for base in reversed(found.__mro__):
+        for field, below in pairwise(_statements(base)):
+            match field, below:
+                case (
+                    ast.AnnAssign(target=ast.Name(id=name)),
+                    ast.Expr(value=ast.Constant(value=str(text))),
+                ):
+                    collected[name] = " ".join(text.split())
+    return collected
+
+
+def _statements(found: type) -> list[ast.stmt]:
+    """The body of a class."""
+    try:
+        source = textwrap.dedent(inspect.getsource(found))
+        (definition,) = ast.parse(source).body
+    except (OSError, TypeError, SyntaxError, ValueError):
+        return []
+    return definition.body if isinstance(definition, ast.ClassDef) else []

@@ -1,0 +1,37 @@
+"""Writes the parts of the reference that the code itself knows, each time the site is built.
+
+They stand in ``_generated``: the commands (from typer), the keys of a scenario (from the JSON
+Schema), the columns of the tables (from ``desim_uav.records``). The pages in ``reference`` include
+them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import commands
+import scenario_keys
+import tables
+
+PARTS = {
+    "commands.md": commands.markdown,
+    "scenario_keys.md": scenario_keys.markdown,
+    "tables.md": tables.markdown,
+}
+
+
+def write(folder: Path) -> None:
+    """Write every part into ``folder``; a part that has not changed keeps its file."""
+    folder.mkdir(exist_ok=True)
+    for name, markdown in PARTS.items():
+        text = markdown()
+        file = folder / name
+        if not file.exists() or file.read_text(encoding="utf-8") != text:
+            file.write_text(text, encoding="utf-8")
+
+
+def setup(app: Any) -> dict[str, bool]:
+    """Register with Sphinx."""
+    app.connect("builder-inited", lambda app: write(Path(app.srcdir) / "_generated"))
+    return {"parallel_read_safe": True, "parallel_write_safe": True}
