@@ -25,12 +25,13 @@ from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
 from tests.engine.helpers import US, check_log, count, scenarios, some_command
+from tests.selection import by_default
 
 CASES = [f"case{number}" for number in range(1, 10)]
 
 
-@pytest.mark.parametrize("seed", range(5))
-@pytest.mark.parametrize("policy_name", ["baseline", "random", "hover"])
+@pytest.mark.parametrize("seed", by_default([0], range(5)))
+@pytest.mark.parametrize("policy_name", by_default(["baseline"], ["baseline", "random", "hover"]))
 @pytest.mark.parametrize("case", CASES)
 def test_every_case_keeps_the_invariants(case: str, policy_name: str, seed: int):
     world = build_world(load(scenario_path(case)), seed)
@@ -96,14 +97,7 @@ def check_demand(engine: Simulation, case: str) -> None:
 # ---- random scenarios
 
 
-@settings(
-    max_examples=100,
-    deadline=None,
-    derandomize=True,
-    suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
-)
-@given(scenario=scenarios(), seed=st.integers(0, 10**6), episodes=st.integers(1, 3))
-def test_random_scenarios_keep_the_invariants(scenario: dict[str, Any], seed: int, episodes: int):
+def check_random_scenario(scenario: dict[str, Any], seed: int, episodes: int) -> None:
     try:
         world = build_world(from_mapping(scenario), seed)
     except ScenarioError as error:
@@ -133,3 +127,17 @@ def test_random_scenarios_keep_the_invariants(scenario: dict[str, Any], seed: in
             event("interruption")
         if shown.terminated:
             event("terminated")
+
+
+@pytest.mark.parametrize("examples", by_default([25], [25, 100]))
+def test_random_scenarios_keep_the_invariants(examples: int):
+    settings(
+        max_examples=examples,
+        deadline=None,
+        derandomize=True,
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
+    )(
+        given(scenario=scenarios(), seed=st.integers(0, 10**6), episodes=st.integers(1, 3))(
+            check_random_scenario
+        )
+    )()

@@ -126,7 +126,11 @@ def test_the_theory(pads: int, rate: float, expected: float):
 
 
 @pytest.mark.parametrize(
-    ("quick", "accuracy"), [(True, 0.05), pytest.param(False, 0.01, marks=pytest.mark.slow)]
+    ("quick", "accuracy"),
+    [
+        pytest.param(True, 0.05, marks=pytest.mark.thorough),
+        pytest.param(False, 0.01, marks=pytest.mark.slow),
+    ],
 )
 def test_a_station_is_an_m_d_c_queue(quick: bool, accuracy: float):
     found = list(figures(quick))

@@ -48,6 +48,7 @@ def test_another_seed_gives_other_tables():
     assert not one.users.equals(other.users)
 
 
+@pytest.mark.thorough
 def test_another_process_gives_the_same_tables():
     check(in_other_processes())
 

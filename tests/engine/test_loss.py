@@ -11,6 +11,7 @@ from scipy import stats
 
 from desim_uav.model.rules import Outcome
 from tests.engine.helpers import US, events, fly, path_of, seen, strip
+from tests.selection import by_default
 from tests.verification.demand import (
     LOSS,
     blocking,
@@ -76,7 +77,10 @@ def test_the_formula():
     assert engset(20_000, 7, 10) == pytest.approx(0.0787408830, rel=2e-3)
 
 
-@pytest.mark.parametrize(("users", "expected"), [(1000, 0.0764929), (40, 0.0325576)])
+@pytest.mark.parametrize(
+    ("users", "expected"),
+    [pytest.param(1000, 0.0764929, marks=pytest.mark.thorough), (40, 0.0325576)],
+)
 def test_blocking_is_what_engset_says_of_some_users(users: int, expected: float):
     # Users do not ask while they are served; 1,000 of them are within 3 % of infinitely many.
     assert engset(users, 7, 10) == pytest.approx(expected, rel=2e-3)
@@ -125,15 +129,16 @@ def test_a_draw_of_nothing_is_another_think_time():
     assert stats.kstest(gaps_s, stats.expon(scale=600).cdf).pvalue > 1e-4
 
 
-def test_arrivals_are_poisson_whether_asked_or_suppressed():
+@pytest.mark.parametrize("users", by_default([20], [20, 200]))
+def test_arrivals_are_poisson_whether_asked_or_suppressed(users: int):
     demand = {"kind": "poisson", "rate_per_hour": 30, "mix": {"unit": 1}}
-    world = under_one_drone(200, demand, hours=4, drones={"bandwidth_kbps": None})
+    world = under_one_drone(users, demand, hours=4, drones={"bandwidth_kbps": None})
     counts = []
     for seed in range(20):
         log = hovered(world, seed)
         counts.append(len(log.requests) + log.suppressed)
         assert log.suppressed > 0.3 * counts[-1], "3 of 5 minutes are busy"
-    mean = 200 * 30 * 4
+    mean = users * 30 * 4
     assert abs(fmean(counts) - mean) < 4 * math.sqrt(mean / 20)
     dispersion = sum((count - fmean(counts)) ** 2 for count in counts) / mean
     assert stats.chi2(19).ppf(1e-5) < dispersion < stats.chi2(19).ppf(1 - 1e-5)
