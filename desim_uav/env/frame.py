@@ -11,14 +11,10 @@ from PIL import Image, ImageDraw
 
 from desim_uav.engine.base import Measures, UserState
 from desim_uav.env.sprites import (
-    BLUE,
-    GREEN,
     GREY,
     INK,
-    ORANGE,
     PALE,
-    SKY,
-    VERMILLION,
+    RED,
     WHITE,
     dot,
     drone,
@@ -26,9 +22,11 @@ from desim_uav.env.sprites import (
     ring,
     station,
     stick,
+    wreck,
 )
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.state import Observation, Snapshot
+from desim_uav.palette import USERS, drone_colour, ink_on
 from desim_uav.world import World
 
 WIDTH, HEIGHT, PANEL = 800, 600, 200
@@ -37,15 +35,16 @@ RIGHT = WIDTH - 14
 LISTED = 7
 """So many drones are listed one by one."""
 
-USERS = {
-    UserState.SERVED: ("served", GREEN, 9),
-    UserState.OPEN: ("waiting", VERMILLION, 9),
-    UserState.ATTACHED: ("attached", SKY, 7),
-    UserState.IDLE: ("idle", GREY, 5),
+DIAMETERS = {
+    UserState.SERVED: 9,
+    UserState.OPEN: 9,
+    UserState.ATTACHED: 7,
+    UserState.IDLE: 6,
 }
-"""By state: its word, colour and size."""
+"""Of users by state, in pixels."""
 
-COLOURS = {Mode.FLYING: INK, Mode.RETURNING: INK, Mode.CRASHED: VERMILLION}
+LOW = 0.2
+"""The share of a battery at and below which it is shown in red."""
 
 
 class Scene(Protocol):
@@ -72,7 +71,7 @@ class Painter:
         self.corner = ((WIDTH - PANEL - size[0]) // 2, (HEIGHT - size[1]) // 2)
         self.map = self._drawn_map(size)
         self.background = self._drawn_background()
-        self.footprint = ring(BLUE, world.scenario.drones.footprint_radius_m * self.scale)
+        self.radius_px = world.scenario.drones.footprint_radius_m * self.scale
 
     def frame(self, scene: Scene, shown: Snapshot, title: str) -> NDArray[np.uint8]:
         """The picture: (600, 800, 3). ``title`` stands under the scenario's name."""
@@ -86,10 +85,9 @@ class Painter:
         where = [self._pixel(x, y) for x, y, _ in drones_m.tolist()]
         for seen, (x, y) in zip(shown.observations, where, strict=True):
             if seen.mode is Mode.FLYING:
-                stick(picture, self.footprint, x, y)
+                stick(picture, ring(drone_colour(seen.drone), self.radius_px), x, y)
         for state, (x, y, _) in sorted(zip(states, users_m.tolist(), strict=True)):
-            _, colour, size = USERS[state]
-            stick(picture, dot(colour, size), *self._pixel(x, y))
+            stick(picture, _user(state), *self._pixel(x, y))
         self._draw_drones(picture, shown.observations, where)
         frame = self.background.copy()
         frame.paste(picture, self.corner)
@@ -97,7 +95,7 @@ class Painter:
         self._write_time(draw, shown, title)
         self._write_measures(draw, scene)
         self._write_users(draw, Counter(states))
-        self._write_drones(draw, shown.observations, drones_m[:, 2].tolist())
+        self._write_drones(frame, shown.observations, drones_m[:, 2].tolist())
         return frame
 
     def _pixel(self, x_m: float, y_m: float) -> tuple[float, float]:
@@ -138,9 +136,9 @@ class Painter:
         for row, name in enumerate(("QoE1", "QoE2", "QoE3")):
             draw.text((LEFT, 122 + 20 * row), name, GREY, font(14))
         draw.text((LEFT, 194), "users", GREY, font(13))
-        for row, (word, colour, size) in enumerate(USERS.values()):
-            stick(picture, dot(colour, size), LEFT + 6, 221 + 19 * row)
-            draw.text((LEFT + 20, 213 + 19 * row), word, INK, font(13))
+        for row, (state, look) in enumerate(USERS.items()):
+            stick(picture, _user(state), LEFT + 6, 221 + 19 * row)
+            draw.text((LEFT + 20, 213 + 19 * row), look.word, INK, font(13))
         draw.text((LEFT, 300), "drones", GREY, font(13))
         self._draw_legend(picture, draw)
         return picture
@@ -172,8 +170,7 @@ class Painter:
         for observation, place in zip(seen, where, strict=True):
             x, y = place[0] + 36 * beside[place], place[1]
             beside[place] += 1
-            stick(picture, drone(COLOURS.get(observation.mode, GREY)), x, y)
-            draw.text((x, y), str(observation.drone), WHITE, font(12), anchor="mm")
+            _draw_drone(picture, draw, observation, x, y)
             if observation.mode is not Mode.FLYING and alone[place] == 1:
                 _label(draw, x, y + 30, observation.mode.name.lower())
             _draw_battery(draw, x - 14, y + 19, 28, observation)
@@ -186,7 +183,7 @@ class Painter:
         draw.text((RIGHT, 74), f"of {_clock(end_s)}", GREY, font(14), anchor="ra")
         draw.rectangle((LEFT, 101, RIGHT, 104), fill=PALE)
         done = LEFT + (RIGHT - LEFT) * shown.t_us / self.world.horizon_us
-        draw.rectangle((LEFT, 101, done, 104), fill=BLUE)
+        draw.rectangle((LEFT, 101, done, 104), fill=INK)
 
     def _write_measures(self, draw: ImageDraw.ImageDraw, scene: Scene) -> None:
         """The quality of experience so far."""
@@ -201,23 +198,44 @@ class Painter:
             draw.text((RIGHT, 213 + 19 * row), str(count[state]), INK, font(13), anchor="ra")
 
     def _write_drones(
-        self, draw: ImageDraw.ImageDraw, seen: tuple[Observation, ...], altitudes_m: list[float]
+        self, frame: Image.Image, seen: tuple[Observation, ...], altitudes_m: list[float]
     ) -> None:
-        """A line a drone: its number, mode, altitude, users and battery."""
+        """Write two lines per drone: its number, mode, altitude and users, and its battery."""
+        draw = ImageDraw.Draw(frame)
         for row, observation in enumerate(seen[:LISTED]):
             y = 319 + 30 * row
             words = observation.mode.name.lower()
             if self.world.facts.three_d and observation.mode in (Mode.FLYING, Mode.RETURNING):
                 words += f", {altitudes_m[row]:.0f} m"
-            draw.text((LEFT, y), str(observation.drone), GREY, font(13))
-            draw.text((LEFT + 20, y), words, INK, font(13))
+            colour = drone_colour(observation.drone)
+            stick(frame, dot(colour, 18), LEFT + 8, y + 13)
+            number = (LEFT + 8, y + 13)
+            draw.text(number, str(observation.drone), ink_on(colour), font(11), anchor="mm")
+            draw.text((LEFT + 26, y), words, INK, font(13))
             if observation.attached_users:
                 text = f"{observation.attached_users} users"
                 draw.text((RIGHT, y), text, INK, font(13), anchor="ra")
-            _draw_battery(draw, LEFT + 20, y + 18, RIGHT - LEFT - 20, observation)
+            _draw_battery(draw, LEFT + 26, y + 18, RIGHT - LEFT - 26, observation)
         if len(seen) > LISTED:
             text = f"and {len(seen) - LISTED} more"
-            draw.text((LEFT + 20, 319 + 30 * LISTED), text, GREY, font(13))
+            draw.text((LEFT + 26, 319 + 30 * LISTED), text, GREY, font(13))
+
+
+def _user(state: UserState) -> Image.Image:
+    """Return the dot of a user in this state."""
+    return dot(USERS[state].colour, DIAMETERS[state])
+
+
+def _draw_drone(
+    picture: Image.Image, draw: ImageDraw.ImageDraw, seen: Observation, x: float, y: float
+) -> None:
+    """Draw a drone in its colour with its number: filled while it serves, else hollow."""
+    colour, serves = drone_colour(seen.drone), seen.mode is Mode.FLYING
+    stick(picture, drone(colour, hollow=not serves), x, y)
+    ink = ink_on(colour) if serves else INK
+    draw.text((x, y), str(seen.drone), ink, font(12), anchor="mm")
+    if seen.mode is Mode.CRASHED:
+        stick(picture, wreck(), x, y)
 
 
 def _draw_battery(
@@ -227,7 +245,7 @@ def _draw_battery(
     if seen.battery_s is None or seen.capacity_s is None:
         return
     share = max(0.0, min(1.0, seen.battery_s / seen.capacity_s))
-    colour = GREEN if share > 0.5 else ORANGE if share > 0.2 else VERMILLION
+    colour = INK if share > LOW else RED
     draw.rectangle((left, top, left + width, top + 4), fill=PALE)
     if share > 0.0:
         draw.rectangle((left, top, left + width * share, top + 4), fill=colour)
@@ -239,8 +257,8 @@ def _label(draw: ImageDraw.ImageDraw, x: float, y: float, text: str) -> None:
 
 
 def _clock(seconds: int) -> str:
-    """Minutes and seconds."""
-    return f"{seconds // 60}:{seconds % 60:02d}"
+    """Return a time as hours, minutes and seconds."""
+    return f"{seconds // 3600}:{seconds // 60 % 60:02d}:{seconds % 60:02d}"
 
 
 def _clipped(text: str, length: int) -> str:

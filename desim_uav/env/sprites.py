@@ -8,11 +8,12 @@ from functools import lru_cache
 from PIL import Image, ImageDraw, ImageFont
 from PIL.ImageFont import FreeTypeFont
 
-# Okabe and Ito's colours, which the colour-blind tell apart.
-ORANGE, SKY, GREEN, YELLOW = "#E69F00", "#56B4E9", "#009E73", "#F0E442"
-BLUE, VERMILLION = "#0072B2", "#D55E00"
-INK, GREY, PALE, WHITE = "#1E1E1E", "#8C8C8C", "#D9D9D6", "#FFFFFF"
-NAMED = (ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILLION, INK, GREY, PALE, WHITE)
+from desim_uav.palette import DRONES, USERS
+
+YELLOW, RED = "#F0E442", "#B3261E"
+INK, GREY, PALE, WHITE = "#1E1E1E", "#6E6E6E", "#D9D9D6", "#FFFFFF"
+NAMED = (*DRONES, *(look.colour for look in USERS.values()), YELLOW, RED, INK, GREY, PALE, WHITE)
+"""All colours that mean something."""
 
 FINE = 4
 """How much larger a sprite is drawn than it is shown."""
@@ -46,9 +47,12 @@ def ring(colour: str, radius_px: float) -> Image.Image:
     return sprite.reduce(fine)
 
 
-@lru_cache(maxsize=8)
-def drone(colour: str) -> Image.Image:
-    """Four rotors on crossed arms, with room for a number in the middle."""
+@lru_cache(maxsize=2 * len(DRONES))
+def drone(colour: str, hollow: bool = False) -> Image.Image:
+    """Draw four rotors on crossed arms, with room for a number in the middle.
+
+    A drone that does not serve has a hollow middle.
+    """
     size = 34
     sprite, draw = _canvas(size)
     side, reach = size * FINE, 9 * FINE
@@ -61,6 +65,20 @@ def drone(colour: str) -> Image.Image:
         _disc(draw, x, y, 3.5 * FINE, PALE)
     _disc(draw, middle, middle, 8.5 * FINE, WHITE)
     _disc(draw, middle, middle, 7.5 * FINE, colour)
+    if hollow:
+        _disc(draw, middle, middle, 5.8 * FINE, WHITE)
+    return sprite.reduce(FINE)
+
+
+@lru_cache(maxsize=1)
+def wreck() -> Image.Image:
+    """Draw the cross over a drone that has crashed."""
+    size = 30
+    sprite, draw = _canvas(size)
+    low, high = 3 * FINE, (size - 3) * FINE
+    for width, colour in ((6 * FINE, WHITE), (3 * FINE, RED)):
+        draw.line((low, low, high, high), fill=colour, width=width)
+        draw.line((low, high, high, low), fill=colour, width=width)
     return sprite.reduce(FINE)
 
 

@@ -10,10 +10,9 @@ import pytest
 from PIL import Image, ImageSequence
 
 from desim_uav.engine.base import UserState
-from desim_uav.env.frame import USERS
-from desim_uav.env.sprites import INK
 from desim_uav.errors import MissingExtraError, UsageError
 from desim_uav.model.rules import US, Mode
+from desim_uav.palette import USERS, drone_colour
 from desim_uav.report.playback import Playback
 from desim_uav.report.run import Run
 from desim_uav.report.video import Film, write_gif, write_mp4
@@ -57,8 +56,8 @@ class TestFrames:
                 continue  # drawn over, or beside each other
             frame = np.asarray(film.frame(t_us)).astype(int)
             px, py = on_map(x, y)
-            ink = np.abs(frame - colour(INK)).sum(axis=2) < 30
-            ys, xs = np.nonzero(ink[max(0, py - 12) : py + 12, max(0, px - 12) : px + 12])
+            own = np.abs(frame - colour(drone_colour(leg["drone"]))).sum(axis=2) < 30
+            ys, xs = np.nonzero(own[max(0, py - 12) : py + 12, max(0, px - 12) : px + 12])
             middle = xs.mean() + max(0, px - 12), ys.mean() + max(0, py - 12)
             assert middle == pytest.approx((px, py), abs=1.5)
             checked += 1
@@ -74,7 +73,7 @@ class TestFrames:
             px, py = on_map(x, y)
             if np.sort(apart)[1] < 60 or drones.min() < 150 or not 5 < px < 594 or not 5 < py < 594:
                 continue
-            assert tuple(frame[py, px]) == pytest.approx(colour(USERS[state][1]), abs=3)
+            assert tuple(frame[py, px]) == pytest.approx(colour(USERS[state].colour), abs=3)
             found += 1
         assert found > 3
 
@@ -83,7 +82,10 @@ class TestFrames:
         for t_s in (100.0, 1000.0, 1700.0):
             moment = playback.at(round(t_s * US))
             frame = np.asarray(film.frame(round(t_s * US))).astype(int)
-            for (x, y, _), mode in zip(moment.drones_m, moment.modes, strict=True):
+            for drone, ((x, y, _), mode) in enumerate(
+                zip(moment.drones_m, moment.modes, strict=True)
+            ):
+                own = colour(drone_colour(drone))
                 around = np.arange(0, 6, 0.1)
                 rim = [on_map(x + 600 * np.cos(a), y + 600 * np.sin(a)) for a in around]
                 near = [
@@ -91,8 +93,9 @@ class TestFrames:
                     for px, py in rim
                     if 1 < px < 598 and 1 < py < 598
                 ]
-                blue = [np.max(part[..., 2] - part[..., 0]) > 80 for part in near]
-                assert np.mean(blue) > 0.9 if mode is Mode.FLYING else np.mean(blue) < 0.5
+                off = [np.min(np.abs(part - own).sum(axis=2)) for part in near]
+                drawn = np.mean(np.array(off) < 160)
+                assert drawn > 0.9 if mode is Mode.FLYING else drawn < 0.3
 
     def test_from_beginning_to_end_at_even_times(self, playback):
         film = Film(playback, fps=10, speed=120)

@@ -12,7 +12,7 @@ from matplotlib.patheffects import withStroke
 
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.model.rules import US, Mode
-from desim_uav.report.figures.style import MOST_PANELS, NARROW, headed, look, styled
+from desim_uav.report.figures.style import MOST_PANELS, NARROW, drone_look, headed, styled
 from desim_uav.report.figures.visits import chosen_drones
 from desim_uav.report.playback import Playback
 from desim_uav.report.run import Run, opened
@@ -54,7 +54,7 @@ def battery_figure(
     seen = set[Mode]()
     for axes, number in zip(panels, drones, strict=True):
         t_s, left_s = playback.batteries[number]
-        colour = look(number)["color"]
+        colour = drone_look(number)["color"]
         axes.plot(t_s / 60, left_s / 60, "-", color=colour, path_effects=[HALO], zorder=3)
         axes.axhline(full_min * battery.return_below, color="0.4", ls=":", linewidth=1)
         seen |= _shade(axes, playback, number)

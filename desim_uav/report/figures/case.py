@@ -20,7 +20,7 @@ from desim_uav.report.figures.map import (
     draw_clusters,
     draw_stations,
 )
-from desim_uav.report.figures.style import NARROW, look, named, styled
+from desim_uav.report.figures.style import NARROW, drone_look, named, styled
 from desim_uav.report.run import Run, opened
 
 
@@ -79,7 +79,7 @@ def _draw_users(axes: Axes, users: pd.DataFrame) -> None:
 def _draw_drones(axes: Axes, steps: pd.DataFrame, world: dict[str, Any], radius_m: float) -> None:
     for drone, cell in enumerate(world["start_cells"]):
         path = steps[steps["drone"] == drone]
-        dressed = look(drone)
+        dressed = drone_look(drone)
         start = centre_m(world, cell)
         xs, ys = [start[0], *path["x_m"]], [start[1], *path["y_m"]]
         axes.plot(xs, ys, **dressed, linewidth=1.6, zorder=4)

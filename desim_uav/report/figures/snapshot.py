@@ -11,14 +11,25 @@ from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
+from desim_uav.engine.base import UserState
 from desim_uav.model.rules import US, Mode
+from desim_uav.palette import USERS
 from desim_uav.report.figures.case import case_picture
 from desim_uav.report.figures.map import centre_m
-from desim_uav.report.figures.style import look, named, styled
+from desim_uav.report.figures.style import drone_look, named, styled
 from desim_uav.report.playback import Moment, Playback
 from desim_uav.report.run import Run, opened
 
 AROUND = np.linspace(0.0, 2.0 * math.pi, 73)
+MARKERS = {
+    UserState.SERVED: "o",
+    UserState.OPEN: "D",
+    UserState.ATTACHED: "^",
+    UserState.IDLE: "v",
+}
+SIZES = {UserState.SERVED: 22, UserState.OPEN: 20, UserState.ATTACHED: 20, UserState.IDLE: 16}
+"""Of users by state, in square points: they keep apart in grey."""
+
 PATH_S = 5.0
 """Paths are drawn with a point every so many seconds."""
 
@@ -29,8 +40,9 @@ def snapshot_figure(
 ) -> Figure:
     """The map at ``minute`` of an episode (its end), seen from the south-west.
 
-    Crosses are drones, lines their paths so far, filled circles their footprints. A flat map is
-    drawn flat. Raises PolicyError where the folder is not a run's or has no events.
+    Crosses are drones, lines their paths so far, filled circles their footprints. Users are
+    coloured by state. A flat map is drawn flat. Raises PolicyError if the folder is not a run's or
+    has no events.
     """
     run = opened(run)
     episode = run.episode(episode)
@@ -47,7 +59,7 @@ def snapshot_figure(
     moment = playback.at(t_us)
     _draw_ground(axes, world)
     _draw_footprints(axes, moment, run.scenario.drones.footprint_radius_m, world)
-    axes.scatter(*moment.users_m.T, s=9, c="0.2", depthshade=False, label="user", zorder=4)
+    _draw_users(axes, moment)
     _draw_buildings(axes, world)
     _draw_drones(axes, playback, moment)
     figure.suptitle(
@@ -117,16 +129,27 @@ def _draw_footprints(axes: Any, moment: Moment, radius_m: float, world: dict[str
         around_x = np.clip(x + radius_m * np.cos(AROUND), 0, width)
         around_y = np.clip(y + radius_m * np.sin(AROUND), 0, depth)
         disc = np.column_stack((around_x, around_y, np.zeros_like(AROUND)))
-        colour = look(drone)["color"]
+        colour = drone_look(drone)["color"]
         axes.add_collection3d(Poly3DCollection([disc], facecolor=colour, alpha=0.16, zorder=2))
-        axes.plot(*disc.T, **look(drone), linewidth=0.9, zorder=2)
+        axes.plot(*disc.T, **drone_look(drone), linewidth=0.9, zorder=2)
+
+
+def _draw_users(axes: Any, moment: Moment) -> None:
+    """Each state of a user has its colour and marker, and its number in the legend."""
+    states = np.array(moment.states)
+    for state, (word, colour) in USERS.items():
+        there = moment.users_m[states == state]
+        if len(there):
+            style = {"marker": MARKERS[state], "s": SIZES[state], "facecolor": colour}
+            style |= {"edgecolor": "white", "linewidth": 0.4, "depthshade": False}
+            axes.scatter(*there.T, **style, label=f"user {word} ({len(there)})", zorder=4)
 
 
 def _draw_drones(axes: Any, playback: Playback, moment: Moment) -> None:
     times_us = np.append(np.arange(0, moment.t_us, round(PATH_S * US)), moment.t_us)
     paths = playback.paths_m(times_us)
     for drone, (x, y, z) in enumerate(moment.drones_m.tolist()):
-        dressed = look(drone)
+        dressed = drone_look(drone)
         axes.plot(*paths[drone].T, **dressed, linewidth=1.5, zorder=6)
         axes.plot([x, x], [y, y], [0, z], color="0.3", ls=":", linewidth=0.8, zorder=6)
         mode = moment.modes[drone].name.lower()

@@ -13,6 +13,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from desim_uav.errors import UsageError
+from desim_uav.palette import drone_colour
 from desim_uav.report.markup import visible
 
 STYLE = Path(__file__).parents[1] / "desim_uav.mplstyle"
@@ -79,6 +80,15 @@ def headed(figure: Figure, text: str) -> None:
 def look(number: int) -> dict[str, Any]:
     """Colour and dashes of the line of this number: any two neighbours differ in both."""
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": DASHES[number % len(DASHES)]}
+
+
+def drone_look(drone: int) -> dict[str, Any]:
+    """Return the line style of a drone: its colour everywhere, and dashes for grey.
+
+    Dashes and colours repeat together only after 49 drones.
+    """
+    dash = DASHES[(drone + drone // len(DASHES)) % len(DASHES)]
+    return {"color": drone_colour(drone), "linestyle": dash}
 
 
 def marker(number: int) -> str:
