@@ -28,7 +28,7 @@ def njit(**_: Any) -> Callable[[Any], Any]:
 
     def plain(function: Any) -> Any:
         function.get_call_template = None
-        function._cache = SimpleNamespace(_cache_file=SimpleNamespace(_load_index=lambda: True))
+        function._cache = SimpleNamespace(cache_path=None)
         return function
 
     return plain

@@ -161,24 +161,31 @@ def _conflicts() -> Iterator[Finding]:
 
 
 def _kernels() -> Iterator[Finding]:
-    from desim_uav.engine.batch import calls
-    from desim_uav.learning import fused
-    from desim_uav.model.coverage import crossings
-    from desim_uav.model.kernels import compiled_before
-
     if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         yield Finding("problem", "kernels", "NUMBA_DISABLE_JIT is set: everything is very slow")
         return
-    folder = Path(crossings.stats.cache_path)  # type: ignore[attr-defined]
-    problem = _unwritable(folder)
-    if problem:
-        words = f"{problem}: kernels are compiled anew in each process (NUMBA_CACHE_DIR moves them)"
-        yield Finding("problem", "kernels", words)
+    from desim_uav.engine.batch import calls
+    from desim_uav.learning import fused
+    from desim_uav.model.coverage import crossings
+    from desim_uav.model.kernels import NOWHERE, cache_folder, compiled_before
+
+    asked = os.environ.get("NUMBA_CACHE_DIR")
+    if asked and (problem := _unwritable(Path(asked))):
+        yield Finding("problem", "NUMBA_CACHE_DIR", f"{problem}; it is not used")
+    folder = cache_folder(crossings)
+    if folder is None:
+        words = NOWHERE.format(folder=Path(__file__).parents[1])
+        yield Finding("problem", "compiled code", words)
+        return
+    if problem := _unwritable(folder):
+        words = f"{problem}; it is compiled anew in each process, or set NUMBA_CACHE_DIR"
+        yield Finding("problem", "compiled code", words)
     kinds = {"run": crossings, "the compiled engine": calls.step, "training": fused.play}
     waiting = [name for name, kernel in kinds.items() if not compiled_before(kernel)]
     said = f"of {', '.join(waiting)}: made on first use, which takes up to a minute"
     words = f"{said if waiting else 'ready'}; kept in {folder}"
-    yield Finding("note" if waiting else "ok", "machine code", words)
+    words += "" if problem else ", which can be written"
+    yield Finding("note" if waiting else "ok", "compiled code", words)
 
 
 def _processors() -> Iterator[Finding]:

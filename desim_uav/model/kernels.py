@@ -1,18 +1,29 @@
-"""The one decorator under which the model's numbers are compiled.
+"""The decorators under which the model's numbers are compiled, and where machine code is kept.
 
 A kernel is scalar code over flat arrays, compiled with strict IEEE arithmetic (no reassociation,
-no contraction) and cached on disk.
+no contraction) and kept on disk. Whatever of Numba is not its public interface is used here (and
+in ``engine.batch.pointers``); ``tests/model/test_kernels.py`` names the versions this holds for.
 """
 
 from __future__ import annotations
 
 import hashlib
+import multiprocessing
+import pickle
 from collections.abc import Callable, Mapping
-from functools import cache
+from contextlib import suppress
+from functools import cached_property
 from pathlib import Path
 from typing import Any, TypeVar, cast
+from uuid import uuid4
 
 import numba
+from numba import types
+from numba.core.caching import FunctionCache
+from numba.core.serialize import dumps
+
+from desim_uav.model.code_digest import code_digest
+from desim_uav.notices import notice
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -22,8 +33,12 @@ OPTIONS: dict[str, Any] = {**MAKER, "_nrt": False}
 """``_nrt``: what makes no arrays need not count references to those it is given. Said of each
 kernel: on disk it is the same whether Python has called it first, or another kernel."""
 
-SOURCES = ("model", "engine/batch", "learning")
-"""The folders that hold kernels."""
+NOWHERE = (
+    "compiled code cannot be kept on disk and is compiled anew in each process, because neither "
+    "{folder} nor your cache folder can be written; set NUMBA_CACHE_DIR to a folder that can be"
+)
+
+CHECKSUM = hashlib.sha256().digest_size
 
 
 def kernel(function: F) -> F:
@@ -42,31 +57,139 @@ def part(function: F) -> F:
 
 
 def cached(function: F, options: Mapping[str, Any]) -> F:
-    """Compile with these options, cached on disk with all that it calls.
-
-    Numba looks at the time of a function's own file to see whether machine code on disk is stale,
-    which is not enough: it is, when that file or any source of our kernels says something else.
-    """
-    compiled: Any = numba.njit(cache=True, **options)(function)
-    compiled._cache._cache_file._source_stamp = digest() + _said(function.__code__.co_filename)
+    """Compile with these options, and keep the machine code on disk if there is a place for it."""
+    compiled: Any = numba.njit(**options)(function)
+    if hasattr(compiled, "enable_caching"):  # else NUMBA_DISABLE_JIT is set
+        try:
+            compiled._cache = MachineCode(compiled)
+        except RuntimeError:
+            if multiprocessing.parent_process() is None:  # which says it for its children
+                folder = Path(function.__code__.co_filename).parent
+                _say_once("nowhere", NOWHERE.format(folder=folder))
     return cast(F, compiled)
 
 
-@cache
-def digest() -> str:
-    """What all sources of our kernels say."""
-    package = Path(__file__).parents[1]
-    files = (file for folder in SOURCES for file in sorted((package / folder).glob("*.py")))
-    return hashlib.sha256("".join(map(_said, map(str, files))).encode()).hexdigest()
+def for_any_number(function: F, options: Mapping[str, Any]) -> F:
+    """Compile once for all whole numbers; it is kept with the kernels that call it.
 
+    Left to itself, Numba compiles a function for each constant it is called with.
+    """
+    compiled: Any = numba.njit(**options)(function)
+    template = compiled.get_call_template
 
-@cache
-def _said(file: str) -> str:
-    path = Path(file)
-    said = path.read_bytes() if path.is_file() else b""  # a notebook's cell is no file
-    return hashlib.sha256(said).hexdigest()
+    def general(args: Any, kws: Any) -> Any:
+        plain: Any = types.unliteral
+        return template(tuple(map(plain, args)), {name: plain(k) for name, k in kws.items()})
+
+    compiled.get_call_template = general
+    return cast(F, compiled)
 
 
 def compiled_before(function: Any) -> bool:
-    """Is there machine code of a kernel on disk, of these very sources?"""
-    return bool(function._cache._cache_file._load_index())
+    """Whether machine code of this very kernel is on disk."""
+    try:
+        return isinstance(function._cache, MachineCode) and bool(function._cache.file.read())
+    except (OSError, ValueError):
+        return False
+
+
+def cache_folder(function: Any) -> Path | None:
+    """Where the machine code of a kernel is kept; None if there is no place for it."""
+    folder = function._cache.cache_path
+    return None if folder is None else Path(folder)
+
+
+class MachineCode(FunctionCache):
+    """The machine code of one kernel on disk; without a folder for it, Numba's RuntimeError."""
+
+    def __init__(self, compiled: Any) -> None:
+        super().__init__(compiled.py_func)
+        self.file = CodeFile(Path(self.cache_path) / f"{self._impl.filename_base}.nbc", compiled)
+        base: Any = self
+        base._cache_file = self.file  # whose load, save and flush it calls
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """The machine code for a signature, or None. What is damaged is removed."""
+        try:
+            return super().load_overload(sig, target_context)
+        except Exception as error:
+            with suppress(OSError):  # another process may have removed it, and said so
+                self.file.path.unlink()
+                problem = f"damaged compiled code is removed and made anew: {self.file.path}"
+                _say_once("damaged", f"{problem} ({error})")
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep the machine code for a signature, if it can be written."""
+        try:
+            super().save_overload(sig, data)
+        except OSError as error:
+            _say_once("unsaved", f"compiled code cannot be kept on disk: {error}")
+
+
+class CodeFile:
+    """The file of one kernel: a checksum, what it was compiled from, and the compiled signatures.
+
+    It is written as a whole. Numba's own cache has an index beside its files and looks at the text
+    of one source file: if a process ends, or another one writes, between index and file, or if a
+    called kernel has changed, it would use machine code of other sources.
+    """
+
+    def __init__(self, path: Path, compiled: Any) -> None:
+        self.path = path
+        self._compiled = compiled
+
+    @cached_property
+    def origin(self) -> bytes:
+        """What the machine code depends on: code, options, compiler. Asked for at a first call."""
+        digest = code_digest(self._compiled.py_func)
+        options = self._compiled.targetoptions
+        return hashlib.sha256(repr((digest, options, numba.__version__)).encode()).digest()
+
+    def read(self) -> dict[Any, bytes]:
+        """The compiled signatures, if they are of this very kernel.
+
+        Raises ValueError if the file is damaged.
+        """
+        try:
+            content = self.path.read_bytes()
+        except FileNotFoundError:
+            return {}
+        checksum, rest = content[:CHECKSUM], content[CHECKSUM:]
+        if checksum != hashlib.sha256(rest).digest():
+            raise ValueError("its checksum does not fit")
+        fits = rest[:CHECKSUM] == self.origin
+        return dict(pickle.loads(rest[CHECKSUM:])) if fits else {}
+
+    def load(self, key: Any) -> Any:
+        """What was saved under a key, or None."""
+        found = self.read().get(key)
+        return None if found is None else pickle.loads(found)
+
+    def save(self, key: Any, data: Any) -> None:
+        """Save under a key, beside what is there."""
+        self._write({**self.read(), key: dumps(data)})
+
+    def flush(self) -> None:
+        """Forget everything."""
+        self._write({})
+
+    def _write(self, signatures: dict[Any, bytes]) -> None:
+        rest = self.origin + dumps(signatures)
+        draft = self.path.with_name(f"{self.path.name}.{uuid4().hex[:16]}")
+        try:
+            draft.write_bytes(hashlib.sha256(rest).digest() + rest)
+            draft.replace(self.path)
+        except BaseException:
+            draft.unlink(missing_ok=True)
+            raise
+
+
+_said: set[str] = set()
+
+
+def _say_once(kind: str, words: str) -> None:
+    """One line on stderr, the first of its kind in this process."""
+    if kind not in _said:
+        _said.add(kind)
+        notice(words)

@@ -6,6 +6,7 @@ import json
 from pathlib import Path
 
 import pytest
+from numba.core.caching import NullCache
 
 from desim_uav import cli
 from desim_uav.engine.base import RunSettings
@@ -49,7 +50,7 @@ def test_here_nothing_is_wrong(monkeypatch, capsys, tmp_path):
     monkeypatch.chdir(tmp_path)
     code, told = on_the_command_line(monkeypatch, capsys)
     assert (code, told["healthy"]) == (0, True)
-    assert {"desim-uav", "Python", "packages", "machine code", "processors", "runs"} <= {
+    assert {"desim-uav", "Python", "packages", "compiled code", "processors", "runs"} <= {
         finding["what"] for finding in told["findings"]
     }
     assert list(tmp_path.iterdir()) == []
@@ -115,11 +116,34 @@ def test_machine_code_of_other_sources_is_not_ready(monkeypatch):
     world = build_world(load(scenario_path("tiny")), 0)
     Simulation(world, RunSettings((True,), False)).reset(draw(world, 0, 0))
     assert kernels.compiled_before(crossings)
-    monkeypatch.setattr(crossings._cache._cache_file, "_source_stamp", "of another day")
+    monkeypatch.setattr(crossings._cache.file, "origin", b"of another day")
     assert not kernels.compiled_before(crossings)
-    told = found(examine(), "machine code")
+    told = found(examine(), "compiled code")
     assert told.verdict == "note"
     assert told.words.startswith("of run")
+
+
+def test_it_says_where_compiled_code_is_kept():
+    told = found(examine(), "compiled code")
+    folder = kernels.cache_folder(crossings)
+    assert told.words.endswith(f"; kept in {folder}, which can be written")
+
+
+def test_there_is_no_place_for_compiled_code(monkeypatch):
+    monkeypatch.setattr(crossings, "_cache", NullCache())
+    told = found(examine(), "compiled code")
+    assert told.verdict == "problem"
+    assert told.words.startswith("compiled code cannot be kept on disk")
+    assert told.words.endswith("set NUMBA_CACHE_DIR to a folder that can be")
+
+
+def test_a_folder_for_compiled_code_that_cannot_be_written(monkeypatch, tmp_path):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path / "file" / "kernels"))
+    told = found(examine(), "NUMBA_CACHE_DIR")
+    assert told.verdict == "problem"
+    assert str(tmp_path / "file") in told.words
+    assert told.words.endswith("; it is not used")
 
 
 def test_no_place_to_write(monkeypatch):

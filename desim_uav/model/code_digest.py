@@ -1,0 +1,105 @@
+"""What a kernel is compiled from: the code of all functions it reaches, and their constants.
+
+This is the code that Python runs, not the text of a file: the two differ if a file has changed
+since it was imported, or if Python reads bytecode that is older than the file.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator
+from enum import Enum
+from functools import cache
+from types import CodeType, FunctionType, ModuleType
+from typing import Any
+
+import numpy as np
+
+NOT_OURS = ("numpy", "numba", "math", "builtins")
+"""Packages whose functions Numba has its own versions of."""
+
+
+def code_digest(function: FunctionType) -> str:
+    """The SHA-256 of a function and of every function it calls, directly or not.
+
+    Docstrings, comments and line numbers do not count.
+    """
+    found: dict[FunctionType, str] = {}
+    waiting = [function]
+    while waiting:
+        one = waiting.pop()
+        if one not in found:
+            found[one], called = _described(one)
+            waiting += called
+    return hashlib.sha256("\n".join(sorted(found.values())).encode()).hexdigest()
+
+
+@cache
+def _described(function: FunctionType) -> tuple[str, list[FunctionType]]:
+    """A function's own code with the values of its global names, and the functions among them."""
+    code, called = function.__code__, list[FunctionType]()
+    parts = [_name(function), repr(function.__defaults__), *_code(code, function.__doc__)]
+    for name, value in _values(function):
+        parts.append(f"{name} = {_value(value, called)}")
+    return "\n".join(parts), called
+
+
+def _name(value: Any) -> str:
+    return f"{getattr(value, '__module__', '')}.{getattr(value, '__qualname__', '')}"
+
+
+def _code(code: CodeType, doc: str | None = None) -> Iterator[str]:
+    yield code.co_code.hex()
+    yield repr(code.co_names)
+    for constant in code.co_consts:
+        if isinstance(constant, CodeType):
+            yield from _code(constant)
+        elif isinstance(constant, frozenset):
+            yield repr(sorted(map(repr, constant)))
+        elif constant is None or constant != doc:
+            yield repr(constant)
+
+
+def _names(code: CodeType) -> set[str]:
+    inner = (_names(one) for one in code.co_consts if isinstance(one, CodeType))
+    return set(code.co_names).union(*inner)
+
+
+def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
+    """What the names in a function stand for, if they are neither its own nor built in."""
+    code = function.__code__
+    for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
+        yield name, cell.cell_contents
+    names = sorted(_names(code))
+    for name in names:
+        value = function.__globals__.get(name)
+        yield name, value
+        if isinstance(value, ModuleType) and not _foreign(value.__name__):
+            yield from ((f"{name}.{of}", getattr(value, of)) for of in names if hasattr(value, of))
+
+
+def _value(value: Any, called: list[FunctionType]) -> str:
+    """A text that is the same if a kernel would be compiled alike; functions go to ``called``."""
+    function = value if isinstance(value, FunctionType) else getattr(value, "__wrapped__", None)
+    if isinstance(function, FunctionType):
+        if not _foreign(function.__module__):
+            called.append(function)
+        return f"{_name(function)} {getattr(value, 'targetoptions', '')}"
+    if isinstance(value, np.ndarray):
+        return f"{value.dtype} {value.shape} {value.tobytes().hex()}"
+    if isinstance(value, type):
+        members = list(value) if issubclass(value, Enum) else getattr(value, "_fields", "")
+        return f"{_name(value)} {members}"
+    if isinstance(value, tuple | list):
+        return _listed(value, called)
+    if isinstance(value, bool | int | float | complex | str | bytes | None):
+        return repr(value)
+    return f"a {_name(type(value))} {getattr(value, '__name__', '')}"
+
+
+def _listed(values: Iterable[Any], called: list[FunctionType]) -> str:
+    return ", ".join(_value(value, called) for value in values)
+
+
+def _foreign(module: str | None) -> bool:
+    return (module or "").partition(".")[0] in NOT_OURS
