@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 from desim_uav.experiment.evaluate import MEASURES
 from desim_uav.experiment.published import POLICIES, PUBLISHED, best_qoe3
 from desim_uav.experiment.statistics import Estimate, estimate, paired
+from desim_uav.model.sums import in_order
 
 Row = dict[str, Any]
 
@@ -129,7 +130,7 @@ def _over_cases(rows: Sequence[Row], policy: str, name: str) -> list[float]:
     for row in rows:
         if row["policy"] == policy:
             by_seed.setdefault(row["seed"], []).append(row[name])
-    return [sum(values) / len(values) for _, values in sorted(by_seed.items())]
+    return [in_order(values) / len(values) for _, values in sorted(by_seed.items())]
 
 
 def _values(rows: Sequence[Row], case: int, policy: str) -> list[Row]:

@@ -13,6 +13,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 from desim_uav.model.coverage import crossings
 from desim_uav.model.kernels import compiled_before
+from desim_uav.model.sums import in_order
 
 RECENT = 50
 """Episodes a training's bar averages over."""
@@ -78,7 +79,7 @@ class TrainingBar:
 
 def _mean(values: Iterable[float]) -> float:
     there = list(values)
-    return sum(there) / len(there) if there else math.nan
+    return in_order(there) / len(there) if there else math.nan
 
 
 @contextmanager

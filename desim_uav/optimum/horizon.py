@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.sums import in_order
 from desim_uav.optimum.graph import Forced, Graph
 
 Array = NDArray[np.float64]
@@ -58,7 +59,7 @@ def _induced(
         value = brings + ahead[np.maximum(left - length, 0), graph.target]
         for state, action, by_step in forced:
             if len(by_step) > left:
-                value[state, action] = sum(by_step[:left])
+                value[state, action] = in_order(by_step[:left])
         if choices is None:
             best[left] = value.argmax(axis=1)
         ahead[left, :count] = value[rows, best[left]]

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.motion import REST, Leg, Transit
 from desim_uav.model.rules import US, Mode
+from desim_uav.model.sums import in_order
 from desim_uav.report.run import Run
 
 Ints = NDArray[np.int64]
@@ -28,7 +29,7 @@ class Track:
 
     def _leg(self, number: int, run: Run) -> Leg:
         start, end = self.places[number]
-        length_m = float(sum(abs(b - a) for a, b in zip(start, end, strict=True)))
+        length_m = in_order(abs(b - a) for a, b in zip(start, end, strict=True))
         transit: Transit = REST
         if self.ends_us[number] > self.starts_us[number]:
             motion = run.scenario.drones.motion

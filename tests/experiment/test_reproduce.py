@@ -15,7 +15,7 @@ from desim_uav.engine.batch import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import UsageError
 from desim_uav.experiment import reproduce
-from desim_uav.experiment.paper_table import claims, lines, markdown
+from desim_uav.experiment.paper_table import _over_cases, claims, lines, markdown
 from desim_uav.experiment.published import POLICIES, PUBLISHED, best_qoe3
 from desim_uav.experiment.reproduce import Job, best_cover, jobs, numbers, run_job, run_jobs
 from desim_uav.policies.tabular import read_table
@@ -310,3 +310,9 @@ def test_a_policy_is_evaluated_where_it_was_trained(folder: Path):
     again = run_job(Job(1, "q_learning", 0, None, 20), folder)
     there = json.loads((folder / "jobs" / "case1-q_learning-default-s0.json").read_text())["row"]
     assert again == there
+
+
+def test_a_mean_over_cases_is_the_same_on_every_python():
+    """Python 3.12 and later add 0.1 ten times to exactly 1.0 by ``sum``."""
+    rows = [{"policy": "sarsa", "seed": 3, "qoe1_percent": 0.1} for _ in range(10)]
+    assert _over_cases(rows, "sarsa", "qoe1_percent") == [0.09999999999999999]

@@ -42,6 +42,7 @@ from desim_uav.engine.batch.memory import (
 from desim_uav.engine.batch.pointers import moved, table
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.mobility import RandomWalk, next_leg
+from desim_uav.model.sums import in_order
 from desim_uav.world import World
 
 
@@ -51,7 +52,7 @@ def legs_of_step(world: World) -> int:
     if not isinstance(walk, RandomWalk):
         return 0
     step_s = world.scenario.episode.step_s
-    walls = walk.speed_mps * step_s * sum(1.0 / side for side in world.area)
+    walls = walk.speed_mps * step_s * in_order(1.0 / side for side in world.area)
     return len(world.homes) * (2 + int(step_s / walk.leg_s) + int(walls)) + 16
 
 
