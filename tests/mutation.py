@@ -166,8 +166,8 @@ MUTATIONS = (
     Mutation(
         "the end of a charge rounded down",
         "model/battery.py",
-        "return -((battery_us - capacity_us) * full_charge_us // capacity_us)",
-        "return (capacity_us - battery_us) * full_charge_us // capacity_us",
+        "return takes_us + (1 if rest > 0 else 0)",
+        "return takes_us",
         ("model/test_battery.py",),
     ),
     Mutation(

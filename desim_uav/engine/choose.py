@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 from desim_uav.errors import ScenarioError, UsageError
+from desim_uav.notices import notice
 
 if TYPE_CHECKING:
     from desim_uav.engine.base import Engine, RunSettings
@@ -26,23 +28,29 @@ def make_engine(name: str, world: World, settings: RunSettings) -> Engine:
 
 
 def check_engine(name: str, world: World) -> None:
-    """Raises ScenarioError where this engine has no kernel for a component of the scenario.
+    """Raises ScenarioError if this engine has no kernel for a component of the scenario.
 
-    UsageError where there is no such engine.
+    UsageError if there is no such engine.
     """
     if name not in ENGINES:
         raise UsageError(f"--engine {name}: allowed: {', '.join(ENGINES)}")
-    problems = _refused(world) if name == "batch" else []
+    problems = _lacking(world) if name == "batch" else []
     if problems:
-        raise ScenarioError(*problems)
+        raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
 
 
-def engine_for(world: World) -> str:
-    """The compiled engine where every component has a kernel, else the SimPy engine."""
-    return "des" if _refused(world) else "batch"
+def engine_for(world: World, say: Callable[[str], None] = notice) -> str:
+    """The compiled engine if every component has a kernel, else the SimPy engine.
+
+    ``say`` is told why the slower one is chosen; by default this is a line on stderr.
+    """
+    problems = _lacking(world)
+    if problems:
+        say(f"the SimPy engine (des) is used, which is slower: {'; '.join(problems)}")
+    return "des" if problems else "batch"
 
 
-def _refused(world: World) -> list[str]:
-    from desim_uav.engine.batch.pack import refused
+def _lacking(world: World) -> list[str]:
+    from desim_uav.engine.batch.pack import lacking
 
-    return refused(world)
+    return lacking(world)

@@ -161,7 +161,7 @@ def sweep_to_folder(
     """
     run = _backend(backend, workers, address)
     swept, algorithms = axes(asked.overrides), asked.algorithm_names()
-    tried = arms(path, swept, asked.policy_names(), algorithms, asked.seeds[0], asked.engine)
+    tried = arms(path, swept, asked.policy_names(), algorithms, asked.seeds[0], asked.engine, say)
     todo = jobs(tried, asked.seeds, asked.episodes, asked.warmup)
     for warning in _warnings(tried, asked.seeds):
         say(warning)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 from desim_uav.engine.choose import check_engine, engine_for
@@ -15,6 +16,7 @@ from desim_uav.experiment.grid import Axis, Combination, combinations
 from desim_uav.learning.learner import load_algorithm
 from desim_uav.learning.training import table_features
 from desim_uav.model.streams import Purpose, Streams
+from desim_uav.notices import notice
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import file_of, parts
 from desim_uav.registry import names
@@ -22,6 +24,9 @@ from desim_uav.regular_file import content_of
 from desim_uav.scenario.load import load, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
+
+Choose = Callable[[World], str]
+"""Says by which engine a world is run."""
 
 MOST_PROBLEMS = 100
 
@@ -60,25 +65,36 @@ def arms(
     algorithms: Sequence[str | None],
     seed: int,
     engine: str | None = None,
+    say: Callable[[str], None] = notice,
 ) -> list[Arm]:
     """Everything a sweep tries on each seed, by combination; each begins in the world of ``seed``.
 
     ``algorithms``: what is trained; None is the scenario's own. ``engine``: None is the compiled
-    one where it can be. Raises ScenarioError with every problem of every combination; then
-    PolicyError, alike.
+    one if it can be; ``say`` is told once for each reason why it cannot be. Raises ScenarioError
+    with every problem of every combination; then PolicyError, alike.
     """
     found: list[Arm] = []
-    problems = _Problems()
+    problems, reasons = _Problems(), dict[str, None]()
+    choose = partial(_chosen, engine, reasons)
     for combination in combinations(axes):
         problems.combinations.append(combination)
         if policies:
             with problems.noted():
-                found += _policy_arms(path, combination, policies, seed, engine)
+                found += _policy_arms(path, combination, policies, seed, choose)
         for algorithm in algorithms:
             with problems.noted():
-                found.append(_learning_arm(path, combination, algorithm, seed, engine))
+                found.append(_learning_arm(path, combination, algorithm, seed, choose))
     problems.complain()
+    for reason in reasons:
+        say(reason)
     return found
+
+
+def _chosen(engine: str | None, reasons: dict[str, None], world: World) -> str:
+    """The engine that was asked for, if it can be; else the one that fits, with the reasons."""
+    chosen = engine or engine_for(world, reasons.setdefault)
+    check_engine(chosen, world)
+    return chosen
 
 
 def policy_digest(policy: str) -> str:
@@ -97,9 +113,9 @@ def policy_digest(policy: str) -> str:
 
 
 def _policy_arms(
-    path: Path, combination: Combination, policies: Sequence[str], seed: int, engine: str | None
+    path: Path, combination: Combination, policies: Sequence[str], seed: int, choose: Choose
 ) -> Iterator[Arm]:
-    scenario, world, chosen = _prepared(path, combination.settings, seed, engine)
+    scenario, world, chosen = _prepared(path, combination.settings, seed, choose)
     hashed = _hash(scenario)
     for policy in policies:
         load_policy(policy).begin(world, Streams(seed, Purpose.LEARNER), False)
@@ -110,26 +126,25 @@ def _policy_arms(
 
 
 def _learning_arm(
-    path: Path, combination: Combination, algorithm: str | None, seed: int, engine: str | None
+    path: Path, combination: Combination, algorithm: str | None, seed: int, choose: Choose
 ) -> Arm:
     settings = list(combination.settings)
     settings += [] if algorithm is None else [f'learning.algorithm="{algorithm}"']
-    scenario, world, chosen = _prepared(path, settings, seed, engine)
+    scenario, world, chosen = _prepared(path, settings, seed, choose)
     name = scenario.learning.algorithm
     table_features(world, load_algorithm(name).tables)
     return Arm(combination, name, name, "", "", scenario, _hash(scenario), chosen)
 
 
 def _prepared(
-    path: Path, settings: Sequence[str], seed: int, engine: str | None
+    path: Path, settings: Sequence[str], seed: int, choose: Choose
 ) -> tuple[Scenario, World, str]:
     """A scenario, its world on a seed, and the engine. Raises ScenarioError, naming the file."""
     scenario = load(path, settings)
     with located(path):
         drawn = scenario.model_copy(update={"seed": seed})
         world = build_world(drawn, drawn.effective_world_seed)
-        chosen = engine or engine_for(world)
-        check_engine(chosen, world)
+        chosen = choose(world)
     return scenario, world, chosen
 
 

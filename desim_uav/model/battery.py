@@ -1,4 +1,4 @@
-"""What flying costs: energy models. A battery is measured in microseconds of autonomy."""
+"""Energy models: what flying costs. A battery is measured in microseconds of autonomy."""
 
 from __future__ import annotations
 
@@ -7,8 +7,12 @@ from typing import Annotated, Literal, Protocol
 
 from annotated_types import Ge, Gt, Le
 
+from desim_uav.model.kernels import kernel
 from desim_uav.model.motion import Transit
 from desim_uav.registry import register
+
+LONGEST_MIN = 1_000_000
+"""The longest autonomy and the longest full charge that the arithmetic of charging allows."""
 
 
 class Energy(Protocol):
@@ -59,11 +63,35 @@ class Endurance:
         return battery_us
 
 
+@kernel
 def charged_us(battery_us: int, elapsed_us: int, capacity_us: int, full_charge_us: int) -> int:
-    """The battery after ``elapsed_us`` of charging at capacity / full charge, rounded down."""
-    return min(capacity_us, battery_us + elapsed_us * capacity_us // full_charge_us)
+    """The battery after ``elapsed_us`` of charging at capacity / full charge, rounded down.
+
+    All times are below 2^46 microseconds, which is more than ``LONGEST_MIN``.
+    """
+    if elapsed_us >= full_charge_us:
+        return capacity_us
+    gained_us, _ = _share(capacity_us, elapsed_us, full_charge_us)
+    return min(capacity_us, battery_us + gained_us)
 
 
+@kernel
 def time_to_full_us(battery_us: int, capacity_us: int, full_charge_us: int) -> int:
-    """How long charging takes, rounded up to a microsecond."""
-    return -((battery_us - capacity_us) * full_charge_us // capacity_us)
+    """How long charging takes, rounded up to a microsecond. Times are as in ``charged_us``."""
+    takes_us, rest = _share(full_charge_us, capacity_us - battery_us, capacity_us)
+    return takes_us + (1 if rest > 0 else 0)
+
+
+@kernel
+def _share(amount: int, part: int, whole: int) -> tuple[int, int]:
+    """``amount * part`` divided by ``whole``: the whole quotient and the rest.
+
+    The product of two times may need more than 64 bits, so the amount is taken 16 bits at a time,
+    as in long division. 0 <= part <= whole; all three are below 2^46.
+    """
+    quotient, rest = 0, 0
+    for shift in (32, 16, 0):
+        rest = (rest << 16) + part * ((amount >> shift) & 0xFFFF)
+        quotient = (quotient << 16) + rest // whole
+        rest = rest % whole
+    return quotient, rest

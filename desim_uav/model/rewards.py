@@ -9,7 +9,7 @@ from typing import Annotated, Protocol
 
 from annotated_types import Ge, Le
 
-from desim_uav.model.rules import Mode
+from desim_uav.model.rules import US, Mode
 from desim_uav.model.state import Facts, Observation
 from desim_uav.registry import register
 
@@ -18,6 +18,9 @@ LANDED_OR_DOWN = frozenset({Mode.QUEUED, Mode.CHARGING, Mode.CHARGED, Mode.CRASH
 Weight = Annotated[float, Ge(0), Le(1e6)]
 Sign = Annotated[float, Ge(-1), Le(1)]
 Share = Annotated[float, Ge(0), Le(1)]
+
+LOW_WEIGHTS = ((0.8, 0.2), (0.5, 0.5), (0.2, 0.8))
+"""(w_s, w_c) above c2, c3 and c4 of R2 and R3."""
 
 
 class Reward(Protocol):
@@ -135,18 +138,29 @@ def return_cost(drone: Observation) -> float:
 def battery_weights(drone: Observation, low_battery: float) -> tuple[float, float]:
     """(w_s, w_c), which sum to 1: the fuller the battery, the more service counts.
 
-    Thresholds c1 = ``low_battery`` of the capacity, each next one its predecessor over 1.5. Where
-    the battery just suffices for the way home, or not, only the way home counts.
+    The battery is compared with ``thresholds_us`` in whole microseconds, as masks compare it. If it
+    just suffices for the way home, or does not, only the way home counts.
     """
     battery_s, capacity_s, return_s = drone.battery_s, drone.capacity_s, drone.return_s
     if battery_s is None or capacity_s is None or return_s is None:
         return 1.0, 0.0
-    threshold = low_battery * capacity_s
-    if battery_s > threshold:
+    battery_us = round(battery_s * US)
+    c1_us, *lower_us = thresholds_us(low_battery, round(capacity_s * US))
+    if battery_us > c1_us:
         return 1.0, 0.0
     if battery_s > return_s:
-        for service, cost in ((0.8, 0.2), (0.5, 0.5), (0.2, 0.8)):
-            threshold /= 1.5
-            if battery_s > threshold:
-                return service, cost
+        for threshold_us, weights in zip(lower_us, LOW_WEIGHTS, strict=True):
+            if battery_us > threshold_us:
+                return weights
     return 0.0, 1.0
+
+
+def thresholds_us(low_battery: float, capacity_us: int) -> tuple[int, int, int, int]:
+    """c1 to c4 in whole microseconds, rounded half-even as the battery level of masks is.
+
+    c1 is ``low_battery`` of the capacity; each following one is the one before over 1.5.
+    """
+    c1_us = low_battery * capacity_us
+    c2_us = c1_us / 1.5
+    c3_us = c2_us / 1.5
+    return round(c1_us), round(c2_us), round(c3_us), round(c3_us / 1.5)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from desim_uav.errors import PolicyError
+from desim_uav.model.battery import charged_us
 from desim_uav.model.rules import US
 from desim_uav.report.run import Run
 
@@ -64,9 +65,9 @@ def _on_landing(
     charge_us = next((t_us for t_us, kind in events if kind == "charge"), None)
     if charge_us is None:  # it waits for a pad to the end
         return records[-1][1]
-    charged_us = next((t_us for t_us, kind in events if kind == "charged"), None)
+    full_at_us = next((t_us for t_us, kind in events if kind == "charged"), None)
     held_us, when_us = records[-1][1], records[-1][0]
-    if charged_us is not None:
-        held_us, when_us = capacity_us, charged_us
-    gained_us = (when_us - charge_us) * capacity_us // full_charge_us
+    if full_at_us is not None:
+        held_us, when_us = capacity_us, full_at_us
+    gained_us = charged_us(0, when_us - charge_us, capacity_us, full_charge_us)
     return min(capacity_us, max(0, held_us - gained_us))

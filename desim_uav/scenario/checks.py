@@ -9,9 +9,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from desim_uav.model.battery import LONGEST_MIN
 from desim_uav.model.grid import Cell, reachable
 from desim_uav.model.mobility import Area
 from desim_uav.model.rewards import MultiService
+from desim_uav.model.sums import in_order
 from desim_uav.registry import FAULTS, did_you_mean, what_failed
 from desim_uav.scenario.components import place_of_problem
 from desim_uav.scenario.layout import start_cells, station_cells
@@ -169,7 +171,7 @@ def the_mix_names_services(scenario: Scenario) -> Iterator[Finding]:
                 f"demand.mix can name {', '.join(known)}",
                 (("services",),),
             )
-    if not sum(mix.values()) > 0:
+    if not in_order(mix.values()) > 0:
         yield Finding(path, "one weight at least must be above 0")
 
 
@@ -194,6 +196,10 @@ def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
     battery = scenario.drones.battery
     if battery is not None and round(battery.autonomy_min * 60e6) < 1:
         yield Finding(("drones", "battery", "autonomy_min"), "is less than a microsecond")
+    if battery is not None and battery.autonomy_min > LONGEST_MIN:
+        yield Finding(
+            ("drones", "battery", "autonomy_min"), f"must be at most {LONGEST_MIN} minutes"
+        )
     for name, service in scenario.services.items():
         if np.min(service.durations_us()) < 1:
             yield Finding(

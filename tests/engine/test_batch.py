@@ -11,12 +11,14 @@ from hypothesis import strategies as st
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.batch import BatchSimulation, simulation
+from desim_uav.engine.choose import ENGINES, make_engine
 from desim_uav.errors import ScenarioError, SimulationError
+from desim_uav.model.rules import Action
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
-from tests.engine.helpers import scenarios
+from tests.engine.helpers import path_of, scenarios, strip
 from tests.verification.engines import differences, engines
 
 CASES = [f"case{k}" for k in range(1, 10)]
@@ -46,6 +48,11 @@ CHANGES = {
         *("map.size_m=[7200, 4800]", "map.cells=[30, 20]", "users.count=150"),
         "drones.count=5",
     ],
+    "an hour": ["drones.battery.autonomy_min=60", "drones.battery.return_below=1"],
+    "a month": [
+        *("drones.battery.autonomy_min=43200", "stations.full_charge_min=20001.7"),
+        "drones.battery.return_below=1",
+    ],
     "fast": ["drones.motion.timing=minimum_time", "stations.pads=2"],
 }
 
@@ -61,6 +68,29 @@ def test_changed_cases(case: str, name: str):
     one, other = engines(world, (True,) * world.scenario.drones.count)
     for episode in range(4):
         assert not differences(one, other, 3, episode)
+
+
+@pytest.mark.parametrize("kind", ["coverage_battery", "multi_service"])
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_battery_exactly_at_a_threshold_is_low(engine: str, kind: str):
+    """After 21 of 50 minutes the battery holds exactly 0.58 of its capacity.
+
+    The product 0.58 * 3000 s, taken in floats, is a little less than these 1740 s.
+    """
+    world = strip(
+        users=[(120, 120)],
+        battery={"autonomy_min": 50, "return_below": 0.58},
+        reward={"kind": kind, "low_battery": 0.58},
+        steps=21,
+    )
+    flight = make_engine(engine, world, RunSettings((True,), False))
+    shown = [flight.reset(path_of(world))]
+    goto, hover = (world.actions.index(a) for a in (Action.GOTO_CHARGING_STATION, Action.HOVER))
+    while not shown[-1].truncated:
+        shown.append(flight.step([hover]))
+    assert shown[-1].observations[0].battery_s == 1740.0 > 0.58 * 3000.0
+    assert [snapshot.masks[0][goto] for snapshot in shown[-2:]] == [False, True]
+    assert [snapshot.reward_terms[0]["return"] == 0.0 for snapshot in shown[-2:]] == [True, False]
 
 
 def play_random(scenario: dict[str, Any], seed: int) -> None:

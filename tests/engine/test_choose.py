@@ -26,7 +26,12 @@ def test_each_name_is_an_engine():
 def test_what_has_no_kernel():
     loss = {"kind": "tests.engine.helpers:Loss"}
     world = world_of(drones={"admission": loss}, reward={"kind": "tests.engine.test_batch:Flat"})
-    assert engine_for(world) == "des"
+    said: list[str] = []
+    assert engine_for(world, said.append) == "des"
+    assert said == [
+        "the SimPy engine (des) is used, which is slower: drones.admission: 'Loss' has no kernel; "
+        "reward: 'Flat' has no kernel"
+    ]
     assert type(make_engine("des", world, SETTINGS)) is Simulation
     with pytest.raises(ScenarioError) as told:
         make_engine("batch", world, SETTINGS)
@@ -34,6 +39,16 @@ def test_what_has_no_kernel():
         "drones.admission",
         "reward",
     ]
+
+
+@pytest.mark.parametrize("autonomy_min", [30, 36, 60, 43_200])
+def test_a_battery_of_any_length_has_a_kernel(autonomy_min: float, capsys):
+    battery = {"kind": "endurance", "autonomy_min": autonomy_min}
+    stations = {"full_charge_min": autonomy_min}
+    world = world_of(drones={"battery": battery}, stations=stations)
+    assert engine_for(world) == "batch"
+    check_engine("batch", world)
+    assert capsys.readouterr().err == ""
 
 
 def test_no_such_engine():

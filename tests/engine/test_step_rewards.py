@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections import Counter
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.model.rules import Mode
 from desim_uav.model.state import Facts, Observation, Snapshot
+from desim_uav.model.sums import in_order
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
@@ -207,9 +209,9 @@ def paid(world: World, step: Step, drone: int, counted: Counts) -> float:
     weight, danger = 1.0, 0.0
     if step.battery_us is not None:
         assert step.return_us is not None
-        share = step.battery_us / world.capacity_us / reward.low_battery
-        bands = [1.0, 1 / 1.5, 1 / 1.5**2, 1 / 1.5**3]
-        band = sum(share <= bound for bound in bands)  # 0: above c1 … 4: at or below c4
+        c1 = Fraction(str(reward.low_battery)) * world.capacity_us
+        bounds = [round(c1 / Fraction(3, 2) ** k) for k in range(4)]
+        band = sum(step.battery_us <= bound for bound in bounds)  # 0: above c1 … 4: at or below c4
         safe = step.battery_us > step.return_us
         weight = (1.0, 0.8, 0.5, 0.2, 0.0)[band] if safe or band == 0 else 0.0
         if step.battery_us == 0 or math.isinf(step.return_us):
@@ -249,7 +251,7 @@ def check_epochs(engine: Simulation, shown: list[Snapshot], seen: Counter[str]) 
             continue
         for step in steps[epoch - 1]:
             terms = snapshot.reward_terms[step.drone]
-            assert step.reward == snapshot.rewards[step.drone] == sum(terms.values())
+            assert step.reward == snapshot.rewards[step.drone] == in_order(terms.values())
             assert step.reward == pytest.approx(paid(world, step, step.drone, counted), abs=1e-12)
             seen[step.mode.name] += 1
             seen["reward"] += step.reward > 0

@@ -115,9 +115,16 @@ class TestDataset:
 
     def test_what_has_no_kernel_is_run_by_simpy(self, swept):
         own = ("-S", "drones.admission.kind=first_come,swept:Own", "--seeds", 1)
-        assert swept(*own, "--policies", "hover").code == 0
-        first, second = dataset("out")[list(MEASURES)].to_dict("records")
-        assert first == pytest.approx(second, nan_ok=True)
+        done = swept(*own, "--policies", "hover,random")
+        assert done.code == 0
+        assert done.err.count("has no kernel") == 1, "once for all combinations and policies"
+        assert (
+            "the SimPy engine (des) is used, which is slower: drones.admission: 'Own'" in done.err
+        )
+        table = dataset("out").sort_values("drones.admission.kind")
+        for _, of_policy in table.groupby("policy"):
+            first, second = of_policy[list(MEASURES)].to_dict("records")
+            assert first == pytest.approx(second, nan_ok=True)
         refused = swept(*own, "--policies", "hover", "--engine", "batch", out="batch")
         refused.failed(3, "swept:Own", "(with drones.admission.kind=swept:Own)")
         assert not Path("batch").exists()

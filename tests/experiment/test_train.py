@@ -83,6 +83,19 @@ def test_what_a_training_leaves(tmp_path: Path):
     assert done.summary["reward_mean"] == pytest.approx(last["reward"].mean())
 
 
+def test_the_slower_engine_is_named_with_the_reason(tmp_path: Path, capsys: Any):
+    drones = {**SMALL["drones"], "admission": {"kind": "tests.engine.helpers:Loss"}}
+    learning = {**SMALL["learning"], "episodes": 2}
+    trained(tmp_path / "t", small(drones=drones, learning=learning))
+    assert capsys.readouterr().err.splitlines() == [
+        "desim-uav: the SimPy engine (des) is used, which is slower: "
+        "drones.admission: 'Loss' has no kernel"
+    ]
+    trained(tmp_path / "told", small(drones=drones, learning=learning), engine="des")
+    trained(tmp_path / "compiled", small(learning=learning))
+    assert capsys.readouterr().err == ""
+
+
 def test_the_same_training_gives_the_same_bytes(tmp_path: Path):
     trained(tmp_path / "one")
     trained(tmp_path / "two")

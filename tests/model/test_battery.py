@@ -5,11 +5,12 @@ from fractions import Fraction
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from desim_uav.model.battery import Endurance, charged_us, time_to_full_us
+from desim_uav.model.battery import LONGEST_MIN, Endurance, charged_us, time_to_full_us
 from desim_uav.model.motion import REST, BangCoastBang
 
 CAPACITY_US = 1_800_000_000
 FULL_CHARGE_US = 300_000_000
+MONTH_US = 30 * 24 * 3600 * 1_000_000
 
 capacities = st.integers(1, 10**13)
 charge_times = st.integers(1, 10**13)
@@ -61,6 +62,25 @@ class TestCharging:
             assert time_to_full_us(battery, CAPACITY_US, FULL_CHARGE_US) == takes
         assert charged_us(0, 1, 7, 2) == 3
         assert charged_us(0, 1, 2, 7) == 0
+
+    @settings(max_examples=500, deadline=None)
+    @given(st.data())
+    def test_thirty_days_are_as_exact_as_pythons_integers(self, data):
+        times = st.integers(1, MONTH_US) | st.integers(MONTH_US - 9, MONTH_US) | st.integers(1, 9)
+        capacity, full_charge = data.draw(times), data.draw(times)
+        charge = data.draw(st.integers(0, capacity))
+        elapsed = data.draw(st.integers(0, full_charge))
+        gained = elapsed * capacity // full_charge
+        assert charged_us(charge, elapsed, capacity, full_charge) == min(capacity, charge + gained)
+        needed = -((charge - capacity) * full_charge // capacity)
+        assert time_to_full_us(charge, capacity, full_charge) == needed
+
+    def test_the_longest_battery_and_charge(self):
+        longest = LONGEST_MIN * 60_000_000
+        assert time_to_full_us(1, longest, longest) == longest - 1
+        assert time_to_full_us(0, longest, longest - 1) == longest - 1
+        assert charged_us(0, longest - 1, longest, longest) == longest - 1
+        assert charged_us(0, longest - 2, longest, longest - 1) == longest - 2
 
     @settings(deadline=None)
     @given(batteries())

@@ -15,7 +15,13 @@ from hypothesis import strategies as st
 
 from desim_uav.errors import ScenarioError
 from desim_uav.model.grid import Grid
-from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService, battery_weights
+from desim_uav.model.rewards import (
+    Coverage,
+    CoverageBattery,
+    MultiService,
+    battery_weights,
+    thresholds_us,
+)
 from desim_uav.model.rules import Mode
 from desim_uav.model.state import Facts, Observation
 from desim_uav.scenario.load import dump, loads
@@ -170,6 +176,26 @@ def test_without_a_threshold_only_an_empty_battery_counts():
     never = CoverageBattery(low_battery=0.0)
     assert paid(never, seen(6, battery_s=1e-6, return_s=900.0)) == 0.5
     assert paid(never, seen(6, battery_s=0.0, return_s=900.0)) == -1.0
+
+
+@pytest.mark.parametrize(
+    ("low", "capacity_us", "thresholds"),
+    [
+        (0.2, 1_800_000_000, (360_000_000, 240_000_000, 160_000_000, 106_666_667)),
+        (0.58, 3_000_000_000, (1_740_000_000, 1_160_000_000, 773_333_333, 515_555_556)),
+        (0.5, 7, (4, 2, 2, 1)),  # 3.5, 2.33, 1.56 and 1.04: half goes to the even one
+        (0.5, 5, (2, 2, 1, 1)),  # 2.5, 1.67, 1.11 and 0.74
+        (0.0, 1_800_000_000, (0, 0, 0, 0)),
+    ],
+)
+def test_thresholds_are_whole_microseconds(low, capacity_us, thresholds):
+    assert thresholds_us(low, capacity_us) == thresholds
+    drone = seen()._replace(capacity_s=capacity_us / 1e6, return_s=0.0)
+    weights = ((1.0, 0.0), (0.8, 0.2), (0.5, 0.5), (0.2, 0.8), (0.0, 1.0))
+    for battery_us in {us + by for us in thresholds for by in (-1, 0, 1)} - {-1, 0}:
+        at = drone._replace(battery_s=battery_us / 1e6)
+        band = sum(battery_us <= us for us in thresholds)
+        assert battery_weights(at, low) == weights[band]
 
 
 # ---- R3
@@ -331,7 +357,7 @@ def test_the_formulas_stated_once_more(kind, sign, low, mode, battery, home, dro
     served = tuple(data.draw(st.integers(0, of)) if flying else 0 for of in asked)
     if battery is not None:
         # Where rounding decides the band, the tables above do; c2 to c4 are seldom round numbers.
-        near = [c for c in thresholds(low) if c != battery and abs(c - battery) < 1e-9]
+        near = [c for c in thresholds(low) if c != battery and abs(c - battery) < 1e-6]
         assume(not near and battery not in thresholds(low)[3:])
     reward = {"R1": Coverage(), "R2": CoverageBattery(sign, low), "R3": MultiService(sign, low)}
     drone = seen(attached, mode, battery, home, served, limited=battery is not None)

@@ -105,6 +105,7 @@ from desim_uav.engine.batch.queue import (
     key,
     undo,
 )
+from desim_uav.model.battery import charged_us, time_to_full_us
 from desim_uav.model.grid import cell_index, level_index
 from desim_uav.model.motion import travelled
 
@@ -219,9 +220,8 @@ def battery_now(w: Fixed, s: State, d: int) -> int:
     if mode in (FLYING, RETURNING):
         return int(s.i[drone + BATTERY_US] - elapsed_us)
     if mode == CHARGING:
-        capacity_us = w.i[CAPACITY_US]
-        won_us = elapsed_us * capacity_us // w.i[FULL_CHARGE_US]
-        return int(min(capacity_us, s.i[drone + BATTERY_US] + won_us))
+        held_us = s.i[drone + BATTERY_US]
+        return int(charged_us(held_us, elapsed_us, w.i[CAPACITY_US], w.i[FULL_CHARGE_US]))
     return int(s.i[drone + BATTERY_US])
 
 
@@ -469,8 +469,8 @@ def grant(w: Fixed, s: State, station: int) -> None:
 @inner
 def await_full(w: Fixed, s: State, d: int) -> bool:
     """Will the battery take any time until it is full? Then that is on the agenda."""
-    drone, capacity_us = drone_of(s, d), w.i[CAPACITY_US]
-    rest_us = -((s.i[drone + BATTERY_US] - capacity_us) * w.i[FULL_CHARGE_US] // capacity_us)
+    drone = drone_of(s, d)
+    rest_us = time_to_full_us(s.i[drone + BATTERY_US], w.i[CAPACITY_US], w.i[FULL_CHARGE_US])
     if rest_us <= 0:
         return False
     due(s, arrival_slot(w, d), s.i[drone + SINCE_US] + rest_us, key(ARRIVAL, d, -1))

@@ -52,6 +52,10 @@ NEVER = 2**62
     BUCKETS_X,
     BUCKETS_Y,
     TABULATED,
+    C1_US,
+    C2_US,
+    C3_US,
+    C4_US,
     AT_STATIONS,
     AT_STATION_AT,
     AT_STARTS,
@@ -71,8 +75,9 @@ NEVER = 2**62
     AT_HOMES,
     PROFILE_ROWS,
     WALK_LEG_US,
-) = range(47)
-"""The first of ``Fixed.i``; AT_…: where a section begins. A bandwidth of -1 is unlimited."""
+) = range(51)
+"""The first of ``Fixed.i``; AT_…: where a section begins. A bandwidth of -1 is unlimited. C1_US …
+C4_US: the thresholds of a low battery in R2 and R3."""
 
 (
     CELL_X_M,
@@ -81,14 +86,13 @@ NEVER = 2**62
     LEVEL_STEP_M,
     RADIUS_M,
     COST_SIGN,
-    LOW_BATTERY,
     WEIGHT_USERS,
     BUCKET_X_M,
     BUCKET_Y_M,
     WALK_SPEED_MPS,
     WIDTH_M,
     DEPTH_M,
-) = range(13)
+) = range(12)
 """The first of ``Fixed.f``."""
 
 ON_CRASH_RESPAWN, ON_CRASH_REMOVE, ON_CRASH_END = range(3)

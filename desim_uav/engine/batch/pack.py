@@ -31,7 +31,7 @@ from desim_uav.model.coverage import bucket_grid
 from desim_uav.model.mobility import RandomWalk
 from desim_uav.model.motion import REST, Transit
 from desim_uav.model.observations import Local, Position
-from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService
+from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService, thresholds_us
 from desim_uav.model.rules import MOVES, US
 from desim_uav.world import World
 
@@ -45,22 +45,19 @@ CRASHES = {"respawn": ON_CRASH_RESPAWN, "remove": ON_CRASH_REMOVE, "end_episode"
 AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
-def refused(world: World) -> list[str]:
-    """What keeps a world out of the compiled engine: components that have no kernel."""
+def lacking(world: World) -> list[str]:
+    """What keeps a world out of the compiled engine: each component that has no kernel."""
     scenario = world.scenario
     chosen = {
         "drones.battery": (scenario.drones.battery, (Endurance, type(None))),
         "drones.admission": (scenario.drones.admission, (FirstCome,)),
         "reward": (scenario.reward, tuple(REWARDS)),
     }
-    problems = [
-        f"{key}: {type(component).__name__!r} has no kernel; --engine des runs it"
+    return [
+        f"{key}: {type(component).__name__!r} has no kernel"
         for key, (component, known) in chosen.items()
         if type(component) not in known
     ]
-    if world.capacity_us * max(world.full_charge_us, world.capacity_us) >= 2**62:
-        problems.append("drones.battery: too large for --engine batch; --engine des runs it")
-    return problems
 
 
 def term_names(world: World) -> tuple[str, ...]:
@@ -76,9 +73,9 @@ def term_names(world: World) -> tuple[str, ...]:
 @lru_cache(maxsize=16)
 def pack(world: World, settings: RunSettings) -> Fixed:
     """The arrays. Raises ScenarioError for components that have no kernel."""
-    problems = refused(world)
+    problems = lacking(world)
     if problems:
-        raise ScenarioError("\n".join(problems))
+        raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
     scenario, grid, reward = world.scenario, world.grid, world.scenario.reward
     transits = [REST, *world.epoch_transits.values()]
     moving = {action: 1 + k for k, action in enumerate(world.epoch_transits)}
@@ -125,7 +122,6 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         grid.level_step_m,
         scenario.drones.footprint_radius_m,
         getattr(reward, "cost_sign", 0.0),
-        getattr(reward, "low_battery", 0.0),
         getattr(reward, "users", 0.0),
         *(size / max(count, 1) for size, count in zip(world.area, buckets, strict=True)),
         0.0 if walk is None else walk.speed_mps,
@@ -158,6 +154,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
         len(term_names(world)),
         *buckets,
         len(known) > 0,
+        *thresholds_us(getattr(reward, "low_battery", 0.0), world.capacity_us),
     ]
     whole += _starts(WALK_LEG_US + 1, whole_sections)
     whole += _starts(len(real), real_sections)

@@ -9,11 +9,13 @@ from desim_uav.engine.batch.memory import (
     AT_ASKED,
     AT_REWARDS,
     AT_WEIGHTS,
-    CAPACITY_US,
+    C1_US,
+    C2_US,
+    C3_US,
+    C4_US,
     COST_SIGN,
     DRONES,
     LIMITED,
-    LOW_BATTERY,
     PLAN_DRAINED_US,
     PLAN_STATION,
     REWARD,
@@ -72,25 +74,21 @@ def _weights(w: Fixed, s: State, d: int) -> tuple[float, float, float]:
     """(w_s, w_c, r_c): how much service and the way home count, and what the way home costs."""
     if not w.i[LIMITED]:
         return 1.0, 0.0, 0.0
-    battery_s = s.i[seen_of(s, d) + S_BATTERY_US] / 1_000_000
-    capacity_s = w.i[CAPACITY_US] / 1_000_000
+    battery_us = s.i[seen_of(s, d) + S_BATTERY_US]
+    battery_s = battery_us / 1_000_000
     plan = plan_of(w, d, s.i[seen_of(s, d) + S_BACK])
     lost = w.i[plan + PLAN_STATION] < 0
     return_s = w.i[plan + PLAN_DRAINED_US] / 1_000_000
     cost = 1.0
     if battery_s > 0.0 and not lost:
         cost = min(1.0, return_s / battery_s)
-    threshold = w.f[LOW_BATTERY] * capacity_s
-    if battery_s > threshold:
+    if battery_us > w.i[C1_US]:
         return 1.0, 0.0, cost
     if not lost and battery_s > return_s:
-        threshold /= 1.5
-        if battery_s > threshold:
+        if battery_us > w.i[C2_US]:
             return 0.8, 0.2, cost
-        threshold /= 1.5
-        if battery_s > threshold:
+        if battery_us > w.i[C3_US]:
             return 0.5, 0.5, cost
-        threshold /= 1.5
-        if battery_s > threshold:
+        if battery_us > w.i[C4_US]:
             return 0.2, 0.8, cost
     return 0.0, 1.0, cost
