@@ -53,6 +53,7 @@ def test_episode_statistics():
         assert statistics["r"] == pytest.approx(sum(step[1] for step in episode[1:]))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["position", "local"])
 def test_a_learner_learns(kind: str):
     learners = pytest.importorskip("sb3_contrib")

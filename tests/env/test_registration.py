@@ -56,8 +56,14 @@ print(gymnasium.make("desim_uav/Case8-v0").reset(seed=1)[1]["seed"])
 
 @pytest.mark.parametrize(
     "script",
-    [f"import gymnasium\n{REGISTER}\n{MAKE}", f"{REGISTER}\n{LIGHT}\nimport gymnasium\n{MAKE}"],
-    ids=["gymnasium first", "gymnasium last"],
+    [
+        pytest.param(
+            f"import gymnasium\n{REGISTER}\n{MAKE}",
+            id="gymnasium first",
+            marks=pytest.mark.thorough,
+        ),
+        pytest.param(f"{REGISTER}\n{LIGHT}\nimport gymnasium\n{MAKE}", id="gymnasium last"),
+    ],
 )
 def test_the_order_of_imports_does_not_matter(script: str):
     command = [sys.executable, "-W", "error", "-c", script]

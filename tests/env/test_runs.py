@@ -59,6 +59,7 @@ def test_the_same_seed_gives_the_same_run(case: str):
     assert digests(case) == digests(case)
 
 
+@pytest.mark.thorough
 def test_the_same_seed_gives_the_same_run_in_another_process():
     script = "from tests.env.test_runs import digests; print(digests('case8'))"
     told = subprocess.run([sys.executable, "-c", script], capture_output=True, check=True)

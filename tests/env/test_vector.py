@@ -254,6 +254,7 @@ class TestStableBaselines:
                 assert_same({"TimeLimit.truncated": False, **told}, also)
         other.close()
 
+    @pytest.mark.thorough
     def test_maskable_ppo_learns_in_it(self):
         sb3_contrib = pytest.importorskip("sb3_contrib")
         from desim_uav.env import UavVecEnv
