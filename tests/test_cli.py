@@ -17,6 +17,7 @@ from desim_uav.engine.batch import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment import command
 from tests.command_line import START, elsewhere, runner, with_plug_ins
+from tests.selection import by_default
 
 ROOT = Path(__file__).parents[1]
 SMALL = ("-S", "users.count=12", "-S", "episode.steps=8")
@@ -170,8 +171,8 @@ class TestProgram:
         )
         assert done.stdout.strip() == "[]"
 
-    @pytest.mark.parametrize("unbuffered", ["", "1"])
-    @pytest.mark.parametrize("verb", ["schema", "scenarios"])
+    @pytest.mark.parametrize("unbuffered", by_default([""], ["", "1"]))
+    @pytest.mark.parametrize("verb", by_default(["scenarios"], ["schema", "scenarios"]))
     def test_nobody_reads_on(self, somewhere, verb, unbuffered):
         """As in ``desim-uav schema | head -1``: no complaint, whenever the pipe breaks."""
         read_end, write_end = os.pipe()
@@ -597,7 +598,9 @@ class TestInterrupted:
         assert "the finished episodes are kept" in ended.message
         assert runs() == ["case8-baseline-s0"]
 
-    @pytest.mark.parametrize("policy", ["Interrupted", "Terminated", "HungUp"])
+    @pytest.mark.parametrize(
+        "policy", by_default(["Terminated"], ["Interrupted", "Terminated", "HungUp"])
+    )
     def test_a_signal(self, somewhere, policy):
         ended = elsewhere("run", "tiny", "--policy", f"plugged:{policy}", "--episodes", 9, "--json")
         assert ended.code == 130
@@ -623,6 +626,7 @@ class TestInterrupted:
 
 
 class TestProcesses:
+    @pytest.mark.thorough
     def test_two_at_a_time(self, somewhere):
         program = [sys.executable, "-c", START, "run", "tiny", "--json"]
         both = [subprocess.Popen(program, stdout=subprocess.PIPE, text=True) for _ in range(2)]

@@ -23,6 +23,8 @@ from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
 
+pytestmark = pytest.mark.thorough
+
 EPISODES = 3
 RUNS = {
     "case8": ("case8", "baseline", ()),

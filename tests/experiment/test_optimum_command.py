@@ -61,6 +61,7 @@ def test_case_1(found):
     assert best["discounted"]["return"] == pytest.approx(paid, abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_several_drones(found):
     best = found("case3")
     assert best["one_drone"] is None and best["discounted"] is None

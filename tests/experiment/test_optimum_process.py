@@ -16,6 +16,7 @@ from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
 from tests.engine.helpers import HOP_US, US, returning, strip
+from tests.selection import by_default
 
 
 @st.composite
@@ -146,10 +147,16 @@ class Both:
         return allowed
 
 
-@settings(max_examples=200, deadline=None)
-@given(lone_drones(), st.integers(0, 2**20))
-def test_as_in_the_engine(scenario, seed):
+@pytest.mark.parametrize("examples", by_default([40], [40, 200]))
+def test_as_in_the_engine(examples):
     """States, observations, rewards and attached time, decision after decision."""
+    check = settings(max_examples=examples, deadline=None)(
+        given(lone_drones(), st.integers(0, 2**20))(follow)
+    )
+    check()
+
+
+def follow(scenario, seed):
     try:
         world = build_world(from_mapping(scenario), 0)
     except ScenarioError:

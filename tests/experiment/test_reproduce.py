@@ -114,6 +114,7 @@ def test_a_damaged_row_is_made_again(folder: Path, tmp_path: Path):
     assert row == there
 
 
+@pytest.mark.thorough
 def test_any_number_of_processes_gives_the_same(folder: Path, tmp_path: Path):
     todo = [job for job in jobs([1], range(2), 20, [None]) if job.policy != "sarsa"]
     for rows in (run_jobs(todo, tmp_path, 2), run_jobs(todo, folder, 1)):

@@ -265,6 +265,7 @@ class TestIdentity:
 
 
 class TestResume:
+    @pytest.mark.thorough
     def test_a_kill_changes_nothing(self, swept, here):
         """The rows there were are kept, and the dataset is that of a sweep left in peace."""
         flags = (*GRID, "--policies", "swept:Slow,random", "--seeds", 3)
@@ -319,6 +320,7 @@ class TestResume:
         assert sorted(set(dataset("out")["seed"])) == [0, 1]
         assert Path("out/table.md").exists()
 
+    @pytest.mark.thorough
     def test_ctrl_c_from_outside(self, swept, here):
         (here / "slow").touch()
         flags = ("--policies", "swept:Slow", "--seeds", 40, "-j", 2)
@@ -369,6 +371,7 @@ class TestFailures:
         assert len(ended.err.splitlines()) == 12 and "and 15 more" in ended.message
         assert len(json.loads(Path("out/failed.json").read_text())) == 25
 
+    @pytest.mark.thorough
     def test_a_process_that_dies_ends_its_job_only(self, swept):
         ended = swept("--policies", "swept:Killed,swept:Broken", "--seeds", 4, "-j", 2)
         assert ended.code == 1 and "swept:Killed, seed 2: a process has died" in ended.message

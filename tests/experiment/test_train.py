@@ -220,6 +220,7 @@ print(killed)
 """
 
 
+@pytest.mark.thorough
 def test_killed_at_twenty_random_moments_it_learns_the_same(tmp_path: Path):
     """kill -9, resume, kill -9, resume … gives bit for bit what an undisturbed training gives."""
     (tmp_path / "small.yaml").write_text(json.dumps({**SMALL, "learning": {"episodes": 1500}}))

@@ -11,6 +11,7 @@ import pytest
 from tests.command_line import ROOT, elsewhere, program
 from tests.faults.kill import COMMANDS, same_sweep
 
+pytestmark = pytest.mark.thorough
 SWEEP = (
     "sweep",
     "tiny",
