@@ -177,6 +177,9 @@ class Measures(NamedTuple):
 MEASURES = ("sim_time_s", *Measures._fields)
 """What is told of an episode under way."""
 
+COUNTS = ("attached_users", "crashes", "requests")
+"""What is counted of an episode under way: users attached now, crashes and requests so far."""
+
 measured = partial(tuple.__new__, Measures)
 """Measures of a tuple of all its fields."""
 
@@ -223,6 +226,9 @@ class Engine(Protocol):
 
     def measures(self) -> Measures:
         """The quality of experience so far, open requests by what they have had so far."""
+
+    def requests_made(self) -> int:
+        """How many requests have been made in the episode so far, open ones among them."""
 
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Where drones and users truly are: (drones, 3) and (users, 3), to be drawn."""

@@ -11,14 +11,17 @@ import numpy as np
 from gymnasium import error
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import MEASURES, Engine, RunSettings
+from desim_uav.engine.base import COUNTS, MEASURES, Engine, RunSettings
 from desim_uav.engine.batch import BatchSimulation, calls
-from desim_uav.engine.batch.calls import COUNTS
 from desim_uav.env.session import ActionError, Session
 from desim_uav.model.state import Snapshot
 from desim_uav.spaces import features, observation_space
 
 SEEDS = ("seed", "world_seed", "episode_number")
+
+MEASURED = len(MEASURES)
+COUNTED = MEASURED + len(COUNTS)
+"""Where the measures and the counts end in what is told of an environment (see ``calls.Shown``)."""
 
 
 class CompiledSession(Session):
@@ -67,7 +70,7 @@ class Compiled:
         self.values = np.zeros((count, drones * len(shown)))
         self.masks = np.zeros((count, drones * self.actions), np.int8)
         self.rewards = np.zeros(count)
-        self._told = np.zeros((count, len(MEASURES) + len(COUNTS) + len(terms)))
+        self._told = np.zeros((count, COUNTED + len(terms)))
         self._over = np.zeros((count, 3), np.bool_)
         self._seeds = np.zeros((count, len(SEEDS)), np.int64)
         self._seeds_of = [(0, 0, 0)] * count
@@ -128,15 +131,16 @@ class Compiled:
     def info(self) -> dict[str, NDArray[Any]]:
         """What is told beside the observations: an array for each key, of n numbers or masks."""
         told, seeds = self._told.T.copy(), self._seeds.T.copy()
-        first, last = len(MEASURES), len(MEASURES) + len(COUNTS)
-        columns = (*told[:first], *seeds, *told[first:last].astype(np.int64), *told[last:])
+        measures, counts, terms = told[:MEASURED], told[MEASURED:COUNTED], told[COUNTED:]
+        columns = (*measures, *seeds, *counts.astype(np.int64), *terms)
         return {**dict(zip(self.keys, columns, strict=True)), "action_mask": self.masks.copy()}
 
     def info_of(self, k: int) -> dict[str, Any]:
         """The same of one of them."""
-        time_s, one, two, three, attached, crashes, *terms = self._told[k].tolist()
-        row = (time_s, one, two, three, *self._seeds_of[k], int(attached), int(crashes), *terms)
-        told: dict[str, Any] = dict(zip(self.keys, row, strict=True))
+        row = self._told[k].tolist()
+        measures, counts, terms = row[:MEASURED], row[MEASURED:COUNTED], row[COUNTED:]
+        values = (*measures, *self._seeds_of[k], *map(int, counts), *terms)
+        told: dict[str, Any] = dict(zip(self.keys, values, strict=True))
         told["action_mask"] = self.masks[k].copy()
         return told
 

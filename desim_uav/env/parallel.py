@@ -24,10 +24,13 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
     """The drones of a scenario as agents, ``drone_0`` and on; a step is a decision epoch.
 
     An agent's observation is a dict of ``observation``, the scenario's encoding (int64, or float32
-    where it has real numbers), and ``action_mask``, int8 of one entry an action, never all 0. Its
-    reward and its info are its drone's own; time, quality of experience and seeds are of all.
-    Drones that return, charge or have crashed stay agents, whose mask leaves one action. The time
-    limit truncates an episode; a crash terminates it where the scenario says so.
+    if it has real numbers), and ``action_mask``, int8 with one entry per action, never all 0.
+    Drones that return, charge or have crashed stay agents, and their mask leaves one action. The
+    time limit truncates an episode; a crash terminates it if the scenario says so.
+
+    An agent's reward is its drone's own. Its info holds numbers only, under the same keys at every
+    reset and step (see ``Session.info``): attached users, crashes and the terms of the reward are
+    the drone's own, the others those of the whole episode. The mask is in the observation only.
     """
 
     metadata: ClassVar[dict[str, Any]] = {**RENDERING, "name": "uav_v0", "is_parallelizable": True}
@@ -77,8 +80,6 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         There are no ``options``.
         """
         shown = self.session.reset(seed)
-        keys = ("attached_users", "crashes", *self.session.term_keys.values(), "action_mask")
-        self.session.blank.update(dict.fromkeys(keys))
         self.agents = self.possible_agents[:]
         self.screen.refresh()
         return self._told(shown)
@@ -138,5 +139,4 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
             info["crashes"] = crashed.count(drone) if crashed else 0
             for name, key in keys:
                 info[key] = float(own[name])
-            info["action_mask"] = mask
         return observations, infos

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import operator
 import secrets
 from collections.abc import Callable, Iterable, Mapping
@@ -13,7 +12,7 @@ import numpy as np
 from gymnasium import error
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import MEASURES, Engine, RunSettings
+from desim_uav.engine.base import COUNTS, MEASURES, Engine, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.env.configure import Source, configured
 from desim_uav.model.rules import US
@@ -34,8 +33,8 @@ class Session:
     """A scenario under way.
 
     ``seed`` is the run's; it draws the world too, unless the scenario has a ``world_seed``.
-    ``episode`` counts from 0, which is -1 before the first ``reset``. ``blank`` is the info of an
-    episode with what changes left open; who has more to tell adds its keys after a ``reset``.
+    ``episode`` counts from 0; it is -1 before the first ``reset``. ``blank`` holds every key of an
+    info in its order; the values that do not change in an episode are filled in.
     """
 
     world: World
@@ -105,10 +104,11 @@ class Session:
         )
         self.term_keys = {name: f"reward_{name}" for name in terms}
         self.blank: dict[str, Any] = {
-            **dict.fromkeys(MEASURES, math.nan),
+            **dict.fromkeys(MEASURES, 0.0),
             "seed": self.seed,
             "world_seed": self.world.seed,
             "episode_number": self.episode,
+            **dict.fromkeys((*COUNTS, *self.term_keys.values()), 0),
         }
         self._no_terms = (dict.fromkeys(terms, 0.0),) * len(shown.observations)
         self._shown = shown
@@ -169,16 +169,19 @@ class Session:
         return flat_mask(self.shown.masks).view(np.bool_)
 
     def info(self, shown: Snapshot) -> dict[str, Any]:
-        """Time, quality of experience so far (nan where nothing was asked for), and seeds.
+        """Time, quality of experience so far, seeds, and the number of requests so far.
 
-        No key is "episode", which Gymnasium and Stable-Baselines3 keep for their statistics.
+        A measure that does not exist yet is 0: QoE1 and QoE2, which are means over requests, while
+        ``requests`` is 0, and QoE3, a mean over time, while ``sim_time_s`` is 0. No key is
+        "episode", which Gymnasium and stable-baselines3 keep for their statistics.
         """
         qoe1, qoe2, qoe3 = self.engine.measures()
         info = self.blank.copy()
         info["sim_time_s"] = shown.t_us / US
-        info["qoe1_percent"] = math.nan if qoe1 is None else qoe1
-        info["qoe2_iterations"] = math.nan if qoe2 is None else qoe2
-        info["qoe3_percent"] = math.nan if qoe3 is None else qoe3
+        info["qoe1_percent"] = 0.0 if qoe1 is None else qoe1
+        info["qoe2_iterations"] = 0.0 if qoe2 is None else qoe2
+        info["qoe3_percent"] = 0.0 if qoe3 is None else qoe3
+        info["requests"] = self.engine.requests_made()
         return info
 
     def terms(self, shown: Snapshot) -> tuple[dict[str, float], ...]:

@@ -25,9 +25,10 @@ TOLD_ONCE = "final_"
 class UavVecEnv(VecEnv):
     """``num_envs`` environments for stable-baselines3 and sb3-contrib, MaskablePPO among them.
 
-    Episodes begin anew in the step that ends them; the end is in that environment's info, as
-    ``terminal_observation`` and ``TimeLimit.truncated``. ``seed(s)`` counts from the next reset on:
-    environment k has the seed s + k.
+    The step that ends an episode also begins the next one; that environment's info then holds the
+    last observation as ``terminal_observation``. ``TimeLimit.truncated`` is in the info of every
+    step, as stable-baselines3's own vector environments have it. ``seed(s)`` counts from the next
+    reset on: environment k has the seed s + k.
     """
 
     def __init__(
@@ -36,9 +37,12 @@ class UavVecEnv(VecEnv):
         num_envs: int,
         config: Mapping[str, Any] | None = None,
         threads: int = 1,
+        render_mode: str | None = None,
     ) -> None:
         """As ``UavVectorEnv``. Raises what it raises."""
-        self.vector = UavVectorEnv(scenario, num_envs, config, AutoresetMode.SAME_STEP, threads)
+        self.vector = UavVectorEnv(
+            scenario, num_envs, config, AutoresetMode.SAME_STEP, threads, render_mode
+        )
         self.actions: NDArray[Any] | None = None
         vector = self.vector
         super().__init__(num_envs, vector.single_observation_space, vector.single_action_space)
@@ -66,8 +70,14 @@ class UavVecEnv(VecEnv):
         for k in ended.nonzero()[0].tolist():
             self.reset_infos[k], infos[k] = infos[k], last[k]
             infos[k]["terminal_observation"] = told["final_obs"][k]
-            infos[k]["TimeLimit.truncated"] = bool(truncated[k] and not terminated[k])
+        cut = np.logical_and(truncated, np.logical_not(terminated)).tolist()
+        for k, info in enumerate(infos):
+            info["TimeLimit.truncated"] = cut[k]
         return seen, rewards.astype(np.float32), ended, infos
+
+    def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
+        """The present frame of each environment, from which ``render`` makes one picture."""
+        return self.vector.render() or [None] * self.num_envs
 
     def close(self) -> None:
         """End the threads."""

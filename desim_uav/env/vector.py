@@ -6,18 +6,17 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
-from gymnasium import error
+from gymnasium import error, logger
 from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from desim_uav.env.compiled import Compiled, CompiledSession
 from desim_uav.env.configure import Source, configured
+from desim_uav.env.render import RENDERING, Screen
 from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import action_space, features, observation_space
 from desim_uav.world import World, build_world
-
-MODES = (AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP)
 
 
 class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
@@ -26,33 +25,48 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     Environment k gives the numbers that ``UavEnv`` gives with its seed, bit for bit, whatever the
     number of ``threads``. ``reset(seed=s)`` gives it the seed s + k, a list each its own; a world
     is drawn from the seed, too, unless the scenario has a ``world_seed``: then all fly in that one,
-    which takes less memory. Infos are arrays, one entry an environment: those of ``UavEnv``, the
-    masks among them as ``action_mask`` (num_envs, drones * actions). An environment whose episode
-    is over begins the next one in the next step (``AutoresetMode.NEXT_STEP``, in which its action
-    counts for nothing and its reward is 0), or in the same step (``SAME_STEP``), which shows the
-    end as ``final_obs`` and ``final_info``.
+    which takes less memory. Infos are arrays with one entry per environment: those of ``UavEnv``,
+    the masks among them as ``action_mask`` (num_envs, drones * actions).
+
+    What happens after the end of an episode is Gymnasium's ``autoreset_mode``: with ``NEXT_STEP``
+    the next step begins the next episode of that environment, whatever its action, with a reward of
+    0; with ``SAME_STEP`` the step that ends an episode begins the next one, and shows the end as
+    ``final_obs`` and ``final_info``; with ``DISABLED`` the caller resets the environments whose
+    episodes are over: ``reset(options={"reset_mask": terminated | truncated})``.
     """
+
+    metadata: dict[str, Any] = {  # noqa: RUF012 (Gymnasium gives each environment its own)
+        "render_modes": ["rgb_array"],
+        "render_fps": RENDERING["render_fps"],
+        "autoreset_mode": AutoresetMode.NEXT_STEP,
+    }
 
     def __init__(
         self,
         scenario: Source,
         num_envs: int,
         config: Mapping[str, Any] | None = None,
-        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+        autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 1,
+        render_mode: str | None = None,
     ) -> None:
-        """``scenario`` and ``config`` as in ``UavEnv``.
+        """``scenario`` and ``config`` as in ``UavEnv``; ``render_mode``: None or "rgb_array".
 
-        Raises ScenarioError with every problem of them, also where a component has no kernel, and
-        gymnasium's Error for another number or mode.
+        Raises ScenarioError with every problem of them, also if a component has no kernel;
+        UnsupportedMode for another render mode; gymnasium's Error for another number or autoreset
+        mode.
         """
         if num_envs < 1 or not threads >= 1:
             raise error.Error(f"num_envs {num_envs}, threads {threads}: must be 1 or more")
-        if autoreset_mode not in MODES:
-            raise error.Error(f"autoreset_mode {autoreset_mode}: must be one of {list(MODES)}")
+        if render_mode not in (None, "rgb_array"):
+            raise error.UnsupportedMode(
+                f"render_mode {render_mode!r}: must be None or 'rgb_array'; only a single "
+                "environment opens a window"
+            )
         self.num_envs = num_envs
-        self.autoreset_mode = autoreset_mode
-        self.metadata = {"autoreset_mode": autoreset_mode}
+        self.render_mode = render_mode
+        self.autoreset_mode = _mode(autoreset_mode)
+        self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
         chosen = configured(scenario, config)
         worlds = _Worlds()
         sessions = [
@@ -60,13 +74,14 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             for k in range(num_envs)
         ]
         self.compiled = Compiled(sessions, min(threads, num_envs))
+        self.screens = [Screen(session, render_mode) for session in sessions]
         world, drones = sessions[0].world, chosen.drones.count
         self.single_observation_space = observation_space(features(world) * drones)
         self.single_action_space = action_space(len(world.actions), drones)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._all = np.ones(num_envs, np.bool_)
-        self._begun = False
+        self._begun = np.zeros(num_envs, np.bool_)
 
     def reset(
         self,
@@ -76,8 +91,12 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     ) -> tuple[NDArray[Any], dict[str, Any]]:
         """Begin the next episode everywhere; with seeds, the first of new runs.
 
-        There are no ``options``.
+        ``options={"reset_mask": mask}`` resets only the environments that the mask (num_envs,),
+        bool, names; the others stay as they are, and their infos are 0. The seed of environment k
+        is still s + k, or the list's entry k. There are no other options. Raises gymnasium's Error
+        for a mask of another kind or shape, or one that names no environment.
         """
+        which = self._named(options)
         count = self.num_envs
         if seed is None:
             seeds: list[int | None] = [None] * count
@@ -87,9 +106,9 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             seeds = list(seed)
         if len(seeds) != count:
             raise error.Error(f"{len(seeds)} seeds for {count} environments")
-        self.compiled.begin(self._all, seeds)
-        self._begun = True
-        return self._observations(), self._infos(self.compiled.info())
+        self.compiled.begin(which, seeds)
+        self._begun |= which
+        return self._observations(), _infos(self.compiled.info(), which)
 
     def step(
         self, actions: NDArray[Any]
@@ -98,13 +117,14 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     ]:
         """An action for each environment: (num_envs, drones), or (num_envs,) of a single drone.
 
-        Raises ResetNeeded before the first reset, ActionError for what is no action.
+        Raises ResetNeeded, and nothing has happened, before the first reset of an environment or,
+        with ``AutoresetMode.DISABLED``, after the end of its episode; ActionError for what is no
+        action.
         """
-        if not self._begun:
-            raise error.ResetNeeded("call reset first: no episode has begun")
         compiled = self.compiled
-        commands = compiled.commands(actions)
         over = compiled.over[:, 0] | compiled.over[:, 1]
+        self._require_episodes(over)
+        commands = compiled.commands(actions)
         compiled.step(commands, np.logical_not(over))
         if over.any():
             self._begin(over)
@@ -122,8 +142,15 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             rewards,
             terminated,
             truncated,
-            {**final, **self._infos(compiled.info())},
+            {**final, **_infos(compiled.info(), self._all)},
         )
+
+    def render(self) -> tuple[NDArray[np.uint8] | None, ...] | None:
+        """The present frame of each environment, (height, width, 3); None without a render mode."""
+        if self.render_mode is None:
+            logger.warn("render() shows nothing without render_mode='rgb_array'")
+            return None
+        return tuple(screen.render() for screen in self.screens)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """The masks, (num_envs, drones * actions)."""
@@ -134,35 +161,65 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         if hasattr(self, "compiled"):
             self.compiled.close()
 
+    def _named(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
+        """Which environments a reset is of."""
+        if not options or "reset_mask" not in options:
+            return self._all
+        mask = np.asarray(options["reset_mask"])
+        if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
+            raise error.Error(
+                f"reset_mask {mask.tolist()}: must be an array of {self.num_envs} bool, "
+                "at least one of them True"
+            )
+        return mask
+
+    def _require_episodes(self, over: NDArray[np.bool_]) -> None:
+        """Raise ResetNeeded if there is an environment that a step cannot go on with."""
+        if not self._begun.all():
+            which = np.flatnonzero(~self._begun).tolist()
+            raise error.ResetNeeded(f"call reset first: no episode has begun in {which}")
+        if self.autoreset_mode is AutoresetMode.DISABLED and over.any():
+            which = np.flatnonzero(over).tolist()
+            raise error.ResetNeeded(f"call reset first: the episode is over in {which}")
+
     def _begin(self, which: NDArray[np.bool_]) -> None:
         self.compiled.begin(which, [None] * self.num_envs)
 
     def _observations(self) -> NDArray[Any]:
         return self.compiled.values.astype(self.compiled.dtype)
 
-    def _infos(self, told: dict[str, NDArray[Any]]) -> dict[str, Any]:
-        """As Gymnasium has them: beside each key, which environments it is told of."""
-        return {
-            name: value
-            for key, array in told.items()
-            for name, value in ((key, array), (f"_{key}", self._all.copy()))
-        }
-
     def _final(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
         """The observations and infos of episodes that have ended, as Gymnasium has them."""
         observations = np.full(self.num_envs, None, object)
         for k, shown in zip(ended.nonzero()[0], self._observations()[ended], strict=True):
             observations[k] = shown
-        told = {}
-        for key, array in self.compiled.info().items():
-            array[~ended] = 0
-            told[key], told[f"_{key}"] = array, ended.copy()
         return {
             "final_obs": observations,
             "_final_obs": ended.copy(),
-            "final_info": told,
+            "final_info": _infos(self.compiled.info(), ended),
             "_final_info": ended.copy(),
         }
+
+
+def _mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """The mode of this name, as Gymnasium's vector environments take it, too."""
+    try:
+        return AutoresetMode(mode)
+    except ValueError as problem:
+        modes = ", ".join(repr(one.value) for one in AutoresetMode)
+        raise error.Error(f"autoreset_mode {mode!r}: must be one of {modes}") from problem
+
+
+def _infos(told: dict[str, NDArray[Any]], which: NDArray[np.bool_]) -> dict[str, Any]:
+    """Infos as Gymnasium has them: beside each key a mask of the environments it is told of.
+
+    The entries of the other environments are 0.
+    """
+    infos: dict[str, Any] = {}
+    for key, array in told.items():
+        array[~which] = 0
+        infos[key], infos[f"_{key}"] = array, which.copy()
+    return infos
 
 
 class _Worlds:

@@ -16,7 +16,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.rewards import Coverage
 
 CASES = [f"case{k}" for k in range(1, 10)]
-MODES = [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP]
+MODES = list(AutoresetMode)
 SHORT = {"drones.battery.autonomy_min": 7}
 
 
@@ -104,14 +104,118 @@ def test_many_are_those_that_gymnasium_would_step_one_by_one(case: str, mode: Au
     assert_same(told, also)
     rng, drones = np.random.default_rng(2), UavEnv(case, changes).drones
     for _ in range(26):
-        assert (other.action_masks() == told["action_mask"]).all()
-        actions = legal(told["action_mask"], drones, rng)
+        masks = other.action_masks()
+        assert (masks == told["action_mask"])[told["_action_mask"]].all()
+        actions = legal(masks, drones, rng)
         actions = actions if drones > 1 else actions[:, 0]
         seen, others = one.step(actions), other.step(actions)
         for part, same in zip(seen, others, strict=True):
             assert_same(part, same)
         told = seen[4]
+        over = seen[2] | seen[3]
+        if mode is AutoresetMode.DISABLED and over.any():
+            # What Gymnasium is handed it takes the mask out of.
+            (seen, told), (others, also) = (
+                env.reset(options={"reset_mask": over.copy()}) for env in (one, other)
+            )
+            assert_same(seen, others)
+            assert_same(told, also)
     other.close()
+
+
+@pytest.mark.parametrize("mode", MODES)
+def test_only_the_environments_of_a_reset_mask_are_reset(mode: AutoresetMode):
+    changes = config("case8")
+    one = SyncVectorEnv([lambda: UavEnv("case8", changes)] * 4, autoreset_mode=mode)
+    other = UavVectorEnv("case8", 4, changes, autoreset_mode=mode.value)
+    assert other.autoreset_mode is mode
+    one.reset(seed=3)
+    other.reset(seed=3)
+    rng = np.random.default_rng(0)
+    resets = {  # in mid-episode, and at the instant when the other episodes end
+        2: ([True, False, False, True], None),
+        5: ([False, True, False, False], 9),
+        12: ([False, False, True, True], [None, None, 1, 2]),
+    }
+    for step in range(15):
+        if step in resets:
+            mask, seed = np.array(resets[step][0]), resets[step][1]
+            before = other.compiled.info()
+            options = {"reset_mask": mask}
+            others, also = other.reset(seed=seed, options=options)
+            assert options["reset_mask"] is mask
+            seen, told = one.reset(seed=seed, options=options)
+            assert_same(seen, others)
+            assert_same(told, also)
+            after = other.compiled.info()
+            for key in ("sim_time_s", "episode_number", "seed"):
+                assert (after[key] == before[key])[~mask].all()
+            assert (after["sim_time_s"][mask] == 0).all()
+        over = (other.compiled.over[:, 0] | other.compiled.over[:, 1]).copy()
+        if mode is AutoresetMode.DISABLED and over.any():
+            one.reset(options={"reset_mask": over})
+            other.reset(options={"reset_mask": over})
+        actions = legal(other.compiled.masks, 3, rng)
+        for part, same in zip(one.step(actions), other.step(actions), strict=True):
+            assert_same(part, same)
+
+
+def test_without_autoreset_a_step_past_the_end_is_refused():
+    env = UavVectorEnv("case1", 3, {"episode.steps": 2}, autoreset_mode=AutoresetMode.DISABLED)
+    env.reset(seed=0)
+    actions = np.zeros(3, int)
+    env.step(actions)
+    env.reset(options={"reset_mask": np.array([False, True, False])})
+    assert env.step(actions)[3].tolist() == [True, False, True]
+    before = env.compiled.info()
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"the episode is over in \[0, 2\]"):
+        env.step(actions)
+    assert_same(env.compiled.info(), before)
+    env.reset(options={"reset_mask": np.array([True, False, True])})
+    told = env.step(actions)
+    assert told[3].tolist() == [False, True, False]
+    assert told[4]["episode_number"].tolist() == [1, 1, 1]
+
+
+@pytest.mark.parametrize(
+    "mask", [[False] * 3, [True] * 2, [1, 0, 0], None, "abc", [[True, False, True]]]
+)
+def test_reset_masks_that_are_refused(mask: Any):
+    env = UavVectorEnv("case1", 3)
+    env.reset(seed=0)
+    with pytest.raises(gymnasium.error.Error, match="must be an array of 3 bool"):
+        env.reset(options={"reset_mask": mask})
+
+
+def test_frames_are_those_of_single_environments():
+    changes = config("case8")
+    one = SyncVectorEnv([lambda: UavEnv("case8", changes, render_mode="rgb_array")] * 2)
+    other = gymnasium.make_vec(
+        "desim_uav/Uav-v0", 2, scenario="case8", config=changes, render_mode="rgb_array"
+    )
+    assert other.render_mode == "rgb_array"
+    assert "rgb_array" in other.metadata["render_modes"]
+    one.reset(seed=0)
+    other.reset(seed=0)
+    for _ in range(3):
+        frames, others = one.render(), other.render()
+        assert len(frames) == len(others) == 2
+        for frame, same in zip(frames, others, strict=True):
+            assert same.shape == (600, 800, 3)
+            assert np.array_equal(frame, same)
+        actions = other.action_space.sample()
+        one.step(actions)
+        other.step(actions)
+    other.close()
+
+
+def test_no_frames_unless_they_are_asked_for():
+    env = UavVectorEnv("case1", 2)
+    env.reset(seed=0)
+    with pytest.warns(UserWarning, match="render_mode='rgb_array'"):
+        assert env.render() is None
+    with pytest.raises(gymnasium.error.UnsupportedMode, match="'human'"):
+        UavVectorEnv("case1", 2, render_mode="human")
 
 
 def test_the_number_of_threads_changes_nothing():
@@ -185,6 +289,10 @@ def test_what_are_no_actions(actions: Any):
 def test_nothing_happens_before_a_reset():
     with pytest.raises(gymnasium.error.ResetNeeded):
         UavVectorEnv("case1", 2).step(np.zeros(2, int))
+    env = UavVectorEnv("case1", 2)
+    env.reset(options={"reset_mask": np.array([False, True])})
+    with pytest.raises(gymnasium.error.ResetNeeded, match=r"\[0\]"):
+        env.step(np.zeros(2, int))
     with pytest.raises(gymnasium.error.ResetNeeded):
         UavEnv("case1", engine="batch").step(0)
 
@@ -250,9 +358,23 @@ class TestStableBaselines:
             for part, same in zip(ours[:3], theirs[:3], strict=True):
                 assert_same(part, same)
             for told, also in zip(ours[3], theirs[3], strict=True):
-                also.setdefault("TimeLimit.truncated", False)
-                assert_same({"TimeLimit.truncated": False, **told}, also)
+                assert_same(told, also)
         other.close()
+
+    def test_its_frames_are_put_side_by_side(self):
+        pytest.importorskip("stable_baselines3")
+        from desim_uav.env import UavVecEnv
+
+        env = UavVecEnv("case1", 2, render_mode="rgb_array")
+        env.reset()
+        assert env.render_mode == "rgb_array"
+        first, second = env.get_images()
+        picture = env.render()
+        assert np.array_equal(picture, np.concatenate([first, second], axis=0)) or np.array_equal(
+            picture, np.concatenate([first, second], axis=1)
+        )
+        with pytest.warns(UserWarning, match="render_mode='rgb_array'"):
+            assert list(UavVecEnv("case1", 2).get_images()) == [None, None]
 
     @pytest.mark.thorough
     def test_maskable_ppo_learns_in_it(self):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -19,6 +20,7 @@ from desim_uav.engine.batch.memory import (
     FEATURES,
     FULL,
     NOW,
+    OPENED,
     S_ATTACHED,
     TERMINATED,
     TERMS,
@@ -52,9 +54,6 @@ def state(s: State) -> State:
     return State(pointer(s.i), pointer(s.f))
 
 
-COUNTS = ("attached_users", "crashes")
-"""What is told of an environment, after MEASURES and before the terms of the reward."""
-
 ADDRESSES = 11
 """Columns of a table of environments: where the arrays ``i`` and ``f`` of their ``Fixed``, ``Path``
 and ``State`` are, and the rows that take what they show (see ``Shown``)."""
@@ -64,8 +63,8 @@ class Shown(NamedTuple):
     """What an environment shows, by pointers, which a call takes sooner than arrays.
 
     ``values`` (drones * features,), ``mask`` (drones * actions,); ``reward`` (1,), the mean over
-    the drones; ``told``, the MEASURES, COUNTS and mean terms; ``over`` (3,): terminated, truncated,
-    short of room.
+    the drones; ``told``, the MEASURES (0 if they do not exist yet), COUNTS and mean terms; ``over``
+    (3,): terminated, truncated, short of room.
     """
 
     values: Floats
@@ -110,10 +109,11 @@ def _look_at(w: Fixed, s: State, shown: Shown) -> int:
     drones, actions, terms = w.i[DRONES], w.i[ACTIONS], w.i[TERMS]
     told, begun = shown.told, s.i[EPOCH] > 0
     told[0] = s.i[NOW] / 1_000_000
-    told[1], told[2], told[3] = airlink.measures(w, s)
-    told[4], told[5] = 0.0, s.i[CRASHES]
+    first, second, third = airlink.measures(w, s)
+    told[1], told[2], told[3] = _number(first), _number(second), _number(third)
+    told[4], told[5], told[6] = 0.0, s.i[CRASHES], s.i[OPENED]
     for term in range(terms):
-        told[6 + term] = 0.0
+        told[7 + term] = 0.0
     reward = 0.0
     for d in range(drones):
         encode(w, s, d, shown.values, d * w.i[FEATURES])
@@ -123,12 +123,18 @@ def _look_at(w: Fixed, s: State, shown: Shown) -> int:
         if begun:
             reward += s.f[s.i[AT_REWARDS] + d]
             for term in range(terms):
-                told[6 + term] += s.f[terms_of(s, d) + term]
+                told[7 + term] += s.f[terms_of(s, d) + term]
     for term in range(terms):
-        told[6 + term] /= drones
+        told[7 + term] /= drones
     shown.reward[0] = reward / drones
     shown.over[0], shown.over[1], shown.over[2] = s.i[TERMINATED], s.i[TRUNCATED], s.i[FULL]
     return int(s.i[FULL])
+
+
+@inner
+def _number(measure: float) -> float:
+    """A measure, or 0 if it does not exist yet: an info holds numbers only."""
+    return 0.0 if math.isnan(measure) else measure
 
 
 @inner

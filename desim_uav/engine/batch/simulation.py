@@ -53,6 +53,7 @@ from desim_uav.engine.batch.memory import (
     NOW,
     OBSERVATION,
     OBSERVATION_NONE,
+    OPENED,
     QUEUEING_US,
     ROUTE,
     ROUTE_END,
@@ -503,6 +504,10 @@ class BatchSimulation:
         """The quality of experience so far, open requests by what they have had so far."""
         found = calls.measures(self.fixed, self.state)
         return Measures(*(None if math.isnan(value) else value for value in found))
+
+    def requests_made(self) -> int:
+        """How many requests have been made in the episode so far, open ones among them."""
+        return int(self.state.i[OPENED])
 
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Where drones and users truly are: (drones, 3) and (users, 3)."""

@@ -319,6 +319,10 @@ class Simulation:
         """The quality of experience so far, open requests by what they have had so far."""
         return self.airlink.measures()
 
+    def requests_made(self) -> int:
+        """How many requests have been made in the episode so far, open ones among them."""
+        return self.airlink.opened
+
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Where drones and users truly are: (drones, 3) and (users, 3)."""
         users = self.world.homes.copy()

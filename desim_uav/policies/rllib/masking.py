@@ -25,7 +25,8 @@ OBSERVATION, MASK = "observation", "action_mask"
 class EncodeObservation(SingleAgentObservationPreprocessor):  # type: ignore[misc]
     """An agent's observation without its mask, as one row of float32.
 
-    Whole numbers become one-hot codes, one after the other; real numbers stay as they are.
+    Whole numbers become one-hot codes, one after the other; real numbers stay as they are. The
+    episode keeps the mask for ``AddActionMask``.
     """
 
     def recompute_output_observation_space(self, observations: Any, actions: Any) -> Dict:
@@ -36,6 +37,7 @@ class EncodeObservation(SingleAgentObservationPreprocessor):  # type: ignore[mis
         """The row of one agent."""
         space = self.input_observation_space[episode.agent_id][OBSERVATION]
         values = observation[OBSERVATION]
+        episode.custom_data[MASK] = observation[MASK]
         if not isinstance(space, MultiDiscrete):
             return values.astype(np.float32)  # type: ignore[no-any-return]
         row = np.zeros(int(space.nvec.sum()), np.float32)
@@ -44,7 +46,7 @@ class EncodeObservation(SingleAgentObservationPreprocessor):  # type: ignore[mis
 
 
 class AddActionMask(SingleAgentObservationPreprocessor):  # type: ignore[misc]
-    """The row of an agent and its mask, which its info has kept, as a dict again."""
+    """The row of an agent and the mask that ``EncodeObservation`` has put aside, as a dict."""
 
     def recompute_output_observation_space(self, observations: Any, actions: Any) -> Dict:
         """A Dict for each agent."""
@@ -56,8 +58,10 @@ class AddActionMask(SingleAgentObservationPreprocessor):  # type: ignore[misc]
         )
 
     def preprocess(self, observation: Any, episode: Any) -> dict[str, NDArray[np.float32]]:
-        """Both, of one agent."""
-        mask = episode.get_infos(-1)[MASK]
+        """Both, of one agent. Raises ValueError if no ``EncodeObservation`` comes before this."""
+        mask = episode.custom_data.get(MASK)
+        if mask is None:
+            raise ValueError("AddActionMask needs an EncodeObservation before it in the pipeline")
         return {OBSERVATION: observation, MASK: np.asarray(mask, np.float32)}
 
 

@@ -124,16 +124,14 @@ class Network:
         seen = {
             agent: {"observation": rows[agent], "action_mask": allowed[agent]} for agent in rows
         }
-        infos = {agent: {"action_mask": mask} for agent, mask in allowed.items()}
         if self._last is None:
-            self._episode.add_env_reset(observations=seen, infos=infos)
+            self._episode.add_env_reset(observations=seen)
             return
         actions, extra = self._last
         self._episode.add_env_step(
             observations=seen,
             actions=actions,
             rewards=dict.fromkeys(seen, 0.0),  # nothing that is known here reads them
-            infos=infos,
             terminateds={"__all__": False},
             truncateds={"__all__": False},
             extra_model_outputs=extra,
