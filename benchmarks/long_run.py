@@ -64,7 +64,6 @@ def log(args: argparse.Namespace) -> dict[str, float]:
             keep_events=False,
             out=args.folder / name,
             command=[],
-            show_progress=True,
             engine=args.engine,
         )
         return int(done.summary["requests"])

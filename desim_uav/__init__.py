@@ -12,9 +12,12 @@ __version__ = "0.1.0"
 register_with_gymnasium()
 
 if TYPE_CHECKING:
+    from desim_uav.api.replay import Replay
+    from desim_uav.api.run import RunResult, read_run, run
     from desim_uav.engine.base import RunSettings
     from desim_uav.engine.des import Simulation
     from desim_uav.env import UavEnv, UavParallelEnv, UavVecEnv, UavVectorEnv
+    from desim_uav.errors import DesimError, DesimWarning, Interrupted
     from desim_uav.policies import Policy, load_policy
     from desim_uav.registry import register
     from desim_uav.sample_path import draw
@@ -23,6 +26,13 @@ if TYPE_CHECKING:
     from desim_uav.world import World, build_world
 
 _PUBLIC = {
+    "DesimError": "desim_uav.errors",
+    "DesimWarning": "desim_uav.errors",
+    "Interrupted": "desim_uav.errors",
+    "Replay": "desim_uav.api.replay",
+    "RunResult": "desim_uav.api.run",
+    "read_run": "desim_uav.api.run",
+    "run": "desim_uav.api.run",
     "Policy": "desim_uav.policies",
     "RunSettings": "desim_uav.engine.base",
     "Scenario": "desim_uav.scenario.schema",
@@ -40,7 +50,12 @@ _PUBLIC = {
 }
 
 __all__ = [
+    "DesimError",
+    "DesimWarning",
+    "Interrupted",
     "Policy",
+    "Replay",
+    "RunResult",
     "RunSettings",
     "Scenario",
     "Simulation",
@@ -54,7 +69,9 @@ __all__ = [
     "draw",
     "load",
     "load_policy",
+    "read_run",
     "register",
+    "run",
 ]
 
 

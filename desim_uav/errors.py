@@ -5,12 +5,28 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 
 class DesimError(Exception):
     """Something the user can mend; the command line prints it without a traceback."""
 
     exit_code = 1
+
+
+class DesimWarning(UserWarning):
+    """Something a user may have overlooked; the command line prints it as one line on stderr."""
+
+
+class Interrupted(KeyboardInterrupt):
+    """Ctrl-C has ended a run, a training or a comparison; ``result`` holds what had ended before.
+
+    It is a KeyboardInterrupt, so that a program that does not look at it ends as usual.
+    """
+
+    def __init__(self, message: str, result: Any) -> None:
+        super().__init__(message)
+        self.result = result
 
 
 class SimulationError(DesimError):

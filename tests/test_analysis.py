@@ -58,7 +58,6 @@ def played(place, policy, seed, *overrides, case="case8"):
         keep_events=False,
         out=place / f"{policy}-{seed}",
         command=[],
-        show_progress=False,
     )
     return Path(done.summary["run_dir"])
 

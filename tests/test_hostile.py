@@ -69,7 +69,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A run folder, without checksums: whoever changes it could change them too."""
     folder = tmp_path_factory.mktemp("runs") / "whole"
     scenario = load(scenario_path("case8"), ["users.count=12", "episode.steps=6"])
-    options = {"warmup": 0, "keep_events": True, "command": [], "show_progress": False}
+    options = {"warmup": 0, "keep_events": True, "command": []}
     run_to_folder(scenario, "baseline", episodes=2, out=folder, **options)
     (folder / SUMS).unlink()
     return folder

@@ -70,7 +70,6 @@ def folders(tmp_path_factory):
             keep_events=True,
             out=where / name,
             command=[],
-            show_progress=False,
         )
     return where
 

@@ -48,7 +48,7 @@ def run(scenario="tiny", policy="baseline", overrides=(), out=None, **other):
     if isinstance(scenario, str):
         scenario = load(scenario_path(scenario), overrides)
     options = {"episodes": 1, "warmup": 0, "keep_events": False, "command": ["desim-uav"]} | other
-    done = run_to_folder(scenario, policy, out=out, show_progress=False, **options)
+    done = run_to_folder(scenario, policy, out=out, **options)
     return Path(done.summary["run_dir"])
 
 
@@ -496,7 +496,6 @@ class TestReadBack:
             keep_events=False,
             out=Path("again"),
             command=[],
-            show_progress=False,
         )
         summary, requests = read_counted(Path("again"))
         assert summary == done.summary

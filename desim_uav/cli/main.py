@@ -10,6 +10,7 @@ from typing import Annotated, NoReturn
 import typer
 
 from desim_uav import __version__
+from desim_uav.api.invocation import begun_by
 from desim_uav.cli import basics, learning, pictures, runs
 from desim_uav.cli.ending import complain
 from desim_uav.errors import DesimError, UsageError
@@ -81,6 +82,7 @@ def _root(
     if version:
         print(f"desim-uav {__version__}")
         raise typer.Exit
+    context.with_resource(begun_by(["desim-uav", *sys.argv[1:]], complain))
     if context.invoked_subcommand != "doctor":
         _check_environment()
 

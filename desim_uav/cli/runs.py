@@ -25,7 +25,6 @@ from desim_uav.cli.options import (
     Warmup,
     WorldSeed,
     one_of,
-    opened,
 )
 from desim_uav.errors import UsageError, located
 
@@ -54,35 +53,38 @@ def run(
     quiet: Quiet = False,
 ) -> None:
     """Run a policy in a scenario, log every request, and print the quality of experience."""
-    from desim_uav.experiment.command import run_to_folder
+    import desim_uav as du
 
-    path, loaded = opened(scenario, overrides, seed, world_seed)
     end_politely()
     try:
-        with located(path):
-            done = run_to_folder(
-                loaded,
-                policy,
-                episodes=episodes,
-                warmup=warmup,
-                keep_events=events,
-                out=out,
-                command=["desim-uav", *sys.argv[1:]],
-                show_progress=not quiet,
-                engine=engine,
-                say=complain,
-            )
+        done = du.run(
+            scenario,
+            overrides,
+            policy=policy,
+            seed=seed,
+            world_seed=world_seed,
+            episodes=episodes,
+            warmup=warmup,
+            events=events,
+            out=True if out is None else out,
+            engine=engine,
+            progress=not quiet,
+        )
+        interrupted = False
+    except du.Interrupted as stopped:
+        done, interrupted = stopped.result, True
     except KeyboardInterrupt:
         complain("interrupted; nothing is kept")
         raise typer.Exit(130) from None
+    (summary,), (by_service,) = done.summaries(), done.groups("service")
     if as_json:
-        print(json.dumps(done.summary, indent=1))
+        print(json.dumps(summary, indent=1))
     elif not quiet:
         from desim_uav.report.text import print_run
 
-        print_run(done.summary, done.by_service)
-    if done.interrupted:
-        complain(f"interrupted; the finished episodes are kept: {done.summary['run_dir']}")
+        print_run(summary, by_service)
+    if interrupted:
+        complain(f"interrupted; the finished episodes are kept: {summary['run_dir']}")
         raise typer.Exit(130)
 
 
@@ -94,12 +96,14 @@ def qoe(
     as_json: Json = False,
 ) -> None:
     """Print the quality of experience of a finished run."""
-    from desim_uav import qoe as measures
-    from desim_uav.experiment.command import read_summary
+    import desim_uav as du
+    from desim_uav.qoe import GROUPS
 
     if by is not None:
-        one_of(measures.GROUPS, by, "--by")
-    summary, groups = read_summary(run_dir, by)
+        one_of(GROUPS, by, "--by")
+    found = du.read_run(run_dir)
+    groups = None if by is None else found.groups(by)[0]
+    summary = found.summaries()[0]
     if as_json:
         added = {} if groups is None else {"by": by, "groups": groups}
         print(json.dumps(summary | added, indent=1))

@@ -20,7 +20,7 @@ from desim_uav.errors import DesimError, NoEventsError, PolicyError
 from desim_uav.experiment import tables
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.run import play
-from desim_uav.policies import load_policy
+from desim_uav.policies import Policy, load_policy
 from desim_uav.report.replay.data import Encoder
 from desim_uav.report.replay.page import page
 from desim_uav.report.run import IN_TIME, KEPT, Again, Run, Tables
@@ -32,6 +32,16 @@ MOST_BYTES = 25 * 2**20
 """Of a page, unless more is asked for."""
 
 BASE64 = 4 / 3
+
+
+@dataclass(frozen=True)
+class Made:
+    """The page of a run: what it shows, and the episodes for which there was no room."""
+
+    content: bytes
+    episodes: list[int]
+    left_out: list[int]
+    played_again: bool
 
 
 @dataclass
@@ -64,21 +74,40 @@ def write_replay(
 ) -> Written:
     """Write the page of a run, ``replay.html`` in its folder unless told otherwise.
 
-    ``episodes``: such as ``0-9``; without it, the counted ones, as many as fit. Raises PolicyError
+    Raises as ``make_replay`` does, and UsageError where the page cannot be written.
+    """
+    file = run_dir / "replay.html" if html is None else html
+    place = file_place(file, "" if html is None else "--html")
+    made = make_replay(run_dir, episodes, show_progress, most_bytes)
+    write_at(place, made.content)
+    return Written(file, len(made.content), made.episodes, made.left_out, made.played_again)
+
+
+def make_replay(
+    run_dir: Path,
+    episodes: str | None = None,
+    show_progress: bool = True,
+    most_bytes: int | None = None,
+    policy: Policy | None = None,
+) -> Made:
+    """Make the page of a run.
+
+    ``episodes``: such as ``0-9``; without it, the counted ones, as many as fit. ``policy``: what
+    plays a run again that kept no events; without it, what its manifest names. Raises PolicyError
     where the folder is unreadable, does not fit together, or cannot be played again.
     """
     run = Run(run_dir)
     wanted = run.chosen(episodes)
-    file = run_dir / "replay.html" if html is None else html
-    place = file_place(file, "" if html is None else "--html")
     encoder = Encoder(run)
     blocks: list[bytes] = []
     size, limit = 0.0, MOST_BYTES if most_bytes is None else most_bytes
     again = not run.keeps_events
     total = wanted[-1] - run.episodes[0] + 1 if again else len(wanted)
     with progress(show_progress, total, engine=run.settings.engine) as advance:
-        source = played_again if again else _stored
-        with closing(source(run, wanted, advance)) as each:
+        source = (
+            played_again(run, wanted, advance, policy) if again else _stored(run, wanted, advance)
+        )
+        with closing(source) as each:
             for number, of_episode in each:
                 block = encoder.episode(number, of_episode)
                 size += len(block) * BASE64
@@ -87,8 +116,7 @@ def write_replay(
                 blocks.append(block)
     shown = wanted[: len(blocks)]
     content = page(encoder.common(shown), blocks)
-    write_at(place, content)
-    return Written(file, len(content), shown, wanted[len(blocks) :], again)
+    return Made(content, shown, wanted[len(blocks) :], again)
 
 
 def _stored(
@@ -121,13 +149,16 @@ def playing_again(show_progress: bool = True) -> Again:
 
 
 def played_again(
-    run: Run, wanted: Sequence[int], advance: Callable[[], None] = lambda: None
+    run: Run,
+    wanted: Sequence[int],
+    advance: Callable[[], None] = lambda: None,
+    policy: Policy | None = None,
 ) -> Generator[tuple[int, Tables]]:
     """The tables of these episodes, events and legs among them, by playing the run again.
 
     Raises NoEventsError where what comes out is not what the folder holds.
     """
-    world, logs = _begin(run)
+    world, logs = _begin(run, policy)
     rest = set(wanted)
     with closing(logs):
         while rest:
@@ -141,12 +172,13 @@ def played_again(
             advance()
 
 
-def _begin(run: Run) -> tuple[World, Any]:
+def _begin(run: Run, policy: Policy | None = None) -> tuple[World, Any]:
     """The world of a run, and its episodes to come. Raises NoEventsError where they cannot."""
     settings = run.settings
     name = settings.policy
     try:
-        policy, world = load_policy(name), build_world(run.scenario, settings.world_seed)
+        policy = load_policy(name) if policy is None else policy
+        world = build_world(run.scenario, settings.world_seed)
     except DesimError as error:
         raise _not_again(run, str(error)) from error
     if world_content(world) != run.map:

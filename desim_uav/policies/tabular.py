@@ -53,6 +53,15 @@ class QTable:
         """The file: the same table gives the same bytes."""
         return array_file.pack(self.about | {"format": FORMAT}, q=self.q)
 
+    @property
+    def drones(self) -> int:
+        """How many drones it is for."""
+        return len(self.q)
+
+    def table(self) -> QTable:
+        """Itself, as a file has one."""
+        return self
+
 
 class TableFile:
     """The file of a table: what it says of itself. Raises PolicyError, naming it, if it is none.
@@ -68,6 +77,11 @@ class TableFile:
         problem = _misfit(self.form, self.about)
         if problem:
             raise PolicyError(f"{path}: {problem}")
+
+    @property
+    def drones(self) -> int:
+        """How many drones it is for."""
+        return self.form.shape[0]
 
     def table(self) -> QTable:
         """The table itself. Raises PolicyError where it is damaged."""
@@ -113,9 +127,19 @@ class Greedy:
     def __init__(self, file: str = "") -> None:
         if not file:
             raise ValueError("a table needs its file: table:policy.npz, or just policy.npz")
-        self.file = file
-        self._stored = TableFile(find_table(file))
-        self.about = self._stored.about
+        self._use(file, TableFile(find_table(file)))
+
+    @classmethod
+    def of_table(cls, table: QTable, name: str) -> Greedy:
+        """Act by a table that is in memory; tables and messages call the policy ``name``."""
+        policy = cls.__new__(cls)
+        policy._use(name, table)
+        return policy
+
+    def _use(self, name: str, stored: TableFile | QTable) -> None:
+        self.name = name
+        self._stored = stored
+        self.about = stored.about
         self.world_seed: int = self.about["world_seed"]
         self._q: NDArray[np.float32] | None = None
 
@@ -129,7 +153,7 @@ class Greedy:
         self._encode = world.scenario.observation.encode
         features = world.scenario.observation.features(world.facts)
         about = self.about
-        self._require("drones", self._stored.form.shape[0], world.scenario.drones.count)
+        self._require("drones", self._stored.drones, world.scenario.drones.count)
         self._require("actions", about["actions"], [a.name.lower() for a in world.actions])
         self._require("states", about["features"], described(features))
         self._sizes = table_sizes(features)
@@ -139,7 +163,7 @@ class Greedy:
     def _require(self, what: str, learned: Any, here: Any) -> None:
         if learned != here:
             raise PolicyError(
-                f"{self.file}: it has {what} {in_short(learned)}; the scenario has {in_short(here)}"
+                f"{self.name}: it has {what} {in_short(learned)}; the scenario has {in_short(here)}"
             )
 
     def notice(self, world: World) -> str:
@@ -149,7 +173,7 @@ class Greedy:
         if world_hash(world) == about["world_hash"]:
             return ""
         return (
-            f"{self.file} was learned in another world: {in_short(about['scenario'])}, world seed "
+            f"{self.name} was learned in another world: {in_short(about['scenario'])}, world seed "
             f"{about['world_seed']}"
         )
 

@@ -25,17 +25,45 @@ from desim_uav.scenario.components import described, strictly
 from desim_uav.scenario.draft import MAX_PROBLEMS, Draft, override_path, plain_copy
 from desim_uav.scenario.messages import complaints
 from desim_uav.scenario.schema import Scenario, paper_preset
+from desim_uav.shipped import find_scenario
 
 MAX_BYTES = 2**20
 
 
-def load(path: str | Path, overrides: Sequence[str] = ()) -> Scenario:
-    """The scenario of a file; ``overrides`` are ``key.path=value``, the value in YAML.
+Overrides = Mapping[str, Any] | Sequence[str]
+"""Values for keys of a scenario: ``{"users.count": 60}``, or as on the command line
+``["users.count=60"]``, where the value is in YAML."""
 
-    Raises ScenarioError with every problem found, UsageError for an override of another form.
+
+def load(scenario: str | Path, overrides: Overrides = ()) -> Scenario:
+    """Load a scenario file, or a shipped scenario by its name, such as ``case8``.
+
+    ``overrides`` set keys of it, for instance ``{"users.count": 60}``. Raises ScenarioError with
+    every problem found, and UsageError for an override that names no key.
     """
-    path = Path(path)
-    return loads(_text(path), source=str(path), base=path.parent, overrides=overrides)
+    path = find_scenario(str(scenario))
+    return loads(
+        _text(path), source=str(path), base=path.parent, overrides=override_texts(overrides)
+    )
+
+
+def override_texts(overrides: Overrides) -> list[str]:
+    """Return overrides as the command line has them. Raises ScenarioError for what is no data."""
+    if isinstance(overrides, Mapping):
+        return [f"{key}={_as_yaml(key, value)}" for key, value in overrides.items()]
+    return list(overrides)
+
+
+def _as_yaml(key: str, value: Any) -> str:
+    """Return a value in YAML, of which JSON is a part; numbers of NumPy are numbers."""
+    try:
+        return json.dumps(
+            plain_copy(value), ensure_ascii=False, default=lambda other: other.tolist()
+        )
+    except (TypeError, ValueError, AttributeError):
+        raise ScenarioError(
+            f"{key}: a value of type {type(value).__name__} is not plain data"
+        ) from None
 
 
 def loads(

@@ -69,7 +69,6 @@ def runs(tmp_path_factory):
             keep_events=True,
             out=where / name,
             command=[],
-            show_progress=False,
         )
         write_replay(where / name)
     return where
@@ -638,7 +637,6 @@ class TestSpeed:
             keep_events=True,
             out=tmp_path / "large",
             command=[],
-            show_progress=False,
         )
         page.open(write_replay(tmp_path / "large").file)
         page.run("replay.setSpeed(10); replay.play()")

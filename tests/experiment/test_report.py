@@ -89,7 +89,6 @@ def played(place, policy, seed, *overrides, case="case8", episodes=2):
         keep_events=False,
         out=place / f"{policy}-{seed}",
         command=["desim-uav", "run", "a b"],
-        show_progress=False,
     )
     return Path(done.summary["run_dir"])
 

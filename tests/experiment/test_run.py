@@ -30,7 +30,6 @@ def kept(episodes=5, warmup=1):
         keep_events=True,
         out=None,
         command=[],
-        show_progress=False,
     )
     folder = done.summary["run_dir"]
     found = {

@@ -19,7 +19,6 @@ def make_run(folder, scenario, policy, overrides=(), *, episodes=1, warmup=0, ev
         keep_events=events,
         out=folder,
         command=[],
-        show_progress=False,
     )
     return Path(done.summary["run_dir"])
 

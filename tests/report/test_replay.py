@@ -42,7 +42,7 @@ RUNS = {
 
 
 def make(where, name, policy, overrides=(), events=True, **options):
-    settings = {"episodes": 2, "warmup": 1, "command": [], "show_progress": False} | options
+    settings = {"episodes": 2, "warmup": 1, "command": []} | options
     run_to_folder(
         load(scenario_path(name), overrides),
         policy,

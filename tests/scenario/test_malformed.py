@@ -85,10 +85,10 @@ def test_files_that_cannot_be_read(tmp_path: Path) -> None:
     large = tmp_path / "large.yaml"
     large.write_text("#" * (2**20 + 1))
     for path, reason in [
-        (tmp_path / "none.yaml", "No such file"),
-        (tmp_path, "Is a directory"),
+        (tmp_path / "none.yaml", "no such file"),
+        (tmp_path, "a folder, not a scenario file"),
         (large, "larger than 1 MiB"),
-        ("a\0b", "null"),
+        ("a\0b", "neither a file nor a shipped scenario"),
     ]:
         with pytest.raises(ScenarioError, match=reason):
             load(path)

@@ -29,7 +29,6 @@ def run_dir(tmp_path):
             keep_events=False,
             out=tmp_path / name,
             command=[],
-            show_progress=False,
         )
         return Path(done.summary["run_dir"])
 

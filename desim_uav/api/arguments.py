@@ -1,0 +1,129 @@
+"""What the functions of the Python interface make of their arguments."""
+
+from __future__ import annotations
+
+import inspect
+import warnings
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from desim_uav.api.invocation import command_line
+from desim_uav.errors import DesimWarning, UsageError, located
+from desim_uav.policies.base import policy_name
+from desim_uav.scenario.load import Overrides, from_mapping, load, override_texts, to_plain
+from desim_uav.scenario.schema import Scenario
+from desim_uav.shipped import find_scenario
+
+ScenarioLike = str | Path | Mapping[str, Any] | Scenario
+"""A shipped scenario's name, a scenario file, its content as a mapping, or a loaded scenario."""
+
+MOST_EPISODES, MOST_TRAINING = 10**6, 10**7
+MOST_SEEDS, MOST_JOBS, LAST_FIRST_SEED = 10**6, 1024, 2**62
+
+
+@dataclass(frozen=True)
+class Opened:
+    """A scenario, and the file it is from, if it is from one."""
+
+    scenario: Scenario
+    path: Path | None
+
+    @contextmanager
+    def located(self) -> Iterator[None]:
+        """Name the file in problems that are found only in drawing a world."""
+        if self.path is None:
+            yield
+        else:
+            with located(self.path):
+                yield
+
+
+def opened(
+    scenario: ScenarioLike,
+    overrides: Overrides | None = None,
+    seed: int | None = None,
+    world_seed: int | None = None,
+    further: Mapping[str, Any] | None = None,
+) -> Opened:
+    """Open a scenario and set keys of it. Raises ScenarioError, UsageError."""
+    settings = override_texts(overrides or ())
+    keys = {"seed": seed, "world_seed": world_seed} | dict(further or {})
+    settings += override_texts({key: value for key, value in keys.items() if value is not None})
+    if isinstance(scenario, str | Path):
+        path = find_scenario(str(scenario))
+        return Opened(load(path, settings), path)
+    if isinstance(scenario, Scenario):
+        if not settings:
+            return Opened(scenario, None)
+        plain, source = to_plain(scenario), f"<{scenario.name}>"
+        return Opened(from_mapping(plain, source=source, overrides=settings), None)
+    return Opened(from_mapping(scenario, overrides=settings), None)
+
+
+def seeds_of(seeds: int | Sequence[int], first_seed: int = 0) -> list[int]:
+    """Return the seeds asked for: so many from ``first_seed`` on, or those of a sequence.
+
+    Raises UsageError.
+    """
+    if isinstance(seeds, int):
+        whole("first_seed", first_seed, 0, LAST_FIRST_SEED)
+        whole("seeds", seeds, 1, MOST_SEEDS)
+        return list(range(first_seed, first_seed + seeds))
+    found = [whole("seeds", int(seed), 0, 2**63 - 1) for seed in seeds]
+    if first_seed != 0:
+        raise UsageError("first_seed goes with a number of seeds, not with a list of them")
+    if not found or len(set(found)) < len(found):
+        raise UsageError(f"seeds: {found}: must name at least one seed, and none twice")
+    return found
+
+
+def whole(name: str, value: int, low: int, high: int) -> int:
+    """Return a whole number within its bounds. Raises UsageError."""
+    if isinstance(value, bool) or not hasattr(value, "__index__") or not low <= value <= high:
+        raise UsageError(f"{name}: {value!r}: must be a whole number from {low} to {high}")
+    return int(value)
+
+
+def warn(text: str) -> None:
+    """Warn the caller of the Python interface; the command line prints it."""
+    warnings.warn(text, DesimWarning, stacklevel=3)
+
+
+def command_of(function: Callable[..., Any], arguments: Mapping[str, Any]) -> list[str]:
+    """Return what a manifest says of how something was made: a command line, or a Python call."""
+    typed = command_line()
+    if typed:
+        return typed
+    said = [
+        _said(name, arguments[name], parameter)
+        for name, parameter in inspect.signature(function).parameters.items()
+    ]
+    return [f"desim_uav.{function.__name__}({', '.join(filter(None, said))})"]
+
+
+def _said(name: str, value: Any, parameter: inspect.Parameter) -> str:
+    """Write an argument as it was given, or nothing for a default."""
+    if value is parameter.default or name in ("progress", "callback"):
+        return ""
+    text = repr(_plain(value))
+    if text == repr(parameter.default):
+        return ""
+    return f"{name}={text}" if parameter.kind is parameter.KEYWORD_ONLY else text
+
+
+def _plain(value: Any) -> Any:
+    """Put names in the place of objects."""
+    if isinstance(value, Scenario):
+        return value.name
+    if isinstance(value, Path):
+        return str(value)
+    if isinstance(value, Mapping):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if value is None or isinstance(value, bool | int | float | str | range):
+        return value
+    return policy_name(value)

@@ -1,0 +1,200 @@
+"""The run of one seed: in memory, or in its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Protocol
+
+import pandas as pd
+
+from desim_uav import qoe
+from desim_uav.checksums import verify
+from desim_uav.errors import DesimError, NoEventsError
+from desim_uav.experiment.command import Done, Recorded, place_of, read_summary
+from desim_uav.experiment.replay import Made, make_replay
+from desim_uav.experiment.run import counted
+from desim_uav.records import REQUESTS, TABLES
+from desim_uav.report.manifest import read_manifest
+from desim_uav.report.run import IN_TIME
+from desim_uav.run_folder import Place, read_parts, read_scenario, read_table
+from desim_uav.scenario.schema import Scenario
+
+FILES = (*(f"{name}.parquet" for name in TABLES), "scenario.yaml", "world.json", "manifest.json")
+"""What a run folder holds, beside its checksums."""
+
+
+class Kept(Protocol):
+    """A run of one seed, wherever its tables are."""
+
+    folder: Path | None
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """What the run says of itself."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario as it was run."""
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """The measures over all counted episodes, and what was run."""
+
+    def groups(self, by: str) -> list[dict[str, Any]]:
+        """Return the measures of each group of counted requests."""
+
+    def table(self, name: str) -> pd.DataFrame:
+        """Return a table. Raises NoEventsError where the run has not kept it."""
+
+    def save(self, place: Place) -> Path:
+        """Write the run folder."""
+
+    def replay(self, episodes: str | None, show_progress: bool = True) -> Made:
+        """Make the page that plays the run."""
+
+
+class Tables:
+    """The tables of a run in memory, in the row groups that a run folder has them in."""
+
+    def __init__(self) -> None:
+        self._parts: dict[str, list[pd.DataFrame]] = {}
+
+    def write(self, name: str, frame: pd.DataFrame) -> None:
+        """Take rows of a table."""
+        self._parts.setdefault(name, []).append(frame)
+
+    def parts(self) -> Sequence[tuple[str, pd.DataFrame]]:
+        """Return all that was written, table by table."""
+        return [(name, frame) for name, frames in self._parts.items() for frame in frames]
+
+    def table(self, name: str) -> pd.DataFrame:
+        """Return a table of its own, which may be changed."""
+        if name not in self._parts:
+            raise NoEventsError(f"the run kept no {name}; events=True keeps them")
+        parts = self._parts[name]
+        return pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
+
+
+@dataclass
+class InMemory:
+    """A run whose tables are in memory."""
+
+    recorded: Recorded
+    tables: Tables
+    folder: Path | None = field(default=None, init=False)
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """See ``Kept``."""
+        return self.recorded.manifest
+
+    @property
+    def scenario(self) -> Scenario:
+        """See ``Kept``."""
+        return self.recorded.prepared.scenario
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """See ``Kept``."""
+        return self.recorded.summary
+
+    def groups(self, by: str) -> list[dict[str, Any]]:
+        """See ``Kept``."""
+        if by == "service":
+            return self.recorded.by_service
+        return qoe.grouped(counted(self.table("requests")), by)
+
+    def table(self, name: str) -> pd.DataFrame:
+        """See ``Kept``."""
+        return self.tables.table(name)
+
+    def save(self, place: Place) -> Path:
+        """See ``Kept``."""
+        with place.draft() as draft:
+            with draft.tables() as write:
+                for name, frame in self.tables.parts():
+                    write(name, frame)
+            self.recorded.write(draft)
+            return place.publish(draft)
+
+    def replay(self, episodes: str | None, show_progress: bool = True) -> Made:
+        """See ``Kept``."""
+        with TemporaryDirectory(prefix="desim-uav-") as scratch:
+            folder = self.save(Place(Path(scratch) / "run", ""))
+            return make_replay(
+                folder, episodes, show_progress, policy=self.recorded.prepared.policy
+            )
+
+
+class InFolder:
+    """A run whose tables are in its folder, and are read when they are asked for."""
+
+    def __init__(self, folder: Path, done: Done | None = None) -> None:
+        """Look at the folder; ``done`` is what has just been written there, if it has.
+
+        Raises PolicyError for a folder that is not a run's.
+        """
+        if done is None:
+            next(read_parts(folder, "requests", REQUESTS))
+        self.folder: Path | None = folder
+        self._folder = folder
+        self.manifest: dict[str, Any] = read_manifest(folder)
+        self._done = done
+        self._summary = None if done is None else done.summary
+
+    @cached_property
+    def scenario(self) -> Scenario:
+        """See ``Kept``."""
+        return read_scenario(self._folder)
+
+    @property
+    def summary(self) -> dict[str, Any]:
+        """See ``Kept``."""
+        if self._summary is None:
+            self._summary, _ = read_summary(self._folder)
+        return self._summary
+
+    def groups(self, by: str) -> list[dict[str, Any]]:
+        """See ``Kept``."""
+        if self._done is not None and by == "service":
+            return self._done.by_service
+        self._summary, groups = read_summary(self._folder, by)
+        return groups or []
+
+    def table(self, name: str) -> pd.DataFrame:
+        """See ``Kept``."""
+        if name in IN_TIME and not (self._folder / f"{name}.parquet").exists():
+            raise NoEventsError(f"{self._folder}: the run kept no {name}; events=True keeps them")
+        frame = read_table(self._folder, name, TABLES[name])
+        if name == "requests":  # as in memory, where an array would be the exception
+            frame["drones"] = [list(map(int, drones)) for drones in frame["drones"]]
+        return frame
+
+    def save(self, place: Place) -> Path:
+        """See ``Kept``."""
+        with place.draft() as draft:
+            for file in (self._folder / name for name in FILES):
+                verify(file)
+                if file.exists():
+                    _copy(file, draft.path / file.name)
+            return place.publish(draft)
+
+    def replay(self, episodes: str | None, show_progress: bool = True) -> Made:
+        """See ``Kept``."""
+        return make_replay(self._folder, episodes, show_progress)
+
+
+def default_place(run: Kept, out: Path | None) -> Place:
+    """Return where a run stands that is saved: ``out``, or where the command line would put it."""
+    return place_of(run.scenario, run.manifest["policy"], out)
+
+
+def _copy(file: Path, to: Path) -> None:
+    try:
+        to.write_bytes(file.read_bytes())
+    except OSError as error:
+        raise DesimError(f"cannot copy {file}: {error.strerror or error}") from error

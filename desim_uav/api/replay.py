@@ -1,0 +1,55 @@
+"""The page that plays a run, as Python and a notebook have it."""
+
+from __future__ import annotations
+
+import tempfile
+import webbrowser
+from pathlib import Path
+
+from desim_uav.experiment.replay import Made
+from desim_uav.report.markup import tag
+from desim_uav.run_folder import file_place, write_at
+
+HEIGHT_PX = 720
+
+
+class Replay:
+    """A page that plays a run's episodes in continuous time; it needs no network and no server."""
+
+    def __init__(self, made: Made) -> None:
+        self._made = made
+
+    @property
+    def html(self) -> str:
+        """The page itself."""
+        return self._made.content.decode()
+
+    @property
+    def episodes(self) -> list[int]:
+        """The episodes that it shows."""
+        return self._made.episodes
+
+    @property
+    def left_out(self) -> list[int]:
+        """The episodes for which there was no room."""
+        return self._made.left_out
+
+    def save(self, file: str | Path) -> Path:
+        """Write the page, in new folders if need be. Raises UsageError where that fails."""
+        write_at(file_place(Path(file)), self._made.content)
+        return Path(file)
+
+    def open(self) -> Path:
+        """Show the page in the browser; return the temporary file that it is in."""
+        folder = Path(tempfile.mkdtemp(prefix="desim-uav-"))
+        file = self.save(folder / "replay.html")
+        webbrowser.open(file.as_uri())
+        return file
+
+    def __repr__(self) -> str:
+        return f"<Replay of {len(self.episodes)} episode(s), {len(self._made.content):,} bytes>"
+
+    def _repr_html_(self) -> str:
+        style = f"width: 100%; height: {HEIGHT_PX}px; border: 0"
+        frame = tag("iframe", srcdoc="\0", sandbox="allow-scripts", style=style)
+        return frame.replace("\\u0000", self.html.replace("&", "&amp;").replace('"', "&quot;"))

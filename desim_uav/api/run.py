@@ -1,0 +1,410 @@
+"""Run a policy in a scenario, and what comes out of it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from functools import cached_property
+from pathlib import Path
+from typing import Any, overload
+
+import pandas as pd
+
+from desim_uav import qoe as measures
+from desim_uav.api.arguments import (
+    MOST_EPISODES,
+    ScenarioLike,
+    command_of,
+    opened,
+    seeds_of,
+    warn,
+    whole,
+)
+from desim_uav.api.kept import InFolder, InMemory, Kept, Tables, default_place
+from desim_uav.api.replay import Replay
+from desim_uav.errors import Interrupted, UsageError
+from desim_uav.experiment.command import (
+    NAMED,
+    How,
+    Prepared,
+    place_of,
+    prepare,
+    record,
+    write_run,
+)
+from desim_uav.experiment.progress import progress as shown
+from desim_uav.experiment.statistics import estimate
+from desim_uav.policies.base import PolicyLike
+from desim_uav.registry import did_you_mean
+from desim_uav.report import notebook
+from desim_uav.report.text import MEASURES
+from desim_uav.run_folder import Place
+from desim_uav.scenario.load import Overrides
+from desim_uav.scenario.schema import Scenario
+
+NOT_MEASURES = (*NAMED, "run_dir")
+
+
+class RunResult:
+    """What came out of a policy in a scenario, on one seed or several.
+
+    The tables are pandas frames with the columns of a run folder's files (times in seconds from the
+    start of the episode). If the run was asked for ``seeds``, a column ``seed`` stands before them.
+    Warm-up episodes have negative numbers, and count in no measure.
+    """
+
+    def __init__(self, runs: Sequence[Kept], several: bool = False) -> None:
+        self._runs = runs
+        self._several = several
+
+    # ---- what was run
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario as it was run, on the first seed."""
+        return self._runs[0].scenario
+
+    @property
+    def policy(self) -> str:
+        """The name of the policy."""
+        return str(self._runs[0].manifest["policy"])
+
+    @property
+    def seeds(self) -> list[int]:
+        """The seeds it was run on."""
+        return [int(run.manifest["seed"]) for run in self._runs]
+
+    @property
+    def manifests(self) -> list[dict[str, Any]]:
+        """For each seed, how the run was made: scenario, seeds, engine, versions and times."""
+        return [run.manifest for run in self._runs]
+
+    @property
+    def folders(self) -> list[Path]:
+        """The run folders, one for each seed, of a run that was written as it went."""
+        return [run.folder for run in self._runs if run.folder is not None]
+
+    def __len__(self) -> int:
+        """Return the number of seeds."""
+        return len(self._runs)
+
+    # ---- what happened
+
+    @cached_property
+    def requests(self) -> pd.DataFrame:
+        """One row per request: when it came, what was served of it, its QoE1 and QoE2."""
+        return self._table("requests")
+
+    @cached_property
+    def steps(self) -> pd.DataFrame:
+        """One row per step and drone: place, battery, mode, action, reward."""
+        return self._table("steps")
+
+    @cached_property
+    def episodes(self) -> pd.DataFrame:
+        """One row per episode: its measures."""
+        return self._table("episodes")
+
+    @cached_property
+    def users(self) -> pd.DataFrame:
+        """The way points of all users' walks."""
+        return self._table("users")
+
+    @cached_property
+    def events(self) -> pd.DataFrame:
+        """One row per event. Raises NoEventsError unless the run was asked for its events."""
+        return self._table("events")
+
+    @cached_property
+    def legs(self) -> pd.DataFrame:
+        """One row per flight of a drone. Raises NoEventsError as ``events`` does."""
+        return self._table("legs")
+
+    def _table(self, name: str) -> pd.DataFrame:
+        if not self._several:
+            return self._runs[0].table(name)
+        frames = [run.table(name) for run in self._runs]
+        for frame, seed in zip(frames, self.seeds, strict=True):
+            frame.insert(0, "seed", seed)
+        return pd.concat(frames, ignore_index=True)
+
+    # ---- how good it was
+
+    @overload
+    def qoe(self, by: None = None) -> pd.Series: ...
+
+    @overload
+    def qoe(self, by: str) -> pd.DataFrame: ...
+
+    def qoe(self, by: str | None = None) -> pd.Series | pd.DataFrame:
+        """Return the quality of experience: QoE1 to QoE3 and all other measures.
+
+        QoE1 and QoE2 are means over requests, QoE3 and the reward over episodes. With several seeds
+        every measure is the mean of the seeds' measures, counts too.
+
+        Args:
+            by: None for everything together (a series), or service, episode, user, outcome or seed
+                for a frame with a row per group.
+
+        Raises:
+            UsageError: ``by`` is none of these.
+        """
+        allowed = (*measures.GROUPS, "seed")
+        if by is not None and by not in allowed:
+            raise UsageError(
+                f"by: {by!r}{did_you_mean(by, allowed)}; allowed: {', '.join(allowed)}"
+            )
+        if by is None:
+            return self.qoe("seed").mean()
+        if by == "seed":
+            rows = [
+                {"seed": run.manifest["seed"]}
+                | {key: value for key, value in run.summary.items() if key not in NOT_MEASURES}
+                for run in self._runs
+            ]
+            return _numbers(rows, by).set_index(by)
+        rows = [row for run in self._runs for row in run.groups(by)]
+        if not rows:
+            return pd.DataFrame(columns=list(measures.summary(self._runs[0].table("requests"))))
+        return _numbers(rows, by).groupby(by).mean()
+
+    def summaries(self) -> list[dict[str, Any]]:
+        """Return for each seed the measures of everything together, and what was run."""
+        return [run.summary for run in self._runs]
+
+    def groups(self, by: str = "service") -> list[list[dict[str, Any]]]:
+        """Return for each seed the measures of each group of requests, see ``qoe``."""
+        return [run.groups(by) for run in self._runs]
+
+    # ---- what to do with it
+
+    def save(self, folder: str | Path | None = None) -> list[Path]:
+        """Write the run folder that the command line writes; with ``seeds``, one per seed.
+
+        Args:
+            folder: Where. It must not exist, or be empty. If the run was asked for ``seeds``, the
+                folders ``s0``, ``s1`` and so on are made in it. Without it, the folders are
+                ``runs/<scenario>-<policy>-s<seed>``.
+
+        Returns:
+            The folders that were written.
+
+        Raises:
+            UsageError: nothing can be written there.
+        """
+        places = [self._place(run, folder) for run in self._runs]
+        return [run.save(place) for run, place in zip(self._runs, places, strict=True)]
+
+    def _place(self, run: Kept, folder: str | Path | None) -> Place:
+        if folder is None:
+            return default_place(run, None)
+        out = Path(folder)
+        return default_place(run, out / f"s{run.manifest['seed']}" if self._several else out)
+
+    def replay(
+        self,
+        file: str | Path | None = None,
+        *,
+        seed: int | None = None,
+        episodes: str | None = None,
+        progress: bool = True,
+    ) -> Replay:
+        """Make the page that plays the run in continuous time; a notebook shows it.
+
+        Args:
+            file: Where to write the page, if anywhere.
+            seed: The seed to play. Default: the first.
+            episodes: The episodes to show, such as ``"0-3,8"``. Default: the counted ones, as many
+                as 25 MiB hold.
+            progress: Show the progress, if the run has to be played again for its events.
+
+        Raises:
+            UsageError: there is no such seed or episode, or the file cannot be written.
+            NoEventsError: the run has not kept its events, and cannot be played again.
+        """
+        seed = self.seeds[0] if seed is None else seed
+        if seed not in self.seeds:
+            raise UsageError(f"seed: {seed}: the run has the seeds {self.seeds}")
+        page = Replay(self._runs[self.seeds.index(seed)].replay(episodes, progress))
+        if file is not None:
+            page.save(file)
+        return page
+
+    # ---- what it looks like
+
+    def __repr__(self) -> str:
+        seen = self.qoe()
+        counted = int(self.summaries()[0]["episodes"])
+        return (
+            f"<{self._title()}, {_number(counted, 'episode')}: QoE1 {seen['qoe1_percent']:.1f} %, "
+            f"QoE2 {seen['qoe2_iterations']:.2f} iterations, QoE3 {seen['qoe3_percent']:.1f} %>"
+        )
+
+    def _repr_html_(self) -> str:
+        summaries = self.summaries()
+        counted, crashes = summaries[0]["episodes"], sum(s["crashes"] for s in summaries)
+        title = f"{self._title()}: {_number(counted, 'episode')}"
+        title += " per seed (mean ± half-width of the 95 % interval)" if len(self) > 1 else ""
+        groups = [summaries, *self._by_service()]
+        rows = [
+            ["all" if number == 0 else rows[0]["service"], *map(_cell(rows), MEASURES)]
+            for number, rows in enumerate(groups)
+        ]
+        headings = ["service", *(heading for heading, _ in MEASURES.values())]
+        return notebook.heading(
+            f"{title}, {_number(crashes, 'crash', 'crashes')}"
+        ) + notebook.table(headings, rows, words=[0])
+
+    def _title(self) -> str:
+        seeds = self.seeds
+        told = f"seed {seeds[0]}" if len(seeds) == 1 else f"{len(seeds)} seeds"
+        return f"{self.scenario.name}, {self.policy}, {told}"
+
+    def _by_service(self) -> list[list[dict[str, Any]]]:
+        """The rows of each service, a row per seed that has it."""
+        found: dict[str, list[dict[str, Any]]] = {}
+        for groups in self.groups("service"):
+            for row in groups:
+                found.setdefault(row["service"], []).append(row)
+        return [found[service] for service in sorted(found)]
+
+
+def run(
+    scenario: ScenarioLike,
+    overrides: Overrides | None = None,
+    *,
+    policy: PolicyLike = "baseline",
+    seed: int | None = None,
+    seeds: int | Sequence[int] | None = None,
+    first_seed: int = 0,
+    world_seed: int | None = None,
+    episodes: int = 1,
+    warmup: int = 0,
+    events: bool = False,
+    out: str | Path | bool | None = None,
+    engine: str = "des",
+    progress: bool = True,
+) -> RunResult:
+    """Run a policy in a scenario; the result holds its tables and its quality of experience.
+
+    This is ``desim-uav run``. Without ``out`` everything stays in memory and no file is written.
+
+    Args:
+        scenario: A shipped name such as ``"case8"``, a file, its content, or a loaded scenario.
+        overrides: Values for keys of it, such as ``{"users.count": 60}``.
+        policy: A name or a file as on the command line (``"baseline"``, ``"case8.npz"``), a policy
+            object or class, the result of ``train``, or a plain function
+            ``f(observation, mask) -> action``.
+        seed: What everything random is drawn from. Default: the scenario's.
+        seeds: How many seeds to run on, or which; each draws a world of its own, unless the
+            scenario or the policy has one. The tables then have a column ``seed``.
+        first_seed: The first of so many ``seeds``; the others follow it.
+        world_seed: What the world alone is drawn from.
+        episodes: Episodes that count, per seed.
+        warmup: Episodes before them that count in no measure.
+        events: Keep the event log and the drones' flights.
+        out: A folder to write the run to as it goes, so that a long run needs little memory; with
+            ``seeds``, a folder per seed is made in it. True: the folder that the command line
+            would choose.
+        engine: ``"des"`` (SimPy) or ``"batch"`` (compiled): their numbers are the same.
+        progress: Show the progress, on a terminal or in a notebook.
+
+    Raises:
+        DesimError: one of its subclasses says what is wrong with the scenario, the policy or an
+            option, before anything is run.
+        Interrupted: Ctrl-C. Its ``result`` holds what had ended before.
+    """
+    given = locals()
+    whole("episodes", episodes, 1, MOST_EPISODES)
+    whole("warmup", warmup, 0, MOST_EPISODES)
+    if seeds is not None and seed is not None:
+        raise UsageError("seed and seeds exclude each other")
+    found = opened(scenario, overrides, seed, world_seed)
+    drawn = [found.scenario.seed] if seeds is None else seeds_of(seeds, first_seed)
+    scenarios = [found.scenario.model_copy(update={"seed": one}) for one in drawn]
+    with found.located():
+        first = prepare(scenarios[0], policy, engine)
+    places = [_place(one, policy, out, seeds is not None) for one in scenarios]
+    if first.notice:
+        warn(first.notice)
+    how = How(episodes, warmup, events, engine, command_of(run, given))
+    kept: list[Kept] = []
+    with shown(progress, (warmup + episodes) * len(drawn), engine=engine) as advance:
+        for one, place in zip(scenarios, places, strict=True):
+            try:
+                with found.located():
+                    prepared = prepare(one, policy, engine) if kept else first
+                    kept.append(_run_one(prepared, how, place, advance))
+            except KeyboardInterrupt:
+                if not kept:
+                    raise
+                raise _interrupted(kept, len(drawn)) from None
+            if kept[-1].manifest["interrupted"]:
+                raise _interrupted(kept, len(drawn))
+    return RunResult(kept, seeds is not None)
+
+
+def read_run(folder: str | Path) -> RunResult:
+    """Read the folder of a finished run; its tables are read when they are asked for.
+
+    Raises PolicyError, naming the file, for a folder that is unreadable, has changed since it was
+    written, or is not a run's.
+    """
+    return RunResult([InFolder(Path(folder))])
+
+
+def _run_one(
+    prepared: Prepared, how: How, place: Place | None, advance: Callable[[], None]
+) -> Kept:
+    """Run on one seed, in memory or into a folder."""
+    if place is not None:
+        done = write_run(prepared, how, place, advance)
+        return InFolder(Path(done.summary["run_dir"]), done)
+    tables = Tables()
+    return InMemory(record(prepared, how, tables.write, advance), tables)
+
+
+def _place(
+    scenario: Scenario, policy: PolicyLike, out: str | Path | bool | None, several: bool
+) -> Place | None:
+    """Return where the run of a scenario's seed stands, if in a folder. Raises UsageError."""
+    if out is None or out is False:
+        return None
+    if out is True:
+        return place_of(scenario, policy, None)
+    return place_of(scenario, policy, Path(out) / f"s{scenario.seed}" if several else Path(out))
+
+
+def _interrupted(kept: Sequence[Kept], seeds: int) -> Interrupted:
+    result = RunResult(kept, several=seeds > 1)
+    return Interrupted(
+        f"interrupted in seed {kept[-1].manifest['seed']} ({len(kept)} of {seeds}); the episodes "
+        "that had ended are in the result of this error",
+        result,
+    )
+
+
+def _numbers(rows: Sequence[dict[str, Any]], by: str) -> pd.DataFrame:
+    """Put measures into a frame; a mean of nothing is not a number."""
+    frame = pd.DataFrame(rows)
+    return frame.astype(
+        {name: "float64" for name in frame if name != by and frame[name].isna().any()}
+    )
+
+
+def _cell(rows: Sequence[dict[str, Any]]) -> Callable[[str], str]:
+    """Return what writes a measure of some seeds: its mean, and the half-width of its interval."""
+
+    def cell(name: str) -> str:
+        found = estimate(row.get(name) for row in rows)
+        form = MEASURES[name][1] if len(rows) == 1 else MEASURES[name][1].replace("d", ".1f")
+        if found.mean is None:
+            return ""
+        value = int(found.mean) if form == "d" else found.mean
+        spread = "" if found.half_width is None else f" ± {found.half_width:{form}}"
+        return f"{value:{form}}{spread}"
+
+    return cell
+
+
+def _number(count: int, one: str, more: str = "") -> str:
+    return f"{count} {one if count == 1 else more or one + 's'}"
