@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Iterator, Mapping
 from os import PathLike, fspath
-from typing import Any
+from typing import Any, Literal
 
 from desim_uav.errors import ScenarioError
 from desim_uav.scenario.load import from_mapping, load, to_plain
@@ -14,17 +14,27 @@ from desim_uav.shipped import find_scenario
 
 Source = str | PathLike[str] | Mapping[str, Any] | Scenario
 
+WorldSeed = int | Literal["scenario"] | None
+"""Which world an environment flies in: the world of this seed; None, with each seed a world of its
+own; "scenario", whatever the scenario says."""
 
-def configured(source: Source, config: Mapping[str, Any] | None = None) -> Scenario:
+
+def configured(
+    source: Source, config: Mapping[str, Any] | None = None, world_seed: WorldSeed = "scenario"
+) -> Scenario:
     """The scenario of a file, a shipped name or a mapping, with the keys of ``config`` changed.
 
     ``config`` is nested as a scenario is, or has paths for keys: ``{"drones.count": 5}``. A
     component with its ``kind`` replaces the one that stands there; whatever else is not mentioned
-    stays. Raises ScenarioError with every problem found, UsageError for a key that is no path.
+    stays. ``world_seed`` replaces the scenario's, unless ``config`` names one. Raises ScenarioError
+    with every problem found, UsageError for a key that is no path.
     """
     if config is not None and not isinstance(config, Mapping):
         raise ScenarioError(f"config: must be a mapping of keys to values, not {config!r}")
-    overrides = list(_overrides("", config or {}))
+    changes = dict(config or {})
+    if world_seed != "scenario":
+        changes.setdefault("world_seed", world_seed)
+    overrides = list(_overrides("", changes))
     if isinstance(source, Scenario):
         return from_mapping(_given(source), overrides=overrides) if overrides else source
     if isinstance(source, Mapping):

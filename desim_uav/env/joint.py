@@ -11,9 +11,9 @@ from gymnasium import error
 from numpy.typing import NDArray
 
 from desim_uav.env.compiled import Compiled, CompiledSession
-from desim_uav.env.configure import Source
 from desim_uav.env.session import ActionError, Session
 from desim_uav.model.sums import in_order
+from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import features, flat_mask, observation_space
 
 ALL = np.ones(1, np.bool_)
@@ -40,12 +40,12 @@ class Joint(Protocol):
         """What else is told."""
 
 
-def joint(engine: str, scenario: Source, config: Any) -> Joint:
+def joint(engine: str, scenario: Scenario) -> Joint:
     """In the engine of this name. Raises gymnasium's Error where there is none, ScenarioError."""
     if engine == "des":
-        return OnSimPy(Session(scenario, config))
+        return OnSimPy(Session(scenario))
     if engine == "batch":
-        return InKernels(CompiledSession(scenario, config))
+        return InKernels(CompiledSession(scenario))
     raise error.Error(f"engine {engine!r}: must be 'des' or 'batch'")
 
 

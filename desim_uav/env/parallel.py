@@ -10,7 +10,7 @@ from gymnasium.spaces import Box, Dict, Discrete
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
-from desim_uav.env.configure import Source
+from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
 from desim_uav.model.state import Snapshot
@@ -40,13 +40,14 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
         scenario: Source,
         config: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
+        world_seed: WorldSeed = "scenario",
     ) -> None:
         """``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it.
 
-        Raises ScenarioError with every problem of either, UnsupportedMode where the mode is
-        unknown or "human" has no display.
+        ``world_seed``: as in ``UavEnv``. Raises ScenarioError with every problem of the scenario,
+        UnsupportedMode if the mode is unknown or "human" has no display.
         """
-        self.session = Session(scenario, config)
+        self.session = Session(configured(scenario, config, world_seed))
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode
         self.possible_agents = [f"drone_{d}" for d in range(self.session.scenario.drones.count)]

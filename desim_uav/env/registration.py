@@ -1,4 +1,4 @@
-"""Gymnasium ids of the nine cases, and one for scenarios of one's own.
+"""Gymnasium ids of the nine cases, and one for other scenarios.
 
 Nothing heavy is imported here: ``import desim_uav`` does not wait for Gymnasium.
 """
@@ -9,8 +9,12 @@ import sys
 from collections.abc import Sequence
 from importlib.machinery import ModuleSpec, PathFinder
 from types import ModuleType
+from typing import Any
 
 CASES = range(1, 10)
+CASES_WORLD = 0
+"""The world seed of the nine ids."""
+
 ENTRY_POINT = "desim_uav.env.single:UavEnv"
 VECTOR = "desim_uav.env.vector:UavVectorEnv"
 REGISTRY = "gymnasium.envs.registration"
@@ -19,12 +23,22 @@ REGISTRY = "gymnasium.envs.registration"
 def register_envs() -> None:
     """Register ``desim_uav/Case1-v0`` … ``Case9-v0`` and ``desim_uav/Uav-v0``, once.
 
-    ``Uav-v0`` has to be given its ``scenario``.
+    Each case has one world, that of world seed 0, as the paper has it: seeds draw walks and
+    requests only. ``world_seed=3`` gives another world, ``world_seed=None`` a new one per seed.
+    ``Uav-v0`` has to be given its ``scenario``, which says what its world is.
+
+    The specs have no ``max_episode_steps``. An environment truncates its episodes itself, after
+    ``episode.steps`` of its scenario. Gymnasium's TimeLimit would not know of a ``config`` that
+    changes these, and would break off longer episodes in the middle, whose drones then do not
+    carry over; where the two agree, it adds nothing.
     """
     from gymnasium.envs.registration import register, registry
 
-    cases = {f"desim_uav/Case{number}-v0": {"scenario": f"case{number}"} for number in CASES}
-    for name, parameters in {**cases, "desim_uav/Uav-v0": {}}.items():
+    parameters_of: dict[str, dict[str, Any]] = {
+        f"desim_uav/Case{number}-v0": {"scenario": f"case{number}", "world_seed": CASES_WORLD}
+        for number in CASES
+    }
+    for name, parameters in {**parameters_of, "desim_uav/Uav-v0": {}}.items():
         if name not in registry:
             register(name, entry_point=ENTRY_POINT, vector_entry_point=VECTOR, kwargs=parameters)
 

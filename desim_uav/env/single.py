@@ -9,7 +9,7 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.env.configure import Source
+from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.joint import joint
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.spaces import action_space, features, observation_space
@@ -34,14 +34,17 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
         config: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         engine: str = "des",
+        world_seed: WorldSeed = "scenario",
     ) -> None:
         """``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it.
 
-        ``engine``: des (SimPy), or batch (compiled: the same numbers, sooner). Raises ScenarioError
-        with every problem of the scenario, UnsupportedMode where the render mode is unknown or
-        "human" has no display.
+        ``engine``: des (SimPy), or batch (compiled: the same numbers, sooner). ``world_seed``: the
+        seed of the world to fly in; None: each seed draws a world of its own; "scenario": what the
+        scenario says, which for the shipped cases is the same as None. A ``world_seed`` in
+        ``config`` counts before it. Raises ScenarioError with every problem of the scenario,
+        UnsupportedMode if the render mode is unknown or "human" has no display.
         """
-        self._joint = joint(engine, scenario, config)
+        self._joint = joint(engine, configured(scenario, config, world_seed))
         self.session = self._joint.session
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode

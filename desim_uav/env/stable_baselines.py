@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
-from desim_uav.env.configure import Source
+from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.vector import UavVectorEnv
 from desim_uav.errors import MissingExtraError
 
@@ -38,10 +38,11 @@ class UavVecEnv(VecEnv):
         config: Mapping[str, Any] | None = None,
         threads: int = 1,
         render_mode: str | None = None,
+        world_seed: WorldSeed = "scenario",
     ) -> None:
         """As ``UavVectorEnv``. Raises what it raises."""
         self.vector = UavVectorEnv(
-            scenario, num_envs, config, AutoresetMode.SAME_STEP, threads, render_mode
+            scenario, num_envs, config, AutoresetMode.SAME_STEP, threads, render_mode, world_seed
         )
         self.actions: NDArray[Any] | None = None
         vector = self.vector

@@ -12,7 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from desim_uav.env.compiled import Compiled, CompiledSession
-from desim_uav.env.configure import Source, configured
+from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import action_space, features, observation_space
@@ -23,10 +23,13 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """``num_envs`` environments like ``UavEnv``, in the compiled engine.
 
     Environment k gives the numbers that ``UavEnv`` gives with its seed, bit for bit, whatever the
-    number of ``threads``. ``reset(seed=s)`` gives it the seed s + k, a list each its own; a world
-    is drawn from the seed, too, unless the scenario has a ``world_seed``: then all fly in that one,
-    which takes less memory. Infos are arrays with one entry per environment: those of ``UavEnv``,
-    the masks among them as ``action_mask`` (num_envs, drones * actions).
+    number of ``threads``. ``reset(seed=s)`` gives it the seed s + k, a list each its own. A seed
+    also draws a world, so the environments fly in different worlds, which the paper's observation
+    does not tell apart. With a ``world_seed`` they all fly in one world, which also takes less
+    memory; the Gymnasium ids of the nine cases have ``world_seed=0``.
+
+    Infos are arrays with one entry per environment: those of ``UavEnv``, the masks among them as
+    ``action_mask`` (num_envs, drones * actions).
 
     What happens after the end of an episode is Gymnasium's ``autoreset_mode``: with ``NEXT_STEP``
     the next step begins the next episode of that environment, whatever its action, with a reward of
@@ -49,8 +52,11 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         autoreset_mode: AutoresetMode | str = AutoresetMode.NEXT_STEP,
         threads: int = 1,
         render_mode: str | None = None,
+        world_seed: WorldSeed = "scenario",
     ) -> None:
-        """``scenario`` and ``config`` as in ``UavEnv``; ``render_mode``: None or "rgb_array".
+        """``scenario``, ``config`` and ``world_seed`` as in ``UavEnv``.
+
+        ``render_mode``: None or "rgb_array". ``threads`` share the environments among them.
 
         Raises ScenarioError with every problem of them, also if a component has no kernel;
         UnsupportedMode for another render mode; gymnasium's Error for another number or autoreset
@@ -67,7 +73,7 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self.render_mode = render_mode
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
-        chosen = configured(scenario, config)
+        chosen = configured(scenario, config, world_seed)
         worlds = _Worlds()
         sessions = [
             CompiledSession(chosen, worlds=worlds, starts=k == 0, ahead=False)

@@ -4,13 +4,19 @@ from __future__ import annotations
 
 import subprocess
 import sys
+from collections.abc import Callable
+from typing import Any
 
 import gymnasium
+import numpy as np
 import pytest
 
+from desim_uav.env import UavEnv, UavParallelEnv, UavVectorEnv
+from desim_uav.env.configure import configured
 from desim_uav.env.registration import register_envs, register_with_gymnasium
 from desim_uav.errors import ScenarioError
-from tests.env.helpers import CASES
+from desim_uav.world import build_world
+from tests.env.helpers import CASES, play_single
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -23,6 +29,91 @@ def test_every_case_has_an_id(case: str):
     ends = [env.step(env.action_space.sample())[2:4] for _ in range(3)]
     assert ends == [(False, False), (False, False), (False, True)]
     env.close()
+
+
+def worlds_after_seeds(env: gymnasium.Env, seeds: range) -> list[int]:
+    return [env.reset(seed=seed)[1]["world_seed"] for seed in seeds]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_an_id_of_a_case_has_one_world(case: str):
+    name = f"desim_uav/{case.capitalize()}-v0"
+    env = gymnasium.make(name)
+    assert worlds_after_seeds(env, range(1, 4)) == [0, 0, 0]
+    homes = env.unwrapped.session.world.homes
+    assert (homes == build_world(configured(case), 0).homes).all()
+    assert worlds_after_seeds(gymnasium.make(name, world_seed=3), range(1, 4)) == [3, 3, 3]
+    assert worlds_after_seeds(gymnasium.make(name, world_seed=None), range(1, 4)) == [1, 2, 3]
+
+
+def test_environments_side_by_side_fly_in_one_world():
+    """Four worlds were one to the paper's observation: where the users are, it does not say."""
+    for mode in (None, "sync"):
+        envs = gymnasium.make_vec("desim_uav/Case8-v0", 4, vectorization_mode=mode)
+        _, infos = envs.reset(seed=0)
+        assert infos["seed"].tolist() == [0, 1, 2, 3]
+        assert infos["world_seed"].tolist() == [0, 0, 0, 0]
+        envs.close()
+        envs = gymnasium.make_vec("desim_uav/Case8-v0", 4, vectorization_mode=mode, world_seed=None)
+        assert envs.reset(seed=5)[1]["world_seed"].tolist() == [5, 6, 7, 8]
+        envs.close()
+
+
+def test_environments_of_stable_baselines_fly_in_one_world():
+    util = pytest.importorskip("stable_baselines3.common.env_util")
+    envs = util.make_vec_env("desim_uav/Case8-v0", 4, seed=0)
+    envs.reset()
+    told = [(info["seed"], info["world_seed"]) for info in envs.reset_infos]
+    assert told == [(0, 0), (1, 0), (2, 0), (3, 0)]
+    envs = util.make_vec_env("desim_uav/Case8-v0", 2, seed=0, env_kwargs={"world_seed": None})
+    envs.reset()
+    assert [info["world_seed"] for info in envs.reset_infos] == [0, 1]
+
+
+@pytest.mark.parametrize("make", [UavEnv, UavParallelEnv, lambda *a, **k: UavVectorEnv(*a, 1, **k)])
+def test_the_world_of_an_environment(make: Callable[..., Any]):
+    """By keyword, else as the scenario says; what the configuration names counts first."""
+
+    def world(**told: Any) -> int:
+        env = make("case8", **told)
+        env.reset(seed=7)
+        (session,) = env.compiled.sessions if isinstance(env, UavVectorEnv) else (env.session,)
+        return session.world.seed
+
+    assert world() == 7
+    assert world(world_seed=3) == 3
+    assert world(world_seed=None) == 7
+    assert world(config={"world_seed": 5}) == 5
+    assert world(config={"world_seed": 5}, world_seed=3) == 5
+    for wrong in (-1, 2**63, "zero", 0.5):
+        with pytest.raises(ScenarioError, match="world_seed"):
+            world(world_seed=wrong)
+
+
+def test_a_case_with_another_world_in_its_configuration():
+    env = gymnasium.make("desim_uav/Case8-v0", config={"world_seed": 5})
+    assert worlds_after_seeds(env, range(1, 3)) == [5, 5]
+    env = gymnasium.make("desim_uav/Uav-v0", scenario="case8")
+    assert worlds_after_seeds(env, range(1, 3)) == [1, 2]
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_no_spec_has_a_time_limit(case: str):
+    """The environment truncates by itself, whatever the configuration makes of its steps."""
+    name = f"desim_uav/{case.capitalize()}-v0"
+    assert gymnasium.spec(name).max_episode_steps is None
+    env = gymnasium.make(name, config={"episode.steps": 33})
+    env.reset(seed=0)
+    ends = [env.step(env.action_space.sample())[2:4] for _ in range(33)]
+    assert ends == [(False, False)] * 32 + [(False, True)]
+
+
+def test_a_time_limit_of_the_same_length_changes_nothing():
+    """Nobody needs one, but who gives it gets the same flags, infos and carried-over drones."""
+    one = gymnasium.make("desim_uav/Case8-v0")
+    other = gymnasium.make("desim_uav/Case8-v0", max_episode_steps=30)
+    for told, same in zip(play_single(one, 2, seed=0), play_single(other, 2, seed=0), strict=True):
+        np.testing.assert_equal(told, same)
 
 
 def test_a_scenario_of_ones_own():
