@@ -66,7 +66,7 @@ class Undefined:
 
 def test_a_reward_that_is_no_number_ends_the_simulation():
     world = strip(users=[(120, 120)], reward={"kind": f"{__name__}:Undefined"})
-    with pytest.raises(SimulationError, match=r"reward 'Undefined': .*nan.* is not a number"):
+    with pytest.raises(SimulationError, match=r"reward 'Undefined' gave .*nan.*must be a number"):
         Flight(world).episode(path_of(world), "hover right")
 
 

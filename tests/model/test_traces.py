@@ -60,4 +60,4 @@ def test_a_folder(tmp_path: Path):
 
 def test_larger_than_it_may_be(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(traces, "MAX_BYTES", 2**20)
-    assert told(tmp_path / "walks.csv", b"x" * (2**20 + 1)) == ": larger than 1 MiB"
+    assert told(tmp_path / "walks.csv", b"x" * (2**20 + 1)) == ": it is larger than 1 MiB"
