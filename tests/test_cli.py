@@ -29,6 +29,7 @@ CONTRACT = (
 PLUG_INS = '''
 import os
 import signal
+import time
 
 from desim_uav.model.admission import FirstCome
 from desim_uav.policies.hover import Hover
@@ -54,6 +55,7 @@ class Interrupted(InEpisode):
 class Insisted(InEpisode):
     def do(self):
         os.kill(os.getpid(), signal.SIGINT)
+        time.sleep(0.5)  # two signals in one instant are one for the system
         os.kill(os.getpid(), signal.SIGINT)
 
 

@@ -57,17 +57,21 @@ def train(
     settings = [] if algorithm is None else [f'learning.algorithm="{algorithm}"']
     settings += [] if episodes is None else [f"learning.episodes={episodes}"]
     path, loaded = opened(scenario, overrides, seed, world_seed, settings)
-    with training_progress(not quiet, loaded.learning.episodes) as bar, located(path):
-        done = train_to_folder(
-            loaded,
-            out=out,
-            resume=resume,
-            checkpoint_every=checkpoint_every,
-            command=["desim-uav", *sys.argv[1:]],
-            engine=engine,
-            on_start=bar.start,
-            on_episode=bar.advance,
-        )
+    try:
+        with training_progress(not quiet, loaded.learning.episodes) as bar, located(path):
+            done = train_to_folder(
+                loaded,
+                out=out,
+                resume=resume,
+                checkpoint_every=checkpoint_every,
+                command=["desim-uav", *sys.argv[1:]],
+                engine=engine,
+                on_start=bar.start,
+                on_episode=bar.advance,
+            )
+    except KeyboardInterrupt:
+        complain("interrupted; the last checkpoint is kept: --resume goes on from it")
+        raise typer.Exit(130) from None
     if as_json:
         print(json.dumps(done.summary, indent=1))
     elif not quiet:
@@ -85,12 +89,13 @@ def optimum(
     as_json: Json = False,
 ) -> None:
     """Work out how well any policy could do, where users stand still."""
+    from desim_uav.experiment.interrupt import at_once
     from desim_uav.experiment.optimum import optimum as best_of
     from desim_uav.report.text import print_optimum
 
     path, loaded = opened(scenario, overrides, seed, world_seed)
     with located(path):
-        found = best_of(loaded)
+        found = at_once(best_of, loaded)
     if as_json:
         print(json.dumps(found, indent=1))
     else:

@@ -14,6 +14,7 @@ from desim_uav.api.invocation import begun_by
 from desim_uav.cli import basics, learning, pictures, runs
 from desim_uav.cli.ending import complain
 from desim_uav.errors import DesimError, UsageError
+from desim_uav.experiment.interrupt import leave
 
 app = typer.Typer(
     help="Exact discrete-event simulation of UAV-enabled wireless networks.",
@@ -44,6 +45,15 @@ COMMANDS: list[Callable[..., None]] = [
 
 
 def main() -> NoReturn:
+    """Run the command line, and end at once even if work that was left is in machine code."""
+    try:
+        _main()
+    except SystemExit as end:
+        leave(end.code if isinstance(end.code, int) else 1)
+        raise
+
+
+def _main() -> NoReturn:
     """Run the command line; every error a user can mend is one message and an exit code."""
     sys.path.append("")  # the working folder, where users keep their "module:Class" components
     try:

@@ -18,7 +18,7 @@ import pandas as pd
 from desim_uav import __version__, qoe
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError
-from desim_uav.experiment.interrupt import asked_to_stop
+from desim_uav.experiment.interrupt import asked_to_stop, interruptible
 from desim_uav.experiment.run import (
     Played,
     Tally,
@@ -245,7 +245,7 @@ def _write_tables(
                 played.clear()
 
         with suppress(KeyboardInterrupt):
-            for episode in episodes:
+            for episode in interruptible(episodes):
                 played.append(episode)
                 advance()
                 if is_batch(played):

@@ -1,30 +1,50 @@
-"""Ctrl-C asks once for an end at the next good place; a second one ends at once."""
+"""Ctrl-C asks for an end at the next good place; a second one ends at once, machine code or not.
+
+Python hears signals in its main thread, between two lines of Python. Long work therefore runs in a
+thread of its own (``interruptible``) while the main thread waits for it and can leave it.
+"""
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager, suppress
+from queue import Empty, SimpleQueue
 from types import FrameType
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 
+LISTEN_S = 0.1
+"""How long a signal waits at most that the system has handed to another thread."""
+
+LEAVE_S = 0.5
+"""How long work that was left is given to end by itself before the process ends without it."""
+
+_left: list[_Worker] = []
+"""The threads whose work was left before it had ended."""
+
 
 class Stop:
-    """Whether somebody has asked for the end: ``stop()``."""
+    """Whether a signal has asked for the end: ``stop()``."""
 
     def __init__(self, what: str) -> None:
         self._what = what
         self._asked = self._now = self._busy = False
 
     def __call__(self) -> bool:
-        """Has somebody?"""
+        """Has a signal asked for the end?"""
         return self._asked
 
     def note(self, number: int, frame: FrameType | None) -> None:
-        """A signal has come; the second one raises KeyboardInterrupt."""
+        """Note a signal; the second one raises KeyboardInterrupt."""
         if not self._asked:
             self._asked = True
             if os.isatty(2):  # not by print: a signal may come in the middle of another one
@@ -36,7 +56,7 @@ class Stop:
 
     @contextmanager
     def undisturbed(self) -> Iterator[None]:
-        """What is done in here is done as a whole: a KeyboardInterrupt comes after it."""
+        """Do what is in here as a whole: a KeyboardInterrupt comes after it."""
         self._busy = True
         try:
             yield
@@ -49,9 +69,9 @@ class Stop:
 
 @contextmanager
 def asked_to_stop(what: str) -> Iterator[Stop]:
-    """Listen to whoever asks for the end, and tell a terminal after ``what`` it will come.
+    """Listen for signals that ask for the end, and tell a terminal that it comes after ``what``.
 
-    Signals that are ignored stay so. Outside the main thread, which gets them, nobody asks.
+    Signals that are ignored stay ignored. Outside the main thread, which gets them, none is heard.
     """
     stop = Stop(what)
     before: dict[int, Any] = {}
@@ -66,3 +86,84 @@ def asked_to_stop(what: str) -> Iterator[Stop]:
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def interruptible(items: Iterable[T]) -> Iterator[T]:
+    """Yield items that take long to make; a KeyboardInterrupt leaves even machine code at once.
+
+    Each item is made when it is asked for, in another thread. Work that was left goes on until it
+    comes back to Python; ``leave`` ends a process that must not wait for that.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        yield from items
+        return
+    worker = _Worker(iter(items))
+    worker.start()
+    try:
+        while (item := worker.next()) is not _END:
+            yield item
+    finally:
+        worker.end()
+
+
+def at_once(work: Callable[..., T], *arguments: Any) -> T:
+    """Return what ``work`` returns; a KeyboardInterrupt leaves even machine code at once."""
+    return next(interruptible(work(*arguments) for _ in range(1)))
+
+
+def leave(code: int) -> None:
+    """End the process now if work that was left is still in machine code; else do nothing."""
+    until = time.monotonic() + LEAVE_S
+    for worker in _left:
+        worker.join(max(0.0, until - time.monotonic()))
+    if any(worker.is_alive() for worker in _left):
+        sys.stdout.flush()
+        sys.stderr.flush()
+        os._exit(code)
+
+
+_END: Any = object()
+
+
+class _Worker(threading.Thread):
+    """Makes items one by one, each when it is asked for one."""
+
+    def __init__(self, items: Iterator[Any]) -> None:
+        super().__init__(daemon=True)
+        self._items = items
+        self._asked: SimpleQueue[bool] = SimpleQueue()
+        self._made: SimpleQueue[tuple[Any, BaseException | None]] = SimpleQueue()
+        self._busy = False
+
+    def run(self) -> None:
+        """Make items until no more is asked for."""
+        with suppress(KeyboardInterrupt):  # of ``end``, if it comes between two items
+            while self._asked.get():
+                try:
+                    made: tuple[Any, BaseException | None] = next(self._items, _END), None
+                except BaseException as error:  # whatever it is, the main thread raises it
+                    made = _END, error
+                self._made.put(made)
+
+    def next(self) -> Any:
+        """The next item, or ``_END``. Raises what making it has raised, and KeyboardInterrupt."""
+        self._busy = True
+        self._asked.put(True)
+        while True:
+            try:
+                item, error = self._made.get(timeout=LISTEN_S)
+            except Empty:  # Python looks for signals here, too
+                continue
+            self._busy = False
+            if error is not None:
+                raise error
+            return item
+
+    def end(self) -> None:
+        """Ask for no more; Python code that is still at work gets a KeyboardInterrupt, too."""
+        if self._busy:
+            _left.append(self)
+            ctypes.pythonapi.PyThreadState_SetAsyncExc(
+                ctypes.c_ulong(self.ident or 0), ctypes.py_object(KeyboardInterrupt)
+            )
+        self._asked.put(False)

@@ -15,6 +15,7 @@ from multiprocessing.connection import Connection, wait
 from typing import Any, cast
 
 from desim_uav.errors import SimulationError
+from desim_uav.experiment.interrupt import at_once
 from desim_uav.registry import FAULTS, what_failed
 
 DIED = "a process has died; if memory ran out, run fewer at a time (-j)"
@@ -35,7 +36,7 @@ def run_each(
     """
     if jobs == 1 or len(tasks) < 2:
         for number, task in enumerate(tasks):
-            on_end(number, function(*task))
+            on_end(number, at_once(function, *task))
         return
     numbers = iter(range(len(tasks)))
     with _workers(function, tasks) as start:

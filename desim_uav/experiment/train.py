@@ -18,7 +18,7 @@ from desim_uav.checksums import SUMS, of_contents
 from desim_uav.engine.choose import engine_for
 from desim_uav.errors import PolicyError, SimulationError, UsageError
 from desim_uav.experiment.command import clock, versions
-from desim_uav.experiment.interrupt import asked_to_stop
+from desim_uav.experiment.interrupt import asked_to_stop, at_once
 from desim_uav.learning import checkpoint
 from desim_uav.learning.checkpoint import Checkpoint
 from desim_uav.learning.training import Progress, Training
@@ -65,7 +65,7 @@ def train(
 
 def _play_to(training: Training, episode: int, on_episode: OnEpisode) -> list[Progress]:
     """Learn in some episodes on the way to this one, and tell each."""
-    rows = training.play(episode - training.episode)
+    rows = at_once(training.play, episode - training.episode)
     drones = len(training.learners)
     for first in range(0, len(rows), drones):
         on_episode(rows[first : first + drones])

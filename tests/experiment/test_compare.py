@@ -533,11 +533,11 @@ class TestInterrupted:
             start_new_session=True,
         )
         begun = time.monotonic()
-        while not (Path("reached").exists() and idle("last")) and time.monotonic() < begun + 100:
+        while not (Path("reached").exists() and idle("last")) and time.monotonic() < begun + 240:
             time.sleep(0.05)
         time.sleep(1)  # for the command to be told of what the other process has finished
         os.killpg(process.pid, number)
-        out, err = process.communicate(timeout=20)
+        out, err = process.communicate(timeout=120)
         assert (process.returncode, err) == (
             130,
             "desim-uav: interrupted; what had ended is shown\n",

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import time
 
 import pandas as pd
 import pytest
@@ -100,6 +101,7 @@ def test_interrupted_while_the_last_ones_are_put_into_tables(monkeypatch, times)
 def test_the_second_time_it_ends_at_once(monkeypatch):
     def twice():
         interrupt()
+        time.sleep(0.5)  # two signals in one instant are one for the system
         interrupt()
 
     monkeypatch.setattr(experiment, "draw", after(4, twice, experiment.draw))

@@ -1,0 +1,199 @@
+"""A second Ctrl-C ends a command at once, even while machine code runs that never comes back."""
+
+import json
+import os
+import signal
+import subprocess
+import threading
+import time
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from desim_uav.experiment.interrupt import at_once, interruptible
+from tests.command_line import program, with_plug_ins
+
+PLUG_INS = '''
+from pathlib import Path
+
+import numba
+
+from desim_uav.model.rewards import Coverage
+from desim_uav.policies.hover import Hover
+
+
+@numba.njit(nogil=True)
+def endless(number):
+    """Thousands of years of work."""
+    for _ in range(1 << 62):
+        number = number * 6364136223846793005 + 1442695040888963407
+    return number
+
+
+def get_stuck():
+    if Path("reached").exists():
+        return
+    endless.compile("int64(int64)")
+    Path("reached").touch()
+    endless(1)
+
+
+class Stuck(Hover):
+    """Gets stuck in machine code in its third episode."""
+
+    def begin(self, world, streams, carried=False):
+        self.episode = getattr(self, "episode", -1) + 1
+        if self.episode == 2:
+            get_stuck()
+
+
+class StuckOnSeedTwo(Hover):
+    """Gets stuck in machine code in the world of seed 2."""
+
+    def begin(self, world, streams, carried=False):
+        if world.seed == 2:
+            get_stuck()
+
+
+class StuckReward(Coverage):
+    """Gets stuck in machine code in the third episode."""
+
+    def terms(self, observation, asked, facts):
+        StuckReward.calls = getattr(StuckReward, "calls", 0) + 1
+        if StuckReward.calls == 2 * facts.steps * facts.drones + 1:
+            get_stuck()
+        return super().terms(observation, asked, facts)
+'''
+
+
+@pytest.fixture(autouse=True)
+def here(tmp_path, monkeypatch):
+    yield from with_plug_ins("stuck", PLUG_INS, tmp_path, monkeypatch)
+
+
+def stopped(number, signals, *arguments):
+    """The code and output of a command that got stuck and was then told to end so often."""
+    process = subprocess.Popen(
+        program(*arguments), stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    )
+    begun = time.monotonic()
+    while not Path("reached").exists() and process.poll() is None:
+        assert time.monotonic() < begun + 120
+        time.sleep(0.05)
+    for _ in range(signals):
+        time.sleep(1.0)
+        process.send_signal(number)
+    out, err = process.communicate(timeout=60)
+    return process.returncode, out, err
+
+
+def test_a_run_keeps_its_finished_episodes():
+    code, out, err = stopped(
+        signal.SIGINT, 2, "run", "tiny", "--policy", "stuck:Stuck", "--episodes", 9, "--json"
+    )
+    assert code == 130
+    assert err == (
+        "desim-uav: interrupted; the finished episodes are kept: runs/tiny-stuck-Stuck-s1\n"
+    )
+    folder = Path(json.loads(out)["run_dir"])
+    assert [path.name for path in folder.parent.iterdir()] == [folder.name]
+    assert set(pd.read_parquet(folder / "requests.parquet")["episode"]) == {0, 1}
+
+
+@pytest.mark.thorough
+def test_sigterm_ends_a_run_too():
+    code, out, _ = stopped(
+        signal.SIGTERM, 2, "run", "tiny", "--policy", "stuck:Stuck", "--episodes", 9, "--json"
+    )
+    assert (code, json.loads(out)["episodes"]) == (130, 2)
+
+
+@pytest.mark.thorough
+def test_a_training_keeps_its_last_checkpoint():
+    reward = ("-S", "reward={kind: 'stuck:StuckReward'}")
+    flags = ("--episodes", 9, "--checkpoint-every", 1, "--out", "t")
+    code, out, err = stopped(signal.SIGINT, 2, "train", "tiny", *reward, *flags)
+    assert (code, out) == (130, "")
+    assert err == "desim-uav: interrupted; the last checkpoint is kept: --resume goes on from it\n"
+    assert not [path.name for path in Path().iterdir() if path.name.startswith(".t")]
+    done = subprocess.run(
+        program("train", "tiny", "--out", "t", "--resume", *reward, *flags[:2], "--json"),
+        capture_output=True,
+        text=True,
+        timeout=120,
+        check=False,
+    )
+    assert json.loads(done.stdout)["episodes"] == 9
+
+
+@pytest.mark.thorough
+def test_a_comparison_shows_what_has_ended():
+    code, out, err = stopped(
+        signal.SIGINT,
+        1,
+        *("compare", "tiny", "--policies", "hover,stuck:StuckOnSeedTwo", "--seeds", 4),
+        *("--episodes", 1, "--warmup", 0, "--json"),
+    )
+    assert code == 130
+    assert err.endswith("desim-uav: interrupted; what had ended is shown\n")
+    assert [row["seeds"] for row in json.loads(out)["policies"]] == [[0, 1, 2], [0, 1]]
+
+
+@pytest.mark.thorough
+def test_a_sweep_keeps_the_jobs_that_have_ended():
+    code, _, err = stopped(
+        signal.SIGINT,
+        1,
+        *("sweep", "tiny", "--policies", "hover,stuck:StuckOnSeedTwo", "--seeds", 4, "--out", "s"),
+        *("--episodes", 1, "--warmup", 0, "-q"),
+    )
+    assert code == 130
+    assert "interrupted; 5 of 8 jobs are kept; --resume goes on" in err
+    assert len(list(Path("s/results").glob("[!.]*"))) == 5
+
+
+class TestInterruptible:
+    def test_items_come_as_they_are_asked_for(self):
+        made = []
+
+        def make():
+            for k in range(3):
+                made.append((k, threading.current_thread() is threading.main_thread()))
+                yield k
+
+        for k in interruptible(make()):
+            assert made == [(j, False) for j in range(k + 1)]
+
+    def test_what_goes_wrong_is_raised(self):
+        def make():
+            yield 1
+            raise KeyError("boom")
+
+        with pytest.raises(KeyError, match="boom"):
+            list(interruptible(make()))
+
+    def test_python_code_that_was_left_ends(self):
+        """It does not go on behind the back of the main thread."""
+        ended = threading.Event()
+
+        def make():
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+                while True:
+                    time.sleep(0.01)
+            finally:
+                ended.set()
+
+        with pytest.raises(KeyboardInterrupt):
+            at_once(make)
+        assert ended.wait(60)
+
+    def test_outside_the_main_thread_nothing_is_handed_on(self):
+        where = []
+        thread = threading.Thread(
+            target=lambda: where.append(at_once(threading.current_thread) is thread)
+        )
+        thread.start()
+        thread.join()
+        assert where == [True]
