@@ -14,8 +14,20 @@ from desim_uav.cli.options import Json, NoProgress, RunDir
 
 def replay(
     run_dir: RunDir,
+    beside: Annotated[
+        Path | None,
+        typer.Argument(
+            metavar="[RUN_DIR2]",
+            help="The folder of a second run on the same seeds, played in step with the first.",
+        ),
+    ] = None,
     html: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Instead of RUN_DIR/replay.html.")
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="Write the page here. By default it is RUN_DIR/replay.html, or "
+            "RUN_DIR/replay-NAME.html for two runs, NAME being the second folder's.",
+        ),
     ] = None,
     episodes: Annotated[
         str | None, typer.Option(metavar="0-9", help="Which, as 0-3,8; else the counted ones.")
@@ -24,10 +36,13 @@ def replay(
     as_json: Json = False,
     quiet: NoProgress = False,
 ) -> None:
-    """Write a page that plays a run's episodes in continuous time; any browser opens it."""
+    """Write a page that plays the episodes of a run in continuous time; any browser opens it.
+
+    With a second run of the same scenario, seed and world, the page plays both side by side.
+    """
     from desim_uav.experiment.replay import write_replay
 
-    done = write_replay(run_dir, html, episodes, not quiet)
+    done = write_replay(run_dir, html, episodes, not quiet, beside=beside)
     if done.left_out:
         complain(
             f"{done.file}: it holds episodes {done.episodes[0]} to {done.episodes[-1]}; with the "

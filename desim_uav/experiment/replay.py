@@ -1,4 +1,4 @@
-"""What ``desim-uav replay`` does: a run folder in, one page out; and runs played again.
+"""What ``desim-uav replay`` does: one or two run folders in, one page out; and runs played again.
 
 Those that kept no events are played again from what their folder says of them, and held against
 what it holds.
@@ -7,7 +7,7 @@ what it holds.
 from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
-from contextlib import closing
+from contextlib import ExitStack, closing
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -20,6 +20,7 @@ from desim_uav.errors import DesimError, NoEventsError, PolicyError
 from desim_uav.experiment import tables
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.run import play
+from desim_uav.experiment.side_by_side import common_episodes
 from desim_uav.policies import Policy, load_policy
 from desim_uav.report.replay.data import Encoder
 from desim_uav.report.replay.page import page
@@ -36,7 +37,7 @@ BASE64 = 4 / 3
 
 @dataclass(frozen=True)
 class Made:
-    """The page of a run: what it shows, and the episodes for which there was no room."""
+    """The page of one run or two: what it shows, and the episodes for which there was no room."""
 
     content: bytes
     episodes: list[int]
@@ -46,7 +47,7 @@ class Made:
 
 @dataclass
 class Written:
-    """The page of a run: where it is, what it shows, and of what there was no room."""
+    """The page of one run or two: where it is, its episodes, and those there was no room for."""
 
     file: Path
     size: int
@@ -71,14 +72,17 @@ def write_replay(
     episodes: str | None = None,
     show_progress: bool = True,
     most_bytes: int | None = None,
+    beside: Path | None = None,
 ) -> Written:
-    """Write the page of a run, ``replay.html`` in its folder unless told otherwise.
+    """Write the page of a run, or of two in step, into the first run's folder or to ``html``.
 
-    Raises as ``make_replay`` does, and UsageError where the page cannot be written.
+    The file is ``replay.html``, or ``replay-NAME.html`` beside a second run in a folder NAME.
+    Raises as ``make_replay`` does, and UsageError if the page cannot be written.
     """
-    file = run_dir / "replay.html" if html is None else html
+    name = f"replay-{beside.resolve().name}.html" if beside else "replay.html"
+    file = run_dir / name if html is None else html
     place = file_place(file, "" if html is None else "--html")
-    made = make_replay(run_dir, episodes, show_progress, most_bytes)
+    made = make_replay(run_dir, episodes, show_progress, most_bytes, beside=beside)
     write_at(place, made.content)
     return Written(file, len(made.content), made.episodes, made.left_out, made.played_again)
 
@@ -89,34 +93,59 @@ def make_replay(
     show_progress: bool = True,
     most_bytes: int | None = None,
     policy: Policy | None = None,
+    beside: Path | None = None,
 ) -> Made:
-    """Make the page of a run.
+    """Make the page of a run, or of two that are played in step.
 
     ``episodes``: such as ``0-9``; without it, the counted ones, as many as fit. ``policy``: what
-    plays a run again that kept no events; without it, what its manifest names. Raises PolicyError
-    where the folder is unreadable, does not fit together, or cannot be played again.
+    plays a run again that kept no events; without it, what its manifest names. ``beside``: the
+    folder of a second run on the same seeds. Raises PolicyError if a folder is unreadable, does not
+    fit together or cannot be played again, or if the two runs are not on common seeds.
     """
-    run = Run(run_dir)
-    wanted = run.chosen(episodes)
-    encoder = Encoder(run)
-    blocks: list[bytes] = []
+    runs, policies = [Run(run_dir)], [policy]
+    wanted = runs[0].chosen(episodes)
+    if beside is not None:
+        runs.append(Run(beside))
+        policies.append(None)
+        wanted = common_episodes(runs[0], runs[1], episodes)
+    encoders = [Encoder(run) for run in runs]
+    blocks: list[tuple[bytes, ...]] = []
     size, limit = 0.0, MOST_BYTES if most_bytes is None else most_bytes
-    again = not run.keeps_events
-    total = wanted[-1] - run.episodes[0] + 1 if again else len(wanted)
-    with progress(show_progress, total, engine=run.settings.engine) as advance:
-        source = (
-            played_again(run, wanted, advance, policy) if again else _stored(run, wanted, advance)
-        )
-        with closing(source) as each:
-            for number, of_episode in each:
-                block = encoder.episode(number, of_episode)
-                size += len(block) * BASE64
-                if episodes is None and blocks and size > limit:
-                    break
-                blocks.append(block)
+    total = sum(_to_play(run, wanted) for run in runs)
+    compiled = "batch" if any(run.settings.engine == "batch" for run in runs) else "des"
+    with progress(show_progress, total, engine=compiled) as advance, ExitStack() as open_until:
+        sources = [
+            open_until.enter_context(closing(_tables(run, wanted, advance, plays)))
+            for run, plays in zip(runs, policies, strict=True)
+        ]
+        for each in zip(*sources, strict=True):
+            made = tuple(
+                encoder.episode(number, tables)
+                for encoder, (number, tables) in zip(encoders, each, strict=True)
+            )
+            size += sum(map(len, made)) * BASE64
+            if episodes is None and blocks and size > limit:
+                break
+            blocks.append(made)
     shown = wanted[: len(blocks)]
-    content = page(encoder.common(shown), blocks)
+    columns = zip(encoders, zip(*blocks, strict=True), strict=True)
+    content = page(*((encoder.common(shown), column) for encoder, column in columns))
+    again = not all(run.keeps_events for run in runs)
     return Made(content, shown, wanted[len(blocks) :], again)
+
+
+def _to_play(run: Run, wanted: Sequence[int]) -> int:
+    """Return how many episodes are read or played to have those that are wanted."""
+    return len(wanted) if run.keeps_events else wanted[-1] - run.episodes[0] + 1
+
+
+def _tables(
+    run: Run, wanted: list[int], advance: Callable[[], None], policy: Policy | None
+) -> Generator[tuple[int, Tables]]:
+    """Return the tables of these episodes, by playing the run again if it kept no events."""
+    if run.keeps_events:
+        return _stored(run, wanted, advance)
+    return played_again(run, wanted, advance, policy)
 
 
 def _stored(

@@ -96,6 +96,19 @@ class Page:
             chain = chain.send_keys(key)
         chain.perform()
 
+    def point(self, what, click=False):
+        """Move the pointer to a drone, user or station, and say where that is in the window."""
+        from selenium.webdriver.common.action_chains import ActionChains
+
+        at = self.run("return replay.where(arguments[0])", what)
+        pointer = ActionChains(self.driver, duration=0)
+        pointer.w3c_actions.pointer_action.move_to_location(round(at["x"]), round(at["y"]))
+        if click:
+            pointer.w3c_actions.pointer_action.click()
+        pointer.perform()
+        self.frames(3)
+        return at
+
     def frames(self, count=2):
         """Let so many frames be drawn."""
         self.wait(

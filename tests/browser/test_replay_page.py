@@ -15,6 +15,7 @@ from desim_uav.experiment.replay import write_replay
 from desim_uav.model.motion import travelled
 from desim_uav.model.rules import US, Phase
 from desim_uav.model.streams import Purpose, Streams
+from desim_uav.palette import DRONES, USERS
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import decide
 from desim_uav.report.replay.data import KINDS
@@ -53,7 +54,7 @@ RUNS = {
         ("drones.admission={kind: 'tests.engine.helpers:Loss'}", "drones.bandwidth_kbps=400"),
     ),
 }
-STATES = ("idle", "attached", "waiting", "served")
+STATES = {state: look.word for state, look in USERS.items()}
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +73,23 @@ def runs(tmp_path_factory):
         )
         write_replay(where / name)
     return where
+
+
+@pytest.fixture(scope="module")
+def pair(runs):
+    """The page of two policies on the same users and requests."""
+    run_to_folder(
+        load(scenario_path("case8")),
+        "hover",
+        episodes=EPISODES,
+        warmup=0,
+        keep_events=True,
+        out=runs / "hovering",
+        command=[],
+        show_progress=False,
+    )
+    write_replay(runs / "hovering")
+    return write_replay(runs / "case8", beside=runs / "hovering").file
 
 
 def table(run, name):
@@ -351,27 +369,260 @@ class TestDetails:
                         assert rows["held by"] == held
 
     def test_of_what_is_pointed_at(self, page, runs):
-        from selenium.webdriver import ActionChains
-
         page.open(page_of(runs / "case8"), "#t=600")
-        page.frames()
-        canvas = page.driver.find_element("id", "map")
-        station = page.run("return 0")
-        box = canvas.rect
-        # The first station of case 8 stands in cell (8, 3) or wherever the world says.
-        world = json.loads((runs / "case8" / "world.json").read_text())
-        ix, iy = world["stations"][station]
-        side = min(box["width"], box["height"]) - 28
-        x = (ix + 0.5) / 10 * side - side / 2
-        y = side / 2 - (iy + 0.5) / 10 * side
-        chain = ActionChains(page.driver).move_to_element_with_offset(canvas, int(x), int(y))
-        chain.perform()
-        page.frames(3)
+        station = {"what": "station", "index": 0}
+        page.point(station)
         assert not page.run("return document.getElementById('tip').hidden")
         assert page.text("tip")
-        chain.click().perform()
-        page.frames(3)
+        page.point(station, click=True)
         assert page.state()["selection"]["what"] in ("station", "drone", "user")
+
+    @pytest.mark.parametrize("size", [(1400, 900), (1024, 700), (480, 800)])
+    def test_a_tooltip_is_inside_the_window_and_beside_its_object(self, page, runs, size):
+        page.open(page_of(runs / "case8"), "#t=600", size=size)
+        page.key("l")
+        objects = [{"what": "station", "index": k} for k in range(3)]
+        objects += [{"what": "drone", "index": k} for k in range(3)]
+        objects += [{"what": "user", "index": k} for k in range(0, 48, 6)]
+        told = 0
+        for what in objects:
+            at = page.point(what)
+            tip = page.run(RECTANGLE, "tip")
+            if not tip["width"]:
+                continue  # something else lies over it
+            told += 1
+            assert min(tip["left"], tip["top"]) >= 0, what
+            assert tip["right"] <= size[0] and tip["bottom"] <= size[1], what
+            covered = tip["left"] < at["x"] < tip["right"] and tip["top"] < at["y"] < tip["bottom"]
+            assert not covered, what
+        assert told > 6
+
+
+RECTANGLE = "return document.getElementById(arguments[0]).getBoundingClientRect().toJSON()"
+
+SHARE = """
+const areas = [...document.querySelectorAll("#maps canvas")].map((canvas) => {
+  const { width, height } = canvas.getBoundingClientRect();
+  return width * height;
+});
+return areas.reduce((sum, area) => sum + area) / (innerWidth * innerHeight);
+"""
+
+
+class TestMap:
+    def test_takes_most_of_the_window(self, page, runs):
+        page.open(page_of(runs / "case8"), size=(1400, 900))
+        assert page.run(SHARE) >= 0.55
+        page.key("p")
+        page.frames(3)
+        assert page.run(SHARE) >= 0.8
+
+    @pytest.mark.parametrize(
+        ("part", "key", "side"), [("charts", "c", "height"), ("panel", "p", "width")]
+    )
+    def test_what_closes_leaves_its_room_to_the_map(self, page, runs, part, key, side):
+        page.open(page_of(runs / "case8"), "#t=600", size=(1400, 900))
+        pressed = f"return document.getElementById('{part}-toggle').ariaPressed"
+        sizes = {page.run(pressed): page.run(RECTANGLE, "map")[side]}
+        page.click(f"{part}-toggle")
+        page.frames(3)
+        sizes[page.run(pressed)] = page.run(RECTANGLE, "map")[side]
+        assert sizes["false"] > sizes["true"] + 100
+        page.picture(f"toggled-{part}")
+        page.key(key)
+        page.frames(3)
+        assert page.run(RECTANGLE, "map")[side] == sizes[page.run(pressed)]
+
+    def test_the_legend_names_what_is_drawn(self, page, runs):
+        page.open(page_of(runs / "case8"), "#t=600", size=(1400, 900))
+        legend = page.text("legend")
+        world = json.loads((runs / "case8" / "world.json").read_text())
+        heights = [h for column in world["cell_height_m"] for h in column if h > 0]
+        named = [look.word for look in USERS.values()]
+        named += ["throughput", "edge computing", "data gathering", "footprint, 600 m"]
+        named += ["serving", "returning", "crashed", "path", "charging station", "walk"]
+        named += [f"buildings, {round(min(heights))} to {round(max(heights))} m"]
+        assert [words for words in named if words not in legend] == []
+        counts = page.run(
+            "return [...document.querySelectorAll('#legend b')].map((b) => Number(b.textContent))"
+        )
+        assert sum(counts) == 48
+        ground = page.run("return replay.where({ what: 'station', index: 2 })")
+        assert ground["x"] > page.run(RECTANGLE, "legend")["right"], "it lies beside the map"
+        page.key("l")
+        page.frames(2)
+        assert page.run("return document.getElementById('legend').hidden")
+
+    @pytest.mark.parametrize("zooms", [0, 3])
+    def test_the_scale_bar_is_as_long_as_it_says(self, page, runs, zooms):
+        page.open(page_of(runs / "case8"), "#t=600")
+        for _ in range(zooms):
+            page.key("+")
+        page.frames(2)
+        world = json.loads((runs / "case8" / "world.json").read_text())
+        one, other = (np.array(world["stations"][k]) * 240 for k in (0, 1))
+        at, to = (
+            page.run("return replay.where({ what: 'station', index: arguments[0] })", k)
+            for k in (0, 1)
+        )
+        pixels = np.hypot(at["x"] - to["x"], at["y"] - to["y"])
+        bar = page.run("return replay.scale()")
+        assert bar["pixels"] / bar["metres"] == pytest.approx(
+            pixels / np.hypot(*(one - other)), rel=1e-3
+        )
+        assert 40 < bar["pixels"] <= 160
+
+    def test_the_clock_counts_hours_and_minutes(self, page, runs):
+        page.open(page_of(runs / "case8"), "#t=700.25")
+        assert page.text("clock") == "0:11:40"
+        assert (page.text("fraction"), page.text("of")) == (".250", "of 0:30")
+        page.seek(0, 1799.999)
+        assert page.text("clock") + page.text("fraction") == "0:29:59.999"
+
+    def test_each_drone_has_its_colour_and_says_what_its_users_do(self, page, runs):
+        page.open(page_of(runs / "case8"), "#t=900")
+        chips = page.run(
+            "return [...document.querySelectorAll('.chip')].map((e) => e.style.backgroundColor)"
+        )
+        colours = [tuple(int(c[k : k + 2], 16) for k in (1, 3, 5)) for c in DRONES[:3]]
+        assert chips == [f"rgb({r}, {g}, {b})" for r, g, b in colours]
+        for t_s in (61, 400, 900.5, 1800):
+            seen = page.seek(0, t_s)
+            rows = page.run(
+                "return [...document.querySelectorAll('#drones .users')].map((e) => e.textContent)"
+            )
+            for drone, row in enumerate(rows):
+                states = [u["state"] for u in seen["users"] if u["holder"] == drone]
+                served, waiting = states.count("served"), states.count("waiting")
+                parts = {"served": served, "waiting": waiting}
+                parts["not asking"] = len(states) - served - waiting
+                told = ", ".join(f"{count} {word}" for word, count in parts.items() if count)
+                assert row == (told or "no user")
+
+
+class TestFollowing:
+    def middle(self, page):
+        """How far drone 1 is from the middle of what the legend leaves of the map."""
+        page.frames(2)
+        at = page.run("return replay.where({ what: 'drone', index: 1 })")
+        box = page.run(RECTANGLE, "map")
+        return at["x"] - box["left"], at["y"] - box["top"] - box["height"] / 2
+
+    @pytest.mark.parametrize("tilted", [False, True], ids=["flat", "3d"])
+    def test_keeps_the_drone_in_the_middle(self, page, runs, tilted):
+        page.open(page_of(runs / "case8"), "#t=100&drone=1", size=(1400, 900))
+        if tilted:
+            page.key("v")
+        before = page.run("return replay.scale()")
+        page.click("follow")
+        assert page.run("return document.getElementById('follow').ariaPressed") == "true"
+        assert page.text("following") == "following drone 1"
+        places = []
+        for t_s in (100, 130.5, 700, 1500):
+            page.seek(0, t_s)
+            places.append(self.middle(page))
+        across, down = zip(*places, strict=True)
+        assert np.ptp(across) < 1 and np.abs(down).max() < 1
+        after = page.run("return replay.scale()")
+        assert after["pixels"] / after["metres"] > 1.5 * before["pixels"] / before["metres"]
+        page.picture(f"following-{'3d' if tilted else 'flat'}")
+
+    def test_ends_as_it_began(self, page, runs):
+        page.open(page_of(runs / "case8"), "#t=500&drone=1")
+        page.frames(3)
+        before = page.run(PIXELS)
+        page.key("f")
+        page.frames(3)
+        assert page.run(PIXELS) != before
+        page.key("f")
+        page.frames(3)
+        assert page.run(PIXELS) == before
+        assert page.run("return document.getElementById('following').hidden")
+
+    def test_goes_to_the_drone_that_is_chosen(self, page, runs):
+        page.open(page_of(runs / "case8"), "#t=500")
+        page.key("f")
+        assert page.text("following") == "following drone 0"
+        page.run("replay.select({ what: 'drone', index: 2 })")
+        assert page.text("following") == "following drone 2"
+        page.key("a")  # to move the map lets go
+        assert page.run("return document.getElementById('following').hidden")
+
+
+class TestTwoRuns:
+    def test_show_what_each_shows_alone(self, page, runs, pair):
+        moments = [(0, 0), (0, 333.25), (2, 1799), (1, 900), (1, 1800), (0, 61)]
+        page.open(pair)
+        assert page.run("return replay.runs") == ["baseline", "hover"]
+        both = []
+        for episode, t_s in moments:
+            page.seek(episode, t_s)
+            both.append([page.run("return replay.state(arguments[0])", k) for k in (0, 1)])
+        for k, name in enumerate(("case8", "hovering")):
+            page.open(page_of(runs / name))
+            assert [page.seek(*moment) for moment in moments] == [seen[k] for seen in both]
+
+    def test_have_one_clock_and_their_own_measures(self, page, pair):
+        page.open(pair, "#t=1200", size=(1400, 900))
+        page.frames(2)
+        assert page.text("clock") == "0:20:00"
+        for k in (0, 1):
+            now = page.run("return replay.state(arguments[0]).measures", k)
+            caption = page.text(f"caption-{k}")
+            assert f"QoE1 {now['qoe1_percent']:.1f} %" in caption
+            assert f"QoE3 {now['qoe3_percent']:.1f} %" in caption
+        assert "One seed" in page.text("one-seed")
+        assert page.run(SHARE) >= 0.55
+        page.picture("pair")
+        page.run("replay.setSpeed(600); replay.play()")
+        page.frames(10)
+        page.run("replay.pause()")
+        seen = [page.run("return replay.state(arguments[0]).t_s", k) for k in (0, 1)]
+        assert seen[0] == seen[1] > 1200
+
+    def test_step_through_the_events_of_both(self, page, runs, pair):
+        page.open(pair)
+        rows = []
+        for k, name in enumerate(("case8", "hovering")):
+            events = table(runs / name, "events")
+            own = events[(events["episode"] == 0) & (events["kind"].isin(["complete", "arrive"]))]
+            keys = zip(own["t_us"] / US, own["phase"], strict=True)
+            rows += [
+                (t_s, phase, k, kind) for (t_s, phase), kind in zip(keys, own["kind"], strict=True)
+            ]
+        rows.sort(key=lambda row: row[:3])
+        expected = [(t_s, k, kind) for t_s, _, k, kind in rows[:60]]
+        step = "return replay.stepEvent(arguments[0], ['complete', 'arrive'])"
+        page.run("replay.seek(0, 0)")
+        page.frames(2)
+        found = [page.run(step, 1) for _ in expected]
+        assert [(m["t_s"], m["run"], m["kind"]) for m in found] == expected
+        back = [page.run(step, -1) for _ in expected[1:]]
+        told = [(m["t_s"], m["run"], m["kind"]) for m in back]
+        assert told == expected[-2::-1]
+
+    def test_are_looked_at_together(self, page, pair):
+        page.open(pair, "#t=600&user=17", size=(1400, 900))
+        page.key("+")
+        page.key("+")
+        page.frames(2)
+        scales = [page.run("return replay.scale(arguments[0])", k) for k in (0, 1)]
+        assert scales[0]["pixels"] == pytest.approx(scales[1]["pixels"], rel=0.01)
+        chosen = page.run(
+            "return [...document.querySelectorAll('#chosen h3')].map((e) => e.textContent)"
+        )
+        assert chosen == ["A: baseline", "B: hover"]
+        page.run("replay.select({ what: 'drone', index: 2 })")
+        page.key("f")
+        page.frames(2)
+        for k, canvas in enumerate(("map", "map-1")):
+            at = page.run("return replay.where({ what: 'drone', index: 2 }, arguments[0])", k)
+            box = page.run(RECTANGLE, canvas)
+            middle = (box["left"] + box["width"] / 2, box["top"] + box["height"] / 2)
+            assert (at["x"], at["y"]) == pytest.approx(middle, abs=1)
+        page.key("v")
+        page.frames(3)
+        page.picture("pair-3d")
 
 
 class TestKeyboard:
@@ -431,7 +682,14 @@ class TestKeyboard:
             reached.append(found[0])
             assert found[1] != "none" and found[2] != "0px", found
         wanted = {"episode", "tilt", "theme", "help", "map", "play", "back", "forth", "kinds"}
-        assert wanted | {"speed", "timeline"} <= {*reached}
+        assert wanted | {
+            "speed",
+            "timeline",
+            "charts-toggle",
+            "panel-toggle",
+            "legend-toggle",
+            "follow",
+        } <= {*reached}
 
     def test_what_has_no_text_has_a_name(self, page, runs):
         page.open(page_of(runs / "case8"))
@@ -445,7 +703,7 @@ class TestKeyboard:
     def test_a_step_is_read_out(self, page, runs):
         page.open(page_of(runs / "case8"), "#t=600")
         page.key(".")
-        assert page.text("live").startswith("10:0")
+        assert page.text("live").startswith("0:10:0")
         page.run("document.getElementById('kinds').value = 'crash'")
         page.key(".")
         assert page.text("live") == "no such event after this"
@@ -579,6 +837,7 @@ class TestAnyonesRun:
         assert page.run("return window.harmed ?? null") is None
         assert page.run("return document.querySelectorAll('img, #harmed').length") == 0
         assert page.text("title") == self.NASTY
+        assert self.NASTY in page.text("subtitle")
         assert page.run("return document.title").startswith("</script>")
 
     def test_a_script_that_came_in_would_not_run(self, page, runs):

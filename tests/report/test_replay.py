@@ -80,6 +80,12 @@ def bare(tmp_path_factory):
     return make(tmp_path_factory.mktemp("bare") / "run", "case8", "baseline", SMALL, events=False)
 
 
+@pytest.fixture(scope="module")
+def hovering(tmp_path_factory):
+    """The same scenario, seed and world as ``busy``, under another policy."""
+    return make(tmp_path_factory.mktemp("other") / "hovering", "case8", "hover", SMALL)
+
+
 def spoil_json(file, **changes):
     content = json.loads(file.read_text(encoding="utf-8")) | changes
     file.write_text(json.dumps(content), encoding="utf-8")
@@ -326,11 +332,56 @@ class TestPage:
 
     def test_names_are_data(self):
         name = "</script><img src=x onerror=alert(1)>&\"'\u2028"
-        html = page({"scenario": name}, [b"block"]).decode()
+        html = page(({"scenario": name}, [b"block"])).decode()
         assert "<img" not in html
         assert "\u2028" not in html
-        (data,) = re.findall(r'<script type="application/json" id="run">(.*?)</script>', html)
-        assert json.loads(data) == {"scenario": name}
+        (data,) = re.findall(r'<script type="application/json" id="runs">(.*?)</script>', html)
+        assert json.loads(data)["runs"] == [{"scenario": name}]
+
+
+class TestSideBySide:
+    def test_is_one_page_of_both_that_is_the_same_each_time(self, busy, hovering):
+        done = write_replay(busy, beside=hovering)
+        assert done.file == busy / "replay-hovering.html"
+        html = done.file.read_text(encoding="utf-8")
+        (data,) = re.findall(r'<script type="application/json" id="runs">(.*?)</script>', html)
+        assert [run["policy"] for run in json.loads(data)["runs"]] == ["baseline", "hover"]
+        blocks = re.findall(r'id="(episode-\d-\d)"', html)
+        assert blocks == ["episode-0-0", "episode-0-1", "episode-1-0", "episode-1-1"]
+        before = done.file.read_bytes()
+        assert write_replay(busy, beside=hovering).file.read_bytes() == before
+
+    def test_without_events_is_played_again(self, bare, hovering, busy, tmp_path):
+        again = write_replay(bare, tmp_path / "again.html", beside=hovering)
+        kept = write_replay(busy, tmp_path / "kept.html", beside=hovering)
+        assert (again.played_again, kept.played_again) == (True, False)
+        assert again.file.read_bytes() == kept.file.read_bytes()
+
+    def test_some_episodes(self, busy, hovering):
+        assert write_replay(busy, episodes="1", beside=hovering).episodes == [1]
+        assert write_replay(busy, beside=hovering, most_bytes=1).left_out == [1]
+
+    @pytest.mark.parametrize(
+        ("overrides", "options", "reason"),
+        [
+            (("users.count=17",), {}, r"scenario \(users.count\): users.count: 16 and 17"),
+            (("seed=3", "world_seed=0"), {}, "seed: 0 and 3"),
+            (("world_seed=4",), {}, "world_seed: 0 and 4"),
+            ((), {"episodes": 1}, r"episodes: 0 to 1 \(2\) and 0 to 0 \(1\).*--episodes"),
+        ],
+    )
+    def test_refuses_what_is_not_on_common_seeds(self, busy, tmp_path, overrides, options, reason):
+        other = make(tmp_path / "other", "case8", "hover", (*SMALL, *overrides), **options)
+        with pytest.raises(PolicyError, match=rf"because they differ in {reason}"):
+            write_replay(busy, beside=other)
+        assert not (busy / "replay-other.html").exists()
+
+    def test_refuses_another_world(self, busy, hovering, tmp_path):
+        other = shutil.copytree(hovering, tmp_path / "other")
+        world = json.loads((other / "world.json").read_text(encoding="utf-8"))
+        spoil_json(other / "world.json", users=world["users"][::-1])
+        with pytest.raises(PolicyError, match=r"they differ in world\.json"):
+            write_replay(busy, beside=other)
 
 
 class TestPlayedAgain:
@@ -506,6 +557,13 @@ class TestCommand:
         assert replay(busy) == (0, f"{busy / 'replay.html'}\n", "")
         assert replay(busy, "--html", "here.html") == (0, "here.html\n", "")
         assert (tmp_path / "here.html").read_bytes() == (busy / "replay.html").read_bytes()
+
+    def test_two_runs(self, replay, busy, folders):
+        code, out, err = replay(busy, folders / "busy")
+        assert (code, out, err) == (0, f"{busy / 'replay-busy.html'}\n", "")
+        code, out, err = replay(busy, folders / "queueing")
+        assert (code, out) == (4, "")
+        assert err.startswith("desim-uav: ") and "they differ in scenario (" in err
 
     def test_json(self, replay, busy):
         code, out, _ = replay(busy, "--json", "--episodes", "1")

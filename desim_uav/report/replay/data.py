@@ -19,7 +19,6 @@ from desim_uav.report.run import Run, Tables
 if TYPE_CHECKING:
     import pandas as pd
 
-FORMAT = 1
 CENTIMETRE = 0.01
 
 KINDS = (
@@ -219,7 +218,6 @@ class Encoder:
         scenario, manifest, world = self.scenario, self.run.manifest, self.run.map
         kbps = scenario.drones.bandwidth_kbps
         return {
-            "format": FORMAT,
             "scenario": manifest["scenario"],
             "policy": manifest["policy"],
             "seed": str(manifest["seed"]),

@@ -10,14 +10,20 @@ import base64
 import hashlib
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.resources import files
 from typing import Any
 
+from desim_uav.engine.base import UserState
+from desim_uav.palette import DRONES, USERS
+
+FORMAT = 2
+"""Of the data in the page."""
+
 MODULES = (
     *("decode", "palette", "episode", "states", "state", "history", "camera", "crowd"),
-    *("view2d", "view3d", "users", "drones", "stations", "scene"),
-    *("timeline", "details", "player", "panel", "controls", "main"),
+    *("view2d", "view3d", "users", "drones", "stations", "scale", "scene", "rows", "legend"),
+    *("timeline", "details", "tip", "player", "panel", "layout", "controls", "main"),
 )
 """The page's modules, each behind those it imports."""
 
@@ -25,8 +31,12 @@ IMPORT = re.compile(r'^import\s+(\{[^}]*\})\s+from\s+"\./(\w+)\.js";$', re.MULTI
 EXPORT = re.compile(r"^export ((?:async )?(?:function|class|const) (\w+))", re.MULTILINE)
 
 
-def page(common: Mapping[str, Any], blocks: list[bytes]) -> bytes:
-    """The page of a run: what its episodes have in common, and their blocks."""
+Recording = tuple[Mapping[str, Any], Sequence[bytes]]
+"""A run as a page carries it: what its episodes have in common, and a block for each of them."""
+
+
+def page(*runs: Recording) -> bytes:
+    """Make the page of a run, or of two that are played in step."""
     style, script = asset("style.css"), bundle()
     policy = "; ".join(
         (
@@ -41,7 +51,7 @@ def page(common: Mapping[str, Any], blocks: list[bytes]) -> bytes:
     parts = {
         "policy": policy,
         "style": style,
-        "data": "\n".join((_data(common), *map(_block, range(len(blocks)), blocks))),
+        "data": "\n".join((_data(runs), *_blocks(runs))),
         "script": script,
     }
     html = re.sub(r"\{\{(\w+)\}\}", lambda match: parts[match[1]], asset("page.html"))
@@ -66,15 +76,25 @@ def asset(name: str) -> str:
     return (files(__package__) / "assets" / name).read_text(encoding="utf-8")
 
 
-def _data(common: Mapping[str, Any]) -> str:
-    text = json.dumps(common, allow_nan=False, separators=(",", ":"))  # ASCII only
+def _data(runs: Sequence[Recording]) -> str:
+    content = {"format": FORMAT, "palette": _palette(), "runs": [common for common, _ in runs]}
+    text = json.dumps(content, allow_nan=False, separators=(",", ":"))  # ASCII only
     inert = text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
-    return f'<script type="application/json" id="run">{inert}</script>'
+    return f'<script type="application/json" id="runs">{inert}</script>'
 
 
-def _block(number: int, block: bytes) -> str:
-    text = base64.b64encode(block).decode()
-    return f'<script type="application/octet-stream" id="episode-{number}">{text}</script>'
+def _palette() -> dict[str, Any]:
+    """Return the colours of drones by number, and the look of users by state."""
+    users = [USERS[state]._asdict() for state in UserState]
+    return {"drones": DRONES, "users": users}
+
+
+def _blocks(runs: Sequence[Recording]) -> Iterator[str]:
+    for k, (_, blocks) in enumerate(runs):
+        for number, block in enumerate(blocks):
+            text = base64.b64encode(block).decode()
+            kind = "application/octet-stream"
+            yield f'<script type="{kind}" id="episode-{k}-{number}">{text}</script>'
 
 
 def _hash(text: str) -> str:

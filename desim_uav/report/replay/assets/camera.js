@@ -8,22 +8,50 @@ export class Camera {
     this.size = { width, depth };
     this.tallest = Math.max(1, ...run.map.cell_height_m.map((column) => Math.max(...column)));
     this.tilted = false;
+    this.following = false; // then it may look beyond the edge of the map
     this.width = this.height = 1;
+    this.left = this.right = 0; // pixels that something else takes there
     this.reset();
   }
 
   reset() {
     this.zoom = 1;
+    this.following = false;
     this.x = this.size.width / 2; // in the middle of the picture
     this.y = this.size.depth / 2;
+    this.z = 0;
     this.yaw = -0.5;
     this.pitch = 0.72;
     this.update();
   }
 
-  resize(width, height) {
+  resize(width, height, left = 0, right = 0) {
     this.width = width;
     this.height = height;
+    this.left = left;
+    this.right = right;
+    this.update();
+  }
+
+  /** Where the middle of the picture is, in pixels. */
+  get middle() { return [this.left + this.free / 2, this.height / 2]; }
+
+  get free() { return Math.max(1, this.width - this.left - this.right); }
+
+  /** Keep a point in the middle of the picture. */
+  follow(x, y, z) {
+    Object.assign(this, { following: true, x, y, z: this.tilted ? z : 0 });
+    this.update();
+  }
+
+  /** What is seen, to come back to later. */
+  get view() {
+    const { zoom, x, y, z, yaw, pitch } = this;
+    return { zoom, x, y, z, yaw, pitch };
+  }
+
+  set view(view) {
+    Object.assign(this, view, { following: false });
     this.update();
   }
 
@@ -42,11 +70,11 @@ export class Camera {
   }
 
   /** Zoom by a factor; the point of the map under (px, py) stays there. */
-  zoomBy(factor, px = this.width / 2, py = this.height / 2) {
+  zoomBy(factor, px = this.middle[0], py = this.middle[1]) {
     const [fromX, fromY] = [this.mapX(px), this.mapY(py)];
     this.zoom = Math.min(24, Math.max(this.tilted ? 0.5 : 1, this.zoom * factor));
     this.update();
-    if (!this.tilted) {
+    if (!this.tilted && !this.following) {
       this.x += fromX - this.mapX(px);
       this.y += fromY - this.mapY(py);
       this.update();
@@ -55,13 +83,16 @@ export class Camera {
 
   update() {
     const { width, depth } = this.size;
-    const fit = Math.min((this.width - 2 * MARGIN) / width, (this.height - 2 * MARGIN) / depth);
+    const { free } = this;
+    const fit = Math.min((free - 2 * MARGIN) / width, (this.height - 2 * MARGIN) / depth);
     this.scale = Math.max(1e-6, fit) * this.zoom;
-    const halfX = this.width / this.scale / 2;
+    const halfX = free / this.scale / 2;
     const halfY = this.height / this.scale / 2;
     const room = MARGIN / this.scale;
-    this.x = clampMiddle(this.x, halfX - room, width);
-    this.y = clampMiddle(this.y, halfY - room, depth);
+    if (!this.tilted && !this.following) {
+      this.x = clampMiddle(this.x, halfX - room, width);
+      this.y = clampMiddle(this.y, halfY - room, depth);
+    }
 
     const across = Math.hypot(width, depth);
     this.lift = Math.min(10, Math.max(1, (0.13 * across) / this.tallest)); // heights are drawn taller
@@ -74,28 +105,29 @@ export class Camera {
     const extentY = Math.abs(width * this.sinYaw) + Math.abs(depth * this.cosYaw);
     const heightSeen = extentY * this.sinPitch + this.tallest * this.lift * this.cosPitch;
     this.near = 1.05 * this.zoom
-      * Math.min(this.width / (extentX * 1.14), this.height / (heightSeen * 1.12));
-    this.stamp = [this.tilted, this.width, this.height, this.zoom, this.x, this.y,
+      * Math.min(free / (extentX * 1.22), this.height / (heightSeen * 1.12));
+    [this.middleX, this.middleY] = this.middle;
+    this.stamp = [this.tilted, this.width, this.height, this.left, this.right, this.zoom, this.x, this.y, this.z,
       this.yaw, this.pitch].join();
   }
 
   /** Where a point is in the picture: px, py, and the pixels a metre has there, into `out`. */
   project(x, y, z, out) {
     if (!this.tilted) {
-      out[0] = this.width / 2 + (x - this.x) * this.scale;
-      out[1] = this.height / 2 - (y - this.y) * this.scale;
+      out[0] = this.middleX + (x - this.x) * this.scale;
+      out[1] = this.middleY - (y - this.y) * this.scale;
       out[2] = this.scale;
       return out;
     }
-    const dx = x - this.size.width / 2;
-    const dy = y - this.size.depth / 2;
+    const dx = x - this.x;
+    const dy = y - this.y;
     const right = dx * this.cosYaw - dy * this.sinYaw;
     const back = dx * this.sinYaw + dy * this.cosYaw;
-    const up = z * this.lift;
-    const depth = this.far + back * this.cosPitch - up * this.sinPitch;
+    const up = (z - this.z) * this.lift;
+    const depth = Math.max(this.far / 20, this.far + back * this.cosPitch - up * this.sinPitch);
     const scale = (this.near * this.far) / depth;
-    out[0] = this.width / 2 + scale * right;
-    out[1] = this.height * 0.495 - scale * (back * this.sinPitch + up * this.cosPitch);
+    out[0] = this.middleX + scale * right;
+    out[1] = this.middleY - scale * (back * this.sinPitch + up * this.cosPitch);
     out[2] = scale;
     return out;
   }
@@ -108,9 +140,12 @@ export class Camera {
     return back * this.cosPitch - z * this.lift * this.sinPitch;
   }
 
-  mapX(px) { return this.x + (px - this.width / 2) / this.scale; }
+  /** The pixels of a metre in the middle of the picture. */
+  get pixelsPerMetre() { return this.tilted ? this.near : this.scale; }
 
-  mapY(py) { return this.y - (py - this.height / 2) / this.scale; }
+  mapX(px) { return this.x + (px - this.middleX) / this.scale; }
+
+  mapY(py) { return this.y - (py - this.middleY) / this.scale; }
 }
 
 function clampMiddle(middle, half, size) {

@@ -1,19 +1,49 @@
 // Hands: buttons, keys, pointers. They move the player and the camera; nothing here draws.
 
-import { describe } from "./details.js";
 import { SPEEDS } from "./player.js";
-import { fillRows } from "./panel.js";
+import { byId } from "./rows.js";
 
-const byId = (id) => document.getElementById(id);
 const TURN = 0.09;
 const MOVE = 60;
+const NEAR = { flat: 2, tilted: 1.6 }; // zoom when a drone is followed
 
-export function wire({ run, player, camera, scene, timeline, panel, redraw, setTheme, isDark }) {
+export function wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark }) {
+  const [run] = runs;
+  const cameras = scenes.map((scene) => scene.camera);
+  const [camera] = cameras;
+  let before = null; // what was seen before a drone was followed
   const kinds = () => {
     const chosen = byId("kinds").value;
     return chosen ? new Set(chosen.split(" ").map((kind) => run.kinds.indexOf(kind))) : null;
   };
   const shown = () => player.episode.index;
+  const followed = () => scenes[0].followed;
+  const showFollowed = () => {
+    const d = followed();
+    byId("follow").setAttribute("aria-pressed", String(d >= 0));
+    byId("following").hidden = d < 0;
+    byId("following").textContent = d < 0 ? "" : `following drone ${d}`;
+    settle();
+  };
+  /** Keep drone d in the middle of each map; -1: stop that. */
+  const follow = (d) => {
+    if (d >= 0 && followed() < 0) {
+      before = cameras.map((each) => each.view);
+      for (const each of cameras) each.zoom = Math.max(each.zoom, each.tilted ? NEAR.tilted : NEAR.flat);
+    }
+    for (const scene of scenes) scene.followed = d;
+    if (d < 0 && before) cameras.forEach((each, k) => { each.view = before[k]; });
+    if (d < 0) before = null;
+    showFollowed();
+  };
+  /** Stop following, and stay where it was. */
+  const letGo = () => {
+    if (followed() < 0) return;
+    for (const scene of scenes) scene.followed = -1;
+    for (const each of cameras) each.following = false;
+    before = null;
+    showFollowed();
+  };
   const actions = {
     toggle: () => (player.playing ? player.pause() : player.play()),
     step: (direction) => {
@@ -22,7 +52,7 @@ export function wire({ run, player, camera, scene, timeline, panel, redraw, setT
       } else panel.announce();
     },
     by: (us) => {
-      player.seek(player.state.tUs + us);
+      player.seek(player.tUs + us);
       if (!player.playing) panel.announce();
     },
     to: (us) => player.seek(us),
@@ -32,35 +62,59 @@ export function wire({ run, player, camera, scene, timeline, panel, redraw, setT
       player.open(index);
     },
     tilt: () => {
-      camera.tilted = !camera.tilted;
-      camera.reset();
+      const d = followed();
+      letGo();
+      for (const each of cameras) {
+        each.tilted = !each.tilted;
+        each.reset();
+      }
       byId("tilt").setAttribute("aria-pressed", String(camera.tilted));
+      if (d >= 0) follow(d);
       settle();
     },
     theme: () => setTheme(isDark() ? "light" : "dark"),
     zoom: (factor, px, py) => {
-      camera.zoomBy(factor, px, py);
+      for (const each of cameras) each.zoomBy(factor, px, py);
       settle();
     },
     whole: () => {
-      camera.reset();
+      letGo();
+      for (const each of cameras) each.reset();
       settle();
     },
     move: (dx, dy) => {
-      if (camera.tilted) camera.turn(-dx * TURN, dy * TURN);
-      else camera.pan(-dx * MOVE, dy * MOVE);
+      if (camera.tilted) actions.turn(-dx * TURN, dy * TURN);
+      else actions.pan(-dx * MOVE, dy * MOVE);
+    },
+    turn: (yaw, pitch) => {
+      for (const each of cameras) each.turn(yaw, pitch);
       settle();
     },
+    pan: (dx, dy) => {
+      letGo();
+      for (const each of cameras) each.pan(dx, dy);
+      settle();
+    },
+    follow: () => {
+      const { selection } = player;
+      const wanted = selection?.what === "drone" ? selection.index : 0;
+      follow(followed() < 0 ? wanted : -1);
+    },
+    open: (name) => layout.toggle(name),
     help: () => (byId("keys").open ? byId("keys").close() : byId("keys").showModal()),
   };
   /** After the camera has moved: who touches the map scrolls the page only where nothing else moves. */
   function settle() {
-    scene.canvas.style.touchAction = camera.tilted || camera.zoom > 1 ? "none" : "pan-y";
+    const touch = camera.tilted || camera.zoom > 1 ? "none" : "pan-y";
+    for (const scene of scenes) scene.canvas.style.touchAction = touch;
     redraw();
   }
+  player.addEventListener("selection", () => { // who is chosen is who is followed
+    if (followed() >= 0 && player.selection?.what === "drone") follow(player.selection.index);
+  });
   wireButtons(actions, player, panel, shown);
   wireKeys(actions, player, run, shown);
-  wireMap(actions, player, camera, scene, settle, redraw);
+  for (const scene of scenes) wireMap(actions, player, scene, scenes, redraw);
   wireTimeline(player, timeline, panel, redraw);
   settle();
   return actions;
@@ -80,6 +134,8 @@ function wireButtons(actions, player, panel, shown) {
   on("closer", "click", () => actions.zoom(1.5));
   on("wider", "click", () => actions.zoom(1 / 1.5));
   on("whole", "click", actions.whole);
+  on("follow", "click", actions.follow);
+  for (const name of ["charts", "panel", "legend"]) on(`${name}-toggle`, "click", () => actions.open(name));
   on("speed", "input", () => player.setSpeed(SPEEDS[Number(byId("speed").value)]));
   on("unchoose", "click", () => player.select(null));
   on("now", "click", () => panel.nowOf && player.select(panel.nowOf));
@@ -103,7 +159,7 @@ function wireKeys(actions, player, run, shown) {
     ArrowLeft: (shift) => actions.by(shift ? -run.step_us : -5e6),
     ArrowRight: (shift) => actions.by(shift ? run.step_us : 5e6),
     Home: () => actions.to(0),
-    End: () => actions.to(player.episode.durationUs),
+    End: () => actions.to(player.durationUs),
     "+": () => actions.zoom(1.25),
     "=": () => actions.zoom(1.25),
     "-": () => actions.zoom(0.8),
@@ -113,6 +169,10 @@ function wireKeys(actions, player, run, shown) {
     a: () => actions.move(-1, 0),
     d: () => actions.move(1, 0),
     v: actions.tilt,
+    f: actions.follow,
+    c: () => actions.open("charts"),
+    p: () => actions.open("panel"),
+    l: () => actions.open("legend"),
     t: actions.theme,
     "?": actions.help,
     Escape: () => player.select(null),
@@ -133,19 +193,18 @@ function wireKeys(actions, player, run, shown) {
   });
 }
 
-function wireMap(actions, player, camera, scene, settle, redraw) {
-  const { canvas } = scene;
-  const tip = byId("tip");
+function wireMap(actions, player, scene, scenes, redraw) {
+  const { canvas, camera } = scene;
   let from = null;
   let moved = false;
   const where = (event) => {
     const box = canvas.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   };
-  const point = (px, py) => {
-    scene.hover = player.state ? scene.nearest(px, py) : null;
-    scene.pointer = [px, py];
-    canvas.style.cursor = scene.hover ? "pointer" : "";
+  /** The same is pointed at on both maps; the words stand beside the one under the pointer. */
+  const point = (what) => {
+    for (const each of scenes) Object.assign(each, { hover: what, pointed: each === scene });
+    canvas.style.cursor = what ? "pointer" : "";
     redraw();
   };
   canvas.addEventListener("pointerdown", (event) => {
@@ -155,15 +214,13 @@ function wireMap(actions, player, camera, scene, settle, redraw) {
   });
   canvas.addEventListener("pointermove", (event) => {
     const [px, py] = where(event);
-    if (!from) return point(px, py);
+    if (!from) return point(player.state ? scene.nearest(px, py) : null);
     const [dx, dy] = [px - from[0], py - from[1]];
     if (!moved && Math.hypot(dx, dy) < 4) return undefined;
     moved = true;
     from = [px, py];
-    scene.hover = null;
-    if (camera.tilted) camera.turn(-dx * 0.006, dy * 0.006);
-    else camera.pan(dx, dy);
-    return settle();
+    point(null);
+    return camera.tilted ? actions.turn(-dx * 0.006, dy * 0.006) : actions.pan(dx, dy);
   });
   canvas.addEventListener("pointerup", (event) => {
     const [px, py] = where(event);
@@ -171,37 +228,11 @@ function wireMap(actions, player, camera, scene, settle, redraw) {
     from = null;
   });
   canvas.addEventListener("pointercancel", () => { from = null; });
-  canvas.addEventListener("pointerleave", () => {
-    scene.hover = null;
-    tip.hidden = true;
-    redraw();
-  });
+  canvas.addEventListener("pointerleave", () => point(null));
   canvas.addEventListener("wheel", (event) => {
     event.preventDefault();
     actions.zoom(Math.exp(-event.deltaY * 0.0015), ...where(event));
   }, { passive: false });
-}
-
-/** The words at the pointer. */
-export function updateTip(player, scene) {
-  const tip = byId("tip");
-  const what = scene.hover;
-  tip.hidden = !what || (player.selection?.what === what.what && player.selection.index === what.index);
-  if (tip.hidden) return;
-  const told = describe(player.state, what);
-  if (!tip.firstChild) {
-    const title = document.createElement("b");
-    const rows = document.createElement("dl");
-    rows.className = "rows";
-    tip.append(title, rows);
-  }
-  tip.firstChild.textContent = `${told.title}, ${told.tag}`;
-  fillRows(tip.lastChild, told.rows);
-  const [px, py] = scene.pointer;
-  const { clientWidth: width, clientHeight: height } = scene.canvas;
-  const left = px + 16 + tip.offsetWidth > width ? px - 16 - tip.offsetWidth : px + 16;
-  const top = Math.min(height - tip.offsetHeight - 4, Math.max(4, py + 12));
-  tip.style.transform = `translate(${Math.max(4, left)}px, ${top}px)`;
 }
 
 function wireTimeline(player, timeline, panel, redraw) {

@@ -1,8 +1,8 @@
 // What is said of a user, a drone, a station, a request or an event, as rows of [name, value].
 
 import { covering, requestSoFar } from "./history.js";
-import { clock, kbps, percent, span, words } from "./palette.js";
-import { CHARGED, CHARGING, CRASHED, FLYING, QUEUED, RETURNING, STATES } from "./states.js";
+import { clock, kbps, percent, span, userWord, words } from "./palette.js";
+import { CHARGED, CHARGING, CRASHED, FLYING, QUEUED, RETURNING, SERVED, WAITING } from "./states.js";
 
 const place = [0, 0, 0];
 
@@ -41,7 +41,7 @@ function ofUser(state, u) {
     if (next !== undefined) rows.push(["asks again", `at ${clock(episode.request.tUs[next], 1)}`]);
   }
   rows.push(["requests so far", String(asked.length)]);
-  return { title: `User ${u}`, tag: STATES[doing], rows };
+  return { title: `User ${u}`, tag: userWord(doing), rows };
 }
 
 export function whereUser(episode, u, tUs, x, y) {
@@ -83,11 +83,11 @@ function ofDrone(state, d) {
   if (run.three_d) rows.push(["altitude", `${place[2].toFixed(0)} m`]);
   const batteryUs = episode.batteryUs(d, state.tUs);
   if (batteryUs !== null) {
-    rows.push(["battery", `${clock(batteryUs)} min, ${percent((100 * batteryUs) / run.capacity_us, 0)}`]);
+    rows.push(["battery", `${percent((100 * batteryUs) / run.capacity_us, 0)}, ${span(batteryUs)}`]);
   }
   rows.push(["action", action(state, d)]);
   rows.push(["bandwidth in use", shareOf(state.usedBps[d], run.bandwidth_bps)]);
-  rows.push(["attached users", String(state.attachedTo[d])], ["served requests", String(state.servedBy[d])]);
+  rows.push(["its users", usersOf(state, d)]);
   const served = [];
   for (let u = 0; u < run.users && served.length < 13; u += 1) {
     if (state.served[u] && state.holder[u] === d) served.push(u);
@@ -97,6 +97,27 @@ function ofDrone(state, d) {
     rows.push(["serves users", served.length > 12 ? `${list} …` : list]);
   }
   return { title: `Drone ${d}`, tag: modeOf(state, d), rows };
+}
+
+/** What the users that a drone holds are doing: 3 served, 1 waiting, 5 not asking. */
+export function usersOf(state, d) {
+  let waiting = 0;
+  for (let u = 0; u < state.run.users; u += 1) {
+    if (state.holder[u] === d && state.userState(u) === WAITING) waiting += 1;
+  }
+  const served = state.servedBy[d];
+  return inWords(served, waiting, state.attachedTo[d] - served - waiting) || "no user";
+}
+
+/** What all users are doing. */
+export function allUsers(state) {
+  const counts = state.counts();
+  return inWords(counts[SERVED], counts[WAITING], state.run.users - counts[SERVED] - counts[WAITING]);
+}
+
+function inWords(served, waiting, rest) {
+  const parts = [[served, "served"], [waiting, "waiting"], [rest, "not asking"]];
+  return parts.filter(([count]) => count > 0).map(([count, word]) => `${count} ${word}`).join(", ");
 }
 
 /** A bandwidth of a limit, the unit once where it is the same. */

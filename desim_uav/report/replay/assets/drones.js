@@ -96,32 +96,33 @@ function drawPole(scene, d) {
 function drawDrone(scene, d) {
   const { ctx, theme, state } = scene;
   const { px, py } = scene.drones[d];
-  if (scene.tiny) return drawBody(scene, d, px, py, 4.5, state.mode[d] === RETURNING, false);
+  if (scene.tiny) return drawBody(ctx, theme, d, px, py, 4.5, state.mode[d] === RETURNING, false);
   const r = scene.small ? 6.5 : 9;
-  if (!scene.small) {
-    const arm = 11;
-    ctx.lineWidth = 2;
-    ctx.strokeStyle = theme.ink;
-    strokeCross(ctx, px, py, arm);
-    ctx.fillStyle = theme.paper;
-    ctx.lineWidth = 1.25;
-    for (const [sx, sy] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) {
-      ctx.beginPath();
-      ctx.arc(px + sx * arm, py + sy * arm, 4, 0, 2 * Math.PI);
-      ctx.fill();
-      ctx.stroke();
-    }
-  }
-  drawBattery(scene, d, px, py, r + 3, scene.small ? 1.5 : 3);
-  drawBody(scene, d, px, py, r, state.mode[d] === RETURNING);
+  if (!scene.small) drawFrame(ctx, theme, px, py, 11, 4);
+  drawBattery(ctx, theme, scene.batteryOf(d), px, py, r + 3, scene.small ? 1.5 : 3);
+  drawBody(ctx, theme, d, px, py, r, state.mode[d] === RETURNING);
   if (!scene.small && state.mode[d] === RETURNING) {
     scene.write("returning", px, py - 25, "center", theme.ink);
   }
   return undefined;
 }
 
-export function drawBody(scene, d, x, y, r, hollow, numbered = true) {
-  const { ctx, theme } = scene;
+/** The arms and rotors around a drone's body. */
+export function drawFrame(ctx, theme, x, y, arm, rotor) {
+  ctx.lineWidth = 2;
+  ctx.strokeStyle = theme.ink;
+  drawCross(ctx, x, y, arm);
+  ctx.fillStyle = theme.paper;
+  ctx.lineWidth = 1.25;
+  for (const [sx, sy] of [[-1, -1], [1, -1], [1, 1], [-1, 1]]) {
+    ctx.beginPath();
+    ctx.arc(x + sx * arm, y + sy * arm, rotor, 0, 2 * Math.PI);
+    ctx.fill();
+    ctx.stroke();
+  }
+}
+
+export function drawBody(ctx, theme, d, x, y, r, hollow, numbered = true) {
   const colour = droneColour(d);
   ctx.fillStyle = hollow ? theme.paper : colour;
   ctx.strokeStyle = hollow ? colour : theme.paper;
@@ -139,10 +140,8 @@ export function drawBody(scene, d, x, y, r, hollow, numbered = true) {
 }
 
 /** A ring of as much of a circle as the battery is full. */
-export function drawBattery(scene, d, x, y, r, width) {
-  const { ctx, theme, state, run } = scene;
-  if (run.capacity_us === null) return;
-  const share = Math.max(0, Math.min(1, state.episode.batteryUs(d, state.tUs) / run.capacity_us));
+export function drawBattery(ctx, theme, share, x, y, r, width) {
+  if (share === null) return;
   ctx.lineWidth = width;
   ctx.strokeStyle = theme.faint;
   ctx.beginPath();
@@ -172,10 +171,10 @@ export function drawCrashes(scene) {
       ctx.strokeStyle = colour;
       ctx.globalAlpha = lies ? 1 : 0.55; // another has taken its place since
       ctx.lineWidth = scene.tiny ? width / 1.6 : width;
-      strokeCross(ctx, x, y, r);
+      drawCross(ctx, x, y, r);
     }
     ctx.globalAlpha = 1;
-    if (lies && !scene.tiny) scene.fallen.push({ text: `${d} crashed ${clock(event.tUs[i])}`, x, y: y + 17 });
+    if (lies && !scene.tiny) scene.fallen.push({ text: `${d} crashed at ${clock(event.tUs[i])}`, x, y: y + 17 });
   }
 }
 
@@ -190,7 +189,7 @@ export function nameFallen(scene) {
   }
 }
 
-function strokeCross(ctx, x, y, r) {
+export function drawCross(ctx, x, y, r) {
   ctx.beginPath();
   ctx.moveTo(x - r, y - r);
   ctx.lineTo(x + r, y + r);

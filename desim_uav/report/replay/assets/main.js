@@ -3,27 +3,33 @@
 //   await replay.ready                      the first episode is drawn
 //   replay.episodes                         the numbers of the episodes of this page
 //   await replay.seek(episode, t_s, phase)  show a time; of that instant, phases up to `phase` (all)
-//   replay.state()                          what is shown: drones, users, stations, measures
+//   replay.state(k)                         what is shown of run k (0): drones, users, stations, measures
+//   replay.runs                             the policies of the runs of this page
 //   replay.stepEvent(1 or -1, [kinds])      to the next event of these kinds (all), or the one before;
 //                                           {kind, t_s, text} of it, null where there is none
 //   replay.play(), replay.pause(), replay.setSpeed(times)
 //   replay.select({what: "user" | "drone" | "station" | "request", index} or null)
+//   replay.where({what, index}, k)          where that is on the map of run k (0): pixels of the window
+//   replay.scale(k)                         the scale bar of that map: metres, and pixels long
 //   replay.draw()                           draw once, now
 // What they change is drawn and said when they are done.
 
 import { Camera } from "./camera.js";
-import { updateTip, wire } from "./controls.js";
+import { wire } from "./controls.js";
 import { canInflate, readJson } from "./decode.js";
 import { tell } from "./details.js";
 import { US } from "./episode.js";
-import { clock, readTheme } from "./palette.js";
+import { Layout } from "./layout.js";
+import { Legend } from "./legend.js";
+import { clock, readTheme, setPalette, userWord } from "./palette.js";
 import { Panel } from "./panel.js";
 import { Player, SPEEDS } from "./player.js";
+import { byId, element } from "./rows.js";
+import { scaleOf } from "./scale.js";
 import { Scene } from "./scene.js";
-import { STATES } from "./states.js";
 import { Timeline } from "./timeline.js";
+import { updateTip } from "./tip.js";
 
-const byId = (id) => document.getElementById(id);
 const KINDS_OF_CHOICE = ["user", "drone", "station", "request"];
 const WORDS_EVERY_MS = 120;
 const ADDRESS_AFTER_MS = 250;
@@ -34,12 +40,14 @@ function start() {
       + "(DecompressionStream is missing). Chrome and Edge 103, Firefox 113, Safari 16.4 and later can.";
     return;
   }
-  const run = readJson("run");
-  const player = new Player(run);
-  const camera = new Camera(run);
-  const scene = new Scene(run, byId("map"), camera);
-  const timeline = new Timeline(run, byId("timeline"));
-  const panel = new Panel(run, player);
+  const { runs, palette } = readJson("runs");
+  const [run] = runs;
+  setPalette(palette);
+  const player = new Player(runs);
+  const scenes = runs.map((each, k) => new Scene(each, mapOf(k, runs.length), new Camera(each)));
+  const timeline = new Timeline(runs, byId("timeline"));
+  const panel = new Panel(runs, player);
+  const legend = new Legend(runs);
   let stale = true;
   let saidAt = 0;
   const redraw = () => { stale = true; };
@@ -51,7 +59,7 @@ function start() {
     if (name) document.documentElement.dataset.theme = name;
     byId("theme").setAttribute("aria-pressed", String(isDark()));
     const theme = readTheme();
-    for (const part of [scene, timeline, panel]) part.setTheme(theme);
+    for (const part of [...scenes, timeline, legend]) part.setTheme(theme);
     redraw();
   };
   darkByNature.addEventListener("change", () => setTheme(null));
@@ -60,19 +68,20 @@ function start() {
   // ---- drawing
   const draw = () => {
     if (!player.state) return;
-    scene.draw(player.state);
+    scenes.forEach((scene, k) => scene.draw(player.states[k]));
     timeline.draw();
   };
   const say = (now) => {
     if (player.playing && now - saidAt < WORDS_EVERY_MS) return;
     saidAt = now;
     panel.update();
-    updateTip(player, scene);
-    const { tUs, episode } = player.state;
+    legend.update(player.state);
+    updateTip(byId("tip"), player, scenes.find((scene) => scene.pointed));
+    const { tUs, durationUs } = player;
     const slider = byId("timeline");
-    slider.setAttribute("aria-valuemax", String(episode.durationUs / US));
+    slider.setAttribute("aria-valuemax", String(durationUs / US));
     slider.setAttribute("aria-valuenow", String(tUs / US));
-    slider.setAttribute("aria-valuetext", `${clock(tUs, 1)} of ${clock(episode.durationUs)}`);
+    slider.setAttribute("aria-valuetext", `${clock(tUs, 1)} of ${clock(durationUs)}`);
   };
   let before = null;
   const frame = (now) => {
@@ -85,13 +94,14 @@ function start() {
     }
     requestAnimationFrame(frame);
   };
-  const observer = new ResizeObserver(() => {
-    scene.resize();
+  const resize = () => {
+    scenes.forEach((scene, k) => scene.resize(...layout.taken(k)));
     timeline.resize();
     redraw();
-  });
-  observer.observe(scene.canvas);
-  observer.observe(timeline.canvas);
+  };
+  const layout = new Layout(runs.length, resize);
+  const observer = new ResizeObserver(resize);
+  for (const { canvas } of [...scenes, timeline]) observer.observe(canvas);
 
   // ---- what changes
   const address = addressOf(player);
@@ -101,10 +111,14 @@ function start() {
   });
   player.addEventListener("selection", () => {
     const { selection } = player;
-    scene.selection = selection?.what === "request"
-      ? { what: "user", index: player.episode.request.user[selection.index] } : selection;
+    scenes.forEach((scene, k) => {
+      const { request } = player.states[k].episode;
+      const user = selection?.what === "request" ? request.user[selection.index] : undefined;
+      scene.selection = user === undefined ? selection : { what: "user", index: user };
+      if (scene.selection?.what === "request") scene.selection = null; // asked in the other run only
+      scene.reveal(scene.selection);
+    });
     timeline.select(selection?.what === "drone" ? selection.index : -1);
-    scene.reveal(scene.selection);
     redraw();
     if (!player.playing) address.write();
   });
@@ -117,11 +131,13 @@ function start() {
     byId("episode").selectedIndex = player.episode.index;
     byId("earlier").disabled = player.episode.index === 0;
     byId("later").disabled = player.episode.index === run.episodes.length - 1;
-    timeline.setState(player.state);
+    timeline.setStates(player);
     byId("number").max = panel.limit(byId("what").value);
-    byId("map").setAttribute("aria-label", `Map of episode ${player.episode.about.episode}: `
-      + `${run.drones} drones, ${run.users} users, ${run.map.stations.length} stations`);
-    if (!player.selection) scene.selection = null;
+    scenes.forEach((scene, k) => {
+      scene.canvas.setAttribute("aria-label", `Map of episode ${player.episode.about.episode}, ${runs[k].policy}: `
+        + `${run.drones} drones, ${run.users} users, ${run.map.stations.length} stations`);
+      if (!player.selection) scene.selection = null;
+    });
   });
   player.addEventListener("playing", () => {
     byId("play").setAttribute("aria-pressed", String(player.playing));
@@ -139,7 +155,7 @@ function start() {
     byId("speed").setAttribute("aria-valuetext", `${player.speed} times`);
     byId("speed-now").textContent = `${player.speed} ×`;
   });
-  wire({ run, player, camera, scene, timeline, panel, redraw, setTheme, isDark });
+  wire({ runs, player, scenes, timeline, panel, layout, redraw, setTheme, isDark });
   player.setSpeed(60);
 
   const show = () => {
@@ -151,8 +167,7 @@ function start() {
   };
   const ready = address.read().then(() => {
     window.addEventListener("hashchange", () => address.read());
-    scene.resize();
-    timeline.resize();
+    resize();
     show();
     requestAnimationFrame(frame);
   }).catch((error) => {
@@ -160,7 +175,21 @@ function start() {
     byId("message").hidden = false;
     throw error;
   });
-  window.replay = scripted(run, player, ready, draw, show);
+  window.replay = scripted(runs, player, scenes, ready, draw, show);
+}
+
+/** The canvas of run k, under a caption if there are two. */
+function mapOf(k, count) {
+  const pane = element("div", "map");
+  const canvas = element("canvas");
+  Object.assign(canvas, { id: k ? `map-${k}` : "map", tabIndex: 0, role: "img", ariaLabel: "Map" });
+  const caption = element("p", "caption");
+  Object.assign(caption, { id: `caption-${k}`, hidden: count === 1 });
+  caption.append(element("b"), element("span"));
+  pane.append(caption, canvas);
+  byId("maps").append(pane);
+  byId("stage").classList.toggle("pair", count > 1);
+  return canvas;
 }
 
 /** The part of the address behind #: which moment is shown, of what. */
@@ -171,7 +200,7 @@ function addressOf(player) {
     clearTimeout(timer);
     timer = setTimeout(() => {
       if (player.playing) return;
-      const parts = [`episode=${player.episode.about.episode}`, `t=${player.state.tUs / US}`];
+      const parts = [`episode=${player.episode.about.episode}`, `t=${player.tUs / US}`];
       if (player.selection) parts.push(`${player.selection.what}=${player.selection.index}`);
       history.replaceState(null, "", `#${parts.join("&")}`);
     }, ADDRESS_AFTER_MS);
@@ -189,15 +218,17 @@ function addressOf(player) {
   return { read, write };
 }
 
-function scripted(run, player, ready, draw, show) {
+function scripted(runs, player, scenes, ready, draw, show) {
+  const [run] = runs;
   const numbers = run.episodes.map((about) => about.episode);
-  const moment = (i) => {
-    const { kind, tUs, text } = tell(player.state, i);
-    return { kind, t_s: tUs / US, text };
+  const moment = ({ k, i }) => {
+    const { kind, tUs, text } = tell(player.states[k], i);
+    return { kind, t_s: tUs / US, text, run: k };
   };
   return Object.freeze({
     ready,
     episodes: numbers,
+    runs: runs.map(({ policy }) => policy),
     seek: async (episode, tS, phase = null) => {
       await ready;
       const index = numbers.indexOf(episode);
@@ -218,14 +249,22 @@ function scripted(run, player, ready, draw, show) {
       player.select(selection);
       show();
     },
+    where: (what, k = 0) => {
+      const { px, py } = scenes[k].whereIs(what);
+      const { left, top } = scenes[k].canvas.getBoundingClientRect();
+      return { x: left + px, y: top + py };
+    },
+    scale: (k = 0) => {
+      const { metres, pixels } = scaleOf(scenes[k].camera);
+      return { metres, pixels };
+    },
     draw,
-    state: () => told(run, player),
+    state: (k = 0) => told(runs[k], player, player.states[k]),
   });
 }
 
 /** All that is shown, in plain values. */
-function told(run, player) {
-  const { state } = player;
+function told(run, player, state) {
   const { episode } = state;
   const [x, y] = [new Float64Array(run.users), new Float64Array(run.users)];
   episode.userPlaces(state.tUs, x, y);
@@ -251,7 +290,7 @@ function told(run, player) {
     }),
     users: Array.from({ length: run.users }, (_, u) => ({
       x_m: x[u], y_m: y[u], z_m: episode.walk.z[u],
-      state: STATES[state.userState(u)],
+      state: userWord(state.userState(u)),
       service: state.request[u] < 0 ? null : run.services[episode.request.service[state.request[u]]],
       request: state.request[u] < 0 ? null : state.request[u],
       holder: state.holder[u] < 0 ? null : state.holder[u],

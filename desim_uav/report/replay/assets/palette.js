@@ -1,18 +1,19 @@
-// Colours (Okabe and Ito's, told apart by the colour-blind), shapes of services, and words.
+// Colours of drones and users, which the page is given with its data, shapes of services, and words.
 
-export const STATE_COLOURS = ["", "#56B4E9", "#D55E00", "#009E73"]; // idle: the theme's grey
+const looks = { drones: ["#000000"], users: [] };
+
+/** Take the palette of the page: colours of drones by number, word and colour of users by state. */
+export function setPalette({ drones, users }) {
+  Object.assign(looks, { drones, users });
+}
+
+export const droneColour = (d) => looks.drones[d % looks.drones.length];
+export const userColour = (doing) => looks.users[doing].colour;
+export const userWord = (doing) => looks.users[doing].word;
+
 export const SHAPES = ["circle", "square", "triangle", "diamond", "cross", "star"];
 
-const DRONES = {
-  light: ["#0072B2", "#E69F00", "#CC79A7", "#6B7785", "#332288", "#8C510A"],
-  dark: ["#3D9BDC", "#E69F00", "#CC79A7", "#98A4B1", "#9C92F0", "#C68A4E"],
-};
-let drones = DRONES.light;
-
-/** A drone's colour. Users' states have the others of the palette. */
 export const FONT = "system-ui, -apple-system, 'Segoe UI', sans-serif";
-
-export const droneColour = (d) => drones[d % drones.length];
 
 /** Black or white, whichever is read on a colour. */
 export function inkOn(colour) {
@@ -26,10 +27,9 @@ export function inkOn(colour) {
 /** The colours of the present theme, which the style sheet holds. */
 export function readTheme() {
   const style = getComputedStyle(document.documentElement);
-  drones = style.colorScheme === "dark" ? DRONES.dark : DRONES.light;
   const of = (name) => style.getPropertyValue(`--${name}`).trim();
   const theme = {};
-  for (const name of ["paper", "map", "ink", "muted", "faint", "line", "grid", "idle", "accent",
+  for (const name of ["paper", "map", "ink", "muted", "faint", "line", "grid", "accent",
     "danger", "roof-low", "roof-high", "on-roof"]) theme[name] = of(name);
   return theme;
 }
@@ -71,16 +71,27 @@ const POINTS = {
 
 // ---- words
 
-/** A time as minutes and seconds: 12:34, or with so many digits of a second, 12:34.567. */
+const MINUTE_US = 60e6;
+const DAY_US = 86400e6;
+const two = (number) => String(number).padStart(2, "0");
+
+/** A time as h:mm:ss, 0:12:34, or with so many digits of a second, 0:12:34.567; from the second day
+ *  on the day stands before it. */
 export function clock(us, digits = 0) {
-  const sign = us < 0 ? "-" : "";
   const unit = 10 ** (6 - digits);
-  const units = Math.floor(Math.abs(us) / unit);
-  const perMinute = 60 * 10 ** digits;
-  const minutes = Math.floor(units / perMinute);
-  const rest = String(units % perMinute).padStart(2 + digits, "0");
-  const whole = rest.slice(0, rest.length - digits);
-  return `${sign}${minutes}:${whole}${digits ? `.${rest.slice(-digits)}` : ""}`;
+  const cut = Math.floor(us / unit) * unit;
+  const seconds = Math.floor((cut % MINUTE_US) / 1e6);
+  const part = digits ? `.${String(Math.round((cut % 1e6) / unit)).padStart(digits, "0")}` : "";
+  return `${hoursAndMinutes(cut)}:${two(seconds)}${part}`;
+}
+
+/** A time as h:mm where it is a whole minute, else as h:mm:ss. */
+export const shortClock = (us) => (us % MINUTE_US === 0 ? hoursAndMinutes(us) : clock(us));
+
+function hoursAndMinutes(us) {
+  const day = Math.floor(us / DAY_US);
+  const minutes = Math.floor((us % DAY_US) / MINUTE_US);
+  return `${day ? `day ${day + 1}, ` : ""}${Math.floor(minutes / 60)}:${two(minutes % 60)}`;
 }
 
 /** A length of time: 48 s, 12 min 5 s. */

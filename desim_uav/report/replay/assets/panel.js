@@ -1,38 +1,52 @@
-// The words beside the map: clock, measures, legends, drones, and what is chosen.
+// The words beside the map: clock, measures, drones, and what is chosen; of two runs, side by side.
 
-import { describe, howMany, modeOf, tell } from "./details.js";
-import { clock, droneColour, inkOn, percent, words } from "./palette.js";
-import { STATES, WAITING } from "./states.js";
-import { drawUser, RADII } from "./users.js";
+import { allUsers, describe, howMany, modeOf, tell, usersOf } from "./details.js";
+import { clock, droneColour, inkOn, percent, shortClock } from "./palette.js";
+import { byId, element, fillRows, setText } from "./rows.js";
+import { CRASHED, FLYING, RETURNING } from "./states.js";
 
-const byId = (id) => document.getElementById(id);
+const LETTERS = ["A", "B"];
+const MEASURES = [
+  ["QoE1", "Share of the requested time that was served, mean over requests", (now) => percent(now.qoe1)],
+  ["QoE2", "Time a request was open and not served, in steps, mean over requests",
+    (now) => (now.qoe2 === null ? "–" : now.qoe2.toFixed(2))],
+  ["QoE3", "Time average of the share of users attached to a drone", (now) => percent(now.qoe3)],
+  ["reward", "Sum over the steps, mean over the drones", (now) => now.reward.toFixed(2)],
+  ["requests", "Requests so far", (now) => String(now.requests)],
+  ["completed", "Requests completed so far", (now) => String(now.completed)],
+  ["open", "Requests open now", (now) => String(now.open)],
+  ["crashes", "Drones that have crashed so far", (now) => String(now.crashes)],
+];
 
-function element(tag, className = "", text = "") {
-  const made = document.createElement(tag);
-  if (className) made.className = className;
-  made.textContent = text;
-  return made;
-}
-
-function setText(node, text) {
-  if (node.textContent !== text) node.textContent = text;
+/** The name of a run: its policy; of two with one policy, with their letters too. */
+export function nameOf(runs, k) {
+  return runs.length === 1 ? runs[k].policy : `${LETTERS[k]}: ${runs[k].policy}`;
 }
 
 export class Panel {
-  constructor(run, player) {
-    this.run = run;
+  constructor(runs, player) {
+    this.runs = runs;
+    [this.run] = runs;
     this.player = player;
     this.#fillHeader();
-    this.#fillLegends();
+    this.#fillMeasures();
     this.#fillDrones();
+    this.chosen = runs.map((_, k) => {
+      const rows = element("dl", "rows");
+      rows.id = k ? `chosen-rows-${k}` : "chosen-rows";
+      if (runs.length > 1) byId("chosen").append(element("h3", "", nameOf(runs, k)));
+      byId("chosen").append(rows);
+      return rows;
+    });
   }
 
   #fillHeader() {
-    const { run } = this;
-    document.title = `${run.scenario}, ${run.policy}: replay`;
-    byId("title").textContent = run.scenario;
-    byId("subtitle").textContent = `${run.policy}, seed ${run.seed}; `
-      + `${run.drones} drone${run.drones > 1 ? "s" : ""}, ${run.users} user${run.users > 1 ? "s" : ""}`;
+    const { run, runs } = this;
+    const count = (number, word) => `${number} ${word}${number > 1 ? "s" : ""}`;
+    const policies = runs.map((_, k) => nameOf(runs, k)).join(" and ");
+    document.title = `${run.scenario}, ${policies}: replay`;
+    setText(byId("title"), run.scenario);
+    setText(byId("subtitle"), `${policies}, seed ${run.seed}; ${count(run.drones, "drone")}, ${count(run.users, "user")}`);
     for (const about of run.episodes) {
       const option = element("option", "", `episode ${about.episode}`);
       option.value = about.episode;
@@ -60,126 +74,147 @@ export class Panel {
     }
   }
 
-  #fillLegends() {
-    this.states = [3, 2, 1, 0].map((doing) => {
-      const row = element("li");
-      const sample = element("canvas");
-      const count = element("b");
-      row.append(sample, element("span", "", STATES[doing]), count);
-      byId("states").append(row);
-      return { doing, sample, count };
+  /** One run: a grid of names with values. Two: a table with a column for each. */
+  #fillMeasures() {
+    const { runs } = this;
+    const pair = runs.length > 1;
+    byId("measures").classList.toggle("pair", pair);
+    if (pair) {
+      const head = element("div", "head");
+      head.append(element("dt", "", "so far"), ...runs.map((_, k) => element("dd", "", LETTERS[k])));
+      byId("measures").append(head);
+    }
+    this.measures = MEASURES.map(([name, about, form]) => {
+      const cell = element("div");
+      const term = element("dt", "", name);
+      term.title = about;
+      const values = runs.map(() => element("dd"));
+      cell.append(term, ...values);
+      byId("measures").append(cell);
+      if (!pair) values[0].id = name.toLowerCase();
+      return { form, values };
     });
-    this.services = this.run.services.map((name, service) => {
-      const row = element("li");
-      const sample = element("canvas");
-      row.append(sample, element("span", "", words(name)));
-      row.title = name;
-      byId("services").append(row);
-      return { service, sample };
-    });
-  }
-
-  /** The samples of the legends, in the colours of the theme. */
-  setTheme(theme) {
-    const paint = (canvas, r, doing, service, colour) => {
-      const ratio = Math.min(3, window.devicePixelRatio || 1);
-      canvas.width = canvas.height = 18 * ratio;
-      const ctx = canvas.getContext("2d");
-      ctx.scale(ratio, ratio);
-      drawUser(ctx, 9, 9, r, doing, service, { ...theme, map: theme.paper }, colour);
-    };
-    for (const { doing, sample } of this.states) paint(sample, RADII[doing], doing, -1);
-    for (const { service, sample } of this.services) paint(sample, 5.2, WAITING, service, theme.ink);
-    this.drones.forEach(({ chip }, d) => {
-      chip.style.backgroundColor = droneColour(d);
-      chip.style.color = inkOn(droneColour(d));
-    });
+    byId("one-seed").hidden = !pair;
   }
 
   #fillDrones() {
-    const { run, player } = this;
-    this.drones = Array.from({ length: run.drones }, (_, d) => {
-      const button = element("button");
-      button.type = "button";
-      const chip = element("span", "chip", String(d));
-      const [mode, users, left] = ["mode", "users", "left"].map((name) => element("span", name));
-      const meter = element("span", "meter");
-      const fill = element("span");
-      meter.append(fill);
-      button.append(chip, mode, users);
-      if (run.capacity_us !== null) button.append(meter, left);
-      button.addEventListener("click", () => {
-        const chosen = player.selection?.what === "drone" && player.selection.index === d;
-        player.select(chosen ? null : { what: "drone", index: d });
-      });
-      const row = element("li");
-      row.append(button);
-      byId("drones").append(row);
-      return { button, chip, mode, users, fill, left };
+    const { runs } = this;
+    this.drones = runs.map((run, k) => {
+      if (runs.length > 1) byId("drones").append(element("li", "head", nameOf(runs, k)));
+      return Array.from({ length: run.drones }, (_, d) => this.#droneRow(run, d));
     });
+  }
+
+  #droneRow(run, d) {
+    const { player } = this;
+    const button = element("button");
+    button.type = "button";
+    const chip = element("span", "chip", String(d));
+    const [mode, users, left] = ["mode", "users", "left"].map((name) => element("span", name));
+    const meter = element("span", "meter");
+    const fill = element("span");
+    meter.append(fill);
+    button.append(chip, mode, users);
+    if (run.capacity_us !== null) button.append(meter, left);
+    chip.style.backgroundColor = droneColour(d);
+    chip.style.color = inkOn(droneColour(d));
+    button.addEventListener("click", () => {
+      const chosen = player.selection?.what === "drone" && player.selection.index === d;
+      player.select(chosen ? null : { what: "drone", index: d });
+    });
+    const row = element("li");
+    row.append(button);
+    byId("drones").append(row);
+    return { button, mode, users, fill, left };
   }
 
   /** Say what is so now. */
   update() {
-    const { state } = this.player;
-    const now = state.measures();
-    const { durationUs } = state.episode;
-    setText(byId("clock"), clock(state.tUs, this.player.playing ? 0 : 3));
-    setText(byId("of"), `of ${clock(durationUs)}`);
+    const { player } = this;
+    const { states, state, tUs } = player;
+    const parts = clock(tUs, 3).split(".");
+    setText(byId("clock"), parts[0]);
+    setText(byId("fraction"), player.playing || parts[1] === "000" ? "" : `.${parts[1]}`);
+    setText(byId("of"), `of ${shortClock(player.durationUs)}`);
     setText(byId("step"), `step ${state.stepNow() + 1} of ${state.episode.step.count}, episode ${state.episode.about.episode}`);
-    setText(byId("qoe1"), percent(now.qoe1));
-    setText(byId("qoe2"), now.qoe2 === null ? "–" : now.qoe2.toFixed(2));
-    setText(byId("qoe3"), percent(now.qoe3));
-    setText(byId("reward"), now.reward.toFixed(2));
-    for (const name of ["requests", "completed", "open", "crashes"]) setText(byId(name), String(now[name]));
-    const counts = state.counts();
-    for (const { doing, count } of this.states) setText(count, String(counts[doing]));
-    this.#updateDrones(state);
-    this.#updateChosen(state);
-    this.#updateNow(state);
+    const now = states.map((each) => each.measures());
+    for (const { form, values } of this.measures) {
+      values.forEach((value, k) => setText(value, form(now[k])));
+    }
+    setText(byId("all-users"), states.map((each, k) => (
+      `${states.length > 1 ? `${LETTERS[k]}: ` : ""}${allUsers(each)}`)).join("\n"));
+    states.forEach((each, k) => {
+      const caption = byId(`caption-${k}`);
+      const over = each.episode.durationUs < tUs ? `, over at ${shortClock(each.episode.durationUs)}` : "";
+      setText(caption.firstElementChild, nameOf(this.runs, k) + over);
+      setText(caption.lastElementChild, `QoE1 ${percent(now[k].qoe1)}   QoE2 ${MEASURES[1][2](now[k])}   QoE3 ${percent(now[k].qoe3)}`);
+      this.#updateDrones(each, this.drones[k]);
+    });
+    this.#updateChosen(states);
+    this.#updateNow();
   }
 
-  #updateDrones(state) {
-    const { run, player } = this;
-    this.drones.forEach((row, d) => {
-      setText(row.mode, modeOf(state, d));
-      const users = state.attachedTo[d];
-      setText(row.users, users ? `${state.servedBy[d]} of ${users} served` : "");
+  #updateDrones(state, rows) {
+    const { player } = this;
+    const { run } = state;
+    rows.forEach((row, d) => {
+      const flies = state.mode[d] === FLYING || state.mode[d] === RETURNING;
+      const place = run.three_d && flies ? `, ${state.episode.dronePlace(d, state.tUs, [0, 0, 0])[2].toFixed(0)} m` : "";
+      setText(row.mode, modeOf(state, d) + place);
+      setText(row.users, state.mode[d] === CRASHED ? "" : usersOf(state, d));
       const pressed = player.selection?.what === "drone" && player.selection.index === d;
       row.button.setAttribute("aria-pressed", String(pressed));
       if (run.capacity_us === null) return;
-      const us = state.episode.batteryUs(d, state.tUs);
-      const share = Math.max(0, Math.min(1, us / run.capacity_us));
+      const share = Math.max(0, Math.min(1, state.episode.batteryUs(d, state.tUs) / run.capacity_us));
       row.fill.style.width = `${(100 * share).toFixed(1)}%`;
       row.fill.className = share > 0.2 ? "" : "low";
-      setText(row.left, clock(us));
+      setText(row.left, percent(100 * share, 0));
     });
   }
 
-  #updateChosen(state) {
+  #updateChosen(states) {
     const { selection } = this.player;
     byId("chosen").hidden = !selection;
     if (!selection) return;
-    const told = describe(state, selection);
-    setText(byId("chosen-title"), told.title);
-    setText(byId("chosen-tag"), told.tag);
-    fillRows(byId("chosen-rows"), told.rows);
+    states.forEach((state, k) => {
+      if (!(selection.index < howMany(state, selection.what))) {
+        fillRows(this.chosen[k], [["in this run", "there is none"]]);
+        return;
+      }
+      const told = describe(state, selection);
+      if (k === 0) setText(byId("chosen-title"), told.title);
+      if (k === 0) setText(byId("chosen-tag"), states.length > 1 ? "" : told.tag);
+      fillRows(this.chosen[k], states.length > 1 ? [["now", told.tag], ...told.rows] : told.rows);
+    });
+    byId("chosen-tag").hidden = states.length > 1;
   }
 
-  #updateNow(state) {
-    const i = this.player.told >= 0 ? this.player.told : state.sums.next - 1;
+  /** The event that has happened last. */
+  #updateNow() {
+    const { k, i } = this.player.told ?? this.#lastEvent();
     this.nowOf = null;
     if (i < 0) return setText(byId("now"), "");
-    const told = tell(state, i);
+    const told = tell(this.player.states[k], i);
     this.nowOf = told.of;
-    return setText(byId("now"), `${clock(told.tUs, 6)}  ${told.text}`);
+    const whose = this.runs.length > 1 ? `${LETTERS[k]}: ` : "";
+    return setText(byId("now"), `${clock(told.tUs, 6)}  ${whose}${told.text}`);
+  }
+
+  #lastEvent() {
+    let last = { k: 0, i: -1, tUs: -1 };
+    this.player.states.forEach((state, k) => {
+      const i = state.sums.next - 1;
+      const tUs = i < 0 ? -1 : state.episode.event.tUs[i];
+      if (tUs > last.tUs) last = { k, i, tUs };
+    });
+    return last;
   }
 
   /** The sentence about the present moment, to be read out. */
   announce() {
-    const { state, told } = this.player;
-    const text = told >= 0 ? `${clock(state.tUs, 1)}, ${tell(state, told).text}`
-      : `${clock(state.tUs)} of episode ${state.episode.about.episode}`;
+    const { states, state, told, tUs } = this.player;
+    const text = told ? `${clock(tUs, 1)}, ${tell(states[told.k], told.i).text}`
+      : `${clock(tUs)} of episode ${state.episode.about.episode}`;
     setText(byId("live"), text);
   }
 
@@ -187,14 +222,4 @@ export class Panel {
   limit(what) {
     return this.player.state ? howMany(this.player.state, what) - 1 : 0;
   }
-}
-
-/** Rows of names and values; what is there already is used again. */
-export function fillRows(list, rows) {
-  while (list.children.length > 2 * rows.length) list.lastChild.remove();
-  while (list.children.length < 2 * rows.length) list.append(element(list.children.length % 2 ? "dd" : "dt"));
-  rows.forEach(([name, value], k) => {
-    setText(list.children[2 * k], name);
-    setText(list.children[2 * k + 1], value);
-  });
 }

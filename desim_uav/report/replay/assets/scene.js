@@ -2,6 +2,7 @@
 
 import { drawCrashes, drawDrones, drawPaths, nameFallen } from "./drones.js";
 import { droneColour, FONT } from "./palette.js";
+import { drawScale } from "./scale.js";
 import { FLYING, RETURNING } from "./states.js";
 import { drawStations } from "./stations.js";
 import { drawLinks, drawUsers, drawWalk, MANY_USERS } from "./users.js";
@@ -28,6 +29,7 @@ export class Scene {
     this.sprites = new Map();
     this.selection = null;
     this.hover = null;
+    this.followed = -1; // the drone that stays in the middle
     this.ratio = 1;
   }
 
@@ -37,13 +39,13 @@ export class Scene {
     this.backdropOf = null;
   }
 
-  /** Fit the canvas to its box. */
-  resize() {
+  /** Fit the canvas to its box, of which so many pixels at the left and right are taken. */
+  resize(left = 0, right = 0) {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     this.ratio = Math.min(3, window.devicePixelRatio || 1);
     this.canvas.width = Math.round(width * this.ratio);
     this.canvas.height = Math.round(height * this.ratio);
-    this.camera.resize(width, height);
+    this.camera.resize(width, height, left, right);
     this.sprites.clear();
     this.backdropOf = null;
   }
@@ -51,6 +53,7 @@ export class Scene {
   draw(state) {
     const { ctx, camera } = this;
     this.state = state;
+    if (this.followed >= 0) camera.follow(...state.episode.dronePlace(this.followed, state.tUs, place));
     this.#locate();
     ctx.setTransform(1, 0, 0, 1, 0, 0);
     this.#drawBackdrop();
@@ -67,19 +70,17 @@ export class Scene {
     drawDrones(this);
     nameFallen(this);
     this.#drawRing();
-    if (camera.tilted && camera.lift > 1.05) this.write(
-      `heights × ${camera.lift.toFixed(1)}`, 12, camera.height - 12, "left", this.theme.muted,
-    );
+    drawScale(this);
   }
 
   /** Move the map so that what is chosen can be seen. */
   reveal(what) {
     const { camera, state } = this;
-    if (!what || !state || camera.tilted) return;
+    if (!what || !state || camera.tilted || this.followed >= 0) return;
     this.#locate();
     const { px, py } = this.whereIs(what);
-    if (px > 0 && py > 0 && px < camera.width && py < camera.height) return;
-    camera.pan(camera.width / 2 - px, camera.height / 2 - py);
+    if (px > camera.left && py > 0 && px < camera.width && py < camera.height) return;
+    camera.pan(camera.middleX - px, camera.middleY - py);
   }
 
   /** The drone, user or station next to a point of the picture; null where there is none. */
@@ -158,7 +159,7 @@ export class Scene {
       ctx.fillStyle = ctx.strokeStyle = droneColour(d);
       ctx.globalAlpha = this.small ? 0.035 : 0.09;
       ctx.fill();
-      ctx.globalAlpha = this.small ? 0.25 : 0.6;
+      ctx.globalAlpha = this.small ? 0.3 : 0.8;
       ctx.lineWidth = this.small ? 0.75 : 1.25;
       ctx.stroke();
     });
@@ -177,6 +178,13 @@ export class Scene {
       ctx.arc(where.px, where.py, what.what === "user" ? 11 : 21, 0, 2 * Math.PI);
       ctx.stroke();
     }
+  }
+
+  /** How full a drone's battery is, 0 … 1; null where it is unlimited. */
+  batteryOf(d) {
+    const { run, state } = this;
+    if (run.capacity_us === null) return null;
+    return Math.max(0, Math.min(1, state.episode.batteryUs(d, state.tUs) / run.capacity_us));
   }
 
   /** Where something is in the picture. */

@@ -65,11 +65,12 @@ export class State {
   }
 
   /** The number of the next event (direction 1) or that before the present one (-1) whose kind is
-   *  among `kinds` (null: all); -1 where there is none. */
-  findEvent(direction, kinds) {
+   *  among `kinds` (null: all); -1 where there is none. `past`: the event that has just happened is
+   *  the present one, and does not count as before it. */
+  findEvent(direction, kinds, past) {
     const { event } = this.episode;
     let i = direction > 0 ? this.sums.next : this.sums.next - 1;
-    if (direction < 0 && i >= 0 && event.tUs[i] === this.tUs) i -= 1; // the present one
+    if (past && i >= 0 && event.tUs[i] === this.tUs) i -= 1;
     while (i >= 0 && i < event.count) {
       if (kinds === null || kinds.has(event.kind[i])) return i;
       i += direction;

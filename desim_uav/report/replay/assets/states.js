@@ -1,10 +1,9 @@
-// What users and drones can be about.
+// What users and drones can be about; the words for users come with the page's data.
 
 export const IDLE = 0;
 export const ATTACHED = 1;
 export const WAITING = 2;
 export const SERVED = 3;
-export const STATES = ["idle", "attached", "waiting", "served"];
 
 export const FLYING = 0;
 export const RETURNING = 1;

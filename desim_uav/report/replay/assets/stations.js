@@ -8,24 +8,28 @@ const BOLT = [[1.5, -7], [-5, 1.5], [-0.5, 1.5], [-1.5, 7], [5, -1.5], [0.5, -1.
 export function drawStations(scene) {
   const { ctx, theme, run } = scene;
   scene.stations.forEach(({ px, py, dock }, s) => {
-    ctx.fillStyle = theme.paper;
-    ctx.strokeStyle = theme.ink;
     if (scene.tiny) {
       ctx.fillStyle = theme.ink;
       ctx.fillRect(px - 4, py - 4, 8, 8);
       return;
     }
-    ctx.lineWidth = scene.isChosen("station", s) ? 2.5 : 1.5;
-    ctx.beginPath();
-    ctx.roundRect(px - 10, py - 10, 20, 20, 5);
-    ctx.fill();
-    ctx.stroke();
-    ctx.fillStyle = theme.ink;
-    ctx.beginPath();
-    for (const [x, y] of BOLT) ctx.lineTo(px + x, py + y);
-    ctx.fill();
+    drawStation(ctx, theme, px, py, scene.isChosen("station", s) ? 2.5 : 1.5);
     drawDock(scene, px, py + 29, dock, run.pads);
   });
+}
+
+export function drawStation(ctx, theme, px, py, width) {
+  ctx.fillStyle = theme.paper;
+  ctx.strokeStyle = theme.ink;
+  ctx.lineWidth = width;
+  ctx.beginPath();
+  ctx.roundRect(px - 10, py - 10, 20, 20, 5);
+  ctx.fill();
+  ctx.stroke();
+  ctx.fillStyle = theme.ink;
+  ctx.beginPath();
+  for (const [x, y] of BOLT) ctx.lineTo(px + x, py + y);
+  ctx.fill();
 }
 
 function drawDock(scene, px, py, dock, pads) {
@@ -69,6 +73,6 @@ function drawDocked(scene, d, x, y, hollow) {
   drone.px = x;
   drone.py = y;
   drone.drawn = true;
-  drawBattery(scene, d, x, y, 9.5, 2);
-  drawBody(scene, d, x, y, 7, hollow);
+  drawBattery(scene.ctx, scene.theme, scene.batteryOf(d), x, y, 9.5, 2);
+  drawBody(scene.ctx, scene.theme, d, x, y, 7, hollow);
 }

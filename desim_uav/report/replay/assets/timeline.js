@@ -1,17 +1,19 @@
 // The course of an episode under the map: what happened to drones, and the measures so far.
 
-import { clock, droneColour, percent } from "./palette.js";
+import { clock, droneColour, FONT, percent, shortClock } from "./palette.js";
 
-const FONT = "system-ui, -apple-system, 'Segoe UI', sans-serif";
 const MARKS = 20;
 const AXIS = 18;
 const GAP = 7;
 const RIGHT = 12;
 const SLOW_PATHS = 20;
+const FLAT = 90; // below this height there is no room for charts
+const LETTERS = ["A", "B"];
+const DASHES = [[], [5, 3]]; // of two runs
 
 export class Timeline {
-  constructor(run, canvas) {
-    this.run = run;
+  constructor(runs, canvas) {
+    this.runs = runs;
     this.canvas = canvas;
     this.ctx = canvas.getContext("2d");
     this.hoverUs = null;
@@ -23,9 +25,11 @@ export class Timeline {
     this.stale = true;
   }
 
-  setState(state) {
-    this.state = state;
-    this.lanes = lanesOf(this.run, state);
+  setStates(player) {
+    this.player = player;
+    this.states = player.states;
+    this.durationUs = player.durationUs;
+    this.lanes = this.runs.length > 1 ? lanesOfTwo(this.states) : lanesOf(this.runs[0], this.states[0]);
     this.stale = true;
   }
 
@@ -50,17 +54,17 @@ export class Timeline {
   /** The time under a place of the picture. */
   timeAt(px) {
     const share = (px - this.left) / (this.width - this.left - RIGHT);
-    return Math.round(Math.min(1, Math.max(0, share)) * this.state.episode.durationUs);
+    return Math.round(Math.min(1, Math.max(0, share)) * this.durationUs);
   }
 
   draw() {
-    const { ctx, state, theme } = this;
-    if (!state || !this.width) return;
+    const { ctx, theme } = this;
+    if (!this.states || !this.width) return;
     if (this.stale) this.#drawCharts();
     ctx.setTransform(1, 0, 0, 1, 0, 0);
     ctx.drawImage(this.charts, 0, 0);
     ctx.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
-    const x = this.#x(state.tUs);
+    const x = this.#x(this.player.tUs);
     ctx.fillStyle = theme.paper;
     ctx.globalAlpha = 0.55; // what is to come is pale
     ctx.fillRect(x, 0, this.width - x - RIGHT + 1, this.height - AXIS);
@@ -80,8 +84,10 @@ export class Timeline {
     ctx.fill();
   }
 
+  get flat() { return this.height < FLAT; }
+
   #x(tUs) {
-    const share = tUs / this.state.episode.durationUs;
+    const share = tUs / this.durationUs;
     return this.left + share * (this.width - this.left - RIGHT);
   }
 
@@ -103,7 +109,8 @@ export class Timeline {
     ctx.fillRect(0, 0, this.width, this.height);
     ctx.font = `11px ${FONT}`;
     ctx.lineJoin = "round";
-    this.lanes.forEach((lane, k) => {
+    if (this.flat) this.#drawTrack(ctx);
+    else this.lanes.forEach((lane, k) => {
       const { top, height } = this.#lane(k);
       const bottom = top + height;
       ctx.strokeStyle = theme.grid;
@@ -120,6 +127,17 @@ export class Timeline {
     this.#drawAxis(ctx);
     this.#drawMarks(ctx);
     this.stale = false;
+  }
+
+  /** Without charts: a line to move along. */
+  #drawTrack(ctx) {
+    ctx.strokeStyle = this.theme.line;
+    ctx.lineWidth = 1;
+    const y = this.height - AXIS - 0.5;
+    ctx.beginPath();
+    ctx.moveTo(this.left, y);
+    ctx.lineTo(this.width - RIGHT, y);
+    ctx.stroke();
   }
 
   #drawLine(ctx, line, toY) {
@@ -148,8 +166,7 @@ export class Timeline {
   }
 
   #drawAxis(ctx) {
-    const { theme } = this;
-    const { durationUs } = this.state.episode;
+    const { theme, durationUs } = this;
     const bottom = this.height - AXIS;
     ctx.fillStyle = theme.muted;
     ctx.textBaseline = "top";
@@ -157,22 +174,29 @@ export class Timeline {
     const room = (this.width - this.left - RIGHT) / 52;
     const tick = [1, 2, 5, 10, 30, 60, 120, 300, 600, 1800, 3600, 7200, 21600, 86400]
       .map((s) => s * 1e6).find((us) => durationUs / us <= room) ?? durationUs;
+    const form = tick % 60e6 === 0 ? shortClock : clock;
     for (let t = 0; t <= durationUs; t += tick) {
-      const half = ctx.measureText(clock(t)).width / 2;
-      ctx.fillText(clock(t), Math.min(this.width - half, this.#x(t)), bottom + 4);
+      const half = ctx.measureText(form(t)).width / 2;
+      ctx.fillText(form(t), Math.min(this.width - half, this.#x(t)), bottom + 4);
     }
   }
 
   /** Crashes as crosses, charges as bars from the first moment on a pad to the last. */
   #drawMarks(ctx) {
-    const { theme, state, run } = this;
+    this.states.forEach((state, k) => this.#drawMarksOf(ctx, state, k));
+  }
+
+  #drawMarksOf(ctx, state, k) {
+    const { theme, runs } = this;
+    const run = runs[k];
     const { event } = state.episode;
     const begun = new Map();
-    const rows = Math.min(run.drones, 6); // one below the other, as far as there is room
+    const own = Math.min(run.drones, runs.length > 1 ? 3 : 6); // one below the other, as far as there is room
+    const rows = own * runs.length;
     ctx.lineWidth = rows > 1 ? Math.max(1.75, 14 / rows - 1) : 4;
     ctx.lineCap = "butt";
     const bar = (d, from, to) => {
-      const y = rows > 1 ? 5 + ((d % rows) + 0.5) * (14 / rows) : 12;
+      const y = rows > 1 ? 5 + (k * own + (d % own) + 0.5) * (14 / rows) : 12;
       ctx.strokeStyle = droneColour(d);
       ctx.globalAlpha = 0.85;
       ctx.beginPath();
@@ -194,14 +218,16 @@ export class Timeline {
     for (const i of state.marks) {
       if (run.kinds[event.kind[i]] !== "crash") continue;
       const x = this.#x(event.tUs[i]);
+      const [y, r] = runs.length > 1 ? [8.5 + 7 * k, 3.2] : [12, 4.5];
       ctx.strokeStyle = theme.danger;
       ctx.lineWidth = 2.25;
       ctx.beginPath();
-      ctx.moveTo(x - 4.5, 7.5);
-      ctx.lineTo(x + 4.5, 16.5);
-      ctx.moveTo(x + 4.5, 7.5);
-      ctx.lineTo(x - 4.5, 16.5);
+      ctx.moveTo(x - r, y - r);
+      ctx.lineTo(x + r, y + r);
+      ctx.moveTo(x + r, y - r);
+      ctx.lineTo(x - r, y + r);
       ctx.stroke();
+      if (this.flat) continue;
       ctx.globalAlpha = 0.35;
       ctx.lineWidth = 1;
       ctx.beginPath();
@@ -215,21 +241,24 @@ export class Timeline {
 
   /** The names of the lanes, and what they come to now. */
   #drawValues() {
-    const { ctx, theme, state } = this;
-    const now = state.measures();
-    const write = (text, y, colour, weight) => {
+    const { ctx, theme, states } = this;
+    const now = states.map((state) => state.measures());
+    const write = (text, y, colour, weight, x = 4) => {
       ctx.font = `${weight} 11px ${FONT}`;
       ctx.fillStyle = colour;
       ctx.textAlign = "left";
       ctx.textBaseline = "middle";
-      ctx.fillText(text, 4, y);
+      ctx.fillText(text, x, y);
     };
-    write("on pads, × crash", 12, theme.muted, 400);
+    write("charging, × crash", 12, theme.muted, 400);
+    if (this.flat) return;
     this.lanes.forEach((lane, k) => {
       const { top, height } = this.#lane(k);
-      const rows = lane.labels(now, state, this.width < 520);
+      const rows = lane.labels(now, states[0], this.width < 520);
       rows.forEach((row, j) => {
-        write(row.text, top + height / 2 + (j - (rows.length - 1) / 2) * 14, theme.ink, 500);
+        const indent = lane.name ? 46 : 4;
+        if (lane.name && j === 0) write(lane.name, top + height / 2, theme.ink, 500);
+        write(row.text, top + height / 2 + (j - (rows.length - 1) / 2) * 14, theme.ink, 500, indent);
         if (!row.line) return;
         ctx.strokeStyle = row.line.colour ?? theme.ink;
         const y = top + height / 2 + (j - (rows.length - 1) / 2) * 14;
@@ -270,6 +299,32 @@ export class Timeline {
   }
 }
 
+/** The measures of two runs on the same scale, the second one dashed. */
+function lanesOfTwo(states) {
+  const most = (lines, least) => lines.reduce((high, { values }) => (
+    values.reduce((a, b) => (b > a ? b : a), high)), least);
+  const lane = (name, linesOf, form, limits, share = 1) => {
+    const lines = states.map((state, k) => ({ ...linesOf(state), dash: DASHES[k] }));
+    const [low, high] = limits(lines);
+    return {
+      name, low, high, share, lines,
+      labels: (now) => now.map((each, k) => ({
+        text: `${LETTERS[k]} ${form(each)}`, line: lines[k],
+      })),
+    };
+  };
+  const course = (name) => ({ course: of }) => ({ tUs: of.tUs, values: of[name] });
+  const full = () => [0, 100];
+  return [
+    lane("QoE1", course("qoe1"), (now) => percent(now.qoe1), full),
+    lane("QoE2", course("qoe2"), (now) => (now.qoe2 === null ? "–" : now.qoe2.toFixed(2)),
+      (lines) => [0, most(lines, 0.5) * 1.05]),
+    lane("QoE3", course("qoe3"), (now) => percent(now.qoe3), full),
+    lane("reward", (state) => rewardSteps(state.run, state.episode), (now) => now.reward.toFixed(2),
+      (lines) => [Math.min(0, ...lines.flatMap(({ values }) => values)), most(lines, 0.1)]),
+  ];
+}
+
 function lanesOf(run, state) {
   const { course, episode } = state;
   const most = (values, least) => values.reduce((a, b) => (b > a ? b : a), least);
@@ -281,20 +336,20 @@ function lanesOf(run, state) {
   const lanes = [
     {
       low: 0, high: 100, share: 1.6, lines: [qoe1, qoe3],
-      labels: (now) => [
+      labels: ([now]) => [
         { text: `QoE1 ${percent(now.qoe1)}`, line: qoe1 },
         { text: `QoE3 ${percent(now.qoe3)}`, line: qoe3 },
       ],
     },
     {
       low: 0, high: most(course.qoe2, 0.5) * 1.05, lines: [{ tUs: course.tUs, values: course.qoe2 }],
-      labels: (now, _, narrow) => [
+      labels: ([now], _, narrow) => [
         { text: `QoE2 ${now.qoe2 === null ? "–" : now.qoe2.toFixed(2)}${narrow ? "" : " steps"}` },
       ],
     },
     {
       low: Math.min(0, ...steps.values), high: most(steps.values, 0.1), lines: [steps],
-      labels: (now) => [{ text: `reward ${now.reward.toFixed(2)}` }],
+      labels: ([now]) => [{ text: `reward ${now.reward.toFixed(2)}` }],
     },
     {
       low: 0, high: bandwidthLimit(run, course), lines: [{ tUs: course.tUs, values: course.usedBps }],

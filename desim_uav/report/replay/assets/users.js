@@ -1,7 +1,7 @@
 // Users on the map: by state and service, with the walk of the chosen one and links to who serves.
 
 import { Crowd, stampOf } from "./crowd.js";
-import { droneColour, SHAPES, STATE_COLOURS, trace } from "./palette.js";
+import { droneColour, SHAPES, trace, userColour } from "./palette.js";
 import { IDLE, SERVED, WAITING } from "./states.js";
 
 const at = [0, 0, 0];
@@ -67,7 +67,7 @@ function userSprite(scene, doing, service) {
   const ctx = sprite.getContext("2d");
   ctx.scale(scene.ratio, scene.ratio);
   const middle = sprite.width / scene.ratio / 2;
-  if (scene.far) drawDot(ctx, middle, middle, r, doing, service, scene.theme);
+  if (scene.far) drawDot(ctx, middle, middle, r, doing, service);
   else drawUser(ctx, middle, middle, r, doing, service, scene.theme);
   scene.sprites.set(key, sprite);
   return sprite;
@@ -123,17 +123,17 @@ export function drawWalk(scene) {
 }
 
 /** A user of thousands: what is served is larger. */
-function drawDot(ctx, x, y, r, doing, service, theme) {
+function drawDot(ctx, x, y, r, doing, service) {
   ctx.beginPath();
   trace(ctx, service < 0 ? "circle" : SHAPES[service % SHAPES.length], x, y, r);
-  ctx.fillStyle = STATE_COLOURS[doing] || theme.idle;
+  ctx.fillStyle = userColour(doing);
   ctx.fill();
 }
 
 /** A user: by its state, and where it has a request by the shape of its service. */
 export function drawUser(ctx, x, y, r, doing, service, theme, ink = null) {
   const shape = service < 0 ? "circle" : SHAPES[service % SHAPES.length];
-  const colour = ink ?? (STATE_COLOURS[doing] || theme.idle);
+  const colour = ink ?? userColour(doing);
   ctx.beginPath();
   trace(ctx, shape, x, y, r);
   ctx.lineJoin = "round";

@@ -1,0 +1,70 @@
+"""Two runs can be played in step if they differ in their policies only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+from desim_uav.errors import PolicyError
+from desim_uav.report.run import Run
+
+SEEDS = ("seed", "world_seed")
+MOST_NAMED = 3
+"""So many keys of the scenario are named in the message."""
+
+
+def common_episodes(first: Run, second: Run, asked: str | None) -> list[int]:
+    """Return the episodes that two runs on common seeds are shown for.
+
+    ``asked``: such as ``0-9``; without it, all that were counted. Raises PolicyError, with the
+    values of both, if the runs differ in scenario, seed, world or episodes.
+    """
+    for what, one, other in _differences(first, second):
+        raise _unlike(first, second, f"{what}: {one} and {other}")
+    wanted, others = first.chosen(asked), second.chosen(asked)
+    if wanted != others:
+        raise _unlike(
+            first,
+            second,
+            f"episodes: {_told(wanted)} and {_told(others)}; choose some of both with --episodes",
+        )
+    return wanted
+
+
+def _differences(first: Run, second: Run) -> Iterator[tuple[str, Any, Any]]:
+    """Yield what is not the same, the most telling first: its name and both values."""
+    one, other = (_flat(run.scenario.model_dump(mode="json")) for run in (first, second))
+    keys = sorted(key for key in one.keys() | other.keys() if one.get(key) != other.get(key))
+    unlike = [key for key in keys if key not in SEEDS]
+    if unlike:
+        named = ", ".join(unlike[:MOST_NAMED]) + (", …" if len(unlike) > MOST_NAMED else "")
+        key = unlike[0]
+        yield f"scenario ({named}): {key}", one.get(key), other.get(key)
+    if first.settings.seed != second.settings.seed:
+        yield "seed", first.settings.seed, second.settings.seed
+    if first.settings.world_seed != second.settings.world_seed:
+        yield "world_seed", first.settings.world_seed, second.settings.world_seed
+    if first.map != second.map:
+        yield "world.json", "one world", "another"
+
+
+def _flat(content: Mapping[str, Any], above: str = "") -> dict[str, Any]:
+    """Return the keys of a nested mapping with their paths, such as ``users.count``."""
+    found: dict[str, Any] = {}
+    for key, value in content.items():
+        if isinstance(value, Mapping):
+            found |= _flat(value, f"{above}{key}.")
+        else:
+            found[f"{above}{key}"] = value
+    return found
+
+
+def _told(episodes: list[int]) -> str:
+    return f"{episodes[0]} to {episodes[-1]} ({len(episodes)})"
+
+
+def _unlike(first: Run, second: Run, reason: str) -> PolicyError:
+    return PolicyError(
+        f"{first.folder} and {second.folder} cannot be played side by side, because they differ "
+        f"in {reason}"
+    )

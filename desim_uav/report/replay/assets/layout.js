@@ -1,0 +1,45 @@
+// What of the page is open: the charts, the panel, the legend. The map takes what is left.
+
+import { byId } from "./rows.js";
+
+const TALL = 1000;
+const WIDE = 960;
+
+export class Layout {
+  constructor(runs, changed) {
+    const wide = window.innerWidth >= WIDE;
+    this.changed = changed;
+    this.runs = runs;
+    this.open = {
+      charts: window.innerHeight >= TALL || !wide,
+      panel: true,
+      legend: wide && runs === 1,
+    };
+    this.#apply();
+  }
+
+  toggle(name) {
+    this.open[name] = !this.open[name];
+    this.#apply();
+    this.changed();
+  }
+
+  /** The pixels at the left and right of map k that the legend and the buttons take. */
+  taken(k) {
+    if (window.innerWidth < WIDE || k > 0) return [0, 0];
+    const box = byId("legend");
+    const left = this.open.legend ? box.offsetLeft + box.offsetWidth : 0;
+    return [left, this.runs === 1 ? byId("zoom").offsetWidth + 12 : 0];
+  }
+
+  #apply() {
+    const { charts, panel, legend } = this.open;
+    document.body.classList.toggle("no-charts", !charts);
+    document.body.classList.toggle("no-panel", !panel);
+    for (const name of ["charts", "panel", "legend"]) {
+      byId(`${name}-toggle`).setAttribute("aria-pressed", String(this.open[name]));
+    }
+    byId("legend").hidden = !legend;
+    (panel ? byId("moment") : byId("transport")).append(byId("now"));
+  }
+}

@@ -1,0 +1,155 @@
+// The legend: a sample and a name of everything that is drawn on the map.
+
+import { drawBattery, drawBody, drawCross, drawFrame } from "./drones.js";
+import { droneColour, userWord, words } from "./palette.js";
+import { byId, element, setText } from "./rows.js";
+import { ATTACHED, IDLE, SERVED, WAITING } from "./states.js";
+import { drawStation } from "./stations.js";
+import { drawUser, RADII } from "./users.js";
+import { roof } from "./view2d.js";
+
+const [WIDTH, HEIGHT] = [26, 20];
+const [X, Y] = [WIDTH / 2, HEIGHT / 2];
+
+export class Legend {
+  constructor(runs) {
+    [this.run] = runs;
+    this.samples = [];
+    this.counts = new Map();
+    this.#fill(runs.length);
+  }
+
+  #fill(runs) {
+    const users = this.#part("Users");
+    for (const doing of [SERVED, WAITING, ATTACHED, IDLE]) {
+      const row = this.#row(users, userWord(doing), (ctx, theme) => {
+        drawUser(ctx, X, Y, RADII[doing] * 1.1, doing, -1, { ...theme, map: theme.paper });
+      });
+      const count = element("b");
+      row.append(count);
+      if (runs === 1) this.counts.set(doing, count);
+    }
+    const services = this.#part("Requests, by service");
+    this.run.services.forEach((name, service) => {
+      this.#row(services, words(name), (ctx, theme) => {
+        drawUser(ctx, X, Y, 5.2, WAITING, service, { ...theme, map: theme.paper }, theme.ink);
+      });
+    });
+    this.#fillDrones(this.#part("Drones, each in its colour"));
+    this.#fillGround(this.#part("Ground"));
+  }
+
+  #fillDrones(list) {
+    const { run } = this;
+    const battery = run.capacity_us === null ? "" : ", with its battery";
+    this.#row(list, `serving${battery}`, (ctx, theme) => {
+      drawFrame(ctx, theme, X, Y, 6, 2.6);
+      if (battery) drawBattery(ctx, theme, 0.7, X, Y, 7, 2);
+      drawBody(ctx, theme, 0, X, Y, 5, false, false);
+    });
+    if (battery) {
+      this.#row(list, "returning: serves nobody", (ctx, theme) => {
+        drawBattery(ctx, theme, 0.15, X, Y, 7, 2);
+        drawBody(ctx, theme, 0, X, Y, 5, true, false);
+      });
+      this.#row(list, "crashed", (ctx, theme) => {
+        ctx.strokeStyle = theme.danger;
+        ctx.lineWidth = 2.75;
+        drawCross(ctx, X, Y, 5.5);
+      });
+    }
+    this.#row(list, `footprint, ${run.footprint_m} m`, (ctx) => {
+      ctx.fillStyle = ctx.strokeStyle = droneColour(0);
+      ctx.beginPath();
+      ctx.arc(X, Y, 8, 0, 2 * Math.PI);
+      ctx.globalAlpha = 0.12;
+      ctx.fill();
+      ctx.globalAlpha = 0.75;
+      ctx.stroke();
+    });
+    this.#row(list, "path so far", (ctx) => {
+      strokeLine(ctx, droneColour(0), 2, [[2, 15], [10, 15], [10, 6], [24, 6]]);
+    });
+    this.#row(list, "serves this user", (ctx, theme) => {
+      strokeLine(ctx, droneColour(0), 1.1, [[3, 4], [19, 14]]);
+      drawUser(ctx, 20, 14, 4, SERVED, -1, { ...theme, map: theme.paper });
+    });
+  }
+
+  #fillGround(list) {
+    const { run } = this;
+    const heights = run.map.cell_height_m.flat().filter((height) => height > 0);
+    if (run.map.stations.length) {
+      this.#row(list, "charging station", (ctx, theme) => {
+        ctx.translate(X, Y);
+        ctx.scale(0.8, 0.8);
+        drawStation(ctx, theme, 0, 0, 1.5);
+      });
+    }
+    if (heights.length) {
+      const [low, high] = [Math.min(...heights), Math.max(...heights)].map(Math.round);
+      this.#row(list, low === high ? `building, ${low} m` : `buildings, ${low} to ${high} m`, (ctx, theme) => {
+        [0, 0.33, 0.67, 1].forEach((share, k) => {
+          ctx.fillStyle = roof(theme, low / high + share * (1 - low / high));
+          ctx.fillRect(1 + 6 * k, 4, 6, 12);
+        });
+      });
+    }
+    if (run.map.clusters.length) {
+      this.#row(list, "cluster of homes", (ctx, theme) => {
+        ctx.strokeStyle = theme.muted;
+        ctx.setLineDash([2, 3]);
+        ctx.beginPath();
+        ctx.arc(X, Y, 8, 0, 2 * Math.PI);
+        ctx.stroke();
+      });
+    }
+    this.#row(list, "walk of the chosen user, past and to come", (ctx, theme) => {
+      strokeLine(ctx, theme.ink, 1.25, [[1, 14], [8, 6], [14, 11]]);
+      ctx.setLineDash([1, 4]);
+      strokeLine(ctx, theme.ink, 1.25, [[14, 11], [25, 5]]);
+    });
+  }
+
+  #part(title) {
+    const list = element("ul", "legend");
+    byId("legend-parts").append(element("h3", "", title), list);
+    return list;
+  }
+
+  #row(list, text, paint) {
+    const row = element("li");
+    const sample = element("canvas");
+    row.append(sample, element("span", "", text));
+    list.append(row);
+    this.samples.push({ sample, paint });
+    return row;
+  }
+
+  /** Paint the samples in the colours of the theme. */
+  setTheme(theme) {
+    const ratio = Math.min(3, window.devicePixelRatio || 1);
+    for (const { sample, paint } of this.samples) {
+      [sample.width, sample.height] = [WIDTH * ratio, HEIGHT * ratio];
+      const ctx = sample.getContext("2d");
+      ctx.scale(ratio, ratio);
+      ctx.lineJoin = ctx.lineCap = "round";
+      ctx.lineWidth = 1.25;
+      paint(ctx, theme);
+    }
+  }
+
+  /** How many users are in each state now. */
+  update(state) {
+    const counts = state.counts();
+    for (const [doing, count] of this.counts) setText(count, String(counts[doing]));
+  }
+}
+
+function strokeLine(ctx, colour, width, points) {
+  ctx.strokeStyle = colour;
+  ctx.lineWidth = width;
+  ctx.beginPath();
+  for (const [x, y] of points) ctx.lineTo(x, y);
+  ctx.stroke();
+}
