@@ -11,7 +11,6 @@ import pytest
 from tests.command_line import ROOT, elsewhere, program
 from tests.faults.kill import COMMANDS, same_sweep
 
-pytestmark = pytest.mark.thorough
 SWEEP = (
     "sweep",
     "tiny",
@@ -44,6 +43,7 @@ def killed(name: str, kills: int, seed: int):
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "kills"),
     [("run", 6), ("run-des", 4), ("sweep", 5), ("sweep-train", 5), ("reproduce", 4)],
@@ -59,6 +59,7 @@ def test_at_many_random_moments(name):
     killed(name, 40, seed=2)
 
 
+@pytest.mark.thorough
 def test_processes_of_a_killed_sweep_end_by_themselves(here):
     """Nobody writes to the folder once its sweep is dead; the same command goes on with it."""
     process = subprocess.Popen(program(*SWEEP, "-j", 2, "--out", "out"))
@@ -78,6 +79,7 @@ def test_processes_of_a_killed_sweep_end_by_themselves(here):
     same_sweep(here / "out", here / "whole")
 
 
+@pytest.mark.thorough
 def test_a_run_that_is_killed_leaves_nothing_in_its_place(here):
     """While it lives a second one is told who is there; then that may have the folder.
 
