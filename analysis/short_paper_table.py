@@ -16,17 +16,25 @@ def triple(row: pd.Series, prefix: str, form: str) -> str:
     return " / ".join(form.format(row[f"{prefix}{name}"]) for name in MEASURES)
 
 
-def main(file: str, preset: str = "default") -> None:
-    """Print it as Markdown."""
+def markdown(file: str, preset: str = "default", printed: bool = True) -> str:
+    """The table in Markdown, with what the paper printed beside it if ``printed``."""
     table = pd.read_csv(file)
     table = table[table["preset"] == preset]
-    headings = ["case", *POLICIES.values(), *(f"printed: {name}" for name in POLICIES.values())]
-    print("| " + " | ".join(headings) + " |")
-    print("|" + " --- |" * len(headings))
+    headings = ["case", *POLICIES.values()]
+    if printed:
+        headings += [f"printed: {name}" for name in POLICIES.values()]
+    lines = ["| " + " | ".join(headings) + " |", "|" + " --- |" * len(headings)]
     for case, rows in table.set_index("policy").groupby("case"):
-        ours = [triple(rows.loc[policy], "", "{:.1f}") for policy in POLICIES]
-        printed = [triple(rows.loc[policy], "published_", "{:g}") for policy in POLICIES]
-        print("| " + " | ".join([str(case), *ours, *printed]) + " |")
+        cells = [str(case), *(triple(rows.loc[policy], "", "{:.1f}") for policy in POLICIES)]
+        if printed:
+            cells += [triple(rows.loc[policy], "published_", "{:g}") for policy in POLICIES]
+        lines.append("| " + " | ".join(cells) + " |")
+    return "\n".join(lines)
+
+
+def main(file: str, preset: str = "default") -> None:
+    """Print it."""
+    print(markdown(file, preset))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,7 @@
 """Quality of experience: QoE1-3 and everything derived, from a frame of requests.
 
 A request's basic columns are its times, ``requested_s`` and ``served_s``; ``derive`` adds what
-follows from them, ``summary`` averages. Definitions as in the README's model page.
+follows from them, ``summary`` averages. Definitions as in ``docs/explanation/model.md``.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ def test_learned_against_optimum(capsys: pytest.CaptureFixture[str], monkeypatch
     script = str(SCRIPTS / "learned_against_optimum.py")
     monkeypatch.setattr(sys, "argv", [script, "1", "20"])
     runpy.run_path(script, run_name="__main__")
-    rows = re.findall(r"^\| 0 \| (\w+) \| (.*) \|$", capsys.readouterr().out, re.MULTILINE)
+    rows = re.findall(r"^\| 100 \| (\w+) \| (.*) \|$", capsys.readouterr().out, re.MULTILINE)
     assert [algorithm for algorithm, _ in rows] == ["q_learning", "sarsa"]
     for _, cells in rows:
         reward, best, share, qoe3, best_qoe3 = map(float, cells.split(" | "))
@@ -218,10 +218,10 @@ def test_paired_difference_needs_two_policies(folders, ask):
 
 @pytest.mark.parametrize("question", QUESTIONS)
 class TestEach:
-    def test_stands_in_the_readme(self, question, ask):
+    def test_stands_in_the_documentation(self, question, ask):
         asked, _, usage, *_ = ask(question, "--help")[1].splitlines()
-        readme = (SCRIPTS.parent / "README.md").read_text(encoding="utf-8")
-        assert f"| {asked} | `{usage}` |" in readme
+        page = (SCRIPTS.parent / "docs" / "howto" / "report.md").read_text(encoding="utf-8")
+        assert f"| {asked} | `{usage}` |" in page
 
     def test_draws(self, question, folders, ask, tmp_path):
         picture = tmp_path / "picture.png"

@@ -1,8 +1,8 @@
 """Writes the parts of the reference that the code itself knows, each time the site is built.
 
 They stand in ``_generated``: the commands (from typer), the keys of a scenario (from the JSON
-Schema), the columns of the tables (from ``desim_uav.records``). The pages in ``reference`` include
-them.
+Schema), the columns of the tables (from ``desim_uav.records``), and the table of the paper (from
+what ``desim-uav reproduce`` has left in ``analysis/paper``). The pages include them.
 """
 
 from __future__ import annotations
@@ -10,7 +10,9 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import cases
 import commands
+import paper
 import scenario_keys
 import tables
 
@@ -18,6 +20,10 @@ PARTS = {
     "commands.md": commands.markdown,
     "scenario_keys.md": scenario_keys.markdown,
     "tables.md": tables.markdown,
+    "cases.md": cases.markdown,
+    "paper_table.md": paper.default_table,
+    "paper_preset.md": paper.paper_table,
+    "claims.md": paper.claims,
 }
 
 

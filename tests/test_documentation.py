@@ -1,0 +1,145 @@
+"""What README and documentation say is so: their code blocks run, their commands exist."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.documentation import (
+    DIRECTIVES,
+    LANGUAGES,
+    LINKED,
+    NEEDED,
+    ROOT,
+    WORDS,
+    blocks,
+    extras_of,
+    optional_dependencies,
+    pages,
+)
+
+PAGES = {str(page.relative_to(ROOT)): page for page in pages()}
+README = PAGES["README.md"].read_text(encoding="utf-8")
+
+
+def blocks_of(name: str) -> list:
+    return blocks(PAGES[name].read_text(encoding="utf-8"))
+
+
+def any_block(name: str, *, thorough: bool) -> bool:
+    """Has a page a block that this run would run?"""
+    return any(
+        block.runs and ("thorough" in block.words) is thorough
+        for block in blocks_of(name)
+        if block.language in LANGUAGES - {"text"}
+    )
+
+
+def run(page: Path, folder: Path, *options: str) -> None:
+    """Run a page's blocks in a folder, in a process of their own."""
+    for name in LINKED:
+        (folder / name).symlink_to(ROOT / name)
+    environment = os.environ | {
+        "PYTHONPATH": str(ROOT),
+        "MPLBACKEND": "agg",
+        "COLUMNS": "100",
+    }
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.documentation", str(page), *options],
+        cwd=folder,
+        env=environment,
+        capture_output=True,
+        text=True,
+        timeout=1800,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
+
+
+@pytest.mark.parametrize("name", [name for name in PAGES if any_block(name, thorough=False)])
+def test_the_code_blocks_of_a_page_run(name: str, tmp_path: Path) -> None:
+    run(PAGES[name], tmp_path)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", [name for name in PAGES if any_block(name, thorough=True)])
+def test_all_code_blocks_of_a_page_run(name: str, tmp_path: Path) -> None:
+    run(PAGES[name], tmp_path, "--thorough")
+
+
+def test_a_page_whose_block_fails_is_noticed(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("```python\nx = 1\n```\n\n```python\nassert x == 2\n```\n", encoding="utf-8")
+    with pytest.raises(AssertionError, match=r"page\.md"):
+        run(page, tmp_path)
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_every_block_says_what_it_is(name: str) -> None:
+    for block in blocks_of(name):
+        assert block.language in LANGUAGES | DIRECTIVES, f"{name}:{block.line}"
+        if block.language in LANGUAGES:
+            assert set(block.words) <= WORDS, f"{name}:{block.line}"
+            assert block.words.get("extra", "sb3") in NEEDED
+        assert block.words.get("by-hand") != "", f"{name}:{block.line}: no reason"
+        if block.language == "text" and "output" not in block.words:
+            commands = re.findall(r"^(?:\$ )?(?:desim-uav|pip|python|pytest) ", block.text, re.M)
+            assert not commands, f"{name}:{block.line}: commands belong into a block of sh"
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_install_commands_name_a_checkout_and_an_extra_that_exists(name: str) -> None:
+    text = PAGES[name].read_text(encoding="utf-8")
+    assert "desim-uav[" not in text
+    for command in re.findall(r"pip install [^`\n]*\[[^`\n]*\"", text):
+        words = command.replace('"', "").split()
+        assert set(extras_of(words[:4])) <= set(optional_dependencies()), command
+
+
+def test_the_readme_is_short() -> None:
+    assert len(README.split()) <= 900
+
+
+def test_the_two_commands_of_the_readme() -> None:
+    assert re.findall(r"^pip install -e .* && .*$", README, re.MULTILINE) == [
+        "pip install -e . && desim-uav run case8",
+        'pip install -e ".[test]" && pytest -n auto',
+    ]
+
+
+@pytest.mark.parametrize("name", ["README.md", "CONTRIBUTING.md"])
+def test_links_of_pages_outside_the_site_lead_somewhere(name: str) -> None:
+    for link in re.findall(r"\]\(([^)#]+)", PAGES[name].read_text(encoding="utf-8")):
+        assert link.startswith("https://") or (ROOT / link).exists(), link
+
+
+def test_the_kinds_of_figures_are_those_there_are() -> None:
+    from desim_uav.experiment.plot import KINDS
+
+    text = PAGES["docs/howto/report.md"].read_text(encoding="utf-8")
+    (table,) = re.findall(r"^\| Kind .*?\n\n", text, re.MULTILINE | re.DOTALL)
+    assert set(re.findall(r"^\| `(\w+) ", table, re.MULTILINE)) == set(KINDS)
+
+
+@pytest.mark.parametrize(
+    ("file", "command"),
+    [
+        ("case8.png", "python analysis/case_picture.py runs/picture docs/case8.png 0 20"),
+        ("policy.png", "desim-uav plot policy case8.npz -o docs/policy.png"),
+        ("replay.gif", "desim-uav video runs/learned --gif docs/replay.gif --speed 240"),
+    ],
+)
+def test_pictures_stand_beside_their_commands(file: str, command: str) -> None:
+    assert command in PAGES["docs/howto/report.md"].read_text(encoding="utf-8")
+    assert (ROOT / "docs" / file).stat().st_size < 1.5e6
+
+
+def test_the_picture_of_the_readme_is_one_of_the_site() -> None:
+    (picture,) = re.findall(r"!\[[^]]*\]\(([^)]+)\)", README)
+    assert (ROOT / picture).is_file()
+    assert f"]({Path(picture).name})" in PAGES["docs/index.md"].read_text(encoding="utf-8")
