@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.copies import Unchanging
 from desim_uav.model.demand import Requests
 from desim_uav.model.kernels import maker
 from desim_uav.model.mobility import RandomWalks, Walks
@@ -19,7 +20,7 @@ MOST_AT_ONCE, AT_ONCE_FOR = 64, 3072
 
 
 @dataclass(frozen=True, eq=False)
-class SamplePath:
+class SamplePath(Unchanging):
     """The walks, requests, position errors and respawn places of one episode.
 
     ``walking``: the walks; random ones are drawn when somebody asks for ``walks``.

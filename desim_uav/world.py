@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.copies import Unchanging
 from desim_uav.errors import ScenarioError
 from desim_uav.model.demand import Requests, requests_of
 from desim_uav.model.grid import Cell, Grid, altitudes, connected
@@ -29,8 +30,8 @@ PLACEMENTS = 10_000
 
 
 @dataclass(frozen=True, eq=False)
-class World:
-    """A drawn world.
+class World(Unchanging):
+    """A drawn world, which copies of environments and engines share.
 
     Cells are (ix, iy); ``clusters`` rows x, y, radius and ``homes`` rows x, y, z are in metres.
     """

@@ -185,7 +185,11 @@ measured = partial(tuple.__new__, Measures)
 
 
 class Engine(Protocol):
-    """Runs episodes, one decision epoch at a time."""
+    """Runs episodes, one decision epoch at a time.
+
+    An engine can be copied and pickled between any two of its calls. The copy shares only the
+    world with the original, and it goes on, in this process or another, as the original would.
+    """
 
     world: World
     settings: RunSettings

@@ -11,6 +11,7 @@ import numpy as np
 from gymnasium import error
 from numpy.typing import NDArray
 
+from desim_uav.copies import Independent, owned
 from desim_uav.engine.base import COUNTS, MEASURES, Engine, RunSettings
 from desim_uav.engine.batch import BatchSimulation, calls
 from desim_uav.env.session import ActionError, Session
@@ -50,7 +51,7 @@ class CompiledSession(Session):
         return self.engine.snapshot()
 
 
-class Compiled:
+class Compiled(Independent):
     """What n sessions of one scenario show, in arrays, and a step of all or some of them.
 
     ``values`` (n, drones * features); ``masks`` (n, drones * actions), int8; ``rewards`` (n,),
@@ -74,13 +75,30 @@ class Compiled:
         self._over = np.zeros((count, 3), np.bool_)
         self._seeds = np.zeros((count, len(SEEDS)), np.int64)
         self._seeds_of = [(0, 0, 0)] * count
-        self._table = np.zeros((count, calls.ADDRESSES), np.int64)
-        shown_in = (self.values, self.masks, self.rewards, self._told, self._over)
-        for k in range(count):
-            self._table[k, -len(shown_in) :] = [array[k:].ctypes.data for array in shown_in]
         bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
         self._shares = [slice(*pair) for pair in pairwise(bounds)]
+        self._set_up()
+
+    def _set_up(self) -> None:
+        """Make what holds in this process and for these arrays only: addresses and threads."""
+        count, threads = len(self.sessions), len(self._shares)
+        self._table = np.zeros((count, calls.ADDRESSES), np.int64)
+        shown_in = (self.values, self.masks, self.rewards, self._told, self._over)
+        for k, session in enumerate(self.sessions):
+            self._table[k, -len(shown_in) :] = [array[k:].ctypes.data for array in shown_in]
+            if session.episode >= 0:
+                self._point_at(k)
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but addresses and threads."""
+        return {key: part for key, part in vars(self).items() if key not in ("_table", "_pool")}
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        """Make addresses and threads anew, for arrays of this object's own."""
+        for key, part in kept.items():
+            setattr(self, key, owned(part) if isinstance(part, np.ndarray) else part)
+        self._set_up()
 
     @property
     def over(self) -> NDArray[np.bool_]:

@@ -97,11 +97,23 @@ class InKernels:
     """By the arrays of the compiled engine."""
 
     def __init__(self, session: CompiledSession) -> None:
-        self.session: Session = session
-        self.compiled = compiled = Compiled([session])
+        self._stand_on(Compiled([session]))
+        self._over = True
+
+    def __getstate__(self) -> tuple[Compiled, bool]:
+        """Everything but the rows of arrays, which a copy takes of its own arrays."""
+        return self.compiled, self._over
+
+    def __setstate__(self, kept: tuple[Compiled, bool]) -> None:
+        """See ``__getstate__``."""
+        compiled, self._over = kept
+        self._stand_on(compiled)
+
+    def _stand_on(self, compiled: Compiled) -> None:
+        self.compiled = compiled
+        self.session: Session = compiled.sessions[0]
         self._values, self._masks = compiled.values[0], compiled.masks[0]
         self._rewards, self._ends = compiled.rewards, compiled.over[0]
-        self._over = True
 
     def begin(self, seed: int | None) -> None:
         """See ``Joint``, here and below."""

@@ -10,6 +10,7 @@ from gymnasium.spaces import Box, Dict, Discrete
 from numpy.typing import NDArray
 from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
+from desim_uav.copies import Independent
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
@@ -20,7 +21,7 @@ Seen = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
 
 
-class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
+class UavParallelEnv(Independent, ParallelEnv[str, Seen, int]):  # type: ignore[misc]
     """The drones of a scenario as agents, ``drone_0`` and on; a step is a decision epoch.
 
     An agent's observation is a dict of ``observation``, the scenario's encoding (int64, or float32
@@ -31,6 +32,8 @@ class UavParallelEnv(ParallelEnv[str, Seen, int]):  # type: ignore[misc]
     An agent's reward is its drone's own. Its info holds numbers only, under the same keys at every
     reset and step (see ``Session.info``): attached users, crashes and the terms of the reward are
     the drone's own, the others those of the whole episode. The mask is in the observation only.
+
+    Copies and pickles are independent environments (see ``UavEnv``).
     """
 
     metadata: ClassVar[dict[str, Any]] = {**RENDERING, "name": "uav_v0", "is_parallelizable": True}

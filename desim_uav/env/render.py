@@ -17,7 +17,10 @@ RENDERING: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps
 
 
 class Screen:
-    """Shows a session the way ``mode`` says: None, "rgb_array", or "human" (a window)."""
+    """Shows a session the way ``mode`` says: None, "rgb_array", or "human" (a window).
+
+    A copy has no window before it shows a frame; then it opens its own.
+    """
 
     def __init__(self, session: Session, mode: str | None) -> None:
         """Raises UnsupportedMode for another mode, and for "human" without a display."""
@@ -27,7 +30,14 @@ class Screen:
             )
         self.session = session
         self.mode = mode
-        self.window = Window(RENDERING["render_fps"]) if mode == "human" else None
+        self.window = self._new_window() if mode == "human" else None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The session and the mode, without window and pictures."""
+        return {"session": self.session, "mode": self.mode, "window": None}
+
+    def _new_window(self) -> Window:
+        return Window(RENDERING["render_fps"])
 
     def render(self) -> NDArray[np.uint8] | None:
         """The present frame, or None once the window shows it. Raises ResetNeeded."""
@@ -40,7 +50,8 @@ class Screen:
 
     def refresh(self) -> None:
         """Let the window, if there is one, show the present state."""
-        if self.window is not None:
+        if self.mode == "human":
+            self.window = self.window or self._new_window()
             self.window.show(self._frame())
 
     def close(self) -> None:

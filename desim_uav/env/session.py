@@ -12,6 +12,7 @@ import numpy as np
 from gymnasium import error
 from numpy.typing import NDArray
 
+from desim_uav.copies import Independent
 from desim_uav.engine.base import COUNTS, MEASURES, Engine, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.env.configure import Source, configured
@@ -29,7 +30,7 @@ class ActionError(error.InvalidAction, ValueError):
     """An action outside the action space (a masked one is none)."""
 
 
-class Session:
+class Session(Independent):
     """A scenario under way.
 
     ``seed`` is the run's; it draws the world too, unless the scenario has a ``world_seed``.
@@ -62,6 +63,7 @@ class Session:
         self.seed = self.scenario.seed if given else secrets.randbits(32)
         self.episode = -1
         self._shown: Snapshot | None = None
+        self._paths: SamplePaths | None = None
         self._started = False
         self._ahead = ahead
         if starts:
@@ -79,10 +81,14 @@ class Session:
         self.seed, self.episode = seed, -1
         self._shown = None
         self._started = True
-        self._paths: SamplePaths | None = None
+        self._paths = None
 
     def _engine_of(self, settings: RunSettings) -> Engine:
         return Simulation(self.world, settings)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the sample paths of later episodes, which a copy draws anew."""
+        return {**vars(self), "_paths": None}
 
     @property
     def shown(self) -> Snapshot:

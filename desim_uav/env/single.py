@@ -9,13 +9,14 @@ import gymnasium
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.copies import Independent
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.joint import joint
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.spaces import action_space, features, observation_space
 
 
-class UavEnv(gymnasium.Env[NDArray[Any], Any]):
+class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
     """The drones of a scenario under one controller; a step is a decision epoch.
 
     The observation is the drones' encodings, one after the other (int64, or float32 where the
@@ -24,6 +25,12 @@ class UavEnv(gymnasium.Env[NDArray[Any], Any]):
     users and crashes are of all. The masks, in the info and by ``action_masks``, are those of the
     drones one after the other, none of them all 0. The time limit truncates an episode; a crash
     terminates it where the scenario says so.
+
+    ``copy.copy``, ``copy.deepcopy`` and ``pickle`` make an independent environment at any point of
+    an episode. It goes on exactly as this one would, and a pickle does so in any process that has
+    the same versions of desim-uav and Python. On SimPy a copy plays the present episode again, so
+    it takes about as long as the episode has taken so far; in the compiled engine a copy takes the
+    same time at any step. A copy with ``render_mode="human"`` opens a window when it first renders.
     """
 
     metadata = RENDERING

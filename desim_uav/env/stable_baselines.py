@@ -9,6 +9,7 @@ import numpy as np
 from gymnasium.vector import AutoresetMode
 from numpy.typing import NDArray
 
+from desim_uav.copies import Independent
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.vector import UavVectorEnv
 from desim_uav.errors import MissingExtraError
@@ -22,13 +23,15 @@ TOLD_ONCE = "final_"
 """What a key begins with that only the end of an episode has."""
 
 
-class UavVecEnv(VecEnv):
+class UavVecEnv(Independent, VecEnv):
     """``num_envs`` environments for stable-baselines3 and sb3-contrib, MaskablePPO among them.
 
     The step that ends an episode also begins the next one; that environment's info then holds the
     last observation as ``terminal_observation``. ``TimeLimit.truncated`` is in the info of every
     step, as stable-baselines3's own vector environments have it. ``seed(s)`` counts from the next
     reset on: environment k has the seed s + k.
+
+    Copies and pickles are independent environments (see ``UavEnv``) with threads of their own.
     """
 
     def __init__(

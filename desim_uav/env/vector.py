@@ -11,6 +11,7 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
+from desim_uav.copies import Independent
 from desim_uav.env.compiled import Compiled, CompiledSession
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
@@ -19,7 +20,7 @@ from desim_uav.spaces import action_space, features, observation_space
 from desim_uav.world import World, build_world
 
 
-class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
+class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """``num_envs`` environments like ``UavEnv``, in the compiled engine.
 
     Environment k gives the numbers that ``UavEnv`` gives with its seed, bit for bit, whatever the
@@ -36,6 +37,8 @@ class UavVectorEnv(VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     0; with ``SAME_STEP`` the step that ends an episode begins the next one, and shows the end as
     ``final_obs`` and ``final_info``; with ``DISABLED`` the caller resets the environments whose
     episodes are over: ``reset(options={"reset_mask": terminated | truncated})``.
+
+    Copies and pickles are independent environments (see ``UavEnv``) with threads of their own.
     """
 
     metadata: dict[str, Any] = {  # noqa: RUF012 (Gymnasium gives each environment its own)

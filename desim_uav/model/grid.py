@@ -8,13 +8,14 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.copies import Unchanging
 from desim_uav.model.kernels import kernel
 
 Cell = tuple[int, int]
 
 
 @dataclass(frozen=True, eq=False)
-class Grid:
+class Grid(Unchanging):
     """Cells of ``width_m`` / nx by ``depth_m`` / ny; ``height_m`` (nx, ny) of the tallest building.
 
     ``levels_m`` are the altitudes under the ceiling (the tallest building), ascending, and above

@@ -14,6 +14,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
+from desim_uav.copies import Unchanging
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.kernels import kernel, part
 from desim_uav.model.rules import US
@@ -99,7 +100,7 @@ class RandomWalk:
 
 
 @dataclass(frozen=True, eq=False)
-class RandomWalks:
+class RandomWalks(Unchanging):
     """Random walks that are drawn, by a compiled loop, once their legs are asked for.
 
     ``states`` (users, 4) are the beginnings of the users' streams. The compiled engine asks for no

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import copy
+import pickle
 from collections.abc import Iterator
 
 import gymnasium
@@ -132,6 +134,25 @@ def test_a_window_that_was_closed_stays_closed(display: type[fake_display.Figure
     plt.close("all")
     env.step(0)
     assert len(display.shown) == 1
+
+
+@pytest.mark.parametrize("engine", ["des", "batch"])
+def test_a_copy_opens_a_window_when_it_first_renders(
+    engine: str, display: type[fake_display.FigureCanvas]
+):
+    env = UavEnv("case1", render_mode="human", engine=engine)
+    env.reset(seed=0)
+    copies = [copy.deepcopy(env), pickle.loads(pickle.dumps(env)), copy.copy(env)]
+    assert display.opened == len(plt.get_fignums()) == 1
+    copies[0].close()
+    assert len(plt.get_fignums()) == 1
+    copies[1].step(0)
+    assert copies[2].render() is None
+    assert display.opened == len(plt.get_fignums()) == 3
+    assert display.shown[-1] == display.shown[0]
+    copies[1].close()
+    assert len(plt.get_fignums()) == 2
+    plt.close("all")
 
 
 @pytest.mark.parametrize("backend", ["agg", "tkagg"])

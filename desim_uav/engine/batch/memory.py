@@ -9,7 +9,7 @@ Two arrays, because a kernel that takes thirty compiles for minutes. Times are w
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -128,6 +128,10 @@ class Fixed(NamedTuple):
     i: Ints
     f: Floats
 
+    def __deepcopy__(self, memo: dict[int, Any]) -> Fixed:
+        """The same object: a world does not change, so copies of an engine share it."""
+        return self
+
 
 (
     P_AFTER_PREVIOUS,
@@ -157,6 +161,10 @@ class Path(NamedTuple):
 
     i: Ints
     f: Floats
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Path:
+        """The same object: a sample path does not change, so copies of an engine share it."""
+        return self
 
 
 # ---- State

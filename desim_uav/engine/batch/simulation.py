@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from pickle import UnpicklingError
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.copies import Independent, owned, usable
 from desim_uav.engine.base import (
     Carried,
     CarriedDrone,
@@ -70,8 +73,10 @@ from desim_uav.engine.batch.memory import (
     TOLD,
     TRANSIT,
     TRUNCATED,
+    Fixed,
     Ints,
     Path,
+    State,
     X,
     Y,
     state_of,
@@ -81,6 +86,7 @@ from desim_uav.engine.batch.pack import pack, term_names
 from desim_uav.engine.batch.paths import paths_of
 from desim_uav.engine.batch.walking import legs_of_step
 from desim_uav.errors import ScenarioError, SimulationError
+from desim_uav.model.code_digest import code_digest
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot
@@ -113,26 +119,59 @@ class ClosedRequest:
     outcome: Outcome
 
 
-class BatchSimulation:
+DERIVED = ("views", "_hops", "_plans")
+"""What an engine has besides its value: names for parts of its arrays."""
+
+
+class BatchSimulation(Independent):
     """The compiled engine (see ``Engine``).
 
     Raises ScenarioError where a component of the scenario has no kernel.
+
+    Copies and pickles are as ``Engine`` says, at the cost of copying the arrays of the state. Only
+    the code that wrote a pickle can read it, because other code may lay out the arrays differently.
     """
+
+    packed: Path
+    state: State
 
     def __init__(self, world: World, settings: RunSettings) -> None:
         self.world = world
         self.settings = settings
         self.fixed = pack(world, settings)
+        self._name_plans()
         self.shown: Snapshot | None = None
         self.log = EpisodeLog(0)
         self.room, self.crossing_room = ROOM, CROSSINGS_A_USER * len(world.homes) + 16
         self.leg_room = legs_of_step(world)
-        self._hops = self._section(AT_HOPS, AT_BLOCKED).reshape(-1, 3)
-        self._plans = self._section(AT_PLANS, AT_HOPS).reshape(2, -1, 5)
         self._make_room()
         self._carried: Carried | None = None
         self._under_way = False
         self.term_names = term_names(world)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """The engine's value, and the code that knows what stands where in its arrays."""
+        value = {key: part for key, part in vars(self).items() if key not in DERIVED}
+        return {**value, "code": kernels_digest()}
+
+    def __setstate__(self, value: dict[str, Any]) -> None:
+        """Take a value, in memory of its own. Raises UnpicklingError if other code wrote it."""
+        if value["code"] != kernels_digest():
+            raise UnpicklingError(
+                "the compiled engine in this pickle was written by another version of desim-uav or "
+                "of Python, which may lay out its memory differently; use the same versions"
+            )
+        vars(self).update({key: part for key, part in value.items() if key != "code"})
+        self.fixed = Fixed(usable(self.fixed.i), usable(self.fixed.f))
+        self._name_plans()
+        if "packed" in value:
+            self.packed = Path(usable(self.packed.i), usable(self.packed.f))
+        self.state = State(owned(self.state.i), owned(self.state.f))
+        self.views = views(self.state)
+
+    def _name_plans(self) -> None:
+        self._hops = self._section(AT_HOPS, AT_BLOCKED).reshape(-1, 3)
+        self._plans = self._section(AT_PLANS, AT_HOPS).reshape(2, -1, 5)
 
     def _section(self, first: int, after: int) -> Ints:
         fixed = self.fixed.i
@@ -154,7 +193,6 @@ class BatchSimulation:
             legs=self.leg_room,
         )
         self.views = views(self.state)
-        self._world_at, self._state_at = _addresses(self.fixed), _addresses(self.state)
 
     def refuse_unseen(self) -> None:
         """Raises ScenarioError where the scenario's observation has no kernel."""
@@ -366,7 +404,8 @@ class BatchSimulation:
 
     def addresses(self) -> tuple[int, ...]:
         """Where the arrays of world, sample path and state are (see ``calls.step_all``)."""
-        return *self._world_at, *_addresses(self.packed), *self._state_at
+        arrays = (*self.fixed, *self.packed, *self.state)
+        return tuple(array.ctypes.data for array in arrays)
 
     # ---- from one episode to the next
 
@@ -526,6 +565,8 @@ class BatchSimulation:
         return [STATES[calls.user_state(state, user)] for user in users]
 
 
-def _addresses(arrays: Iterable[NDArray[Any]]) -> list[int]:
-    """Where arrays are in memory."""
-    return [array.ctypes.data for array in arrays]
+@cache
+def kernels_digest() -> str:
+    """What the kernels of a step are compiled from: it changes with the layout of their arrays."""
+    step: Any = calls.step
+    return code_digest(getattr(step, "py_func", step))

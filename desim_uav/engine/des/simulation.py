@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from itertools import product
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,6 +48,10 @@ class Simulation:
     """The SimPy engine (see ``Engine``).
 
     ``audit`` is called with the simulation after every event: the invariants the tests check.
+
+    SimPy's processes can be neither copied nor pickled, so a copy plays the present episode again:
+    the same sample path, drones and commands lead to the same state. A copy takes as long as the
+    episode has taken so far.
     """
 
     def __init__(
@@ -65,6 +70,8 @@ class Simulation:
         self.shown: Snapshot | None = None
         self.terminated = self.truncated = False
         self._carried: Carried | None = None
+        self._began: tuple[SamplePath, Carried | None] | None = None
+        self._commands: list[tuple[int, ...]] = []
         self._users = Users(world.horizon_us)
         self._flights = Flights(world)
         self._crossings = Crossings(world.scenario.drones.footprint_radius_m, world.area)
@@ -73,6 +80,12 @@ class Simulation:
             for mode, may_return, may_charge in product(Mode, (False, True), (False, True))
         }
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        """What makes an equal engine, by playing the present episode again."""
+        made_of = (self.world, self.settings, self.audit)
+        episode = (self._began, self._commands)
+        return _played_again, (made_of, episode, self.shown is None, self._carried)
+
     # ---- episodes
 
     def reset(self, path: SamplePath) -> Snapshot:
@@ -80,7 +93,9 @@ class Simulation:
 
         Each episode is a simulation of its own, of drones as the one before has left them.
         """
-        self._build(path, self.carried())
+        carried = self.carried()
+        self._began, self._commands = (path, carried), []
+        self._build(path, carried)
         for drone in self.drones:
             if drone.mode is Mode.FLYING:
                 self.airlink.track(drone.radio, drone.leg, 0, Phase.ENTRY)
@@ -169,7 +184,9 @@ class Simulation:
             self.audit(self)
         end_us = self.agenda._now + self.step_us
         self.agenda.call(self._record, None, end_us, RECORD_KEY)
-        return self._run()
+        shown = self._run()
+        self._commands.append(tuple(commands))
+        return shown
 
     def _run(self) -> Snapshot:
         """Let events happen until one of them shows a decision epoch."""
@@ -340,3 +357,23 @@ class Simulation:
             else:
                 states.append(IDLE if radio is None else ATTACHED)
         return states
+
+
+def _played_again(
+    made_of: tuple[Any, ...],
+    episode: tuple[tuple[SamplePath, Carried | None] | None, list[tuple[int, ...]]],
+    idle: bool,
+    carried: Carried | None,
+) -> Simulation:
+    """An engine in the state of another one; ``idle``: it waits for the next episode."""
+    engine = Simulation(*made_of)
+    began, commands = episode
+    if began is not None:
+        path, before = began
+        engine.carry(before)
+        engine.reset(path)
+        for command in commands:
+            engine.step(command)
+    if idle:
+        engine.carry(carried)
+    return engine
