@@ -100,6 +100,7 @@ class Page:
         """Move the pointer to a drone, user or station, and say where that is in the window."""
         from selenium.webdriver.common.action_chains import ActionChains
 
+        self.frames(3)
         at = self.run("return replay.where(arguments[0])", what)
         pointer = ActionChains(self.driver, duration=0)
         pointer.w3c_actions.pointer_action.move_to_location(round(at["x"]), round(at["y"]))

@@ -19,7 +19,6 @@ def test_drones_are_where_the_table_says(page, tmp_path):
         keep_events=True,
         out=run,
         command=[],
-        show_progress=False,
     )
     write_replay(run)
     page.open(run / "replay.html")

@@ -86,7 +86,6 @@ def pair(runs):
         keep_events=True,
         out=runs / "hovering",
         command=[],
-        show_progress=False,
     )
     write_replay(runs / "hovering")
     return write_replay(runs / "case8", beside=runs / "hovering").file
@@ -440,7 +439,16 @@ class TestMap:
         heights = [h for column in world["cell_height_m"] for h in column if h > 0]
         named = [look.word for look in USERS.values()]
         named += ["throughput", "edge computing", "data gathering", "footprint, 600 m"]
-        named += ["serving", "returning", "crashed", "path", "charging station", "walk"]
+        named += [
+            "serving",
+            "returning",
+            "crashed",
+            "path",
+            "charging station",
+            "pad",
+            "chosen",
+            "walk",
+        ]
         named += [f"buildings, {round(min(heights))} to {round(max(heights))} m"]
         assert [words for words in named if words not in legend] == []
         counts = page.run(
@@ -497,7 +505,7 @@ class TestMap:
                 parts = {"served": served, "waiting": waiting}
                 parts["not asking"] = len(states) - served - waiting
                 told = ", ".join(f"{count} {word}" for word, count in parts.items() if count)
-                assert row == (told or "no user")
+                assert row == (told or "no users")
 
 
 class TestFollowing:

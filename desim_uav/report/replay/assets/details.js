@@ -106,7 +106,7 @@ export function usersOf(state, d) {
     if (state.holder[u] === d && state.userState(u) === WAITING) waiting += 1;
   }
   const served = state.servedBy[d];
-  return inWords(served, waiting, state.attachedTo[d] - served - waiting) || "no user";
+  return inWords(served, waiting, state.attachedTo[d] - served - waiting) || "no users";
 }
 
 /** What all users are doing. */

@@ -4,7 +4,7 @@ import { drawBattery, drawBody, drawCross, drawFrame } from "./drones.js";
 import { droneColour, userWord, words } from "./palette.js";
 import { byId, element, setText } from "./rows.js";
 import { ATTACHED, IDLE, SERVED, WAITING } from "./states.js";
-import { drawStation } from "./stations.js";
+import { drawPad, drawStation } from "./stations.js";
 import { drawUser, RADII } from "./users.js";
 import { roof } from "./view2d.js";
 
@@ -70,6 +70,15 @@ export class Legend {
     this.#row(list, "path so far", (ctx) => {
       strokeLine(ctx, droneColour(0), 2, [[2, 15], [10, 15], [10, 6], [24, 6]]);
     });
+    if (run.three_d) {
+      this.#row(list, "the ground below it (3D)", (ctx) => {
+        strokeLine(ctx, droneColour(0), 1.25, [[X, 2], [X, 15]]);
+        ctx.fillStyle = droneColour(0);
+        ctx.beginPath();
+        ctx.ellipse(X, 15, 5, 3, 0, 0, 2 * Math.PI);
+        ctx.fill();
+      });
+    }
     this.#row(list, "serves this user", (ctx, theme) => {
       strokeLine(ctx, droneColour(0), 1.1, [[3, 4], [19, 14]]);
       drawUser(ctx, 20, 14, 4, SERVED, -1, { ...theme, map: theme.paper });
@@ -84,6 +93,10 @@ export class Legend {
         ctx.translate(X, Y);
         ctx.scale(0.8, 0.8);
         drawStation(ctx, theme, 0, 0, 1.5);
+      });
+      this.#row(list, "its pad, with a drone that charges", (ctx, theme) => {
+        drawPad(ctx, theme, X, Y, 8);
+        drawBody(ctx, theme, 0, X, Y, 5, false, false);
       });
     }
     if (heights.length) {
@@ -104,6 +117,13 @@ export class Legend {
         ctx.stroke();
       });
     }
+    this.#row(list, "what is chosen or pointed at", (ctx, theme) => {
+      ctx.strokeStyle = theme.accent;
+      ctx.lineWidth = 2;
+      ctx.beginPath();
+      ctx.arc(X, Y, 8, 0, 2 * Math.PI);
+      ctx.stroke();
+    });
     this.#row(list, "walk of the chosen user, past and to come", (ctx, theme) => {
       strokeLine(ctx, theme.ink, 1.25, [[1, 14], [8, 6], [14, 11]]);
       ctx.setLineDash([1, 4]);

@@ -42,13 +42,7 @@ function drawDock(scene, px, py, dock, pads) {
   const left = px - ((slots - 1) * gap) / 2;
   if (!charging.length && !waiting.length && !ready.length) return;
   for (let k = 0; k < slots; k += 1) {
-    ctx.strokeStyle = theme.ink;
-    ctx.fillStyle = theme.paper;
-    ctx.lineWidth = 1.25;
-    ctx.beginPath();
-    ctx.roundRect(left + k * gap - 9.5, py - 9.5, 19, 19, 4);
-    ctx.fill();
-    ctx.stroke();
+    drawPad(ctx, theme, left + k * gap, py, 9.5);
     if (k < charging.length) drawDocked(scene, charging[k], left + k * gap, py, false);
   }
   let x = left + (slots - 1) * gap + gap + 4;
@@ -66,6 +60,17 @@ function drawDock(scene, px, py, dock, pads) {
     scene.write("✓", x, py + 16, "center", theme.ink);
     x -= gap;
   });
+}
+
+/** A pad: a square of half a side r. */
+export function drawPad(ctx, theme, x, y, r) {
+  ctx.strokeStyle = theme.ink;
+  ctx.fillStyle = theme.paper;
+  ctx.lineWidth = 1.25;
+  ctx.beginPath();
+  ctx.roundRect(x - r, y - r, 2 * r, 2 * r, 4);
+  ctx.fill();
+  ctx.stroke();
 }
 
 function drawDocked(scene, d, x, y, hollow) {
