@@ -236,10 +236,11 @@ def test_too_many_who_look_for_a_drone_are_not_written_beyond_their_room():
 # ---- refused
 
 
-def test_a_battery_too_large_for_whole_microseconds_is_refused_by_name():
-    world = strip(battery={"autonomy_min": 10**8})
-    with pytest.raises(ScenarioError, match=r"drones.battery: too large for --engine batch"):
-        BatchSimulation(world, RunSettings((True,), False))
+def test_the_longest_battery_flies_in_both_engines_and_a_longer_one_is_refused():
+    for engine in both(strip(battery={"autonomy_min": 10**6})):
+        assert engine.reset(path_of(engine.world)).observations[0].battery_s == 6e7
+    with pytest.raises(ScenarioError, match=r"autonomy_min: 1000001: must be at most 1000000 min"):
+        strip(battery={"autonomy_min": 10**6 + 1})
 
 
 def test_as_many_commands_as_drones():
