@@ -14,6 +14,8 @@ register_with_gymnasium()
 if TYPE_CHECKING:
     from desim_uav.api.replay import Replay
     from desim_uav.api.run import RunResult, read_run, run
+    from desim_uav.api.tensorboard import TensorBoardCallback
+    from desim_uav.api.train import StopTraining, TrainingProgress, TrainingResult, train
     from desim_uav.engine.base import RunSettings
     from desim_uav.engine.des import Simulation
     from desim_uav.env import UavEnv, UavParallelEnv, UavVecEnv, UavVectorEnv
@@ -31,6 +33,11 @@ _PUBLIC = {
     "Interrupted": "desim_uav.errors",
     "Replay": "desim_uav.api.replay",
     "RunResult": "desim_uav.api.run",
+    "StopTraining": "desim_uav.api.train",
+    "TensorBoardCallback": "desim_uav.api.tensorboard",
+    "TrainingProgress": "desim_uav.api.train",
+    "TrainingResult": "desim_uav.api.train",
+    "train": "desim_uav.api.train",
     "read_run": "desim_uav.api.run",
     "run": "desim_uav.api.run",
     "Policy": "desim_uav.policies",
@@ -59,6 +66,10 @@ __all__ = [
     "RunSettings",
     "Scenario",
     "Simulation",
+    "StopTraining",
+    "TensorBoardCallback",
+    "TrainingProgress",
+    "TrainingResult",
     "UavEnv",
     "UavParallelEnv",
     "UavVecEnv",
@@ -72,6 +83,7 @@ __all__ = [
     "read_run",
     "register",
     "run",
+    "train",
 ]
 
 

@@ -50,34 +50,37 @@ def train(
     quiet: Quiet = False,
 ) -> None:
     """Let the drones of a scenario learn; leaves policy.npz, for run --policy."""
-    from desim_uav.experiment.progress import training_progress
-    from desim_uav.experiment.train import train_to_folder
-    from desim_uav.report.text import print_training
+    import desim_uav as du
 
-    settings = [] if algorithm is None else [f'learning.algorithm="{algorithm}"']
-    settings += [] if episodes is None else [f"learning.episodes={episodes}"]
-    path, loaded = opened(scenario, overrides, seed, world_seed, settings)
     try:
-        with training_progress(not quiet, loaded.learning.episodes) as bar, located(path):
-            done = train_to_folder(
-                loaded,
-                out=out,
-                resume=resume,
-                checkpoint_every=checkpoint_every,
-                command=["desim-uav", *sys.argv[1:]],
-                engine=engine,
-                on_start=bar.start,
-                on_episode=bar.advance,
-            )
+        done = du.train(
+            scenario,
+            overrides,
+            algorithm=algorithm,
+            episodes=episodes,
+            seed=seed,
+            world_seed=world_seed,
+            out=True if out is None else out,
+            resume=resume,
+            checkpoint_every=checkpoint_every,
+            engine=engine,
+            progress=not quiet,
+        )
+        interrupted = False
+    except du.Interrupted as stopped:
+        done, interrupted = stopped.result, True
     except KeyboardInterrupt:
         complain("interrupted; the last checkpoint is kept: --resume goes on from it")
         raise typer.Exit(130) from None
+    summary = done.summary()
     if as_json:
-        print(json.dumps(done.summary, indent=1))
+        print(json.dumps(summary, indent=1))
     elif not quiet:
-        print_training(done.summary)
-    if done.interrupted:
-        complain(f"interrupted after {done.summary['episodes']} episodes; --resume goes on")
+        from desim_uav.report.text import print_training
+
+        print_training(summary)
+    if interrupted:
+        complain(f"interrupted after {summary['episodes']} episodes; --resume goes on")
         raise typer.Exit(130)
 
 

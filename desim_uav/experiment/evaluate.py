@@ -7,6 +7,7 @@ from typing import Any
 
 from desim_uav.experiment.run import headline, run
 from desim_uav.policies import load_policy
+from desim_uav.policies.base import PolicyLike, policy_name
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
 
@@ -23,7 +24,7 @@ MEASURES = (
 
 def evaluate(
     scenario: Scenario,
-    policy_name: str,
+    policy: PolicyLike,
     seed: int,
     episodes: int,
     warmup: int,
@@ -37,9 +38,15 @@ def evaluate(
     """
     scenario = scenario.model_copy(update={"seed": seed})
     world = build_world(scenario, scenario.effective_world_seed)
-    policy = load_policy(policy_name)
     results = run(
-        world, policy, policy_name, seed, episodes, warmup, on_episode=on_episode, engine=engine
+        world,
+        load_policy(policy),
+        policy_name(policy),
+        seed,
+        episodes,
+        warmup,
+        on_episode=on_episode,
+        engine=engine,
     )
     measured: dict[str, Any] = headline(results.requests, results.episodes)
     drone_episodes = episodes * scenario.drones.count

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import json
 import platform
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -39,11 +39,64 @@ OnEpisode = Callable[[list[Progress]], None]
 
 
 @dataclass
+class Course:
+    """A training and its rows so far, one per drone and episode; ``first``: where it was resumed.
+
+    ``stopped``: it was asked to end before its last episode, and is finished as it is.
+    """
+
+    training: Training
+    rows: list[Progress] = field(default_factory=list)
+    first: int = 0
+    started: str = ""
+    finished: str = ""
+    command: Sequence[str] = ()
+    stopped: bool = False
+
+    @property
+    def interrupted(self) -> bool:
+        """Has Ctrl-C ended it before its last episode?"""
+        return not self.stopped and self.training.episode < self.training.settings.episodes
+
+    def summary(self, folder: Path | None = None) -> dict[str, Any]:
+        """Return the means of the last episodes."""
+        return _summary(self.training, self.rows, folder)
+
+
+@dataclass(frozen=True)
+class Pause:
+    """What is done after every so many episodes; if it says False, the training stops there.
+
+    ``at_end``: after the last episode, too, whatever its number.
+    """
+
+    every: int
+    act: Callable[[Course], bool]
+    at_end: bool = False
+
+    def after(self, episode: int) -> int:
+        """Return the next episode that it follows."""
+        return episode + self.every - episode % self.every
+
+    def is_due(self, episode: int, last: int) -> bool:
+        """Is it to be done after so many episodes of ``last``?"""
+        return episode % self.every == 0 or (self.at_end and episode == last)
+
+
+@dataclass
 class Trained:
     """A training that has ended, or was interrupted: where it stands and what it says of itself."""
 
     summary: dict[str, Any]
     interrupted: bool
+    course: Course
+    folder: Path
+
+
+def begin(scenario: Scenario, engine: str | None = None) -> Course:
+    """Begin a training; ``engine``: des or batch, by default as ``engine_for`` says."""
+    world = build_world(scenario, scenario.effective_world_seed)
+    return Course(Training(world, scenario.seed, engine or engine_for(world)))
 
 
 def train(
@@ -56,11 +109,29 @@ def train(
 
     ``engine``: des or batch, by default as ``engine_for`` says.
     """
-    training = Training(world, scenario.seed, engine or engine_for(world))
-    rows: list[Progress] = []
-    while training.episode < scenario.learning.episodes:
-        rows += _play_to(training, scenario.learning.episodes, on_episode)
-    return table_of(training), rows
+    course = Course(Training(world, scenario.seed, engine or engine_for(world)))
+    learn(course, (), on_episode)
+    return table_of(course.training), course.rows
+
+
+def learn(
+    course: Course,
+    pauses: Sequence[Pause],
+    on_episode: OnEpisode = lambda rows: None,
+    stop: Callable[[], bool] = lambda: False,
+) -> None:
+    """Learn until the last episode, until somebody asks for the end, or until a pause says False.
+
+    Episodes are learned several at once where they are compiled; pauses come between them, exactly
+    after the episodes that they follow, and change no number.
+    """
+    training, last = course.training, course.training.settings.episodes
+    while training.episode < last and not stop() and not course.stopped:
+        following = min([last, *(pause.after(training.episode) for pause in pauses)])
+        course.rows += _play_to(training, following, on_episode)
+        for pause in pauses:
+            if pause.is_due(training.episode, last) and not pause.act(course):
+                course.stopped = training.episode < last
 
 
 def _play_to(training: Training, episode: int, on_episode: OnEpisode) -> list[Progress]:
@@ -101,8 +172,9 @@ def train_to_folder(
     out: Path | None,
     resume: bool,
     checkpoint_every: int,
-    command: list[str],
+    command: Sequence[str],
     engine: str | None = None,
+    pauses: Sequence[Pause] = (),
     on_start: Callable[[int], None] = lambda episode: None,
     on_episode: OnEpisode = lambda rows: None,
 ) -> Trained:
@@ -113,29 +185,55 @@ def train_to_folder(
     folder cannot be used, PolicyError where its checkpoint cannot.
     """
     now = clock()
-    started = now()
-    world = build_world(scenario, scenario.effective_world_seed)
-    training = Training(world, scenario.seed, engine or engine_for(world))
+    course = begin(scenario, engine)
+    course.started, course.command = now(), command
     folder = _resumable(scenario, out) if resume else _new(scenario, out)
+
+    def save(course: Course) -> bool:
+        _save(course, folder)
+        return True
+
     with held(folder), asked_to_stop("these episodes") as stop:
-        rows = _resumed(training, folder / CHECKPOINT)
-        first = training.episode
+        course.rows = _resumed(course.training, folder / CHECKPOINT)
+        course.first = course.training.episode
         if not (folder / CHECKPOINT).exists():
-            _save(training, rows, folder)  # before anything else: a folder to be resumed has one
+            _save(course, folder)  # before anything else: a folder to be resumed has one
         if not (folder / MANIFEST).exists():  # a finished one stays whole until this one is
             write_whole(folder / "scenario.yaml", dump(scenario).encode())
-        on_start(first)
-        while training.episode < scenario.learning.episodes and not stop():
-            after = training.episode + checkpoint_every
-            next_saved = min(after - after % checkpoint_every, scenario.learning.episodes)
-            rows += _play_to(training, next_saved, on_episode)
-            if training.episode % checkpoint_every == 0:
-                _save(training, rows, folder)
-        _save(training, rows, folder)
-        interrupted = training.episode < scenario.learning.episodes
-        if not interrupted:
-            _finish(training, rows, folder, first, command, started, now())
-    return Trained(_summary(training, rows, folder), interrupted)
+        on_start(course.first)
+        learn(course, [Pause(checkpoint_every, save), *pauses], on_episode, stop)
+        _save(course, folder)
+        course.finished = now()
+        if not course.interrupted:
+            _finish(course, folder)
+    return Trained(course.summary(folder), course.interrupted, course, folder)
+
+
+def train_in_memory(
+    scenario: Scenario,
+    *,
+    command: Sequence[str],
+    engine: str | None = None,
+    pauses: Sequence[Pause] = (),
+    on_episode: OnEpisode = lambda rows: None,
+) -> Course:
+    """Train and write nothing. Ctrl-C ends it after the episodes under way."""
+    now = clock()
+    course = begin(scenario, engine)
+    course.started, course.command = now(), command
+    with asked_to_stop("these episodes") as stop:
+        learn(course, pauses, on_episode, stop)
+    course.finished = now()
+    return course
+
+
+def save_training(course: Course, out: Path | None) -> Path:
+    """Write the folder of a training that was in memory. Raises UsageError."""
+    folder = _new(course.training.world.scenario, out)
+    with held(folder):
+        _save(course, folder)
+        _finish(course, folder)
+    return folder
 
 
 def _place(scenario: Scenario, out: Path | None) -> Place:
@@ -226,24 +324,18 @@ def _identity(scenario: Scenario) -> str:
     return f"{__version__}/{scenario_hash(scenario.model_copy(update={'learning': learning}))}"
 
 
-def _save(training: Training, rows: list[Progress], folder: Path) -> None:
-    found = Checkpoint(_identity(training.world.scenario), training.remember(), rows)
+def _save(course: Course, folder: Path) -> None:
+    training = course.training
+    found = Checkpoint(_identity(training.world.scenario), training.remember(), course.rows)
     content = checkpoint.to_bytes(found)
     with suppress(OSError):
         write_whole(folder / BEFORE, (folder / CHECKPOINT).read_bytes())
     write_whole(folder / CHECKPOINT, content)
 
 
-def _finish(
-    training: Training,
-    rows: list[Progress],
-    folder: Path,
-    first: int,
-    command: list[str],
-    started: str,
-    finished: str,
-) -> None:
+def _finish(course: Course, folder: Path) -> None:
     """Write what a finished training leaves; the manifest comes last."""
+    training = course.training
     if not np.isfinite(training.q).all():
         raise SimulationError(
             f"learning.algorithm: {training.settings.algorithm!r} has learned values that are not "
@@ -252,16 +344,18 @@ def _finish(
     table = table_of(training)
     manifest = {key: table.about[key] for key in PROVENANCE} | {
         "kind": "training",
-        "resumed_at": first,
-        "command": command,
-        "started": started,
-        "finished": finished,
+        "resumed_at": course.first,
+        "command": list(course.command),
+        "started": course.started,
+        "finished": course.finished,
         "versions": versions(),
     }
+    if course.stopped:
+        manifest["stopped"] = True
     files = {
         "scenario.yaml": dump(training.world.scenario).encode(),
         "world.json": json.dumps(world_content(training.world)).encode(),
-        "training.parquet": parquet("training", to_frame(TRAINING, rows)),
+        "training.parquet": parquet("training", to_frame(TRAINING, course.rows)),
         POLICY: table.to_bytes(),
         MANIFEST: (json.dumps(manifest, indent=1) + "\n").encode(),
     }
@@ -271,11 +365,12 @@ def _finish(
     (folder / BEFORE).unlink(missing_ok=True)
 
 
-def _summary(training: Training, rows: list[Progress], folder: Path) -> dict[str, Any]:
-    """The means of the last episodes."""
+def _summary(training: Training, rows: list[Progress], folder: Path | None) -> dict[str, Any]:
+    """Return the means of the last episodes, and where the training stands if it is in a folder."""
     last = to_frame(TRAINING, rows)
     last = last[last["episode"] >= training.episode - LAST]
     scenario = training.world.scenario
+    where = {} if folder is None else {"folder": str(folder), "policy": str(folder / POLICY)}
     return {
         "scenario": scenario.name,
         "algorithm": training.settings.algorithm,
@@ -288,8 +383,7 @@ def _summary(training: Training, rows: list[Progress], folder: Path) -> dict[str
         "qoe2_iterations": _mean(last["qoe2_iterations"]),
         "qoe3_percent": _mean(last["qoe3_percent"]),
         "crashes_per_drone_episode": _mean(last["crashes"]),
-        "folder": str(folder),
-        "policy": str(folder / POLICY),
+        **where,
     }
 
 

@@ -1,0 +1,322 @@
+"""Let the drones of a scenario learn, and look at how they do meanwhile."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from desim_uav.api.arguments import MOST_TRAINING, ScenarioLike, command_of, opened, whole
+from desim_uav.engine.batch import BatchSimulation
+from desim_uav.errors import Interrupted, UsageError
+from desim_uav.experiment.evaluate import evaluate
+from desim_uav.experiment.progress import training_progress
+from desim_uav.experiment.train import (
+    POLICY,
+    Course,
+    Pause,
+    save_training,
+    table_of,
+    train_in_memory,
+    train_to_folder,
+)
+from desim_uav.learning.training import Progress
+from desim_uav.model.sums import in_order
+from desim_uav.policies.base import Policy
+from desim_uav.policies.tabular import Greedy
+from desim_uav.records import TRAINING, to_frame
+from desim_uav.report import notebook
+from desim_uav.scenario.load import Overrides
+from desim_uav.scenario.schema import Scenario
+
+SHOWN = {
+    "reward_mean": ("reward per episode", ".3f"),
+    "qoe1_percent": ("QoE1 %", ".1f"),
+    "qoe2_iterations": ("QoE2 iterations", ".2f"),
+    "qoe3_percent": ("QoE3 %", ".1f"),
+    "crashes_per_drone_episode": ("crashes per drone and episode", ".4f"),
+}
+
+
+class StopTraining(Exception):  # noqa: N818 (it is no error)
+    """A callback raises it to end a training; what has been learned is kept."""
+
+
+@dataclass(frozen=True)
+class TrainingProgress:
+    """What a callback is told: where the training is, and how it has done since the last call.
+
+    The measures are means over the episodes since the last call, in which the drones explored. They
+    are None if no user asked for anything meanwhile.
+
+    Attributes:
+        episode: Episodes learned so far.
+        episodes: Episodes that were asked for.
+        reward: Of a drone in an episode.
+        qoe1_percent: QoE1.
+        qoe2_iterations: QoE2.
+        qoe3_percent: QoE3.
+        crashes: Per drone and episode.
+        epsilon: How often the drones explored in the last episode.
+        alpha: The learning rate of the last episode.
+    """
+
+    episode: int
+    episodes: int
+    reward: float
+    qoe1_percent: float | None
+    qoe2_iterations: float | None
+    qoe3_percent: float | None
+    crashes: float
+    epsilon: float
+    alpha: float
+    _course: Course = field(repr=False, compare=False)
+    _engine: str = field(repr=False, compare=False)
+
+    @property
+    def policy(self) -> Policy:
+        """The greedy policy of what has been learned until now."""
+        return _greedy(self._course)
+
+    def evaluate(
+        self, episodes: int = 5, *, warmup: int = 0, seed: int | None = None
+    ) -> dict[str, float | None]:
+        """Fly the greedy policy as it is now, in the training's world; return its measures.
+
+        The episodes are none of those that the training learns from, and the training goes on as if
+        they had not been flown.
+
+        Args:
+            episodes: Episodes that count.
+            warmup: Episodes before them.
+            seed: What the episodes are drawn from. Default: the training's.
+        """
+        whole("episodes", episodes, 1, MOST_TRAINING)
+        whole("warmup", warmup, 0, MOST_TRAINING)
+        training = self._course.training
+        scenario = training.world.scenario.model_copy(update={"world_seed": training.world.seed})
+        drawn = training.seed if seed is None else seed
+        return evaluate(scenario, self.policy, drawn, episodes, warmup, self._engine)
+
+
+Callback = Callable[[TrainingProgress], bool | None]
+"""Called while a training goes on; if it returns False, the training ends there."""
+
+
+class TrainingResult:
+    """What a training has learned. It can be given as a policy to ``run`` and ``compare``."""
+
+    def __init__(self, course: Course, folder: Path | None = None) -> None:
+        self._course = course
+        self.folder = folder
+        """Where the training is, if it was written as it went."""
+
+    @property
+    def scenario(self) -> Scenario:
+        """The scenario that was trained in."""
+        return self._course.training.world.scenario
+
+    @property
+    def episodes(self) -> int:
+        """The episodes that were learned."""
+        return self._course.training.episode
+
+    @property
+    def stopped(self) -> bool:
+        """Did the callback end it before its last episode?"""
+        return self._course.stopped
+
+    @cached_property
+    def policy(self) -> Policy:
+        """The greedy policy: the best action by what was learned."""
+        return _greedy(self._course, self.folder)
+
+    @cached_property
+    def curve(self) -> pd.DataFrame:
+        """One row per episode and drone: reward, ε, α, mean of Q, QoE1 to QoE3, crashes."""
+        return to_frame(TRAINING, self._course.rows)
+
+    def summary(self) -> dict[str, Any]:
+        """Return the means over the last 100 episodes, and what was trained."""
+        return self._course.summary(self.folder)
+
+    def save(self, folder: str | Path | None = None) -> Path:
+        """Write the folder that the command line writes: the policy, its curve, a checkpoint.
+
+        Args:
+            folder: Where. It must not exist, or be empty. Default:
+                ``runs/<scenario>-<algorithm>-s<seed>``.
+
+        Returns:
+            The folder. Its ``policy.npz`` is what ``--policy`` takes.
+
+        Raises:
+            UsageError: nothing can be written there.
+        """
+        return save_training(self._course, None if folder is None else Path(folder))
+
+    def __repr__(self) -> str:
+        about = self.summary()
+        return (
+            "<{scenario}, {algorithm}, seed {seed}: {episodes} episode(s), reward {reward_mean:.2f}"
+            " over the last {over_last}>".format(**about)
+        )
+
+    def _repr_html_(self) -> str:
+        about = self.summary()
+        title = "{scenario}, {algorithm}, seed {seed}: {episodes} episode(s), means over the last "
+        title += "{over_last}"
+        values = [about[name] for name in SHOWN]
+        forms = [form for _, form in SHOWN.values()]
+        row = ["" if v is None else f"{v:{form}}" for v, form in zip(values, forms, strict=True)]
+        headings = [heading for heading, _ in SHOWN.values()]
+        return notebook.heading(title.format(**about)) + notebook.table(headings, [row], words=[])
+
+
+def train(
+    scenario: ScenarioLike,
+    overrides: Overrides | None = None,
+    *,
+    algorithm: str | None = None,
+    episodes: int | None = None,
+    seed: int | None = None,
+    world_seed: int | None = None,
+    out: str | Path | bool | None = None,
+    resume: bool = False,
+    checkpoint_every: int = 500,
+    engine: str | None = None,
+    callback: Callback | Sequence[Callback] = (),
+    callback_every: int = 100,
+    progress: bool = True,
+) -> TrainingResult:
+    """Let the drones of a scenario learn; the result holds the policy and the learning curve.
+
+    This is ``desim-uav train``. Without ``out`` everything stays in memory and no file is written.
+
+    Args:
+        scenario: A shipped name such as ``"case8"``, a file, its content, or a loaded scenario.
+        overrides: Values for keys of it, such as ``{"learning.gamma": 0.95}``.
+        algorithm: q_learning, sarsa, expected_sarsa, double_q, or ``"package.module:Class"``.
+            Default: the scenario's.
+        episodes: Episodes to learn from. Default: the scenario's.
+        seed: What everything random is drawn from. Default: the scenario's.
+        world_seed: What the world alone is drawn from.
+        out: A folder to write the training to as it goes, with checkpoints. True: the folder that
+            the command line would choose.
+        resume: Go on from the checkpoint of ``out``, if it has one.
+        checkpoint_every: Episodes between two checkpoints in ``out``.
+        engine: ``"des"`` or ``"batch"``. Default: the compiled engine, if it can run the scenario.
+            Their numbers are the same.
+        callback: Called with a ``TrainingProgress`` after each ``callback_every`` episodes and
+            after the last; or several such functions. It ends the training by returning False or
+            raising ``StopTraining``, and what has been learned is kept. Any other exception ends
+            the training and is raised here. It changes no number.
+        callback_every: Episodes between two calls. The compiled engine learns from many episodes at
+            once and a call comes between two such batches, so calls after every few episodes make
+            the training slower.
+        progress: Show the progress, on a terminal or in a notebook.
+
+    Raises:
+        DesimError: one of its subclasses says what is wrong with the scenario or an option.
+        Interrupted: Ctrl-C. Its ``result`` holds what had been learned before.
+    """
+    given = locals()
+    whole("checkpoint_every", checkpoint_every, 1, MOST_TRAINING)
+    whole("callback_every", callback_every, 1, MOST_TRAINING)
+    if episodes is not None:
+        whole("episodes", episodes, 1, MOST_TRAINING)
+    if resume and not out:
+        raise UsageError("resume: only a training in a folder can be resumed; say which by out")
+    further = {"learning.algorithm": algorithm, "learning.episodes": episodes}
+    found = opened(scenario, overrides, seed, world_seed, further)
+    command = command_of(train, given)
+    callbacks = (callback,) if callable(callback) else tuple(callback)
+    pauses = [_pause(callbacks, callback_every)] if callbacks else []
+    with training_progress(progress, found.scenario.learning.episodes) as bar, found.located():
+        if not out:
+            result = TrainingResult(
+                train_in_memory(
+                    found.scenario,
+                    command=command,
+                    engine=engine,
+                    pauses=pauses,
+                    on_episode=bar.advance,
+                )
+            )
+        else:
+            done = train_to_folder(
+                found.scenario,
+                out=None if out is True else Path(out),
+                resume=resume,
+                checkpoint_every=checkpoint_every,
+                command=command,
+                engine=engine,
+                pauses=pauses,
+                on_start=bar.start,
+                on_episode=bar.advance,
+            )
+            result = TrainingResult(done.course, done.folder)
+    if result._course.interrupted:
+        raise Interrupted(
+            f"interrupted after {result.episodes} episodes; what was learned is in the result of "
+            "this error",
+            result,
+        )
+    return result
+
+
+def _pause(callbacks: Sequence[Callback], every: int) -> Pause:
+    """Call back after every so many episodes; False, if one of them asks for the end."""
+    told = 0
+
+    def call(course: Course) -> bool:
+        nonlocal told
+        drones = len(course.training.learners)
+        since = max(told, course.first)
+        rows = course.rows[since * drones :]
+        told = course.training.episode
+        goes_on = True
+        for callback in callbacks:
+            try:
+                answer = callback(_progress(course, rows))
+            except StopTraining:
+                answer = False
+            goes_on = goes_on and (answer is None or bool(answer))
+        return goes_on
+
+    return Pause(every, call, at_end=True)
+
+
+def _progress(course: Course, rows: Sequence[Progress]) -> TrainingProgress:
+    training, last = course.training, rows[-1]
+
+    def mean(name: str) -> float | None:
+        there = [value for row in rows if (value := getattr(row, name)) is not None]
+        return in_order(there) / len(there) if there else None
+
+    return TrainingProgress(
+        episode=training.episode,
+        episodes=training.settings.episodes,
+        reward=mean("reward") or 0.0,
+        qoe1_percent=mean("qoe1_percent"),
+        qoe2_iterations=mean("qoe2_iterations"),
+        qoe3_percent=mean("qoe3_percent"),
+        crashes=mean("crashes") or 0.0,
+        epsilon=last.epsilon,
+        alpha=last.alpha,
+        _course=course,
+        _engine="batch" if isinstance(training.engine, BatchSimulation) else "des",
+    )
+
+
+def _greedy(course: Course, folder: Path | None = None) -> Greedy:
+    """Return the policy of a table that is in memory."""
+    training = course.training
+    name = f"{training.settings.algorithm}-s{training.seed}"
+    if folder is not None and (folder / POLICY).exists():
+        name = str(folder / POLICY)
+    return Greedy.of_table(table_of(training), name)
