@@ -12,6 +12,7 @@ __version__ = "0.1.0"
 register_with_gymnasium()
 
 if TYPE_CHECKING:
+    from desim_uav.api.compare import Comparison, compare, compare_runs
     from desim_uav.api.replay import Replay
     from desim_uav.api.run import RunResult, read_run, run
     from desim_uav.api.tensorboard import TensorBoardCallback
@@ -28,6 +29,9 @@ if TYPE_CHECKING:
     from desim_uav.world import World, build_world
 
 _PUBLIC = {
+    "Comparison": "desim_uav.api.compare",
+    "compare": "desim_uav.api.compare",
+    "compare_runs": "desim_uav.api.compare",
     "DesimError": "desim_uav.errors",
     "DesimWarning": "desim_uav.errors",
     "Interrupted": "desim_uav.errors",
@@ -57,6 +61,7 @@ _PUBLIC = {
 }
 
 __all__ = [
+    "Comparison",
     "DesimError",
     "DesimWarning",
     "Interrupted",
@@ -77,6 +82,8 @@ __all__ = [
     "World",
     "__version__",
     "build_world",
+    "compare",
+    "compare_runs",
     "draw",
     "load",
     "load_policy",

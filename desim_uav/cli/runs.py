@@ -26,7 +26,7 @@ from desim_uav.cli.options import (
     WorldSeed,
     one_of,
 )
-from desim_uav.errors import UsageError, located
+from desim_uav.errors import UsageError
 
 
 def run(
@@ -144,54 +144,41 @@ def compare(
     as_json: Json = False,
 ) -> None:
     """Compare policies on common seeds: means, 95 % intervals and paired differences."""
-    from desim_uav.experiment import compare as comparing
-    from desim_uav.experiment.progress import progress
-    from desim_uav.run_folder import file_place, write_at
-    from desim_uav.scenario.load import load
-    from desim_uav.shipped import find_scenario
+    import desim_uav as du
+    from desim_uav.experiment.compare import policy_names, the_scenario
 
-    if out is not None:
-        out = file_place(out, "--out")
+    interrupted = False
     if policies is None:
         _refuse_how_to_run(context)
-        found = comparing.compare_runs([Path(folder) for folder in what], against)
+        found = du.compare_runs(what, against=against, out=out)
     else:
-        path = find_scenario(comparing.the_scenario(what))
-        if any(override.startswith("seed=") for override in overrides or []):
-            raise UsageError("-S seed: each replication has its own; say --first-seed and --seeds")
-        loaded = load(path, overrides or [])
-        names = comparing.policy_names(policies)
-        drawn = range(first_seed, first_seed + seeds)
-        for warning in comparing.out_of_place(loaded, names, drawn):
-            complain(warning)
         end_politely()
         try:
-            with located(path):
-                comparing.try_on(loaded, names, drawn, engine)
-            with progress(True, len(names) * len(drawn), "runs", engine) as bar, located(path):
-                found = comparing.compare_policies(
-                    loaded,
-                    names,
-                    drawn,
-                    episodes,
-                    warmup,
-                    against=against,
-                    jobs=jobs,
-                    engine=engine,
-                    on_replication=bar,
-                )
+            found = du.compare(
+                the_scenario(what),
+                overrides,
+                policies=policy_names(policies),
+                seeds=seeds,
+                first_seed=first_seed,
+                episodes=episodes,
+                warmup=warmup,
+                jobs=jobs,
+                against=against,
+                out=out,
+                engine=engine,
+            )
+        except du.Interrupted as stopped:
+            found, interrupted = stopped.result, True
         except KeyboardInterrupt:
             complain("interrupted; no run has ended")
             raise typer.Exit(130) from None
-    if out is not None:
-        write_at(out, found.as_csv().encode())
     if as_json:
         print(json.dumps(found.content(), indent=1))
     else:
         from desim_uav.report.text import print_comparison
 
         print_comparison(found.content())
-    if found.interrupted:
+    if interrupted:
         complain("interrupted; what had ended is shown")
         raise typer.Exit(130)
 

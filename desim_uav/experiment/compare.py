@@ -8,10 +8,14 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Sequence
+import pickle
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
+
+import pandas as pd
 
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError, UsageError
@@ -21,9 +25,12 @@ from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate, paired
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
+from desim_uav.policies.base import PolicyLike, policy_name
 from desim_uav.records import EPISODES
 from desim_uav.registry import did_you_mean
-from desim_uav.run_folder import read_scenario, read_table
+from desim_uav.report import notebook
+from desim_uav.report.text import COMPARED, estimate_cells
+from desim_uav.run_folder import file_place, read_scenario, read_table, write_at
 from desim_uav.scenario.load import scenario_hash, seedless, to_plain
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
@@ -48,7 +55,7 @@ class Replication:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Replications of some policies in one scenario; ``against`` is the policy of reference."""
+    """Policies compared in one scenario on common seeds; ``against`` is the policy of reference."""
 
     scenario: str
     episodes: int
@@ -91,6 +98,43 @@ class Comparison:
         writer.writerows(common | row for row in self.rows())
         return text.getvalue()
 
+    @cached_property
+    def frame(self) -> pd.DataFrame:
+        """One row per policy and seed: what it achieved."""
+        return pd.DataFrame(self.rows(), columns=["policy", "seed", "world_seed", *MEASURES])
+
+    @cached_property
+    def estimates(self) -> pd.DataFrame:
+        """One row per measure and policy: mean, half-width and interval over the seeds."""
+        return _estimates_frame(self.content()["policies"])
+
+    @cached_property
+    def differences(self) -> pd.DataFrame:
+        """One row per measure and policy: what it differs from ``against``, paired by seed."""
+        return _estimates_frame(self.content()["differences"])
+
+    def save(self, file: str | Path) -> Path:
+        """Write the values of each seed as CSV. Raises UsageError where that fails."""
+        write_at(file_place(Path(file)), self.as_csv().encode())
+        return Path(file)
+
+    def __repr__(self) -> str:
+        policies = ", ".join(self.policies)
+        seeds = len({r.seed for r in self.replications})
+        return f"<Comparison in {self.scenario} of {policies} on {seeds} seed(s)>"
+
+    def _repr_html_(self) -> str:
+        content = self.content()
+        title = (
+            f"{self.scenario}, {self.episodes} episode(s) after {self.warmup} of warm-up: mean "
+            f"over seeds, {LEVEL:.0%} interval"
+        )
+        shown = notebook.heading(title) + _html(content["policies"])
+        if content["differences"]:
+            title = f"difference from {self.against}, paired by seed"
+            shown += notebook.heading(title) + _html(content["differences"])
+        return shown
+
     def _estimates(self, policy: str) -> dict[str, Any]:
         found = self._of(policy)
         return {
@@ -127,8 +171,8 @@ class Comparison:
 
 def compare_policies(
     scenario: Scenario,
-    policies: Sequence[str],
-    seeds: range,
+    policies: Mapping[str, PolicyLike],
+    seeds: Sequence[int],
     episodes: int,
     warmup: int,
     *,
@@ -139,12 +183,14 @@ def compare_policies(
 ) -> Comparison:
     """Run each policy on each seed. A seed draws the world too, unless the scenario gives one.
 
-    ``engine``: des or batch. Ctrl-C keeps the replications that have ended; where none has, the
-    KeyboardInterrupt goes on.
+    ``policies`` are known by their names here. ``engine``: des or batch. Ctrl-C keeps the
+    replications that have ended; where none has, the KeyboardInterrupt goes on.
     """
-    reference = _reference(policies, against)
+    reference = _reference(list(policies), against)
+    if jobs > 1:
+        _check_portable(policies)
     drawn = [(policy, seed) for seed in seeds for policy in policies]
-    tasks = [(scenario, policy, seed, episodes, warmup, engine) for policy, seed in drawn]
+    tasks = [(scenario, policies[policy], seed, episodes, warmup, engine) for policy, seed in drawn]
     done: list[Replication] = []
 
     def on_end(number: int, measured: Measures) -> None:
@@ -159,7 +205,19 @@ def compare_policies(
         if not done:
             raise
         interrupted = True
-    return Comparison(scenario.name, episodes, warmup, policies, reference, done, interrupted)
+    return Comparison(scenario.name, episodes, warmup, list(policies), reference, done, interrupted)
+
+
+def _check_portable(policies: Mapping[str, PolicyLike]) -> None:
+    """Raises UsageError for a policy that cannot be sent to another process."""
+    for name, policy in policies.items():
+        try:
+            pickle.dumps(policy)
+        except Exception as error:  # whatever a user's object raises
+            raise UsageError(
+                f"-j, jobs: policy {name!r} cannot be sent to another process ({error}); one at a "
+                "time, jobs=1, runs it"
+            ) from error
 
 
 def policy_names(text: str) -> list[str]:
@@ -178,6 +236,29 @@ def policy_names(text: str) -> list[str]:
     return found
 
 
+def policies_by_name(
+    policies: Sequence[PolicyLike] | Mapping[str, PolicyLike],
+) -> dict[str, PolicyLike]:
+    """Return policies by the names that tables call them. Raises UsageError for a name twice."""
+    if isinstance(policies, Mapping):
+        named = dict(policies)
+    else:
+        if isinstance(policies, str):
+            raise UsageError(f"policies: {policies!r} is one policy; write a list of them")
+        names = [policy_name(policy) for policy in policies]
+        for name in names:
+            if names.count(name) > 1:
+                raise UsageError(
+                    f"policies: {name!r} stands there twice; a mapping gives each a name of its own"
+                )
+        named = dict(zip(names, policies, strict=True))
+    if not named:
+        raise UsageError("policies: there is none to compare")
+    for policy in named.values():
+        load_policy(policy)
+    return named
+
+
 def the_scenario(arguments: Sequence[str]) -> str:
     """The one scenario to run policies in. Raises UsageError."""
     if len(arguments) != 1:
@@ -185,23 +266,30 @@ def the_scenario(arguments: Sequence[str]) -> str:
     return arguments[0]
 
 
-def try_on(scenario: Scenario, policies: Sequence[str], seeds: range, engine: str = "des") -> None:
+def try_on(
+    scenario: Scenario,
+    policies: Mapping[str, PolicyLike],
+    seeds: Sequence[int],
+    engine: str = "des",
+) -> None:
     """Let each policy begin once, before anything is run. Raises PolicyError for a misfit.
 
     ScenarioError where the engine has no kernel for a component.
     """
     world = build_world(scenario, _world_seed(scenario, seeds[0]))
     check_engine(engine, world)
-    for name in policies:
-        load_policy(name).begin(world, Streams(seeds[0], Purpose.LEARNER), False)
+    for policy in policies.values():
+        load_policy(policy).begin(world, Streams(seeds[0], Purpose.LEARNER), False)
 
 
-def out_of_place(scenario: Scenario, policies: Sequence[str], seeds: range) -> list[str]:
+def out_of_place(
+    scenario: Scenario, policies: Mapping[str, PolicyLike], seeds: Sequence[int]
+) -> list[str]:
     """What to warn of: policies that know a world other than those they are compared in."""
     worlds = {_world_seed(scenario, seed) for seed in seeds}
     warnings = []
-    for name in policies:
-        known = getattr(load_policy(name), "world_seed", None)
+    for name, policy in policies.items():
+        known = getattr(load_policy(policy), "world_seed", None)
         if known is not None and worlds != {known}:
             where = f"world {min(worlds)}" if len(worlds) == 1 else "a world for each seed"
             warnings.append(
@@ -311,6 +399,30 @@ def _reference(policies: Sequence[str], against: str | None) -> str:
 
 def _world_seed(scenario: Scenario, seed: int) -> int:
     return seed if scenario.world_seed is None else scenario.world_seed
+
+
+def _estimates_frame(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
+    found = [
+        {"measure": name, "policy": row["policy"]} | row["measures"][name]
+        for name in MEASURES
+        for row in rows
+    ]
+    columns = ["n", "mean", "half_width", "low", "high"]
+    columns += ["excludes_zero"] if rows and "excludes_zero" in found[0] else []
+    frame = pd.DataFrame(found, columns=["measure", "policy", *columns])
+    numbers = dict.fromkeys(["mean", "half_width", "low", "high"], "float64")
+    return frame.astype(numbers).set_index(["measure", "policy"])
+
+
+def _html(rows: Sequence[dict[str, Any]]) -> str:
+    """Return a table with a row per measure and policy."""
+    cells = [
+        [label if first else "", row["policy"], *estimate_cells(row["measures"][name], form)]
+        for name, (label, form) in COMPARED.items()
+        for first, row in zip([True, *[False] * len(rows)], rows, strict=False)
+    ]
+    headings = ["measure", "policy", "seeds", "mean", "", "", ""]
+    return notebook.table(headings, cells, words=[0, 1])
 
 
 def _plain(found: Estimate) -> dict[str, Any]:

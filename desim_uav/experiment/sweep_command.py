@@ -197,7 +197,7 @@ def _backend(name: str, workers: int | None, address: str | None) -> Backend:
 def _warnings(tried: Sequence[Arm], seeds: range) -> list[str]:
     """What to warn of: policies that know a world other than those they are run in."""
     worlds = {(arm.scenario.world_seed, arm.policy): arm for arm in tried if not arm.algorithm}
-    found = (out_of_place(arm.scenario, [arm.policy], seeds) for arm in worlds.values())
+    found = (out_of_place(arm.scenario, {arm.policy: arm.policy}, seeds) for arm in worlds.values())
     return list(dict.fromkeys(warning for some in found for warning in some))
 
 

@@ -197,12 +197,12 @@ def _print_estimates(title: str, counted: str, rows: list[dict[str, Any]]) -> No
     for name, (label, form) in COMPARED.items():
         for number, row in enumerate(rows):
             last = number == len(rows) - 1
-            cells = _estimate_cells(row["measures"][name], form)
+            cells = estimate_cells(row["measures"][name], form)
             table.add_row("" if number else label, _text(row["policy"]), *cells, end_section=last)
     print_table(table)
 
 
-def _estimate_cells(found: dict[str, Any], form: str) -> tuple[str, ...]:
+def estimate_cells(found: dict[str, Any], form: str) -> tuple[str, ...]:
     """The number of replications, mean, half-width, interval, and whether zero is outside."""
     mean, half_width = _cell(found, "mean", form), _cell(found, "half_width", form)
     if not half_width:

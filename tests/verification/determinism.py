@@ -65,7 +65,9 @@ def in_two_workers() -> Iterator[Figure]:
     """A comparison on three seeds, by one worker and by two."""
     scenario = load(scenario_path("tiny"))
     one, two = (
-        compare_policies(scenario, ["baseline", "random"], range(3), 2, 0, jobs=jobs).rows()
+        compare_policies(
+            scenario, {"baseline": "baseline", "random": "random"}, range(3), 2, 0, jobs=jobs
+        ).rows()
         for jobs in (1, 2)
     )
     unlike = sum(a != b for a, b in zip(one, two, strict=True))
