@@ -75,6 +75,7 @@ class TestPolicies:
             du.compare("tiny", **how)
         assert caught[0].filename == __file__
 
+    @pytest.mark.thorough
     def test_in_processes_of_their_own(self):
         found = du.compare("tiny", policies=["hover", Hover()], jobs=2, **HOW)
         alone = du.compare("tiny", policies=["hover", Hover()], **HOW)
