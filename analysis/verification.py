@@ -5,7 +5,7 @@ python analysis/verification.py [--quick] [--markdown FILE] [PART…]
 A row a figure: ours, what theory or something independent says, how far apart they are, how far
 they may be, and of how many cases or independent replications. Exact figures have a tolerance,
 estimates 4 standard errors. Without --quick there are more replications; that takes some minutes.
-Exit code 6 where a figure does not hold. It needs pip install 'desim-uav[test]' and a checkout.
+Exit code 6 where a figure does not hold. It needs pip install -e ".[test]" and a checkout.
 """
 
 import argparse

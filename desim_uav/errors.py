@@ -70,6 +70,11 @@ class NoEventsError(PolicyError):
     """A run kept no events, and cannot be played again."""
 
 
+def install_command(extra: str) -> str:
+    """Return what installs an extra, in the folder of the checkout."""
+    return f'pip install -e ".[{extra}]"'
+
+
 class MissingExtraError(DesimError):
     """Something needs packages that are not installed."""
 
@@ -77,7 +82,8 @@ class MissingExtraError(DesimError):
 
     def __init__(self, what: str, extra: str) -> None:
         super().__init__(
-            f"{what} needs packages that are missing: pip install 'desim-uav[{extra}]'"
+            f"{what} needs packages that are missing: {install_command(extra)} "
+            "(in the folder of the checkout)"
         )
 
 

@@ -1,4 +1,4 @@
-"""Train one controller of all drones with MaskablePPO (pip install 'desim-uav[sb3]').
+"""Train one controller of all drones with MaskablePPO (pip install -e ".[sb3]").
 
 python policies/train_maskable_ppo.py case1 model.zip --steps 20000 --seed 0
 desim-uav run case1 --seed 0 --policy sb3:model.zip

@@ -1,4 +1,4 @@
-"""Train the drones with PPO of RLlib (pip install 'desim-uav[rllib]' in an environment of its own).
+"""Train the drones with PPO of RLlib (pip install -e ".[rllib]" in an environment of its own).
 
 python policies/train_rllib.py case1 checkpoint --steps 20000 --seed 0
 desim-uav run case1 --seed 0 --policy rllib:checkpoint

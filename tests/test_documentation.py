@@ -101,6 +101,13 @@ def test_install_commands_name_a_checkout_and_an_extra_that_exists(name: str) ->
         assert set(extras_of(words[:4])) <= set(optional_dependencies()), command
 
 
+@pytest.mark.parametrize("folder", ["desim_uav", "analysis", "benchmarks", "policies"])
+def test_messages_install_from_a_checkout(folder: str) -> None:
+    """There is no release yet: ``pip install desim-uav[…]`` would find another package or none."""
+    sources = [*(ROOT / folder).rglob("*.py")]
+    assert sources and not [p for p in sources if "desim-uav[" in p.read_text(encoding="utf-8")]
+
+
 def test_the_readme_is_short() -> None:
     assert len(README.split()) <= 900
 

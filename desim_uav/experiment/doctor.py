@@ -18,6 +18,7 @@ from packaging.requirements import Requirement
 from packaging.specifiers import SpecifierSet
 
 from desim_uav import __version__
+from desim_uav.errors import install_command
 
 Verdict = Literal["ok", "note", "problem"]
 
@@ -139,7 +140,7 @@ def _extras() -> Iterator[Finding]:
         return
     for extra in extras:
         missing = [words for one in _of_extra(extra) if (words := _misfit(one))]
-        install = f"pip install '{PACKAGE}[{extra}]'{ALONE.get(extra, '')}"
+        install = install_command(extra) + ALONE.get(extra, "")
         if not missing:
             yield Finding("ok", f"extra {extra}", "installed")
         else:

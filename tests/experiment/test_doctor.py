@@ -84,7 +84,7 @@ def test_an_extra_that_is_missing_has_its_command(monkeypatch):
     told = found(examine(), "extra sb3")
     assert told.verdict == "note"
     assert "stable-baselines3 is missing" in told.words
-    assert told.words.endswith("pip install 'desim-uav[sb3]'")
+    assert told.words.endswith('pip install -e ".[sb3]"')
 
 
 def test_rllib_and_its_gymnasium(monkeypatch):

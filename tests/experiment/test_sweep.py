@@ -459,7 +459,7 @@ class TestRefused:
 
     def test_ray_is_an_extra(self, swept, monkeypatch):
         monkeypatch.setitem(sys.modules, "ray", None)
-        swept("--backend", "ray").failed(5, "pip install 'desim-uav[ray]'")
+        swept("--backend", "ray").failed(5, 'pip install -e ".[ray]"')
 
 
 class TestFolder:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-pytest.importorskip("ray", reason="needs the extra ray: pip install 'desim-uav[ray]'")
+pytest.importorskip("ray", reason='needs the extra ray: pip install -e ".[ray]"')
 
 ROOT = Path(__file__).parents[2]
 SWEEP = ("sweep", "tiny", "-S", "episode.steps=3,4", "--episodes", "2", "--warmup", "1")

@@ -35,7 +35,7 @@ pytestmark = pytest.mark.filterwarnings("default")  # Ray has many
 
 HERE = all(find_spec(name) for name in ("ray", "torch", "tree"))
 needs_rllib = pytest.mark.skipif(
-    not HERE, reason="needs the extra rllib: pip install 'desim-uav[rllib]'"
+    not HERE, reason='needs the extra rllib: pip install -e ".[rllib]"'
 )
 
 SMALL = {"fcnet_hiddens": [16], "vf_share_layers": False}
@@ -95,7 +95,7 @@ def at_rest(connectors: list[Any]) -> list[Any]:
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[..., Trained]]:
     """Train for a few steps, and save."""
     if not HERE:
-        pytest.skip("needs the extra rllib: pip install 'desim-uav[rllib]'")
+        pytest.skip('needs the extra rllib: pip install -e ".[rllib]"')
     os.environ["RAY_USAGE_STATS_ENABLED"] = "0"
     import ray
     import torch
@@ -656,7 +656,7 @@ def test_a_missing_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     with pytest.raises(MissingExtraError) as problem:
         load_policy(f"rllib:{put(tmp_path, handmade())}")
     assert problem.value.exit_code == 5
-    assert "pip install 'desim-uav[rllib]'" in str(problem.value)
+    assert 'pip install -e ".[rllib]"' in str(problem.value)
     with pytest.raises(MissingExtraError):
         save(None, tmp_path)
 

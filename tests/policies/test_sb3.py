@@ -566,7 +566,7 @@ def test_a_missing_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
         load_policy(f"sb3:{file}")
     assert problem.value.exit_code == 5
     assert f"sb3:{file}" in str(problem.value)
-    assert "pip install 'desim-uav[sb3]'" in str(problem.value)
+    assert 'pip install -e ".[sb3]"' in str(problem.value)
 
 
 def test_the_libraries_are_imported_only_for_a_network():
