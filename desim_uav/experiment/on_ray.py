@@ -8,9 +8,12 @@ from __future__ import annotations
 
 import os
 import signal
+import socket
+import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, redirect_stdout, suppress
+from functools import partial
 from itertools import islice
 from typing import Any
 
@@ -20,40 +23,89 @@ RETRIES = 3
 AT_A_TIME = 1000
 """Tasks that Ray is given together, unless told: enough for its cluster to know what to start."""
 
+CONNECT_S, ANSWER_S = 5.0, 20.0
+"""The seconds that a machine has to take a connection, and a cluster to let us join it."""
 
-def run_each_on_ray(
+JOIN = """
+import sys, ray
+print("imported", flush=True)
+ray.init(sys.argv[1], log_to_driver=False, logging_level="ERROR")
+"""
+
+
+@contextmanager
+def ray_backend(jobs: int | None, address: str | None) -> Iterator[Callable[..., None]]:
+    """Connect to Ray and yield a function that runs tasks on it, as ``run_each`` does.
+
+    ``jobs``: the largest number of tasks at a time. ``address``: of a cluster; None is this machine
+    alone. Raises MissingExtraError, and UsageError if there is no such cluster.
+    """
+    ray = import_ray()
+    if address not in (None, "auto"):
+        _require_cluster(address)
+    with _connected(ray, address):
+        yield partial(_run_each, ray, jobs)
+
+
+def _run_each(
+    ray: Any,
+    jobs: int | None,
     function: Callable[..., Any],
     tasks: Sequence[tuple[Any, ...]],
-    jobs: int | None,
-    address: str | None,
     *,
     on_end: Callable[[int, Any], None],
     on_death: Callable[[int, str], None],
 ) -> None:
     """Call ``function`` with the arguments of each task, on as many cores as Ray has.
 
-    ``jobs``: at most so many at a time. ``address``: of a cluster, or None: this machine alone.
-    ``on_end`` gets a task's number and its result as it ends, ``on_death`` the number of one that
-    Ray has given up, and why. Raises UsageError where there is no such cluster.
+    ``on_end`` gets a task's number and its result as it ends, ``on_death`` the number of a task
+    that Ray has given up, and why.
     """
-    ray = import_ray()
     numbers = iter(range(len(tasks)))
-    with _connected(ray, address):
-        remote = ray.remote(function).options(num_cpus=1, max_retries=RETRIES)
-        running: dict[Any, int] = {}
-        while True:
-            for number in islice(numbers, (jobs or AT_A_TIME) - len(running)):
-                running[remote.remote(*tasks[number])] = number
-            if not running:
-                return
-            for ended in ray.wait(list(running))[0]:
-                number = running.pop(ended)
-                try:
-                    result = ray.get(ended)
-                except ray.exceptions.RayError as error:
-                    on_death(number, f"given up by Ray: {_first_line(error)}")
-                else:
-                    on_end(number, result)
+    remote = ray.remote(function).options(num_cpus=1, max_retries=RETRIES)
+    running: dict[Any, int] = {}
+    while True:
+        for number in islice(numbers, (jobs or AT_A_TIME) - len(running)):
+            running[remote.remote(*tasks[number])] = number
+        if not running:
+            return
+        for ended in ray.wait(list(running))[0]:
+            number = running.pop(ended)
+            try:
+                result = ray.get(ended)
+            except ray.exceptions.RayError as error:
+                on_death(number, f"given up by Ray: {_first_line(error)}")
+            else:
+                on_end(number, result)
+
+
+def _require_cluster(address: str) -> None:
+    """Raise UsageError, soon, if no cluster can be joined at HOST:PORT.
+
+    Ray itself tries for a quarter of an hour and hears no Ctrl-C meanwhile, so a process that can
+    be killed joins the cluster first.
+    """
+    host, _, port = address.rpartition("://")[2].rpartition(":")
+    if not host or not port.isdecimal() or int(port) > 65535:
+        raise UsageError(f"--address {address}: write auto or HOST:PORT")
+    complaint = f"--backend ray: --address {address}: no Ray cluster answers there"
+    try:
+        socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S).close()
+    except OSError as error:
+        raise UsageError(f"{complaint}: {error.strerror or error}") from error
+    with subprocess.Popen(
+        [sys.executable, "-c", JOIN, address], stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
+    ) as joining:
+        try:
+            assert joining.stdout is not None
+            joining.stdout.readline()  # importing Ray may take long and is no answer's fault
+            code = joining.wait(ANSWER_S)
+        except subprocess.TimeoutExpired:
+            raise UsageError(f"{complaint} within {ANSWER_S:.0f} s") from None
+        finally:
+            joining.kill()
+    if code != 0:
+        raise UsageError(f"{complaint}, or it runs another version of Ray or Python")
 
 
 def import_ray() -> Any:

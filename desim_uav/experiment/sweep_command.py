@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import Any
 from desim_uav.errors import UsageError
 from desim_uav.experiment.compare import out_of_place, policy_names
 from desim_uav.experiment.grid import Axis, axes
-from desim_uav.experiment.on_ray import import_ray, run_each_on_ray
+from desim_uav.experiment.on_ray import import_ray, ray_backend
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.statistics import LEVEL, Estimate
@@ -159,14 +160,14 @@ def sweep_to_folder(
     ``path``: of the scenario. ``workers``: jobs at a time. ``address``: of a Ray cluster. Ctrl-C
     ends it; what has ended is kept.
     """
-    run = _backend(backend, workers, address)
+    _check_backend(backend, address)
     swept, algorithms = axes(asked.overrides), asked.algorithm_names()
     tried = arms(path, swept, asked.policy_names(), algorithms, asked.seeds[0], asked.engine, say)
     todo = jobs(tried, asked.seeds, asked.episodes, asked.warmup)
     for warning in _warnings(tried, asked.seeds):
         say(warning)
     folder = SweepFolder(out, swept)
-    with folder.held():
+    with _backend(backend, workers, address) as run, folder.held():
         folder.open(path, todo, resume, list(command))
         finished = folder.rows(todo)
         left = [job for job in todo if job.id not in finished]
@@ -184,14 +185,22 @@ def sweep_to_folder(
     return done
 
 
-def _backend(name: str, workers: int | None, address: str | None) -> Backend:
-    """Raises UsageError, and MissingExtraError where Ray is asked for and not there."""
+def _check_backend(name: str, address: str | None) -> None:
+    """Raise UsageError, or MissingExtraError if Ray is asked for and not installed."""
     if name == "ray":
         import_ray()
-        return partial(run_each_on_ray, jobs=workers, address=address)
-    if address is not None:
+    elif address is not None:
         raise UsageError("--address goes with --backend ray")
-    return partial(run_each, jobs=workers or 1)
+
+
+@contextmanager
+def _backend(name: str, workers: int | None, address: str | None) -> Iterator[Backend]:
+    """Yield what runs the jobs; a cluster that cannot be joined leaves no folder behind."""
+    if name == "ray":
+        with ray_backend(workers, address) as run:
+            yield run
+    else:
+        yield partial(run_each, jobs=workers or 1)
 
 
 def _warnings(tried: Sequence[Arm], seeds: range) -> list[str]:

@@ -1,6 +1,7 @@
 """Sweeps on Ray: the rows are those of this machine alone, whoever dies meanwhile."""
 
 import os
+import socket
 import subprocess
 import sys
 import time
@@ -113,7 +114,7 @@ def test_a_cluster_that_loses_a_node(desim_uav, cluster):
             time.sleep(0.05)
         lose_a_node()
         _, said = sweep.communicate(timeout=SECONDS)
-    assert sweep.returncode == 0, said
+    assert (sweep.returncode, said) == (0, ""), said
     assert desim_uav(*SWEEP, *train, "--out", "local").returncode == 0
     pd.testing.assert_frame_equal(dataset("ray"), dataset("local"))
     for file in Path("local/policies").iterdir():
@@ -132,3 +133,36 @@ def test_no_cluster_there(desim_uav):
     ended = desim_uav(*SWEEP, "--seeds", 1, "--out", "x", "--backend", "ray", "--address", "auto")
     assert ended.returncode == 2 and "Traceback" not in ended.stderr
     assert "--backend ray: --address auto: " in ended.stderr
+    assert not Path("x").exists()
+
+
+@pytest.fixture
+def silent():
+    """A port at which somebody listens who is no Ray cluster and says nothing."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        yield server.getsockname()[1]
+
+
+def test_somebody_else_at_the_address(desim_uav, silent: int):
+    address = f"127.0.0.1:{silent}"
+    words = (*SWEEP, "--seeds", 1, "--out", "x", "--backend", "ray", "--address", address)
+    began = time.monotonic()
+    ended = desim_uav(*words)
+    assert ended.returncode == 2 and "Traceback" not in ended.stderr
+    assert f"--address {address}: no Ray cluster answers there" in ended.stderr
+    assert time.monotonic() - began < SECONDS / 2, "Ray alone takes a quarter of an hour"
+    assert not Path("x").exists(), "the corrected command would be refused"
+
+
+@pytest.mark.parametrize("address", ["127.0.0.1:1", "no-such-host.invalid:6379"])
+def test_nobody_at_the_address(desim_uav, address: str):
+    words = (*SWEEP, "--seeds", 1, "--out", "x", "--backend", "ray", "--address", address)
+    ended = desim_uav(*words)
+    assert ended.returncode == 2 and not Path("x").exists()
+    assert f"--address {address}: no Ray cluster answers there: " in ended.stderr
+
+
+@pytest.mark.parametrize("address", ["head", "head:port", ":6379", "head:99999"])
+def test_what_is_no_address(desim_uav, address: str):
+    ended = desim_uav(*SWEEP, "--out", "x", "--backend", "ray", "--address", address)
+    assert ended.returncode == 2 and "write auto or HOST:PORT" in ended.stderr
