@@ -51,7 +51,6 @@ MAKERS: dict[str, Callable[[], Any]] = {
 }
 
 WAYS: dict[str, Callable[[Any], Any]] = {
-    "copy": copy.copy,
     "deepcopy": copy.deepcopy,
     "pickle": lambda env: pickle.loads(pickle.dumps(env)),
 }
@@ -152,6 +151,15 @@ def test_a_copy_goes_on_and_leaves_the_original_alone(kind: str, way: str):
         went_on = [turn(other, own_rng) for _ in range(MORE)]
         assert_same_turns(went_on, twin[k : k + MORE])
         other.close()
+
+
+@pytest.mark.parametrize("kind", MAKERS)
+def test_a_shallow_copy_is_as_independent_as_a_deep_one(kind: str):
+    env = MAKERS[kind]()
+    turns(env, 3, seed=1)
+    shallow, deep = copy.copy(env), copy.deepcopy(env)
+    turns(shallow, MORE, seed=2)
+    assert_same_turns(turns(env, MORE, seed=3), turns(deep, MORE, seed=3))
 
 
 @pytest.mark.parametrize("kind", ["single, SimPy", "single, compiled", "vector"])
