@@ -60,11 +60,15 @@ class Interrupted(OnSeedTwo):
 """A module of policies that are in trouble on seed 2."""
 
 
+AT_TIMES = re.compile(r"^desim-uav: (compiling the engine .*|[\d,]+ of [\d,]+ \w+)\n", re.MULTILINE)
+"""What a command says only the first time, or on a slow machine: of its progress."""
+
+
 class Ended:
-    """How a command ended: its exit code and what it printed."""
+    """How a command ended: its exit code and what it printed, but for its progress."""
 
     def __init__(self, code, out, err):
-        self.code, self.out, self.err = code, out, err
+        self.code, self.out, self.err = code, out, AT_TIMES.sub("", err)
 
     @property
     def message(self):

@@ -16,6 +16,7 @@ from desim_uav.cli.options import (
     EngineIfAny,
     FirstSeed,
     Json,
+    NoProgress,
     Override,
     Quiet,
     RunDir,
@@ -142,6 +143,7 @@ def compare(
     ] = None,
     engine: Engine = "des",
     as_json: Json = False,
+    quiet: NoProgress = False,
 ) -> None:
     """Compare policies on common seeds: means, 95 % intervals and paired differences."""
     import desim_uav as du
@@ -166,6 +168,7 @@ def compare(
                 against=against,
                 out=out,
                 engine=engine,
+                progress=not quiet,
             )
         except du.Interrupted as stopped:
             found, interrupted = stopped.result, True
