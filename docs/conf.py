@@ -14,10 +14,13 @@ author = "The desim-uav authors"
 copyright = "The desim-uav authors, MIT licence"  # noqa: A001
 version = release = __version__
 
-extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.mathjax", "generated"]
+extensions = ["myst_nb", "sphinx.ext.autodoc", "docstrings", "generated", "mathml"]
 exclude_patterns = ["_build", "_generated", "**.ipynb_checkpoints"]
 
 html_theme = "furo"
+html_static_path = ["_static"]
+html_css_files = ["wide.css"]
+html_math_renderer = "mathml"
 html_title = f"desim-uav {__version__}"
 
 myst_enable_extensions = ["amsmath", "deflist", "dollarmath"]
@@ -32,4 +35,4 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_type_aliases = {"NDArray": "NDArray"}
 # An extra's packages need not be installed for the documentation of what uses them.
-autodoc_mock_imports = ["ray", "sb3_contrib", "stable_baselines3", "torch"]
+autodoc_mock_imports = ["ray", "sb3_contrib", "stable_baselines3", "tensorboard", "torch"]
