@@ -194,7 +194,7 @@ def installed(extra: str) -> bool:
 def extras_of(words: list[str]) -> list[str]:
     """The extras that ``pip install`` asks for, of a checkout."""
     assert words[1:3] == ["install", "-e"] and words[3].startswith("."), words
-    return re.findall(r"\w+", words[3])
+    return re.findall(r"[\w-]+", words[3])
 
 
 def optional_dependencies() -> dict[str, list[str]]:

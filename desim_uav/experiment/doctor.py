@@ -31,7 +31,7 @@ CONFLICTS = {
 }
 """Packages beside ours that ask for other versions than we use, and what is to be said then."""
 
-ALONE = {"rllib": " in an environment of its own"}
+ALONE = dict.fromkeys(("marl-test", "rllib"), " in an environment of its own")
 """Extras that must not be installed beside others."""
 
 
