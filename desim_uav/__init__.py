@@ -13,8 +13,10 @@ register_with_gymnasium()
 
 if TYPE_CHECKING:
     from desim_uav.api.compare import Comparison, compare, compare_runs
+    from desim_uav.api.pictures import film, plot, write_replay, write_report
     from desim_uav.api.replay import Replay
     from desim_uav.api.run import RunResult, read_run, run
+    from desim_uav.api.study import find_optimum, reproduce, sweep
     from desim_uav.api.tensorboard import TensorBoardCallback
     from desim_uav.api.train import StopTraining, TrainingProgress, TrainingResult, train
     from desim_uav.engine.base import RunSettings
@@ -30,34 +32,41 @@ if TYPE_CHECKING:
 
 _PUBLIC = {
     "Comparison": "desim_uav.api.compare",
-    "compare": "desim_uav.api.compare",
-    "compare_runs": "desim_uav.api.compare",
     "DesimError": "desim_uav.errors",
     "DesimWarning": "desim_uav.errors",
     "Interrupted": "desim_uav.errors",
+    "Policy": "desim_uav.policies",
     "Replay": "desim_uav.api.replay",
     "RunResult": "desim_uav.api.run",
+    "RunSettings": "desim_uav.engine.base",
+    "Scenario": "desim_uav.scenario.schema",
+    "Simulation": "desim_uav.engine.des",
     "StopTraining": "desim_uav.api.train",
     "TensorBoardCallback": "desim_uav.api.tensorboard",
     "TrainingProgress": "desim_uav.api.train",
     "TrainingResult": "desim_uav.api.train",
-    "train": "desim_uav.api.train",
-    "read_run": "desim_uav.api.run",
-    "run": "desim_uav.api.run",
-    "Policy": "desim_uav.policies",
-    "RunSettings": "desim_uav.engine.base",
-    "Scenario": "desim_uav.scenario.schema",
-    "Simulation": "desim_uav.engine.des",
     "UavEnv": "desim_uav.env",
     "UavParallelEnv": "desim_uav.env",
     "UavVecEnv": "desim_uav.env",
     "UavVectorEnv": "desim_uav.env",
     "World": "desim_uav.world",
     "build_world": "desim_uav.world",
+    "compare": "desim_uav.api.compare",
+    "compare_runs": "desim_uav.api.compare",
     "draw": "desim_uav.sample_path",
+    "film": "desim_uav.api.pictures",
+    "find_optimum": "desim_uav.api.study",
     "load": "desim_uav.scenario.load",
     "load_policy": "desim_uav.policies",
+    "plot": "desim_uav.api.pictures",
+    "read_run": "desim_uav.api.run",
     "register": "desim_uav.registry",
+    "reproduce": "desim_uav.api.study",
+    "run": "desim_uav.api.run",
+    "sweep": "desim_uav.api.study",
+    "train": "desim_uav.api.train",
+    "write_replay": "desim_uav.api.pictures",
+    "write_report": "desim_uav.api.pictures",
 }
 
 __all__ = [
@@ -85,12 +94,19 @@ __all__ = [
     "compare",
     "compare_runs",
     "draw",
+    "film",
+    "find_optimum",
     "load",
     "load_policy",
+    "plot",
     "read_run",
     "register",
+    "reproduce",
     "run",
+    "sweep",
     "train",
+    "write_replay",
+    "write_report",
 ]
 
 

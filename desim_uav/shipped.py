@@ -41,6 +41,11 @@ def find_scenario(argument: str) -> Path:
     return scenario_path(argument)
 
 
+def table_names() -> list[str]:
+    """Return the names of the shipped tables, case2.npz before case10.npz."""
+    return sorted((path.name for path in _folder("policies").glob("*.npz")), key=_natural)
+
+
 def find_table(argument: str) -> Path:
     """The learned table an argument means: a file, or the name of a shipped one (``case8.npz``)."""
     path = Path(argument)

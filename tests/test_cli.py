@@ -11,8 +11,10 @@ from pathlib import Path
 
 import pandas as pd
 import pytest
+import typer
 
 import desim_uav
+from desim_uav.cli import app
 from desim_uav.engine.batch import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment import command
@@ -124,6 +126,12 @@ def cli_run(somewhere, capsys, monkeypatch):
     return runner(capsys, monkeypatch)
 
 
+def app_command(verb):
+    """A command as typer has it, or the program itself."""
+    program = typer.main.get_command(app)
+    return program if verb is None else program.commands[verb]
+
+
 def runs():
     return sorted(path.name for path in Path("runs").iterdir()) if Path("runs").exists() else []
 
@@ -150,6 +158,38 @@ class TestProgram:
         for option in ("--events", "--out", "--engine", "--json", "-q", "SCENARIO"):
             assert option in options
         assert "--by" in cli_run("qoe", "--help").out
+
+    @pytest.mark.parametrize(
+        "verb", [None, *(one.callback.__name__ for one in app.registered_commands)]
+    )
+    def test_help_is_whole_sentences_without_types(self, cli_run, verb, monkeypatch):
+        monkeypatch.setenv("COLUMNS", "160")
+        text = cli_run(*([verb] if verb else []), "--help").out
+        for jargon in ("<bool>", "<str>", "<=", "TEXT", "INTEGER", "BOOLEAN"):
+            assert jargon not in text
+        command = app_command(verb)
+        for parameter in command.get_params(typer.Context(command)):
+            said = parameter.help
+            assert said[0].isupper() and said.endswith("."), (parameter.name, said)
+            assert len(said.split()) > 2, (parameter.name, said)
+
+    def test_a_shell_completes_commands_and_scenarios(self, somewhere):
+        def completed(words):
+            environment = os.environ | {
+                "_DESIM_UAV_COMPLETE": "complete_bash",
+                "COMP_WORDS": f"desim-uav {words}",
+                "COMP_CWORD": str(len(words.split())),
+            }
+            code = "from desim_uav.cli import app; app(prog_name='desim-uav')"
+            program = [sys.executable, "-c", code]
+            done = subprocess.run(
+                program, env=environment, capture_output=True, text=True, check=False
+            )
+            return done.stdout.split()
+
+        assert completed("comp") == ["compare"]
+        assert completed("run ti") == ["tiny"]
+        assert "case8.npz" in completed("run tiny --policy ca")
 
     def test_nothing_asked(self, cli_run):
         ended = cli_run()

@@ -8,12 +8,12 @@ from typing import Annotated
 
 import typer
 
-from desim_uav.cli.options import Json, Override
+from desim_uav.cli.options import Json, Override, complete_scenarios
 
 
 def scenarios(
     show: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Print the file of this scenario.")
+        str | None, typer.Option(metavar="NAME", help="Print the file of this shipped scenario.")
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -33,10 +33,17 @@ def scenarios(
 
 
 def validate(
-    files: Annotated[list[str], typer.Argument(metavar="FILE…", help="Files or shipped names.")],
+    files: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="FILE…",
+            help="Scenario files, or names of shipped scenarios.",
+            autocompletion=complete_scenarios,
+        ),
+    ],
     overrides: Override = None,
 ) -> None:
-    """Check scenario files, every error of each, and that their worlds can be drawn."""
+    """Check scenario files: print every error of each, and see that their worlds can be drawn."""
     from desim_uav.errors import ScenarioError, located
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
@@ -64,7 +71,7 @@ def schema() -> None:
 
 
 def doctor(as_json: Json = False) -> None:
-    """Look at what is installed, what fits together and what can be written, in plain words."""
+    """Check the installation: versions, extras, the compiled code, and what can be written."""
     from desim_uav.experiment.doctor import as_content, examine
     from desim_uav.report.text import print_findings
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +10,8 @@ import typer
 
 from desim_uav.cli.ending import complain
 from desim_uav.cli.options import (
+    MAKING,
+    OUTPUT,
     Engine,
     EngineIfAny,
     Json,
@@ -19,37 +20,65 @@ from desim_uav.cli.options import (
     ScenarioName,
     Seed,
     WorldSeed,
-    opened,
+    within,
 )
-from desim_uav.errors import UsageError, located
+from desim_uav.errors import UsageError
 
 
 def train(
     scenario: ScenarioName,
     algorithm: Annotated[
         str | None,
-        typer.Option(metavar="A", help="q_learning, sarsa, expected_sarsa or double_q."),
+        typer.Option(
+            metavar="A",
+            help="The algorithm: q_learning, sarsa, expected_sarsa, double_q, or a class of your "
+            'own ("package.module:Class"). By default it is the scenario\'s.',
+            rich_help_panel=MAKING,
+        ),
     ] = None,
     episodes: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=10**7, help="Not the scenario's.")
+        int | None,
+        typer.Option(
+            metavar="N",
+            callback=within(1, 10**7),
+            help="The number of episodes to learn from. By default it is the scenario's.",
+            rich_help_panel=MAKING,
+        ),
     ] = None,
+    engine: EngineIfAny = None,
+    overrides: Override = None,
     seed: Seed = None,
     world_seed: WorldSeed = None,
-    overrides: Override = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Instead of runs/<name>-<algorithm>-s<seed>.")
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="The folder of the training. By default it is "
+            "runs/<scenario>-<algorithm>-s<seed>.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = None,
     resume: Annotated[
-        bool, typer.Option("--resume", help="Go on from the folder's checkpoint, if it has one.")
+        bool,
+        typer.Option(
+            "--resume",
+            help="Go on from the checkpoint of the folder, if it has one.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = False,
     checkpoint_every: Annotated[
-        int, typer.Option(metavar="N", min=1, max=10**7, help="Episodes between checkpoints.")
+        int,
+        typer.Option(
+            metavar="N",
+            callback=within(1, 10**7),
+            help="The number of episodes between two checkpoints.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = 500,
-    engine: EngineIfAny = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Let the drones of a scenario learn; leaves policy.npz, for run --policy."""
+    """Let the drones of a scenario learn; the folder's policy.npz is what `run --policy` takes."""
     import desim_uav as du
 
     try:
@@ -86,19 +115,16 @@ def train(
 
 def optimum(
     scenario: ScenarioName,
+    overrides: Override = None,
     seed: Seed = None,
     world_seed: WorldSeed = None,
-    overrides: Override = None,
     as_json: Json = False,
 ) -> None:
-    """Work out how well any policy could do, where users stand still."""
-    from desim_uav.experiment.interrupt import at_once
-    from desim_uav.experiment.optimum import optimum as best_of
+    """Work out how well any policy could do in a scenario whose users stand still."""
+    import desim_uav as du
     from desim_uav.report.text import print_optimum
 
-    path, loaded = opened(scenario, overrides, seed, world_seed)
-    with located(path):
-        found = at_once(best_of, loaded)
+    found = du.find_optimum(scenario, overrides, seed=seed, world_seed=world_seed)
     if as_json:
         print(json.dumps(found, indent=1))
     else:
@@ -106,56 +132,95 @@ def optimum(
 
 
 def reproduce(
-    cases: Annotated[str, typer.Option(metavar="1-9", help="Which, as 1-3,8.")] = "1-9",
+    cases: Annotated[
+        str,
+        typer.Option(
+            metavar="1-9", help="The cases of the paper, such as 1-3,8.", rich_help_panel=MAKING
+        ),
+    ] = "1-9",
     seeds: Annotated[
-        int, typer.Option(metavar="N", min=1, max=10**4, help="The number of seeds.")
+        int,
+        typer.Option(
+            metavar="N",
+            callback=within(1, 10**4),
+            help="The number of seeds.",
+            rich_help_panel=MAKING,
+        ),
     ] = 10,
     first_seed: Annotated[
         int,
         typer.Option(
             metavar="N",
-            min=0,
-            max=2**62,
+            callback=within(0, 2**62),
             help="The first seed; the others follow it. The defaults of learning were chosen on "
             "seeds below 100.",
+            rich_help_panel=MAKING,
         ),
     ] = 100,
     episodes: Annotated[
-        int | None, typer.Option(metavar="N", min=1, max=10**7, help="Of training.")
+        int | None,
+        typer.Option(
+            metavar="N",
+            callback=within(1, 10**7),
+            help="The number of episodes to learn from. By default it is the scenario's.",
+            rich_help_panel=MAKING,
+        ),
     ] = None,
     preset: Annotated[
-        str, typer.Option(metavar="default|paper|both", help="Train so, or as the paper did.")
+        str,
+        typer.Option(
+            metavar="default|paper|both",
+            help="How to train: with our defaults, as the paper's code did, or both ways.",
+            rich_help_panel=MAKING,
+        ),
     ] = "default",
-    jobs: Annotated[int, typer.Option("-j", metavar="N", min=1, max=1000, help="At a time.")] = 1,
-    out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Holds what was finished before, too.")
-    ] = Path("runs/reproduce"),
+    jobs: Annotated[
+        int,
+        typer.Option(
+            "-j",
+            metavar="N",
+            callback=within(1, 1000),
+            help="The number of jobs at a time, each in a process of its own.",
+            rich_help_panel=MAKING,
+        ),
+    ] = 1,
     engine: Engine = "batch",
+    out: Annotated[
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="The folder for jobs, policies and tables. Jobs that it holds are not run again.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = Path("runs/reproduce"),
     check: Annotated[
-        bool, typer.Option("--check", help="Exit with 6 where a gate does not hold.")
+        bool,
+        typer.Option(
+            "--check",
+            help="End with exit code 6 if a gate does not hold.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Train and evaluate the paper's nine cases, beside what the paper printed."""
-    from desim_uav.experiment import reproduce as table
+    """Train and evaluate in the paper's nine cases, and set the results beside what it printed."""
+    import desim_uav as du
     from desim_uav.experiment.paper_table import HEADINGS, cells
-    from desim_uav.experiment.progress import progress
     from desim_uav.report.paper import print_claims, print_paper_table
 
-    presets: dict[str, list[str | None]] = {
-        "default": [None],
-        "paper": ["paper"],
-        "both": [None, "paper"],
-    }
-    if preset not in presets:
-        raise UsageError(f"--preset {preset}: allowed: {', '.join(presets)}")
     if check and preset == "paper":
         raise UsageError("--check: the gates are of the default training, not of the paper's")
-    drawn = range(first_seed, first_seed + seeds)
-    todo = table.jobs(table.numbers(cases), drawn, episodes, presets[preset])
-    with progress(not quiet, len(todo), "jobs", engine) as advance:
-        rows = table.run_jobs(todo, out, jobs, advance, engine)
-    found = table.report(rows, out, " ".join(["desim-uav", *sys.argv[1:]]))
+    found = du.reproduce(
+        cases,
+        seeds=seeds,
+        first_seed=first_seed,
+        episodes=episodes,
+        preset=preset,
+        jobs=jobs,
+        out=out,
+        engine=engine,
+        progress=not quiet,
+    )
     if not quiet:
         print_paper_table(HEADINGS, [cells(line) for line in found.table])
         print_claims([(c.text, c.found, c.holds) for c in found.claims])

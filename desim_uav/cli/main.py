@@ -13,13 +13,14 @@ from desim_uav import __version__
 from desim_uav.api.invocation import begun_by
 from desim_uav.cli import basics, learning, pictures, runs
 from desim_uav.cli.ending import complain
+from desim_uav.cli.plain import Command, Group
 from desim_uav.errors import DesimError, UsageError
 from desim_uav.experiment.interrupt import leave
 
 app = typer.Typer(
     help="Exact discrete-event simulation of UAV-enabled wireless networks.",
     no_args_is_help=True,
-    add_completion=False,
+    cls=Group,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )
@@ -87,7 +88,7 @@ def _main() -> NoReturn:
 @app.callback(invoke_without_command=True)
 def _root(
     context: typer.Context,
-    version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False,
+    version: Annotated[bool, typer.Option("--version", help="Print the version and exit.")] = False,
 ) -> None:
     if version:
         print(f"desim-uav {__version__}")
@@ -114,4 +115,4 @@ def _drop_output() -> None:
 
 
 for command in COMMANDS:
-    app.command()(command)
+    app.command(cls=Command)(command)

@@ -2,39 +2,134 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
-if TYPE_CHECKING:
-    from desim_uav.scenario.schema import Scenario
+MAKING, SCENARIO, OUTPUT = "What is run", "The scenario", "What comes out"
+"""Headings that group options in the help."""
+
+
+def within(low: int, high: int) -> Callable[[int | None], int | None]:
+    """Return what checks that a number is within its bounds, and says otherwise which they are."""
+
+    def check(number: int | None) -> int | None:
+        if number is not None and not low <= number <= high:
+            raise typer.BadParameter(f"{number} is not a whole number from {low} to {high}")
+        return number
+
+    return check
+
+
+def between(low: float, high: float) -> Callable[[float | None], float | None]:
+    """Do the same for numbers that need not be whole."""
+
+    def check(number: float | None) -> float | None:
+        if number is not None and not low <= number <= high:
+            raise typer.BadParameter(f"{number:g} is not a number from {low:g} to {high:g}")
+        return number
+
+    return check
+
+
+def complete_scenarios(incomplete: str) -> list[str]:
+    """Return the shipped scenarios, for a shell that completes what is typed."""
+    from desim_uav.shipped import scenario_names
+
+    return [name for name in scenario_names() if name.startswith(incomplete)]
+
 
 ScenarioName = Annotated[
-    str, typer.Argument(metavar="SCENARIO", help="A scenario file, or a shipped name: case5.")
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="The name of a shipped scenario, such as case8, or a scenario file (YAML).",
+        autocompletion=complete_scenarios,
+    ),
 ]
-RunDir = Annotated[Path, typer.Argument(metavar="RUN_DIR", help="The folder of a run.")]
+RunDir = Annotated[
+    Path, typer.Argument(metavar="RUN_DIR", help="The folder of a run, as `run` writes it.")
+]
 Override = Annotated[
     list[str] | None,
-    typer.Option("-S", metavar="KEY.PATH=VALUE", help="Set a key of the scenario; repeatable."),
+    typer.Option(
+        "-S",
+        metavar="KEY.PATH=VALUE",
+        help="Set a key of the scenario, as in -S users.count=60. The option may be repeated.",
+        rich_help_panel=SCENARIO,
+    ),
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="No progress, no table.")]
-NoProgress = Annotated[bool, typer.Option("-q", "--quiet", help="No progress.")]
+Json = Annotated[
+    bool,
+    typer.Option(
+        "--json", help="Print one JSON object instead of a table.", rich_help_panel=OUTPUT
+    ),
+]
+Quiet = Annotated[
+    bool,
+    typer.Option(
+        "-q", "--quiet", help="Print neither progress nor a table.", rich_help_panel=OUTPUT
+    ),
+]
+NoProgress = Annotated[
+    bool, typer.Option("-q", "--quiet", help="Print no progress.", rich_help_panel=OUTPUT)
+]
 Seed = Annotated[
-    int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Not the scenario's.")
+    int | None,
+    typer.Option(
+        metavar="N",
+        callback=within(0, 2**63 - 1),
+        help="The seed that everything random is drawn from. By default it is the scenario's.",
+        rich_help_panel=SCENARIO,
+    ),
 ]
 WorldSeed = Annotated[
-    int | None, typer.Option(metavar="N", min=0, max=2**63 - 1, help="Draws the world alone.")
+    int | None,
+    typer.Option(
+        metavar="N",
+        callback=within(0, 2**63 - 1),
+        help="The seed of the world alone: buildings, homes of users, clusters. By default it is "
+        "the scenario's world_seed, or else the seed.",
+        rich_help_panel=SCENARIO,
+    ),
 ]
-Counted = Annotated[int, typer.Option(metavar="N", min=1, max=10**6, help="Counted ones.")]
+Counted = Annotated[
+    int,
+    typer.Option(
+        metavar="N",
+        callback=within(1, 10**6),
+        help="The number of episodes that count, per policy and seed.",
+        rich_help_panel=MAKING,
+    ),
+]
 Warmup = Annotated[
-    int, typer.Option(metavar="N", min=0, max=10**6, help="Episodes before, counted nowhere.")
+    int,
+    typer.Option(
+        metavar="N",
+        callback=within(0, 10**6),
+        help="The number of episodes before them that count in no measure.",
+        rich_help_panel=MAKING,
+    ),
 ]
-Seeds = Annotated[int, typer.Option(metavar="N", min=1, max=10**6, help="How many.")]
+Seeds = Annotated[
+    int,
+    typer.Option(
+        metavar="N",
+        callback=within(1, 10**6),
+        help="The number of seeds. On a seed all policies meet the same users and requests.",
+        rich_help_panel=MAKING,
+    ),
+]
 FirstSeed = Annotated[
-    int, typer.Option(metavar="N", min=0, max=2**62, help="The others follow it.")
+    int,
+    typer.Option(
+        metavar="N",
+        callback=within(0, 2**62),
+        help="The first seed; the others follow it.",
+        rich_help_panel=MAKING,
+    ),
 ]
 
 
@@ -60,7 +155,11 @@ def _an_engine(name: str | None) -> str | None:
 Engine = Annotated[
     str,
     typer.Option(
-        metavar="des|batch", callback=_an_engine, help="SimPy or compiled: the same numbers."
+        metavar="des|batch",
+        callback=_an_engine,
+        help="The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are "
+        "the same.",
+        rich_help_panel=MAKING,
     ),
 ]
 EngineIfAny = Annotated[
@@ -68,24 +167,8 @@ EngineIfAny = Annotated[
     typer.Option(
         metavar="des|batch",
         callback=_an_engine,
-        help="SimPy or compiled: the same numbers. Compiled, if it can be.",
+        help="The engine: des (SimPy, easy to read) or batch (compiled, fast). Their numbers are "
+        "the same. By default it is batch, if it can run the scenario.",
+        rich_help_panel=MAKING,
     ),
 ]
-
-
-def opened(
-    name: str,
-    overrides: list[str] | None,
-    seed: int | None,
-    world_seed: int | None,
-    further: Sequence[str] = (),
-) -> tuple[Path, Scenario]:
-    """A scenario's file, and what it says with all that the command line sets of it."""
-    from desim_uav.scenario.load import load
-    from desim_uav.shipped import find_scenario
-
-    settings = list(overrides or [])
-    settings += [] if seed is None else [f"seed={seed}"]
-    settings += [] if world_seed is None else [f"world_seed={world_seed}"]
-    path = find_scenario(name)
-    return path, load(path, [*settings, *further])

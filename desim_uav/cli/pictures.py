@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from desim_uav.cli.ending import complain
-from desim_uav.cli.options import Json, NoProgress, RunDir
+from desim_uav.cli.options import Json, NoProgress, RunDir, between, within
 
 
 def replay(
@@ -17,7 +17,7 @@ def replay(
     beside: Annotated[
         Path | None,
         typer.Argument(
-            metavar="[RUN_DIR2]",
+            metavar="RUN_DIR2",
             help="The folder of a second run on the same seeds, played in step with the first.",
         ),
     ] = None,
@@ -30,9 +30,14 @@ def replay(
         ),
     ] = None,
     episodes: Annotated[
-        str | None, typer.Option(metavar="0-9", help="Which, as 0-3,8; else the counted ones.")
+        str | None,
+        typer.Option(
+            metavar="0-9",
+            help="The episodes to show, such as 0-3,8. By default they are all that count, as many "
+            "as 25 MiB hold.",
+        ),
     ] = None,
-    open_it: Annotated[bool, typer.Option("--open", help="Show it in the browser.")] = False,
+    open_it: Annotated[bool, typer.Option("--open", help="Show the page in the browser.")] = False,
     as_json: Json = False,
     quiet: NoProgress = False,
 ) -> None:
@@ -40,9 +45,9 @@ def replay(
 
     With a second run of the same scenario, seed and world, the page plays both side by side.
     """
-    from desim_uav.experiment.replay import write_replay
+    import desim_uav as du
 
-    done = write_replay(run_dir, html, episodes, not quiet, beside=beside)
+    done = du.write_replay(run_dir, html, episodes, not quiet, beside=beside)
     if done.left_out:
         complain(
             f"{done.file}: it holds episodes {done.episodes[0]} to {done.episodes[-1]}; with the "
@@ -59,20 +64,32 @@ def replay(
 
 
 def report(
-    runs: Annotated[list[Path], typer.Argument(metavar="RUN_DIR…", help="Folders of runs.")],
+    runs: Annotated[
+        list[Path], typer.Argument(metavar="RUN_DIR…", help="The folders of one run or several.")
+    ],
     out: Annotated[
         Path | None,
-        typer.Option(metavar="FILE.html", help="Instead of RUN_DIR/report.html, or report.html."),
+        typer.Option(
+            metavar="FILE.html",
+            help="Write the page here. By default it is RUN_DIR/report.html, or report.html for "
+            "several runs.",
+        ),
     ] = None,
-    title: Annotated[str | None, typer.Option(metavar="T", help="Of the page.")] = None,
+    title: Annotated[
+        str | None, typer.Option(metavar="TITLE", help="The title of the page.")
+    ] = None,
     against: Annotated[
-        str | None, typer.Option(metavar="P", help="The policy of reference; else the first.")
+        str | None,
+        typer.Option(
+            metavar="POLICY",
+            help="The policy that the others are compared with. By default it is the first.",
+        ),
     ] = None,
 ) -> None:
-    """Write a page on a run, or on several compared, that needs no network and no server."""
-    from desim_uav.experiment.report import report as write_report
+    """Write a page about a run, or a comparison of several; it needs no network and no server."""
+    import desim_uav as du
 
-    print(write_report(runs, out, title, against))
+    print(du.write_report(runs, out, title, against))
 
 
 def plot(
@@ -80,71 +97,130 @@ def plot(
         str,
         typer.Argument(
             metavar="KIND",
-            help="training, compare, visits, policy, battery, episodes, services or snapshot.",
+            help="The kind of figure: training, compare, visits, policy, battery, episodes, "
+            "services or snapshot.",
         ),
     ],
     runs: Annotated[
         list[Path],
         typer.Argument(
-            metavar="RUN…", help="The folder of a run or training; for policy also a table."
+            metavar="RUN…",
+            help="The folder of a run or a training; for policy it may be the file of a table.",
         ),
     ],
     out: Annotated[
         Path | None,
-        typer.Option("-o", "--out", metavar="FILE", help=".png, .pdf or .svg; else RUN/KIND.png."),
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FILE",
+            help="The file, which ends in .png, .pdf or .svg. By default it is RUN/KIND.png.",
+        ),
     ] = None,
     episode: Annotated[
-        int | None, typer.Option(metavar="N", help="visits, battery, services, snapshot: this one.")
+        int | None,
+        typer.Option(
+            metavar="N",
+            help="For visits, battery, services and snapshot: the episode to draw.",
+        ),
     ] = None,
     minute: Annotated[
-        float | None, typer.Option(metavar="M", min=0, help="snapshot: then; else at the end.")
+        float | None,
+        typer.Option(
+            metavar="M",
+            callback=between(0, 1e9),
+            help="For snapshot: the minute to draw. By default it is the end of the episode.",
+        ),
     ] = None,
     drone: Annotated[
-        int | None, typer.Option(metavar="D", min=0, help="visits, policy, battery: this one.")
+        int | None,
+        typer.Option(
+            metavar="D",
+            callback=within(0, 10**9),
+            help="For visits, policy and battery: the drone to draw, counted from 0.",
+        ),
     ] = None,
     window: Annotated[
-        int | None, typer.Option(metavar="N", min=1, help="training: episodes of a running mean.")
+        int | None,
+        typer.Option(
+            metavar="N",
+            callback=within(1, 10**9),
+            help="For training: the number of episodes that a running mean is over.",
+        ),
     ] = None,
     battery_min: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help="policy: minutes left; else half.")
+        int | None,
+        typer.Option(
+            metavar="N",
+            callback=within(0, 10**9),
+            help="For policy: the minutes left of the battery. By default it is half full.",
+        ),
     ] = None,
     level: Annotated[
-        int | None, typer.Option(metavar="K", min=0, help="policy: from 0, the lowest.")
+        int | None,
+        typer.Option(
+            metavar="K",
+            callback=within(0, 10**9),
+            help="For policy: the level of altitude, counted from 0, the lowest.",
+        ),
     ] = None,
     against: Annotated[
-        str | None, typer.Option(metavar="P", help="compare: the policy of reference.")
+        str | None,
+        typer.Option(
+            metavar="POLICY",
+            help="For compare: the policy that the others are compared with.",
+        ),
     ] = None,
 ) -> None:
-    """Draw a figure of runs, trainings or a learned policy."""
-    from desim_uav.experiment.plot import plot as draw
+    """Draw a figure of runs, of trainings or of a learned policy."""
+    import desim_uav as du
 
     asked: dict[str, Any] = {"episode": episode, "minute": minute, "drone": drone, "window": window}
     asked |= {"battery_min": battery_min, "level": level, "against": against}
-    print(draw(kind, runs, out, asked))
+    print(du.plot(kind, runs, out, asked))
 
 
 def video(
     run_dir: RunDir,
-    gif: Annotated[Path | None, typer.Option(metavar="FILE.gif", help="An endless one.")] = None,
+    gif: Annotated[
+        Path | None, typer.Option(metavar="FILE.gif", help="Write a GIF that repeats for ever.")
+    ] = None,
     mp4: Annotated[
-        Path | None, typer.Option(metavar="FILE.mp4", help="H.264 (needs the extra video).")
+        Path | None,
+        typer.Option(metavar="FILE.mp4", help="Write an MP4 (H.264), which needs the extra video."),
     ] = None,
     episode: Annotated[
-        int | None, typer.Option(metavar="N", help="Else the first that counts.")
+        int | None,
+        typer.Option(
+            metavar="N", help="The episode to film. By default it is the first that counts."
+        ),
     ] = None,
-    fps: Annotated[float, typer.Option(metavar="N", min=1, max=60, help="Frames a second.")] = 12,
+    fps: Annotated[
+        float,
+        typer.Option(metavar="N", callback=between(1, 60), help="The number of frames per second."),
+    ] = 12,
     speed: Annotated[
-        float, typer.Option(metavar="N", min=0.1, max=3600, help="Simulated seconds in a second.")
+        float,
+        typer.Option(
+            metavar="N",
+            callback=between(0.1, 3600),
+            help="The number of simulated seconds per second of film.",
+        ),
     ] = 120,
     width: Annotated[
-        int, typer.Option(metavar="N", min=160, max=1920, help="In pixels; height is 3/4 of it.")
+        int,
+        typer.Option(
+            metavar="N",
+            callback=within(160, 1920),
+            help="The width in pixels; the height is three quarters of it.",
+        ),
     ] = 800,
     quiet: NoProgress = False,
 ) -> None:
     """Film an episode of a run, in continuous time."""
-    from desim_uav.experiment.plot import film
+    import desim_uav as du
 
-    made = film(
+    made = du.film(
         run_dir,
         gif,
         mp4,

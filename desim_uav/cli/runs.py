@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +10,9 @@ import typer
 
 from desim_uav.cli.ending import complain, end_politely
 from desim_uav.cli.options import (
+    MAKING,
+    OUTPUT,
+    SCENARIO,
     Counted,
     Engine,
     EngineIfAny,
@@ -25,7 +27,9 @@ from desim_uav.cli.options import (
     Seeds,
     Warmup,
     WorldSeed,
+    complete_scenarios,
     one_of,
+    within,
 )
 from desim_uav.errors import UsageError
 
@@ -35,25 +39,46 @@ def run(
     policy: Annotated[
         str,
         typer.Option(
-            metavar="P",
-            help="baseline, random, hover, policy.npz, script:FILE.csv, sb3:FILE.zip, rllib:DIR "
-            'or "package.module:Class".',
+            metavar="POLICY",
+            help="What flies the drones: baseline, random, hover, a learned table (case8.npz), "
+            "commands from a file (script:FILE.csv), a network (sb3:FILE.zip, rllib:DIR), or a "
+            'class of your own ("package.module:Class").',
+            autocompletion=_policies,
+            rich_help_panel=MAKING,
         ),
     ] = "baseline",
-    seed: Seed = None,
-    world_seed: WorldSeed = None,
     episodes: Counted = 1,
     warmup: Warmup = 0,
-    overrides: Override = None,
-    events: Annotated[bool, typer.Option("--events", help="Keep the event log.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Instead of runs/<name>-<policy>-s<seed>.")
-    ] = None,
     engine: Engine = "des",
+    overrides: Override = None,
+    seed: Seed = None,
+    world_seed: WorldSeed = None,
+    events: Annotated[
+        bool,
+        typer.Option(
+            "--events",
+            help="Keep the event log and the drones' flights, too.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="The folder to write the run to. It must be new or empty. By default it is "
+            "runs/<scenario>-<policy>-s<seed>.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = None,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run a policy in a scenario, log every request, and print the quality of experience."""
+    """Run a policy in a scenario, log every request, and print the quality of experience.
+
+    The log is a folder of Parquet tables. QoE1 is the share of the requested time that was served,
+    QoE2 how long a request stood open without being served, in steps (iterations), and QoE3 the
+    share of time in which users were attached to a drone.
+    """
     import desim_uav as du
 
     end_politely()
@@ -92,7 +117,11 @@ def run(
 def qoe(
     run_dir: RunDir,
     by: Annotated[
-        str | None, typer.Option(metavar="service|episode|user|outcome", help="Group by.")
+        str | None,
+        typer.Option(
+            metavar="service|episode|user|outcome",
+            help="Print a row per group of requests, grouped by this.",
+        ),
     ] = None,
     as_json: Json = False,
 ) -> None:
@@ -121,27 +150,53 @@ def compare(
     context: typer.Context,
     what: Annotated[
         list[str],
-        typer.Argument(metavar="RUN…|SCENARIO", help="Run folders; or a scenario, and --policies."),
+        typer.Argument(
+            metavar="SCENARIO|RUN…",
+            help="A scenario to run --policies in, or the folders of finished runs.",
+            autocompletion=complete_scenarios,
+        ),
     ],
     policies: Annotated[
         str | None,
-        typer.Option(metavar="P,Q…", help="Run these; no name can hold a comma."),
+        typer.Option(
+            metavar="P,Q…",
+            help="The policies to run in the scenario, separated by commas; see `run --policy`.",
+            rich_help_panel=MAKING,
+        ),
     ] = None,
     seeds: Seeds = 10,
     first_seed: FirstSeed = 0,
     episodes: Counted = 20,
     warmup: Warmup = 2,
-    overrides: Override = None,
     jobs: Annotated[
-        int, typer.Option("-j", "--jobs", metavar="N", min=1, max=1024, help="Runs at a time.")
+        int,
+        typer.Option(
+            "-j",
+            "--jobs",
+            metavar="N",
+            callback=within(1, 1024),
+            help="The number of runs at a time, each in a process of its own.",
+            rich_help_panel=MAKING,
+        ),
     ] = 1,
+    engine: Engine = "des",
+    overrides: Override = None,
     against: Annotated[
-        str | None, typer.Option(metavar="P", help="The policy of reference; else the first.")
+        str | None,
+        typer.Option(
+            metavar="POLICY",
+            help="The policy that the others are compared with. By default it is the first.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE.csv", help="The values of each seed.")
+        Path | None,
+        typer.Option(
+            metavar="FILE.csv",
+            help="A file for the values of each policy and seed.",
+            rich_help_panel=OUTPUT,
+        ),
     ] = None,
-    engine: Engine = "des",
     as_json: Json = False,
     quiet: NoProgress = False,
 ) -> None:
@@ -198,25 +253,48 @@ def _refuse_how_to_run(context: typer.Context) -> None:
 def sweep(
     scenario: ScenarioName,
     out: Annotated[
-        Path, typer.Option(metavar="DIR", help="Takes results/, a Parquet dataset, a row a job.")
+        Path,
+        typer.Option(
+            metavar="DIR",
+            help="The folder of the sweep. Its results/ is one Parquet dataset with a row per job.",
+            rich_help_panel=OUTPUT,
+        ),
     ],
     overrides: Annotated[
         list[str] | None,
         typer.Option(
             "-S",
             metavar="KEY.PATH=V,W…",
-            help="Values of a key: a,b or from:to or from:to:step; repeatable, every combination.",
+            help="The values of a key of the scenario: a,b,c or first:last or first:last:step. If "
+            "the option is repeated, every combination of values is run.",
+            rich_help_panel=SCENARIO,
         ),
     ] = None,
     policies: Annotated[
         str | None,
-        typer.Option(metavar="P,Q…", help="Run these; no name can hold a comma. [baseline]"),
+        typer.Option(
+            metavar="P,Q…",
+            help="The policies to run, separated by commas; see `run --policy`. By default it is "
+            "the baseline, unless --train is given.",
+            rich_help_panel=MAKING,
+        ),
     ] = None,
     learn: Annotated[
-        bool, typer.Option("--train", help="Train on each seed, and evaluate greedily.")
+        bool,
+        typer.Option(
+            "--train",
+            help="Train on each seed, too, and evaluate what was learned.",
+            rich_help_panel=MAKING,
+        ),
     ] = False,
     algorithm: Annotated[
-        str | None, typer.Option(metavar="A,B…", help="With --train; else the scenario's.")
+        str | None,
+        typer.Option(
+            metavar="A,B…",
+            help="The algorithms to train by, separated by commas. By default it is the "
+            "scenario's.",
+            rich_help_panel=MAKING,
+        ),
     ] = None,
     seeds: Seeds = 10,
     first_seed: FirstSeed = 0,
@@ -225,50 +303,70 @@ def sweep(
     jobs: Annotated[
         int | None,
         typer.Option(
-            "-j", "--jobs", metavar="N", min=1, max=1024, help="At a time. [1; all cores of Ray]"
+            "-j",
+            "--jobs",
+            metavar="N",
+            callback=within(1, 1024),
+            help="The number of jobs at a time. By default it is 1, or all cores of a Ray cluster.",
+            rich_help_panel=MAKING,
         ),
     ] = None,
-    resume: Annotated[
-        bool, typer.Option("--resume", help="Go on: run what the folder has no row of.")
-    ] = False,
     backend: Annotated[
-        str, typer.Option(metavar="local|ray", help="Processes, or a Ray cluster.")
+        str,
+        typer.Option(
+            metavar="local|ray",
+            help="Where the jobs run: in processes of this machine, or in a Ray cluster.",
+            rich_help_panel=MAKING,
+        ),
     ] = "local",
     address: Annotated[
         str | None,
-        typer.Option(metavar="A", help="The Ray cluster's: auto or host:port. [this machine]"),
+        typer.Option(
+            metavar="ADDRESS",
+            help="The address of the Ray cluster: auto, or HOST:PORT. By default a cluster is "
+            "started on this machine.",
+            rich_help_panel=MAKING,
+        ),
     ] = None,
     engine: EngineIfAny = None,
+    resume: Annotated[
+        bool,
+        typer.Option(
+            "--resume",
+            help="Go on with the sweep of the folder: run only the jobs that it has no row of.",
+            rich_help_panel=OUTPUT,
+        ),
+    ] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run policies, or train, in every combination of keys' values, on common seeds."""
-    from desim_uav.experiment.sweep_command import BACKENDS, Asked, sweep_to_folder
-    from desim_uav.shipped import find_scenario
+    """Run policies, or train, in every combination of some keys' values, on common seeds."""
+    import desim_uav as du
+    from desim_uav.experiment.sweep_command import BACKENDS
 
     end_politely()
+    interrupted = False
     try:
-        done = sweep_to_folder(
-            find_scenario(scenario),
-            Asked(
-                overrides or [],
-                policies,
-                learn,
-                algorithm,
-                range(first_seed, first_seed + seeds),
-                episodes,
-                warmup,
-                engine,
-            ),
-            out,
+        done = du.sweep(
+            scenario,
+            overrides or (),
+            out=out,
+            policies=None if policies is None else policies.split(","),
+            train=learn,
+            algorithms=None if algorithm is None else algorithm.split(","),
+            seeds=seeds,
+            first_seed=first_seed,
+            episodes=episodes,
+            warmup=warmup,
+            jobs=jobs,
             resume=resume,
             backend=one_of(BACKENDS, backend, "--backend"),
-            workers=jobs,
             address=address,
-            command=["desim-uav", *sys.argv[1:]],
-            show_progress=not quiet,
-            say=complain,
+            engine=engine,
+            progress=not quiet,
         )
+    except du.Interrupted as stopped:
+        done, interrupted = stopped.result, True
     except KeyboardInterrupt:
         complain("interrupted; what had ended is kept; --resume goes on")
         raise typer.Exit(130) from None
@@ -281,9 +379,17 @@ def sweep(
         print(out / "results")
     if done.failures:
         complain(done.complaint())
-    if done.interrupted:
+    if interrupted:
         complain(
             f"interrupted; {len(done.rows)} of {len(done.jobs)} jobs are kept; --resume goes on"
         )
-    if done.interrupted or done.failures:
-        raise typer.Exit(130 if done.interrupted else 1)
+    if interrupted or done.failures:
+        raise typer.Exit(130 if interrupted else 1)
+
+
+def _policies(incomplete: str) -> list[str]:
+    """Return built-in policies and shipped tables, for a shell that completes what is typed."""
+    from desim_uav.shipped import table_names
+
+    known = ["baseline", "hover", "random", *table_names()]
+    return [name for name in known if name.startswith(incomplete)]

@@ -9,6 +9,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+import pandas as pd
+
 from desim_uav.errors import UsageError
 from desim_uav.experiment.compare import out_of_place, policy_names
 from desim_uav.experiment.grid import Axis, axes
@@ -19,6 +21,7 @@ from desim_uav.experiment.statistics import LEVEL, Estimate
 from desim_uav.experiment.sweep import Backend, Failure, Job, Row, estimates, jobs, run_jobs
 from desim_uav.experiment.sweep_folder import FAILED, SweepFolder
 from desim_uav.experiment.sweep_plan import Arm, arms
+from desim_uav.report import notebook
 from desim_uav.run_folder import write_whole
 
 BACKENDS = ("local", "ray")
@@ -97,6 +100,21 @@ class Done:
             "estimates": [_plain(arm, found) for arm, found in self._estimates()],
             "failed": [failure.content() for failure in self.failures],
         }
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """One row per job that has ended: the values of the keys, the policy and its measures."""
+        return pd.DataFrame(list(self.rows))
+
+    def __repr__(self) -> str:
+        ended = f"{len(self.rows)} of {len(self.jobs)} jobs have ended"
+        return f"<Sweep in {self.out}: {ended}, {len(self.failures)} have failed>"
+
+    def _repr_html_(self) -> str:
+        words = range(self.headings().index("policy") + 1)
+        return notebook.heading(repr(self)[1:-1]) + notebook.table(
+            self.headings(), self.lines(), words
+        )
 
     def headings(self) -> list[str]:
         """Of the table: the keys that vary, the policy, and the measures."""

@@ -1,0 +1,203 @@
+"""Larger studies: sweeps over scenarios, the table of the paper, and what is best possible."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from desim_uav.api.arguments import (
+    LAST_FIRST_SEED,
+    MOST_EPISODES,
+    MOST_JOBS,
+    MOST_SEEDS,
+    MOST_TRAINING,
+    ScenarioLike,
+    command_of,
+    opened,
+    warn,
+    whole,
+)
+from desim_uav.errors import Interrupted, UsageError
+from desim_uav.experiment import reproduce as paper
+from desim_uav.experiment.interrupt import at_once
+from desim_uav.experiment.optimum import optimum
+from desim_uav.experiment.progress import progress as shown
+from desim_uav.experiment.sweep_command import BACKENDS, Asked, Done, sweep_to_folder
+from desim_uav.registry import did_you_mean
+from desim_uav.scenario.load import Overrides, override_texts
+from desim_uav.shipped import find_scenario
+
+PRESETS: dict[str, list[str | None]] = {
+    "default": [None],
+    "paper": ["paper"],
+    "both": [None, "paper"],
+}
+
+
+def sweep(
+    scenario: str | Path,
+    values: Mapping[str, Any] | Sequence[str] = (),
+    *,
+    out: str | Path,
+    policies: Sequence[str | Path] | None = None,
+    train: bool = False,
+    algorithms: Sequence[str] | None = None,
+    seeds: int = 10,
+    first_seed: int = 0,
+    episodes: int = 20,
+    warmup: int = 2,
+    jobs: int | None = None,
+    resume: bool = False,
+    backend: str = "local",
+    address: str | None = None,
+    engine: str | None = None,
+    progress: bool = True,
+) -> Done:
+    """Run policies, or train, in every combination of the values of some keys, on common seeds.
+
+    This is ``desim-uav sweep``. Each job's row is kept in ``out`` as the job ends.
+
+    Args:
+        scenario: A shipped name or a file.
+        values: For each key a list of values, such as ``{"drones.count": [2, 3, 4]}``, or texts as
+            on the command line, such as ``["drones.count=2:4"]``.
+        out: The folder of the sweep; its ``results`` are one Parquet dataset.
+        policies: Names and files of policies to run. Default: the baseline, if nothing is trained.
+        train: Train on each seed, too, and evaluate greedily.
+        algorithms: What to train by. Default: the scenario's algorithm.
+        seeds: How many seeds.
+        first_seed: The first of them; the others follow it.
+        episodes: Episodes that count, per job.
+        warmup: Episodes before them that count in no measure.
+        jobs: Jobs at a time. Default: 1, or all cores of a Ray cluster.
+        resume: Run only what ``out`` has no row of.
+        backend: ``"local"`` or ``"ray"``.
+        address: Of the Ray cluster.
+        engine: ``"des"`` or ``"batch"``. Default: the compiled engine, if it can run the scenario.
+        progress: Show the progress.
+
+    Raises:
+        DesimError: one of its subclasses says what is wrong, before any job is run.
+        Interrupted: Ctrl-C. Its ``result`` holds the jobs that had ended; they are kept.
+    """
+    given = locals()
+    if backend not in BACKENDS:
+        raise UsageError(
+            f"--backend {backend}{did_you_mean(backend, BACKENDS)}; allowed: {', '.join(BACKENDS)}"
+        )
+    whole("first_seed", first_seed, 0, LAST_FIRST_SEED)
+    whole("seeds", seeds, 1, MOST_SEEDS)
+    whole("episodes", episodes, 1, MOST_EPISODES)
+    whole("warmup", warmup, 0, MOST_EPISODES)
+    if jobs is not None:
+        whole("jobs", jobs, 1, MOST_JOBS)
+    asked = Asked(
+        _axes(values),
+        None if policies is None else ",".join(map(str, policies)),
+        train,
+        None if algorithms is None else ",".join(algorithms),
+        range(first_seed, first_seed + seeds),
+        episodes,
+        warmup,
+        engine,
+    )
+    done = sweep_to_folder(
+        find_scenario(str(scenario)),
+        asked,
+        Path(out),
+        resume=resume,
+        backend=backend,
+        workers=jobs,
+        address=address,
+        command=command_of(sweep, given),
+        show_progress=progress,
+        say=warn,
+    )
+    if done.interrupted:
+        raise Interrupted("interrupted; the jobs that had ended are kept", done)
+    return done
+
+
+def _axes(values: Mapping[str, Any] | Sequence[str]) -> list[str]:
+    """Return the values of each key as the command line has them."""
+    if not isinstance(values, Mapping):
+        return list(values)
+    texts = []
+    for key, each in values.items():
+        several = each if isinstance(each, list | tuple | range) else [each]
+        pairs = (override_texts({key: value})[0] for value in several)
+        texts.append(f"{key}=" + ",".join(pair.partition("=")[2] for pair in pairs))
+    return texts
+
+
+def reproduce(
+    cases: str = "1-9",
+    *,
+    seeds: int = 10,
+    first_seed: int = 100,
+    episodes: int | None = None,
+    preset: str = "default",
+    jobs: int = 1,
+    out: str | Path = "runs/reproduce",
+    engine: str = "batch",
+    progress: bool = True,
+) -> paper.Report:
+    """Train and evaluate in the nine cases of the paper, and set them beside what it printed.
+
+    This is ``desim-uav reproduce``. What was finished before in ``out`` is not done again.
+
+    Args:
+        cases: Which cases, such as ``"1-3,8"``.
+        seeds: How many seeds.
+        first_seed: The first of them; the others follow it. The defaults of learning were chosen on
+            seeds below 100.
+        episodes: Episodes to learn from. Default: the scenarios'.
+        preset: ``"default"``, ``"paper"`` (as the paper's code trained) or ``"both"``.
+        jobs: Jobs at a time, each in a process of its own.
+        out: The folder for jobs, policies and tables.
+        engine: ``"des"`` or ``"batch"``: their numbers are the same.
+        progress: Show the progress.
+
+    Raises:
+        UsageError: an option is none of those allowed, or ``out`` cannot be written.
+    """
+    given = locals()
+    if preset not in PRESETS:
+        raise UsageError(f"--preset {preset}: allowed: {', '.join(PRESETS)}")
+    whole("first_seed", first_seed, 0, LAST_FIRST_SEED)
+    whole("seeds", seeds, 1, 10**4)
+    whole("jobs", jobs, 1, MOST_JOBS)
+    if episodes is not None:
+        whole("episodes", episodes, 1, MOST_TRAINING)
+    drawn = range(first_seed, first_seed + seeds)
+    todo = paper.jobs(paper.numbers(cases), drawn, episodes, PRESETS[preset])
+    with shown(progress, len(todo), "jobs", engine) as advance:
+        rows = paper.run_jobs(todo, Path(out), jobs, advance, engine)
+    return paper.report(rows, Path(out), " ".join(command_of(reproduce, given)))
+
+
+def find_optimum(
+    scenario: ScenarioLike,
+    overrides: Overrides | None = None,
+    *,
+    seed: int | None = None,
+    world_seed: int | None = None,
+) -> dict[str, Any]:
+    """Work out how well any policy could do in a scenario whose users stand still.
+
+    This is ``desim-uav optimum``; the result is what its ``--json`` prints.
+
+    Args:
+        scenario: A shipped name such as ``"case1"``, a file, its content, or a loaded scenario.
+        overrides: Values for keys of it.
+        seed: What everything random is drawn from. Default: the scenario's.
+        world_seed: What the world alone is drawn from.
+
+    Raises:
+        UsageError: the scenario is none that can be solved; the message names the key.
+    """
+    found = opened(scenario, overrides, seed, world_seed)
+    with found.located():
+        solved: dict[str, Any] = at_once(optimum, found.scenario)
+    return solved
