@@ -1,7 +1,7 @@
-"""Files of arrays and a text about them: what is learned is kept in these. They hold no code.
+"""Files of arrays and a JSON description, which hold learned policies and contain no code.
 
-Such a file is a ZIP archive of NumPy's ``.npy`` members. It may come from anyone: what it says of
-itself is read first, the arrays only once their sizes are known to be those that are wanted.
+Such a file is a ZIP archive of NumPy's ``.npy`` members. It may come from an untrusted source, so
+its description and the shapes of its arrays are checked before the arrays are read.
 """
 
 from __future__ import annotations
@@ -28,14 +28,14 @@ ABOUT = "about"
 
 
 class Form(NamedTuple):
-    """What an array is like."""
+    """The shape and the type of an array."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
 
 
 class Stored:
-    """A file of which the text has been read, and how large its arrays are."""
+    """A file whose description and array shapes have been read, but not its arrays."""
 
     def __init__(
         self,
@@ -45,11 +45,11 @@ class Stored:
         version: int,
         longest_text: int = LONGEST_TEXT,
     ) -> None:
-        """``what`` it is to be, with arrays of these names, and of which ``format``.
+        """Open a file and check that it holds the arrays ``names`` in the format ``version``.
 
-        ``longest_text``: what it may say of itself, in bytes.
-
-        Raises PolicyError, naming the file, where it is none, or holds anything else.
+        ``what`` names the kind of file in messages; ``longest_text`` is the largest size of the
+        description in bytes. Raises PolicyError, which names the file, if it cannot be read or
+        holds anything else.
         """
         self.path = path
         self.what = what
@@ -61,19 +61,20 @@ class Stored:
             found = self.about.get("format")
             if found != version:
                 raise ValueError(
-                    f"its format is {in_short(repr(found), 40)}; this version reads {version}"
+                    f"its format is {in_short(repr(found), 40)}; "
+                    f"this version of desim-uav reads format {version}"
                 )
             self.forms = {name: _form(archive, name) for name in names}
 
     def arrays(self) -> dict[str, NDArray[Any]]:
-        """The arrays. Raises PolicyError, naming the file, where they are damaged."""
+        """Read the arrays. Raises PolicyError, which names the file, if they are damaged."""
         with self._opened() as archive:
             found = {}
             for name, form in self.forms.items():
                 with archive.open(f"{name}.npy") as member:
                     found[name] = npy.read_array(member, allow_pickle=False)
                     if member.read(1) or (found[name].shape, found[name].dtype) != form:
-                        raise ValueError(f"{name} is not what it was a moment ago")
+                        raise ValueError(f"{name} was changed while it was read")
             return found
 
     @contextmanager
@@ -88,7 +89,7 @@ class Stored:
 
 
 def pack(about: dict[str, Any], **arrays: NDArray[Any]) -> bytes:
-    """The file: the same content gives the same bytes."""
+    """Return the bytes of a file. The same content always gives the same bytes."""
     text = json.dumps(about, sort_keys=True, allow_nan=False).encode()
     content: dict[str, Any] = {ABOUT: np.frombuffer(text, np.uint8), **arrays}
     file = io.BytesIO()
@@ -99,43 +100,43 @@ def pack(about: dict[str, Any], **arrays: NDArray[Any]) -> bytes:
 def _check_members(archive: zipfile.ZipFile, members: set[str]) -> None:
     entries = archive.infolist()
     if len(entries) != len(members) or {entry.filename for entry in entries} != members:
-        raise ValueError(f"it does not hold {', '.join(sorted(members))}, and no more")
+        raise ValueError(f"it must hold exactly {', '.join(sorted(members))}")
     if sum(entry.file_size for entry in entries) > LARGEST:
         raise ValueError(f"it is larger than {LARGEST >> 30} GiB unpacked")
 
 
 def _text(archive: zipfile.ZipFile, longest: int) -> dict[str, Any]:
-    """What the file says of itself."""
+    """Read the description in the file."""
     size = archive.getinfo(f"{ABOUT}.npy").file_size
     if size > longest:
-        raise ValueError(f"it says more than {longest >> 20} MiB about itself")
+        raise ValueError(f"its description is larger than {longest >> 20} MiB")
     _form(archive, ABOUT)
     with archive.open(f"{ABOUT}.npy") as member:
         about = json.loads(npy.read_array(member, allow_pickle=False).tobytes().decode())
     if not isinstance(about, dict):
-        raise ValueError(f"{ABOUT} is no mapping")
+        raise ValueError(f"{ABOUT} must be a mapping")
     return about
 
 
 def _form(archive: zipfile.ZipFile, name: str) -> Form:
-    """What the header of an array says, if it is as long as it says."""
+    """Read the header of an array, and check that the size of the array agrees with it."""
     with archive.open(f"{name}.npy") as member:
         shape, dtype, header = _header(member)
     if dtype.hasobject:
         raise ValueError(f"{name} holds objects (allow_pickle is off)")
     if any(length < 0 for length in shape):
-        raise ValueError(f"{name} has a length below 0")
+        raise ValueError(f"the shape of {name} has a negative length")
     expected = header + math.prod(shape) * dtype.itemsize
     found = archive.getinfo(f"{name}.npy").file_size
     if expected != found:
-        raise ValueError(f"{name} says it has {expected:,} bytes, and has {found:,}")
+        raise ValueError(f"{name} has {found:,} bytes, but its header announces {expected:,}")
     return Form(shape, dtype)
 
 
 def _header(member: IO[bytes]) -> tuple[tuple[int, ...], np.dtype[Any], int]:
-    """Shape, type, and how long the header itself is."""
+    """Read the shape and the type from a header, and the length of the header in bytes."""
     version = npy.read_magic(member)
     if version != (1, 0):  # later ones have headers of any length
-        raise ValueError(f"its .npy format is {version}")
+        raise ValueError(f"its .npy format is {version}; only (1, 0) is read")
     shape, _, dtype = npy.read_array_header_1_0(member)
     return shape, dtype, member.tell()

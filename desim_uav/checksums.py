@@ -1,6 +1,6 @@
-"""The checksums of a folder's files: what has changed since they were written is not read.
+"""The checksums of a folder's files: a file that has changed since it was written is refused.
 
-They stand in ``SHA256SUMS``, as ``sha256sum -c`` reads it.
+They are in the file ``SHA256SUMS``, in the format that ``sha256sum -c`` reads.
 """
 
 from __future__ import annotations
@@ -17,29 +17,30 @@ from desim_uav.errors import PolicyError
 SUMS = "SHA256SUMS"
 LONGEST = 2**20
 LINE = re.compile(r"\\?([0-9A-Fa-f]{64}) [ *](?:\./)?([^\0]+)")
-"""As ``sha256sum`` writes it, in binary mode and of other folders too, and as it reads it."""
+"""A line as ``sha256sum`` writes and reads it, also in binary mode."""
 
 
 def of_files(files: Iterable[Path]) -> str:
-    """What ``SHA256SUMS`` says of files of its folder."""
+    """Return the content of ``SHA256SUMS`` for these files of its folder."""
     return _lines({file.name: _sha256(file) for file in files})
 
 
 def of_contents(contents: Mapping[str, bytes]) -> str:
-    """What it says of files of these names and contents."""
+    """Return the content of ``SHA256SUMS`` for files with these names and contents."""
     return _lines({name: hashlib.sha256(content).hexdigest() for name, content in contents.items()})
 
 
 def of_row(row: Mapping[str, Any]) -> str:
-    """The checksum of a row's values."""
+    """Return the checksum of a row's values."""
     return hashlib.sha256(json.dumps(row, sort_keys=True).encode()).hexdigest()
 
 
 def verify(file: Path, strangers: bool = False) -> None:
-    """See that a file is one, as it was written, as far as its folder has checksums.
+    """Check a file against the checksums of its folder, if the folder has any.
 
-    ``strangers``: one that the checksums do not name is taken as it is. Raises PolicyError, naming
-    it, where it is not, or the checksums are unreadable.
+    ``strangers``: a file that the checksums do not name is accepted. Raises PolicyError, which
+    names the file, if it has changed or is not a regular file, or if the checksums cannot be read.
+    A missing file is not an error here.
     """
     sums = file.parent / SUMS
     try:
@@ -53,27 +54,27 @@ def verify(file: Path, strangers: bool = False) -> None:
         if expected is None and strangers:
             return
         if expected is None:
-            raise PolicyError(f"{file}: not one of the files in {SUMS}")
+            raise PolicyError(f"{file}: {SUMS} does not list this file")
         found = _sha256(file)
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
         wrong = getattr(error, "filename", None) or sums
-        raise PolicyError(f"{wrong}: not readable: {reason}") from error
+        raise PolicyError(f"{wrong}: cannot be read: {reason}") from error
     if found != expected:
         raise PolicyError(
-            f"{file}: changed since it was written (without {SUMS} it is taken as it is)"
+            f"{file}: the file has changed since it was written (delete {SUMS} to use it anyway)"
         )
 
 
 def _read(sums: Path) -> dict[str, str]:
     if not sums.is_file() or sums.stat().st_size > LONGEST:
-        raise ValueError("not a list of checksums")
+        raise ValueError("it is not a list of checksums")
     found = {}
     lines = sums.read_text(encoding="utf-8").removesuffix("\n").split("\n")
     for number, line in enumerate(lines if lines != [""] else [], 1):
         match = LINE.fullmatch(line)
         if match is None or match[2] in found:
-            raise ValueError(f"line {number} is no checksum and name")
+            raise ValueError(f"line {number} must be a checksum and the name of a file")
         found[match[2]] = match[1].lower()
     return found
 

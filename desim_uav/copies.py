@@ -1,4 +1,4 @@
-"""Copies and pickles of environments and engines: what a copy owns, and what copies share."""
+"""Copies and pickles of environments and engines: what a copy owns and what copies share."""
 
 from __future__ import annotations
 
@@ -13,14 +13,14 @@ Number = TypeVar("Number", bound=np.generic)
 
 
 class Independent:
-    """An object whose copies go their own ways.
+    """An object whose copies are independent of it.
 
     ``copy.copy`` does what ``copy.deepcopy`` does. A copy that shared arrays with its original
     would move the original whenever it was stepped.
     """
 
     def __copy__(self) -> Self:
-        """A deep copy."""
+        """Return a deep copy."""
         return deepcopy(self)
 
 
@@ -39,19 +39,19 @@ class Unchanging:
         return self
 
     def __getstate__(self) -> dict[str, Any]:
-        """The fields by name."""
+        """Return the fields by name."""
         return {field.name: getattr(self, field.name) for field in fields(cast(Any, self))}
 
 
 def owned(array: NDArray[Number]) -> NDArray[Number]:
-    """The array if it owns its memory and can be written to, else a copy of it.
+    """Return the array if it owns its memory and is writable, else a copy of it.
 
-    An unpickled array may lie in somebody else's memory: pickles with buffers out of band, which
-    Ray uses, give arrays that cannot be written to or that are the original's own.
+    An unpickled array may not own its memory: pickles with out-of-band buffers, which Ray uses,
+    give arrays that are read-only or share the memory of the original.
     """
     return np.require(array, requirements=("C", "A", "O", "W"))
 
 
 def usable(array: NDArray[Number]) -> NDArray[Number]:
-    """The array if kernels can take it as it is, else a copy of it. It may be shared."""
+    """Return the array if kernels accept it as it is, else a copy of it. It may be shared."""
     return np.require(array, requirements=("C", "A", "W"))

@@ -9,7 +9,7 @@ from typing import Any
 
 
 class DesimError(Exception):
-    """Something the user can mend; the command line prints it without a traceback."""
+    """An error that the user can mend. The command line prints it without a traceback."""
 
     exit_code = 1
 
@@ -19,9 +19,10 @@ class DesimWarning(UserWarning):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C has ended a run, a training or a comparison; ``result`` holds what had ended before.
+    """Ctrl-C has interrupted a run, a training or a comparison.
 
-    It is a KeyboardInterrupt, so that a program that does not look at it ends as usual.
+    ``result`` holds what was finished before. This class is a KeyboardInterrupt, so that a program
+    that does not handle it ends as usual.
     """
 
     def __init__(self, message: str, result: Any) -> None:
@@ -30,19 +31,19 @@ class Interrupted(KeyboardInterrupt):
 
 
 class SimulationError(DesimError):
-    """The simulation itself failed."""
+    """The simulation failed."""
 
     exit_code = 1
 
 
 class UsageError(DesimError):
-    """The command line asks for something that cannot be done."""
+    """A command or a call asks for something that cannot be done."""
 
     exit_code = 2
 
 
 class ScenarioError(DesimError):
-    """A scenario is invalid. Holds every problem found, one line each."""
+    """A scenario is invalid. ``problems`` holds every problem found, one line each."""
 
     exit_code = 3
 
@@ -53,7 +54,7 @@ class ScenarioError(DesimError):
 
 @contextmanager
 def located(path: Path) -> Iterator[None]:
-    """Name a scenario's file in problems that are found only in drawing its world."""
+    """Add the scenario's file to problems that are found only when its world is drawn."""
     try:
         yield
     except ScenarioError as error:
@@ -67,16 +68,16 @@ class PolicyError(DesimError):
 
 
 class NoEventsError(PolicyError):
-    """A run kept no events, and cannot be played again."""
+    """A run was made without events, so it cannot be replayed."""
 
 
 def install_command(extra: str) -> str:
-    """Return what installs an extra, in the folder of the checkout."""
+    """Return the command that installs an extra, to be typed in the folder of the checkout."""
     return f'pip install -e ".[{extra}]"'
 
 
 class MissingExtraError(DesimError):
-    """Something needs packages that are not installed."""
+    """A command or a component needs packages that are not installed."""
 
     exit_code = 5
 
@@ -88,11 +89,11 @@ class MissingExtraError(DesimError):
 
 
 def printable(text: str) -> str:
-    """A text on one line: what would end it, move a terminal's cursor or hide is written out."""
+    """Return a text on one line, with control and invisible characters as escape sequences."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 def in_short(what: object, longest: int = 200) -> str:
-    """What a file from anyone says, as a part of one line of a message."""
+    """Return text from an untrusted file, shortened and printable, for use in a message."""
     text = str(what)
     return printable(text if len(text) <= longest else f"{text[: longest - 1]}…")

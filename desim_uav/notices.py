@@ -1,4 +1,4 @@
-"""What a user should know although nothing is wrong: one plain line on stderr."""
+"""Notices to the user when nothing is wrong: one plain line each on stderr."""
 
 from __future__ import annotations
 

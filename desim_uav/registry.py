@@ -1,7 +1,8 @@
-"""Component slots: a name in a scenario file becomes a class.
+"""Component slots: turn the ``kind`` in a scenario file into a class.
 
-A built-in enters itself with ``@register("mobility", "random_walk")``. A user's own component is
-named ``"package.module:Class"``; importing it runs its code, so it is to be trusted like code.
+A built-in component registers itself with ``@register("mobility", "random_walk")``. A component of
+your own is named ``"package.module:Class"``. To import it runs its code, so use only components
+that you trust.
 """
 
 from __future__ import annotations
@@ -21,16 +22,20 @@ from desim_uav.errors import DesimError, SimulationError
 _SLOTS: dict[str, dict[str, type]] = {}
 
 _PLUG_INS: dict[str, str] = {}
-"""The source file of each module that a component of a user's own came from: the module's name."""
+"""The name of each module that a user's own component came from, by the module's source file."""
 
 FAULTS = (Exception, SystemExit)
-"""What a user's own code may raise; ``sys.exit`` in a component must not end us in silence."""
+"""What a user's own code may raise. ``sys.exit`` in a component must not end us silently."""
 
 T = TypeVar("T", bound=type)
 
 
 def register(slot: str, name: str) -> Callable[[T], T]:
-    """Enter a class under ``name`` in ``slot``; its ``kind`` then names it in files and tables."""
+    """Register the decorated class as ``name`` in ``slot``, for instance as a "mobility".
+
+    Scenario files then name the class as ``kind: name``. The attribute ``kind`` of the class is
+    set to ``name``.
+    """
 
     def enter(component: T) -> T:
         _SLOTS.setdefault(slot, {})[name] = component
@@ -41,21 +46,21 @@ def register(slot: str, name: str) -> Callable[[T], T]:
 
 
 def discover(package: ModuleType) -> None:
-    """Import every module of a package, so that its components enter themselves."""
+    """Import every module of a package, so that its components register themselves."""
     for module in pkgutil.iter_modules(package.__path__, package.__name__ + "."):
         importlib.import_module(module.name)
 
 
 def names(slot: str) -> list[str]:
-    """The built-in names of a slot, in the order they were entered."""
+    """Return the built-in names of a slot in the order of their registration."""
     return list(_SLOTS.get(slot, {}))
 
 
 def resolve(slot: str, name: str) -> type:
-    """The class called ``name``: a built-in, or ``"package.module:Class"``.
+    """Return the class called ``name``: a built-in one, or ``"package.module:Class"``.
 
-    Raises ValueError with the built-in names and the nearest one, or with the cause when a
-    user's own class cannot be imported.
+    Raises ValueError for an unknown name, with the built-in names and the nearest of them, and for
+    a class that cannot be imported, with the cause.
     """
     built_in = _SLOTS.get(slot, {})
     if name in built_in:
@@ -69,13 +74,13 @@ def resolve(slot: str, name: str) -> type:
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """`` (did you mean 'x'?)`` for the nearest known word, or nothing."""
+    """Return `` (did you mean 'x'?)`` for the nearest known word, or "" if none is near."""
     nearest = difflib.get_close_matches(word, list(known), n=1, cutoff=0.6)
     return f" (did you mean {nearest[0]!r}?)" if nearest else ""
 
 
 def what_failed(error: BaseException) -> str:
-    """Say what an error says, with the file and the line of the user's own code that raised it."""
+    """Return an error's message, with the file and line of the user's own code that raised it."""
     frames = [(frame.f_code, line) for frame, line in traceback.walk_tb(error.__traceback__)]
     own = [at for at in frames if at[0].co_filename in _PLUG_INS] or [
         at for at in frames if _is_foreign(at[0])
@@ -90,7 +95,7 @@ def what_failed(error: BaseException) -> str:
 
 @contextmanager
 def naming_plug_ins() -> Iterator[None]:
-    """Turn what a component of a user's own raises into one SimulationError that names it."""
+    """Turn an error raised by a user's own component into a SimulationError that names it."""
     try:
         yield
     except DesimError:
@@ -105,7 +110,7 @@ def naming_plug_ins() -> Iterator[None]:
 
 
 def _is_foreign(code: CodeType) -> bool:
-    """Is this code neither the package's nor the import system's?"""
+    """Return whether this code belongs neither to this package nor to the import system."""
     file = code.co_filename
     return not file.startswith("<") and not Path(file).is_relative_to(Path(__file__).parent)
 

@@ -1,6 +1,6 @@
-"""Files that others made: only regular files of a bounded size are read.
+"""Reads files from untrusted sources: only regular files of a bounded size.
 
-A pipe may never end and a device may never stop giving, so neither is opened for reading.
+Reading a pipe or a device might never end, so both are refused.
 """
 
 from __future__ import annotations

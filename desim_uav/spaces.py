@@ -1,4 +1,4 @@
-"""Spaces and masks of a scenario's drones, as Gymnasium has them."""
+"""Gymnasium's spaces for a scenario's drones, and their masks as arrays."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ Mask = tuple[bool, ...]
 
 
 def features(world: World) -> tuple[Feature, ...]:
-    """The numbers a drone of this scenario is shown, with bounds that hold in all its worlds.
+    """Return the features of a drone's observation, with bounds that hold in all possible worlds.
 
-    Where the scenario has a ``world_seed``, that is this one.
+    If the scenario has a ``world_seed``, the only possible world is ``world``.
     """
     scenario = world.scenario
     facts = world.facts if scenario.world_seed is not None else widest(world)
@@ -32,7 +32,7 @@ def features(world: World) -> tuple[Feature, ...]:
 
 
 def widest(world: World) -> Facts:
-    """The facts of a world, with as many levels as a drawn map of its scenario can have."""
+    """Return the facts of a world, with the largest number of levels its scenario can draw."""
     scenario, facts = world.scenario, world.facts
     obstacles = scenario.map.obstacles
     if not isinstance(obstacles, DrawnObstacles):
@@ -46,7 +46,7 @@ def widest(world: World) -> Facts:
 
 
 def observation_space(shown: Iterable[Feature]) -> MultiDiscrete[Any] | Box:
-    """MultiDiscrete (int64) where all features are whole numbers, else a Box (float32)."""
+    """Return a MultiDiscrete (int64) if all features are whole numbers, else a Box (float32)."""
     shown = tuple(shown)
     low, high = [feature.low for feature in shown], [feature.high for feature in shown]
     if all(feature.whole for feature in shown):
@@ -56,17 +56,17 @@ def observation_space(shown: Iterable[Feature]) -> MultiDiscrete[Any] | Box:
 
 
 def action_space(actions: int, drones: int) -> Discrete[Any] | MultiDiscrete[Any]:
-    """One of so many actions for each drone; of a single drone, just it."""
+    """Return a Discrete for a single drone, else a MultiDiscrete with one entry per drone."""
     return Discrete(actions) if drones == 1 else MultiDiscrete([actions] * drones)
 
 
 def flat_mask(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
-    """The masks of all drones, one after the other: 1 for what is allowed. An array of its own."""
+    """Return all drones' masks one after the other, 1 for allowed actions, in a new array."""
     return _array(masks).flatten()
 
 
 def mask_row(mask: Mask) -> NDArray[np.int8]:
-    """The same of one drone."""
+    """Return one drone's mask, 1 for allowed actions, in a new array."""
     return _array(mask).copy()
 
 

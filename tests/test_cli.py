@@ -749,7 +749,9 @@ class TestQoe:
         file = folder / name
         content = file.read_bytes()
         file.write_bytes(content[: len(content) // 2])
-        cli_run("qoe", folder, *flags).failed(4, f"desim-uav: mine/{name}: changed since it was")
+        cli_run("qoe", folder, *flags).failed(
+            4, f"desim-uav: mine/{name}: the file has changed since it was"
+        )
         (folder / "SHA256SUMS").unlink()
         cli_run("qoe", folder, *flags).failed(4, f"desim-uav: mine/{name}: not a readable")
         file.unlink()

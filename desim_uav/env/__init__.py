@@ -1,4 +1,4 @@
-"""Environments for reinforcement learning: PettingZoo's (an agent a drone) and Gymnasium's."""
+"""Environments for reinforcement learning: PettingZoo's (an agent per drone) and Gymnasium's."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["UavEnv", "UavParallelEnv", "UavVecEnv", "UavVectorEnv"]
 
 
 def __getattr__(name: str) -> Any:
-    """Import an environment when it is first asked for: Gymnasium imports this to register."""
+    """Import an environment when it is first used, so that registration stays fast."""
     if name in _PUBLIC:
         return getattr(importlib.import_module(_PUBLIC[name]), name)
     raise AttributeError(f"module 'desim_uav.env' has no attribute {name!r}")

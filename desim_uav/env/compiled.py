@@ -1,4 +1,4 @@
-"""Sessions in the compiled engine, side by side: one call steps them all."""
+"""Several sessions in the compiled engine, which one call steps together."""
 
 from __future__ import annotations
 
@@ -22,13 +22,13 @@ SEEDS = ("seed", "world_seed", "episode_number")
 
 MEASURED = len(MEASURES)
 COUNTED = MEASURED + len(COUNTS)
-"""Where the measures and the counts end in what is told of an environment (see ``calls.Shown``)."""
+"""The columns at which measures and counts end in an environment's row (see ``calls.Shown``)."""
 
 
 class CompiledSession(Session):
-    """A session whose engine is the compiled one (see ``Session``).
+    """A session that runs in the compiled engine (see ``Session``).
 
-    Raises ScenarioError where a component of the scenario has no kernel.
+    Raises ScenarioError if a component of the scenario cannot be compiled.
     """
 
     engine: BatchSimulation
@@ -39,27 +39,27 @@ class CompiledSession(Session):
         return engine
 
     def begin(self, seed: int | None = None) -> None:
-        """``reset`` without looking."""
+        """Begin the next episode as ``reset`` does, without making a snapshot."""
         path = self._next_path(seed)
         self.engine.begin(path)
 
     @property
     def shown(self) -> Snapshot:
-        """The state at the present decision epoch. Raises ResetNeeded before the first episode."""
+        """The snapshot at the present epoch. Raises ResetNeeded before the first episode."""
         if self.episode < 0:
             raise error.ResetNeeded("call reset first: no episode has begun")
         return self.engine.snapshot()
 
 
 class Compiled(Independent):
-    """What n sessions of one scenario show, in arrays, and a step of all or some of them.
+    """The observations, masks and rewards of n sessions of one scenario, in arrays.
 
-    ``values`` (n, drones * features); ``masks`` (n, drones * actions), int8; ``rewards`` (n,),
-    means over the drones.
+    ``values``: (n, drones * features); ``masks``: int8 (n, drones * actions); ``rewards``: (n,),
+    each the mean over the drones. One call steps all or some of the sessions.
     """
 
     def __init__(self, sessions: Sequence[CompiledSession], threads: int = 1) -> None:
-        """``threads`` step them, each its share."""
+        """Take ``sessions``, which ``threads`` threads step, each thread a share of them."""
         self.sessions = sessions
         first, count = sessions[0], len(sessions)
         world, drones = first.world, first.scenario.drones.count
@@ -80,7 +80,7 @@ class Compiled(Independent):
         self._set_up()
 
     def _set_up(self) -> None:
-        """Make what holds in this process and for these arrays only: addresses and threads."""
+        """Make the addresses and threads, which are valid only in this process."""
         count, threads = len(self.sessions), len(self._shares)
         self._table = np.zeros((count, calls.ADDRESSES), np.int64)
         shown_in = (self.values, self.masks, self.rewards, self._told, self._over)
@@ -91,23 +91,23 @@ class Compiled(Independent):
         self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but addresses and threads."""
+        """Return everything except addresses and threads."""
         return {key: part for key, part in vars(self).items() if key not in ("_table", "_pool")}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
-        """Make addresses and threads anew, for arrays of this object's own."""
+        """Make new addresses and threads, for this object's own arrays."""
         for key, part in kept.items():
             setattr(self, key, owned(part) if isinstance(part, np.ndarray) else part)
         self._set_up()
 
     @property
     def over(self) -> NDArray[np.bool_]:
-        """(n, 2): has a crash ended the episode, has its time run out?"""
+        """Whether a crash has ended each episode, and whether its time has run out: bool (n, 2)."""
         over: NDArray[np.bool_] = self._over[:, :2]
         return over
 
     def begin(self, which: NDArray[np.bool_], seeds: Sequence[int | None]) -> None:
-        """Begin the next episode of some; with a seed, the first of a new run."""
+        """Begin the next episode of the sessions ``which``; with a seed, the first of a new run."""
         for k in which.nonzero()[0].tolist():
             session = self.sessions[k]
             session.begin(seeds[k])
@@ -117,9 +117,9 @@ class Compiled(Independent):
         self._look(which)
 
     def step(self, commands: NDArray[np.int64], which: NDArray[np.bool_]) -> None:
-        """Give ``which`` of them commands (n, drones), and run each to its next decision epoch.
+        """Give the sessions ``which`` their commands (n, drones), and run each to its next epoch.
 
-        Raises ActionError, and nothing has happened, where one is no action.
+        Raises ActionError for a number that is not an action; no session is stepped then.
         """
         if self._pool is not None and (commands.min() < 0 or commands.max() >= self.actions):
             full = -1  # before any thread has begun
@@ -131,7 +131,7 @@ class Compiled(Independent):
             self._make_room()
 
     def commands(self, actions: Any) -> NDArray[np.int64]:
-        """Actions (n, drones), or (n,) of a single drone. Raises ActionError."""
+        """Return actions as int64 (n, drones); a single drone's may be (n,). Raises ActionError."""
         try:
             told = np.asarray(actions)
         except ValueError as problem:
@@ -142,19 +142,19 @@ class Compiled(Independent):
                 raise ActionError(f"actions must be whole numbers, not {told.dtype}")
             told = told.astype(np.int64)
         if told.size != shape[0] * shape[1]:
-            raise ActionError(f"actions must be of shape {shape}, not {told.shape}")
+            raise ActionError(f"actions must have the shape {shape}, not {told.shape}")
         commands: NDArray[np.int64] = told.reshape(shape)
         return commands
 
     def info(self) -> dict[str, NDArray[Any]]:
-        """What is told beside the observations: an array for each key, of n numbers or masks."""
+        """Return the infos of all sessions: for each key, an array of n numbers or masks."""
         told, seeds = self._told.T.copy(), self._seeds.T.copy()
         measures, counts, terms = told[:MEASURED], told[MEASURED:COUNTED], told[COUNTED:]
         columns = (*measures, *seeds, *counts.astype(np.int64), *terms)
         return {**dict(zip(self.keys, columns, strict=True)), "action_mask": self.masks.copy()}
 
     def info_of(self, k: int) -> dict[str, Any]:
-        """The same of one of them."""
+        """Return the info of session k, with Python numbers."""
         row = self._told[k].tolist()
         measures, counts, terms = row[:MEASURED], row[MEASURED:COUNTED], row[COUNTED:]
         values = (*measures, *self._seeds_of[k], *map(int, counts), *terms)
@@ -163,7 +163,7 @@ class Compiled(Independent):
         return told
 
     def close(self) -> None:
-        """End the threads."""
+        """Stop the threads."""
         if self._pool is not None:
             self._pool.shutdown()
 
@@ -171,7 +171,7 @@ class Compiled(Independent):
         self._share(calls.look_at_all, which)
 
     def _share(self, work: Callable[..., int], *given: NDArray[Any]) -> int:
-        """Let a kernel work on all environments, each thread on its share of them."""
+        """Run a kernel on all environments, each thread on its share of them."""
         if self._pool is None:
             return work(self._table, *given)
         arrays = (self._table, *given)
@@ -179,7 +179,7 @@ class Compiled(Independent):
         return sum(self._pool.map(lambda part: work(*part), parts))
 
     def _make_room(self) -> None:
-        """Play again, with more room, what did not fit."""
+        """Enlarge the buffers of sessions that ran out of room, and repeat their steps."""
         full = self._over[:, 2].copy()
         for k in full.nonzero()[0].tolist():
             self.sessions[k].engine.drain()  # plays again, with more room

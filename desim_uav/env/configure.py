@@ -1,4 +1,4 @@
-"""The scenario an environment is asked for: a file, a name, a mapping or a Scenario; changes."""
+"""The scenario of an environment: a file, a shipped name, a mapping or a Scenario, with changes."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from desim_uav.shipped import find_scenario
 Source = str | PathLike[str] | Mapping[str, Any] | Scenario
 
 WorldSeed = int | Literal["scenario"] | None
-"""Which world an environment flies in: the world of this seed; None, with each seed a world of its
-own; "scenario", whatever the scenario says."""
+"""The seed of the world that an environment flies in. None: each seed draws a world of its own.
+"scenario": the world seed of the scenario."""
 
 
 def configured(
     source: Source, config: Mapping[str, Any] | None = None, world_seed: WorldSeed = "scenario"
 ) -> Scenario:
-    """The scenario of a file, a shipped name or a mapping, with the keys of ``config`` changed.
+    """Return the scenario of ``source``, with the keys of ``config`` changed.
 
-    ``config`` is nested as a scenario is, or has paths for keys: ``{"drones.count": 5}``. A
-    component with its ``kind`` replaces the one that stands there; whatever else is not mentioned
-    stays. ``world_seed`` replaces the scenario's, unless ``config`` names one. Raises ScenarioError
-    with every problem found, UsageError for a key that is no path.
+    ``config`` is nested as a scenario is, or its keys are paths: ``{"drones.count": 5}``. A
+    component with a ``kind`` replaces the present one as a whole; all other keys that are not
+    mentioned keep their values. ``world_seed`` replaces the scenario's, unless ``config`` has one.
+    Raises ScenarioError with every problem found, and UsageError for a key that is not a path.
     """
     if config is not None and not isinstance(config, Mapping):
         raise ScenarioError(f"config: must be a mapping of keys to values, not {config!r}")
@@ -43,7 +43,7 @@ def configured(
 
 
 def _given(scenario: Scenario) -> dict[str, Any]:
-    """A scenario as plain data; its seed only where one was given."""
+    """Return a scenario as plain data, with its seed only if one was given."""
     plain = to_plain(scenario)
     if "seed" not in scenario.model_fields_set:
         del plain["seed"]
@@ -51,10 +51,12 @@ def _given(scenario: Scenario) -> dict[str, Any]:
 
 
 def _overrides(path: str, config: Mapping[str, Any]) -> Iterator[str]:
-    """``key.path=value`` for every leaf, as the command line would have it."""
+    """Yield ``key.path=value`` for every value, in the form of the command line."""
     for key, value in config.items():
         if not isinstance(key, str) or "=" in key:
-            raise ScenarioError(f"config: key {key!r}: must be a key of a scenario, or a path")
+            raise ScenarioError(
+                f"config: key {key!r}: must be a key of a scenario, or a path of keys"
+            )
         if isinstance(value, Mapping) and value and "kind" not in value:
             yield from _overrides(f"{path}{key}.", value)
         else:
@@ -62,7 +64,7 @@ def _overrides(path: str, config: Mapping[str, Any]) -> Iterator[str]:
 
 
 def _yaml(path: str, value: Any) -> str:
-    """A value as JSON, which is YAML."""
+    """Return a value as JSON, which is also YAML."""
     try:
         return json.dumps(value, ensure_ascii=False, default=_plain)
     except (TypeError, ValueError) as error:
@@ -70,11 +72,11 @@ def _yaml(path: str, value: Any) -> str:
 
 
 def _plain(value: Any) -> Any:
-    """What JSON does not know: mappings, paths, and NumPy's numbers and arrays."""
+    """Turn values that JSON lacks into plain data: mappings, paths, NumPy's numbers and arrays."""
     if isinstance(value, Mapping):
         return dict(value)
     if isinstance(value, PathLike):
         return fspath(value)
     if hasattr(value, "tolist"):
         return value.tolist()
-    raise TypeError(f"a {type(value).__name__} is not plain data")
+    raise TypeError(f"a value of type {type(value).__name__} cannot be written in YAML")

@@ -1,4 +1,4 @@
-"""A picture of an episode at a decision epoch: the map on the left, what is going on beside it."""
+"""The frame of an episode at a decision epoch: the map on the left, a panel of text beside it."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ WIDTH, HEIGHT, PANEL = 800, 600, 200
 LEFT = WIDTH - PANEL + 14
 RIGHT = WIDTH - 14
 LISTED = 7
-"""So many drones are listed one by one."""
+"""The largest number of drones that the panel lists one by one."""
 
 DIAMETERS = {
     UserState.SERVED: 9,
@@ -41,27 +41,27 @@ DIAMETERS = {
     UserState.ATTACHED: 7,
     UserState.IDLE: 6,
 }
-"""Of users by state, in pixels."""
+"""The diameters of users' dots by state, in pixels."""
 
 LOW = 0.2
 """The share of a battery at and below which it is shown in red."""
 
 
 class Scene(Protocol):
-    """What a frame shows beside the drones' observations: an engine does, and a logged episode."""
+    """What a frame shows besides observations; engines and replays of logged episodes have it."""
 
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where drones and users are: (drones, 3) and (users, 3)."""
+        """Return the positions of drones (drones, 3) and users (users, 3), in metres."""
 
     def user_states(self) -> list[UserState]:
-        """What each user is doing."""
+        """Return the state of each user."""
 
     def measures(self) -> Measures:
-        """The quality of experience so far."""
+        """Return the quality of experience so far."""
 
 
 class Painter:
-    """Draws frames of one world; what does not change in it is drawn once."""
+    """Draws the frames of one world. The parts that never change are drawn once."""
 
     def __init__(self, world: World) -> None:
         self.world = world
@@ -74,11 +74,11 @@ class Painter:
         self.radius_px = world.scenario.drones.footprint_radius_m * self.scale
 
     def frame(self, scene: Scene, shown: Snapshot, title: str) -> NDArray[np.uint8]:
-        """The picture: (600, 800, 3). ``title`` stands under the scenario's name."""
+        """Return the frame, uint8 (600, 800, 3). ``title`` appears below the scenario's name."""
         return np.array(self.picture(scene, shown, title))
 
     def picture(self, scene: Scene, shown: Snapshot, title: str) -> Image.Image:
-        """The same as a picture of Pillow's."""
+        """Return the frame as an image of Pillow's."""
         drones_m, users_m = scene.positions_m()
         states = scene.user_states()
         picture = self.map.copy()
@@ -99,13 +99,13 @@ class Painter:
         return frame
 
     def _pixel(self, x_m: float, y_m: float) -> tuple[float, float]:
-        """Where a point of the map is in its picture."""
+        """Return the pixel of a point of the map."""
         return x_m * self.scale, (self.world.grid.depth_m - y_m) * self.scale
 
     # ---- what does not change
 
     def _drawn_map(self, size: tuple[int, int]) -> Image.Image:
-        """Cells, buildings by height, stations."""
+        """Draw the cells, the buildings by height, and the stations."""
         grid = self.world.grid
         picture = Image.new("RGB", size, "#FBFBF8")
         draw = ImageDraw.Draw(picture)
@@ -122,12 +122,12 @@ class Painter:
         return picture
 
     def _shade(self, height_m: float) -> str:
-        """The taller, the darker."""
+        """Return the shade of a building: the taller it is, the darker."""
         light = round(222 - 110 * height_m / float(self.world.grid.height_m.max()))
         return f"#{light:02X}{light:02X}{light:02X}"
 
     def _drawn_background(self) -> Image.Image:
-        """The panel's lasting words and its legend."""
+        """Draw the parts of the panel that never change, and its legend."""
         picture = Image.new("RGB", (WIDTH, HEIGHT), WHITE)
         draw = ImageDraw.Draw(picture)
         draw.rectangle((0, 0, WIDTH - PANEL, HEIGHT), fill="#F0F0EC")
@@ -164,7 +164,7 @@ class Painter:
         seen: tuple[Observation, ...],
         where: list[tuple[float, float]],
     ) -> None:
-        """Each drone with its number, battery, and mode, if it is alone and not just flying."""
+        """Draw each drone with its number and battery, and with its mode if there is room."""
         draw = ImageDraw.Draw(picture)
         alone, beside = Counter(where), Counter[tuple[float, float]]()
         for observation, place in zip(seen, where, strict=True):
@@ -176,7 +176,7 @@ class Painter:
             _draw_battery(draw, x - 14, y + 19, 28, observation)
 
     def _write_time(self, draw: ImageDraw.ImageDraw, shown: Snapshot, title: str) -> None:
-        """The clock, and how far the episode is."""
+        """Write the clock and the progress of the episode."""
         draw.text((LEFT, 40), title, GREY, font(12))
         now_s, end_s = shown.t_us // US, self.world.horizon_us // US
         draw.text((LEFT, 64), _clock(now_s), INK, font(26))
@@ -186,7 +186,7 @@ class Painter:
         draw.rectangle((LEFT, 101, done, 104), fill=INK)
 
     def _write_measures(self, draw: ImageDraw.ImageDraw, scene: Scene) -> None:
-        """The quality of experience so far."""
+        """Write the quality of experience so far."""
         qoe1, qoe2, qoe3 = scene.measures()
         rows = ((qoe1, "{:.1f} %"), (qoe2, "{:.2f} steps"), (qoe3, "{:.1f} %"))
         for row, (value, form) in enumerate(rows):

@@ -1,4 +1,4 @@
-"""All drones of a session under one controller, in either engine: what ``UavEnv`` stands on."""
+"""All drones of a session under one controller, in either engine: the basis of ``UavEnv``."""
 
 from __future__ import annotations
 
@@ -20,28 +20,34 @@ ALL = np.ones(1, np.bool_)
 
 
 class Joint(Protocol):
-    """One environment: see ``UavEnv`` for what its methods tell."""
+    """One environment with a single controller; ``UavEnv`` explains the values it returns."""
 
     session: Session
 
     def begin(self, seed: int | None) -> None:
-        """The next episode; with a ``seed``, the first of a new run."""
+        """Begin the next episode; with a ``seed``, the first of a new run."""
 
     def step(self, action: Any) -> tuple[float, bool, bool]:
-        """One action a drone: reward, terminated, truncated. Raises ResetNeeded, ActionError."""
+        """Take one action per drone; return reward, terminated and truncated.
+
+        Raises ResetNeeded outside an episode, and ActionError for an invalid action.
+        """
 
     def observation(self) -> NDArray[Any]:
-        """The drones' encodings, one after the other."""
+        """Return the drones' encoded observations, one after the other."""
 
     def masks(self) -> NDArray[np.bool_]:
-        """The drones' masks, one after the other."""
+        """Return the drones' masks, one after the other."""
 
     def info(self) -> dict[str, Any]:
-        """What else is told."""
+        """Return the info at the present decision epoch."""
 
 
 def joint(engine: str, scenario: Scenario) -> Joint:
-    """In the engine of this name. Raises gymnasium's Error where there is none, ScenarioError."""
+    """Make the environment in the engine of this name.
+
+    Raises gymnasium's Error for an unknown engine, and ScenarioError for an invalid scenario.
+    """
     if engine == "des":
         return OnSimPy(Session(scenario))
     if engine == "batch":
@@ -50,7 +56,7 @@ def joint(engine: str, scenario: Scenario) -> Joint:
 
 
 class OnSimPy:
-    """By what the session shows."""
+    """An environment on the SimPy engine."""
 
     def __init__(self, session: Session) -> None:
         self.session = session
@@ -62,22 +68,22 @@ class OnSimPy:
         self.session.reset(seed)
 
     def step(self, action: Any) -> tuple[float, bool, bool]:
-        """Session by session's means."""
+        """See ``Joint``; the reward is the mean over the drones."""
         shown = self.session.step([action] if self.drones == 1 else _each(action))
         return in_order(shown.rewards) / self.drones, shown.terminated, shown.truncated
 
     def observation(self) -> NDArray[Any]:
-        """Encoded by the scenario's component."""
+        """See ``Joint``; the scenario's observation component encodes."""
         return np.array(
             list(chain.from_iterable(self.session.encoded(self.session.shown))), self._dtype
         )
 
     def masks(self) -> NDArray[np.bool_]:
-        """Those of the snapshot."""
+        """See ``Joint``."""
         return self.session.action_masks()
 
     def info(self) -> dict[str, Any]:
-        """Means of the drones' terms."""
+        """See ``Joint``; the terms of the reward are means over the drones."""
         session, drones = self.session, self.drones
         shown = session.shown
         terms = session.terms(shown)
@@ -94,14 +100,14 @@ class OnSimPy:
 
 
 class InKernels:
-    """By the arrays of the compiled engine."""
+    """An environment on the compiled engine."""
 
     def __init__(self, session: CompiledSession) -> None:
         self._stand_on(Compiled([session]))
         self._over = True
 
     def __getstate__(self) -> tuple[Compiled, bool]:
-        """Everything but the rows of arrays, which a copy takes of its own arrays."""
+        """Return everything except views of arrays, which a copy makes of its own arrays."""
         return self.compiled, self._over
 
     def __setstate__(self, kept: tuple[Compiled, bool]) -> None:
@@ -121,7 +127,7 @@ class InKernels:
         self._over = False
 
     def step(self, action: Any) -> tuple[float, bool, bool]:
-        """In one call."""
+        """See ``Joint``."""
         if self._over:
             raise error.ResetNeeded("call reset first: the episode is over, or none has begun")
         compiled = self.compiled
@@ -131,26 +137,26 @@ class InKernels:
         return self._rewards.item(), terminated, truncated
 
     def observation(self) -> NDArray[Any]:
-        """Encoded by a kernel."""
+        """See ``Joint``; a kernel encodes."""
         shown: NDArray[Any] = self._values.astype(self.compiled.dtype)
         return shown
 
     def masks(self) -> NDArray[np.bool_]:
-        """Those of the arrays. Raises ResetNeeded before the first episode."""
+        """See ``Joint``. Raises ResetNeeded before the first episode."""
         if self.session.episode < 0:
             raise error.ResetNeeded("call reset first: no episode has begun")
         masks: NDArray[np.bool_] = self._masks.astype(np.bool_)
         return masks
 
     def info(self) -> dict[str, Any]:
-        """Means by a kernel."""
+        """See ``Joint``; the terms of the reward are means over the drones."""
         return self.compiled.info_of(0)
 
 
 def _each(action: Any) -> Iterable[Any]:
-    """An action, drone by drone."""
+    """Return the entries of an action, one per drone."""
     if isinstance(action, np.ndarray):
         action = action.tolist()
     if not isinstance(action, Iterable):
-        raise ActionError(f"one action for each drone, not {action!r}")
+        raise ActionError(f"an action must have one entry per drone, not {action!r}")
     return action

@@ -1,4 +1,4 @@
-"""PettingZoo's environment: each drone is an agent."""
+"""PettingZoo's parallel environment, in which each drone is an agent."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ Infos = dict[str, dict[str, Any]]
 
 
 class UavParallelEnv(Independent, ParallelEnv[str, Seen, int]):  # type: ignore[misc]
-    """The drones of a scenario as agents, ``drone_0`` and on; a step is a decision epoch.
+    """The drones of a scenario as agents ``drone_0``, ``drone_1``, …; a step is a decision epoch.
 
     An agent's observation is a dict of ``observation``, the scenario's encoding (int64, or float32
     if it has real numbers), and ``action_mask``, int8 with one entry per action, never all 0.
@@ -45,10 +45,11 @@ class UavParallelEnv(Independent, ParallelEnv[str, Seen, int]):  # type: ignore[
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
     ) -> None:
-        """``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it.
+        """Make the environment of a scenario.
 
+        ``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it;
         ``world_seed``: as in ``UavEnv``. Raises ScenarioError with every problem of the scenario,
-        UnsupportedMode if the mode is unknown or "human" has no display.
+        and UnsupportedMode if ``render_mode`` is unknown, or "human" without a display.
         """
         self.session = Session(configured(scenario, config, world_seed))
         self.screen = Screen(self.session, render_mode)
@@ -69,19 +70,19 @@ class UavParallelEnv(Independent, ParallelEnv[str, Seen, int]):  # type: ignore[
         self._dtype = observation_space(shown).dtype
 
     def observation_space(self, agent: str) -> Dict:
-        """What an agent can be shown: always the same object."""
+        """Return the observation space of an agent, always the same object."""
         return self.observation_spaces[agent]
 
     def action_space(self, agent: str) -> Discrete[Any]:
-        """What an agent can be told: always the same object."""
+        """Return the action space of an agent, always the same object."""
         return self.action_spaces[agent]
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[dict[str, Seen], Infos]:
-        """Begin the next episode; with a ``seed``, the first of a new run (see ``Session``).
+        """Begin the next episode; with a ``seed``, the first episode of a new run.
 
-        There are no ``options``.
+        Returns the observations and the infos of all agents. There are no ``options``.
         """
         shown = self.session.reset(seed)
         self.agents = self.possible_agents[:]
@@ -91,10 +92,11 @@ class UavParallelEnv(Independent, ParallelEnv[str, Seen, int]):  # type: ignore[
     def step(
         self, actions: Mapping[str, int]
     ) -> tuple[dict[str, Seen], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
-        """One action an agent. At the episode's end ``agents`` is empty.
+        """Take one action per agent, and run to the next decision epoch.
 
-        A masked action becomes the only allowed one, or hover. Raises ResetNeeded outside an
-        episode, ActionError for what is no action, or one too few or many.
+        A masked action is replaced by the only allowed one, or by hover. At the end of the
+        episode ``agents`` is empty. Raises ResetNeeded outside an episode, and ActionError for an
+        invalid action, or if the actions are not exactly one per agent.
         """
         shown = self.session.step(self._in_order(actions))
         terminated, truncated, earned = shown.terminated, shown.truncated, shown.rewards
@@ -108,11 +110,11 @@ class UavParallelEnv(Independent, ParallelEnv[str, Seen, int]):  # type: ignore[
         return observations, rewards, ends, cuts, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """The masks of all drones, one after the other: (drones * actions,)."""
+        """Return the masks of all drones, one after the other: bool (drones * actions,)."""
         return self.session.action_masks()
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The present frame (height, width, 3), or None where a window shows it."""
+        """Return the present frame, uint8 (height, width, 3), or None if a window shows it."""
         return self.screen.render()
 
     def close(self) -> None:
@@ -122,14 +124,16 @@ class UavParallelEnv(Independent, ParallelEnv[str, Seen, int]):  # type: ignore[
     def _in_order(self, actions: Mapping[str, int]) -> list[int]:
         agents = self.agents
         if agents and actions.keys() != self.action_spaces.keys():
-            raise ActionError(f"one action for each of {agents}, not for {list(actions)}")
+            raise ActionError(
+                f"there must be one action for each of {agents}, not for {list(actions)}"
+            )
         in_order = []
         for agent in agents:
             in_order.append(actions[agent])
         return in_order
 
     def _told(self, shown: Snapshot) -> tuple[dict[str, Seen], Infos]:
-        """Observations and infos of all agents."""
+        """Return the observations and infos of all agents."""
         session, crashed = self.session, self.session.engine.log.crashed
         encode, facts, keys = session.encode, session.world.facts, session.term_keys.items()
         told, terms = session.info(shown), session.terms(shown)

@@ -1,6 +1,6 @@
-"""Gymnasium ids of the nine cases, and one for other scenarios.
+"""Registers Gymnasium ids for the nine cases, and one for other scenarios.
 
-Nothing heavy is imported here: ``import desim_uav`` does not wait for Gymnasium.
+This module does not import Gymnasium, so that ``import desim_uav`` stays fast.
 """
 
 from __future__ import annotations
@@ -23,14 +23,13 @@ REGISTRY = "gymnasium.envs.registration"
 def register_envs() -> None:
     """Register ``desim_uav/Case1-v0`` … ``Case9-v0`` and ``desim_uav/Uav-v0``, once.
 
-    Each case has one world, that of world seed 0, as the paper has it: seeds draw walks and
-    requests only. ``world_seed=3`` gives another world, ``world_seed=None`` a new one per seed.
-    ``Uav-v0`` has to be given its ``scenario``, which says what its world is.
+    Each case has one world, that of world seed 0, as in the paper: seeds draw walks and requests
+    only. ``world_seed=3`` gives another world, and ``world_seed=None`` a new one per seed.
+    ``Uav-v0`` needs a ``scenario``, which determines its world.
 
-    The specs have no ``max_episode_steps``. An environment truncates its episodes itself, after
-    ``episode.steps`` of its scenario. Gymnasium's TimeLimit would not know of a ``config`` that
-    changes these, and would break off longer episodes in the middle, whose drones then do not
-    carry over; where the two agree, it adds nothing.
+    The specs have no ``max_episode_steps``, because an environment truncates its episodes itself,
+    after ``episode.steps`` of its scenario. Gymnasium's TimeLimit would not know of a ``config``
+    that changes this number, and would cut longer episodes short.
     """
     from gymnasium.envs.registration import register, registry
 
@@ -44,10 +43,10 @@ def register_envs() -> None:
 
 
 def register_with_gymnasium() -> None:
-    """Register now where Gymnasium has been imported, else as soon as it is.
+    """Register the ids now if Gymnasium has been imported, else as soon as it is imported.
 
-    Gymnasium has had no plug-ins since 1.0: whoever imports the two, in whatever order, may use
-    the ids, and the command line, which needs no environments, is not slowed down.
+    Gymnasium has had no plug-ins since version 1.0. The ids are available once both packages have
+    been imported, in either order, and the command line does not have to import Gymnasium.
     """
     if REGISTRY in sys.modules:
         register_envs()
@@ -56,9 +55,9 @@ def register_with_gymnasium() -> None:
 
 
 class _Awaits:
-    """Lets the first import of Gymnasium's registry end with our registration.
+    """Registers the ids at the end of the first import of Gymnasium's registry.
 
-    No subclass of ``importlib.abc.MetaPathFinder``, which loads a sixth of what ``--help`` does.
+    It is not a subclass of ``importlib.abc.MetaPathFinder``, whose import would slow ``--help``.
     """
 
     def find_spec(
@@ -67,7 +66,7 @@ class _Awaits:
         path: Sequence[str] | None,
         target: ModuleType | None = None,
     ) -> ModuleSpec | None:
-        """Gymnasium's registry as it is found without this; nothing else."""
+        """Find Gymnasium's registry, and no other module, without this finder."""
         if fullname != REGISTRY:
             return None
         sys.meta_path.remove(self)

@@ -1,4 +1,4 @@
-"""How an environment is looked at: frames as arrays, or a window."""
+"""Shows an environment: as frames in arrays, or in a window."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ RENDERING: dict[str, Any] = {"render_modes": ["human", "rgb_array"], "render_fps
 
 
 class Screen:
-    """Shows a session the way ``mode`` says: None, "rgb_array", or "human" (a window).
+    """Shows a session according to ``mode``: None, "rgb_array", or "human" (a window).
 
-    A copy has no window before it shows a frame; then it opens its own.
+    A copy opens a window of its own when it first shows a frame.
     """
 
     def __init__(self, session: Session, mode: str | None) -> None:
-        """Raises UnsupportedMode for another mode, and for "human" without a display."""
+        """Raise UnsupportedMode for an unknown mode, and for "human" without a display."""
         if mode not in (None, *RENDERING["render_modes"]):
             raise error.UnsupportedMode(
                 f"render_mode {mode!r}: must be None, 'rgb_array' or 'human'"
@@ -33,14 +33,17 @@ class Screen:
         self.window = self._new_window() if mode == "human" else None
 
     def __getstate__(self) -> dict[str, Any]:
-        """The session and the mode, without window and pictures."""
+        """Return the session and the mode, without window and pictures."""
         return {"session": self.session, "mode": self.mode, "window": None}
 
     def _new_window(self) -> Window:
         return Window(RENDERING["render_fps"])
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The present frame, or None once the window shows it. Raises ResetNeeded."""
+        """Return the present frame, or None if the window shows it.
+
+        Raises ResetNeeded before the first episode.
+        """
         if self.mode == "rgb_array":
             return self._frame()
         if self.mode is None:
@@ -49,13 +52,13 @@ class Screen:
         return None
 
     def refresh(self) -> None:
-        """Let the window, if there is one, show the present state."""
+        """Show the present state in the window, if there is one."""
         if self.mode == "human":
             self.window = self.window or self._new_window()
             self.window.show(self._frame())
 
     def close(self) -> None:
-        """Close the window and forget the pictures."""
+        """Close the window and release the pictures."""
         if self.window is not None:
             self.window.close()
         self.__dict__.pop("_painter", None)

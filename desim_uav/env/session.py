@@ -1,4 +1,4 @@
-"""Episodes of one scenario, one after the other: what lies beneath both environments."""
+"""Successive episodes of one scenario: the common basis of all environments."""
 
 from __future__ import annotations
 
@@ -27,15 +27,15 @@ SEEDS = 2**63
 
 
 class ActionError(error.InvalidAction, ValueError):
-    """An action outside the action space (a masked one is none)."""
+    """An action is outside the action space. A masked action is inside it, so it is no error."""
 
 
 class Session(Independent):
-    """A scenario under way.
+    """A scenario that is simulated one decision epoch at a time.
 
-    ``seed`` is the run's; it draws the world too, unless the scenario has a ``world_seed``.
-    ``episode`` counts from 0; it is -1 before the first ``reset``. ``blank`` holds every key of an
-    info in its order; the values that do not change in an episode are filled in.
+    ``seed`` is the seed of the run. It also draws the world, unless the scenario has a
+    ``world_seed``. ``episode`` counts from 0; it is -1 before the first ``reset``. ``blank`` holds
+    every key of an info in its order, with the values that do not change in an episode.
     """
 
     world: World
@@ -49,11 +49,11 @@ class Session(Independent):
         starts: bool = True,
         ahead: bool = True,
     ) -> None:
-        """On the scenario's own seed where it gives one, else on one that is drawn.
+        """Begin with the scenario's own seed if it has one, else with a random seed.
 
         ``worlds`` builds the world of a seed, at once or (``starts``) before the first episode.
-        ``ahead``: several episodes are drawn at once, which is sooner than one by one but takes
-        more memory. Raises ScenarioError, or UsageError for a ``config`` of another form.
+        ``ahead``: several episodes are drawn at once, which is faster than one by one but takes
+        more memory. Raises ScenarioError, and UsageError for a ``config`` of another form.
         """
         self.scenario = configured(scenario, config)
         self._world_of = worlds
@@ -70,7 +70,7 @@ class Session(Independent):
             self._start_over(self.seed)
 
     def _start_over(self, seed: int) -> None:
-        """A new run."""
+        """Begin a new run."""
         scenario = self.scenario
         fixed = scenario.world_seed
         self.world = self._world_of(scenario, seed if fixed is None else fixed)
@@ -87,21 +87,21 @@ class Session(Independent):
         return Simulation(self.world, settings)
 
     def __getstate__(self) -> dict[str, Any]:
-        """Everything but the sample paths of later episodes, which a copy draws anew."""
+        """Return everything except the sample paths of later episodes, which a copy draws again."""
         return {**vars(self), "_paths": None}
 
     @property
     def shown(self) -> Snapshot:
-        """The state at the present decision epoch. Raises ResetNeeded before the first episode."""
+        """The snapshot at the present epoch. Raises ResetNeeded before the first episode."""
         if self._shown is None:
             raise error.ResetNeeded("call reset first: no episode has begun")
         return self._shown
 
     def reset(self, seed: int | None = None) -> Snapshot:
-        """Begin the next episode; with a ``seed``, the first of a new run.
+        """Begin the next episode; with a ``seed``, the first episode of a new run.
 
-        Drones go on from where an episode that ran its time has left them, where the scenario says
-        so. Raises gymnasium's Error for a seed outside 0 … 2**63 - 1.
+        If the scenario says so, drones continue from where the previous episode left them, unless
+        that episode was ended early. Raises gymnasium's Error for a seed outside 0 … 2**63 - 1.
         """
         path = self._next_path(seed)
         shown = self.engine.reset(path)
@@ -121,7 +121,7 @@ class Session(Independent):
         return shown
 
     def _next_path(self, seed: int | None) -> SamplePath:
-        """The sample path of the next episode, or of the first of a new run."""
+        """Return the sample path of the next episode, or of the first of a new run."""
         if seed is not None:
             self._start_over(_checked(seed))
         elif not self._started:
@@ -140,7 +140,7 @@ class Session(Independent):
     def step(self, actions: Iterable[Any]) -> Snapshot:
         """Give each drone its action and run to the next decision epoch.
 
-        Raises ResetNeeded outside an episode, ActionError for what is no action.
+        Raises ResetNeeded outside an episode, and ActionError for an invalid action.
         """
         shown = self.shown
         if shown.terminated or shown.truncated:
@@ -149,7 +149,7 @@ class Session(Independent):
         return shown
 
     def commands(self, actions: Iterable[Any]) -> list[int]:
-        """Actions as commands, drones in order."""
+        """Return actions as a list of commands, in the order of the drones."""
         commands = []
         try:
             for action in actions:
@@ -157,7 +157,7 @@ class Session(Independent):
         except TypeError as problem:
             raise ActionError(f"actions must be whole numbers, not {actions!r}") from problem
         if len(commands) != self._drones:
-            raise ActionError(f"{len(commands)} action(s) for {self._drones} drone(s)")
+            raise ActionError(f"there are {len(commands)} action(s) for {self._drones} drone(s)")
         if not self._commands.issuperset(commands):
             drone = next(d for d, command in enumerate(commands) if command not in self._commands)
             last = len(self._commands) - 1
@@ -167,15 +167,15 @@ class Session(Independent):
     # ---- what is told at a decision epoch
 
     def encoded(self, shown: Snapshot) -> list[tuple[float, ...]]:
-        """What each drone is shown, as numbers."""
+        """Return the observation of each drone, encoded as numbers."""
         return list(map(self.encode, shown.observations, repeat(self.world.facts)))
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """What each drone may be told now, one drone after the other: (drones * actions,)."""
+        """Return the masks of all drones, one after the other: bool (drones * actions,)."""
         return flat_mask(self.shown.masks).view(np.bool_)
 
     def info(self, shown: Snapshot) -> dict[str, Any]:
-        """Time, quality of experience so far, seeds, and the number of requests so far.
+        """Return the info: time, quality of experience so far, seeds, and counts of requests.
 
         A measure that does not exist yet is 0: QoE1 and QoE2, which are means over requests, while
         ``requests`` is 0, and QoE3, a mean over time, while ``sim_time_s`` is 0. No key is
@@ -191,7 +191,7 @@ class Session(Independent):
         return info
 
     def terms(self, shown: Snapshot) -> tuple[dict[str, float], ...]:
-        """The terms of each drone's reward, by name; 0 before the first step."""
+        """Return the terms of each drone's reward by name; they are 0 before the first step."""
         return shown.reward_terms or self._no_terms
 
 

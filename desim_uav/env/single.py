@@ -1,4 +1,4 @@
-"""Gymnasium's environment: one controller of all drones."""
+"""Gymnasium's environment, in which one controller flies all drones."""
 
 from __future__ import annotations
 
@@ -19,18 +19,19 @@ from desim_uav.spaces import action_space, features, observation_space
 class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
     """The drones of a scenario under one controller; a step is a decision epoch.
 
-    The observation is the drones' encodings, one after the other (int64, or float32 where the
-    scenario's encoding has real numbers); an action is one for each drone, or, of a single drone,
-    just it. The reward is the mean over the drones, and so are its terms in the info; attached
-    users and crashes are of all. The masks, in the info and by ``action_masks``, are those of the
-    drones one after the other, none of them all 0. The time limit truncates an episode; a crash
-    terminates it where the scenario says so.
+    The observation holds the drones' encoded observations, one after the other (int64, or float32
+    if the encoding has real numbers). An action has one entry per drone; for a single drone it is
+    one number. The reward is the mean over the drones, and so are its terms in the info; attached
+    users and crashes are counted over all drones. The masks, in the info and from
+    ``action_masks``, are those of the drones, one after the other; each allows at least one
+    action. The time limit truncates an episode; a crash terminates it if the scenario says so.
 
     ``copy.copy``, ``copy.deepcopy`` and ``pickle`` make an independent environment at any point of
-    an episode. It goes on exactly as this one would, and a pickle does so in any process that has
-    the same versions of desim-uav and Python. On SimPy a copy plays the present episode again, so
-    it takes about as long as the episode has taken so far; in the compiled engine a copy takes the
-    same time at any step. A copy with ``render_mode="human"`` opens a window when it first renders.
+    an episode. It continues exactly as this one would. A pickle does so in any process that has
+    the same versions of desim-uav and Python. On SimPy a copy repeats the present episode, so a
+    copy takes about as long as the episode has taken so far; in the compiled engine a copy takes
+    the same time at any step. A copy with ``render_mode="human"`` opens a window when it first
+    renders.
     """
 
     metadata = RENDERING
@@ -43,13 +44,14 @@ class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
         engine: str = "des",
         world_seed: WorldSeed = "scenario",
     ) -> None:
-        """``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it.
+        """Make the environment of a scenario.
 
-        ``engine``: des (SimPy), or batch (compiled: the same numbers, sooner). ``world_seed``: the
-        seed of the world to fly in; None: each seed draws a world of its own; "scenario": what the
-        scenario says, which for the shipped cases is the same as None. A ``world_seed`` in
-        ``config`` counts before it. Raises ScenarioError with every problem of the scenario,
-        UnsupportedMode if the render mode is unknown or "human" has no display.
+        ``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it.
+        ``engine``: "des" (SimPy), or "batch" (compiled), which gives the same numbers faster.
+        ``world_seed``: the seed of the world to fly in; None: each seed draws a world of its own;
+        "scenario": the scenario's own, which for the shipped cases is None. A ``world_seed`` in
+        ``config`` takes precedence. Raises ScenarioError with every problem of the scenario, and
+        UnsupportedMode if ``render_mode`` is unknown, or "human" without a display.
         """
         self._joint = joint(engine, configured(scenario, config, world_seed))
         self.session = self._joint.session
@@ -63,9 +65,9 @@ class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[NDArray[Any], dict[str, Any]]:
-        """Begin the next episode; with a ``seed``, the first of a new run (see ``Session``).
+        """Begin the next episode; with a ``seed``, the first episode of a new run.
 
-        There are no ``options``.
+        Returns the observation and the info. There are no ``options``.
         """
         super().reset(seed=seed)
         self._joint.begin(seed)
@@ -73,21 +75,21 @@ class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
         return self._joint.observation(), self._joint.info()
 
     def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
-        """One action a drone, (drones,).
+        """Take one action per drone, (drones,), and run to the next decision epoch.
 
-        A masked action becomes the only allowed one, or hover. Raises ResetNeeded outside an
-        episode, ActionError for what is no action.
+        A masked action is replaced by the only allowed one, or by hover. Raises ResetNeeded
+        outside an episode, and ActionError for an invalid action.
         """
         reward, terminated, truncated = self._joint.step(action)
         self.screen.refresh()
         return self._joint.observation(), reward, terminated, truncated, self._joint.info()
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """The masks of all drones, one after the other: (drones * actions,)."""
+        """Return the masks of all drones, one after the other: bool (drones * actions,)."""
         return self._joint.masks()
 
     def render(self) -> NDArray[np.uint8] | None:
-        """The present frame (height, width, 3), or None where a window shows it."""
+        """Return the present frame, uint8 (height, width, 3), or None if a window shows it."""
         return self.screen.render()
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""Small pictures with soft edges, drawn large and reduced: Pillow itself draws hard ones."""
+"""Small pictures with smooth edges. They are drawn large and then reduced."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from desim_uav.palette import DRONES, USERS
 YELLOW, RED = "#F0E442", "#B3261E"
 INK, GREY, PALE, WHITE = "#1E1E1E", "#6E6E6E", "#D9D9D6", "#FFFFFF"
 NAMED = (*DRONES, *(look.colour for look in USERS.values()), YELLOW, RED, INK, GREY, PALE, WHITE)
-"""All colours that mean something."""
+"""All colours that have a meaning."""
 
 FINE = 4
-"""How much larger a sprite is drawn than it is shown."""
+"""The factor by which a sprite is drawn larger than it is shown."""
 
 
 def stick(picture: Image.Image, sprite: Image.Image, x: float, y: float) -> None:
-    """Put the middle of a sprite at (x, y) of a picture, which may cut it off."""
+    """Paste a sprite with its centre at (x, y) of a picture, which may clip it."""
     corner = round(x - sprite.width / 2), round(y - sprite.height / 2)
     picture.paste(sprite, corner, sprite)
 
 
 @lru_cache(maxsize=64)
 def dot(colour: str, diameter: int) -> Image.Image:
-    """A disc with a white rim."""
+    """Draw a disc with a white rim."""
     sprite, draw = _canvas(diameter + 2)
     side = sprite.width - 1
     draw.ellipse((0, 0, side, side), fill=WHITE)
@@ -37,7 +37,7 @@ def dot(colour: str, diameter: int) -> Image.Image:
 
 @lru_cache(maxsize=16)
 def ring(colour: str, radius_px: float) -> Image.Image:
-    """A footprint: a see-through disc with an outline."""
+    """Draw a footprint: a translucent disc with an outline."""
     size = 2 * math.ceil(radius_px) + 2
     fine = FINE if size <= 1200 else 1
     sprite, draw = _canvas(size, fine)
@@ -84,7 +84,7 @@ def wreck() -> Image.Image:
 
 @lru_cache(maxsize=1)
 def station() -> Image.Image:
-    """A charging station: a plate with a flash."""
+    """Draw a charging station: a plate with a flash."""
     sprite, draw = _canvas(24)
     side = sprite.width - 1
     draw.rounded_rectangle(
@@ -97,7 +97,7 @@ def station() -> Image.Image:
 
 @lru_cache(maxsize=8)
 def font(size: int) -> FreeTypeFont | ImageFont.ImageFont:
-    """Pillow's own; what it has written once it remembers."""
+    """Return Pillow's own font in this size."""
     found = ImageFont.load_default(size)
     if isinstance(found, FreeTypeFont):
         found.getmask2 = lru_cache(maxsize=2048)(found.getmask2)  # type: ignore[method-assign,assignment]

@@ -1,4 +1,4 @@
-"""Stable-baselines3's vector environment over ``UavVectorEnv`` (extra ``sb3``)."""
+"""A vector environment for stable-baselines3 on top of ``UavVectorEnv`` (extra ``sb3``)."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ except ImportError as missing:
     raise MissingExtraError("UavVecEnv", "sb3") from missing
 
 TOLD_ONCE = "final_"
-"""What a key begins with that only the end of an episode has."""
+"""The prefix of info keys that exist only at the end of an episode."""
 
 
 class UavVecEnv(Independent, VecEnv):
@@ -43,7 +43,7 @@ class UavVecEnv(Independent, VecEnv):
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
     ) -> None:
-        """As ``UavVectorEnv``. Raises what it raises."""
+        """Make the environments; parameters and errors are those of ``UavVectorEnv``."""
         self.vector = UavVectorEnv(
             scenario, num_envs, config, AutoresetMode.SAME_STEP, threads, render_mode, world_seed
         )
@@ -52,7 +52,7 @@ class UavVecEnv(Independent, VecEnv):
         super().__init__(num_envs, vector.single_observation_space, vector.single_action_space)
 
     def reset(self) -> NDArray[Any]:
-        """The next episode everywhere, or the first of new runs where ``seed`` has been called."""
+        """Begin the next episode everywhere, or new runs if ``seed`` has been called."""
         seen, infos = self.vector.reset(seed=self._seeds)
         self.reset_infos = self._each(infos)
         self._reset_seeds()
@@ -60,13 +60,13 @@ class UavVecEnv(Independent, VecEnv):
         return seen
 
     def step_async(self, actions: NDArray[Any]) -> None:
-        """Take the actions of the next step."""
+        """Store the actions of the next step."""
         self.actions = actions
 
     def step_wait(
         self,
     ) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
-        """Step."""
+        """Step all environments with the stored actions."""
         seen, rewards, terminated, truncated, told = self.vector.step(np.asarray(self.actions))
         infos = self._each(told)
         ended = np.logical_or(terminated, truncated)
@@ -80,38 +80,38 @@ class UavVecEnv(Independent, VecEnv):
         return seen, rewards.astype(np.float32), ended, infos
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
-        """The present frame of each environment, from which ``render`` makes one picture."""
+        """Return the present frame of each environment; ``render`` tiles them."""
         return self.vector.render() or [None] * self.num_envs
 
     def close(self) -> None:
-        """End the threads."""
+        """Stop the threads."""
         self.vector.close()
 
     def get_attr(self, attr_name: str, indices: Any = None) -> list[Any]:
-        """What ``UavVectorEnv`` has by that name, for each environment."""
+        """Return the attribute of ``UavVectorEnv`` with this name, once per environment."""
         if attr_name == "action_masks":
             return [None for _ in self._get_indices(indices)]
         return [getattr(self.vector, attr_name) for _ in self._get_indices(indices)]
 
     def set_attr(self, attr_name: str, value: Any, indices: Any = None) -> None:
-        """Raises AttributeError: what they are is said when they are made."""
-        raise AttributeError(f"{attr_name}: the environments are one object; make another")
+        """Raise AttributeError, because environments cannot be changed after construction."""
+        raise AttributeError(f"{attr_name}: attributes cannot be set; make a new UavVecEnv")
 
     def env_method(
         self, method_name: str, *method_args: Any, indices: Any = None, **method_kwargs: Any
     ) -> list[Any]:
-        """Only ``action_masks``, one of each environment. Raises AttributeError."""
+        """Call ``action_masks`` of each environment. Raises AttributeError for other methods."""
         if method_name != "action_masks":
             raise AttributeError(f"{method_name}: only action_masks can be called")
         masks = self.vector.action_masks()
         return [masks[k] for k in self._get_indices(indices)]
 
     def env_is_wrapped(self, wrapper_class: type, indices: Any = None) -> list[bool]:
-        """None of them is."""
+        """Return False for each environment, because none is wrapped."""
         return [False for _ in self._get_indices(indices)]
 
     def _each(self, told: dict[str, Any]) -> list[dict[str, Any]]:
-        """Infos, one a dict: numbers as Python's own."""
+        """Return the infos as one dict per environment, with Python numbers."""
         plain = {
             key: list(values) if values.ndim > 1 else values.tolist()
             for key, values in told.items()

@@ -1,4 +1,4 @@
-"""Gymnasium's vector environment: many environments of one scenario, stepped in one call."""
+"""Gymnasium's vector environment: many environments of one scenario, which one call steps."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ from desim_uav.world import World, build_world
 class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """``num_envs`` environments like ``UavEnv``, in the compiled engine.
 
-    Environment k gives the numbers that ``UavEnv`` gives with its seed, bit for bit, whatever the
-    number of ``threads``. ``reset(seed=s)`` gives it the seed s + k, a list each its own. A seed
-    also draws a world, so the environments fly in different worlds, which the paper's observation
-    does not tell apart. With a ``world_seed`` they all fly in one world, which also takes less
-    memory; the Gymnasium ids of the nine cases have ``world_seed=0``.
+    Environment k gives the same numbers as ``UavEnv`` with its seed, bit for bit, with any number
+    of ``threads``. ``reset(seed=s)`` gives environment k the seed s + k; a list gives each its
+    own. A seed also draws a world, so the environments fly in different worlds, which the paper's
+    observation does not distinguish. With a ``world_seed`` they all fly in one world, which also
+    takes less memory; the Gymnasium ids of the nine cases have ``world_seed=0``.
 
     Infos are arrays with one entry per environment: those of ``UavEnv``, the masks among them as
     ``action_mask`` (num_envs, drones * actions).
 
-    What happens after the end of an episode is Gymnasium's ``autoreset_mode``: with ``NEXT_STEP``
-    the next step begins the next episode of that environment, whatever its action, with a reward of
-    0; with ``SAME_STEP`` the step that ends an episode begins the next one, and shows the end as
-    ``final_obs`` and ``final_info``; with ``DISABLED`` the caller resets the environments whose
-    episodes are over: ``reset(options={"reset_mask": terminated | truncated})``.
+    Gymnasium's ``autoreset_mode`` determines what happens after the end of an episode. With
+    ``NEXT_STEP`` the next step ignores the action of that environment and begins its next episode,
+    with a reward of 0. With ``SAME_STEP`` the step that ends an episode also begins the next one,
+    and returns the end as ``final_obs`` and ``final_info``. With ``DISABLED`` the caller resets the
+    environments whose episodes are over: ``reset(options={"reset_mask": terminated | truncated})``.
 
     Copies and pickles are independent environments (see ``UavEnv``) with threads of their own.
     """
@@ -57,13 +57,14 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
     ) -> None:
-        """``scenario``, ``config`` and ``world_seed`` as in ``UavEnv``.
+        """Make ``num_envs`` environments of a scenario.
 
-        ``render_mode``: None or "rgb_array". ``threads`` share the environments among them.
+        ``scenario``, ``config`` and ``world_seed`` are as in ``UavEnv``. ``render_mode``: None or
+        "rgb_array". ``threads``: the number of threads that share the environments.
 
-        Raises ScenarioError with every problem of them, also if a component has no kernel;
-        UnsupportedMode for another render mode; gymnasium's Error for another number or autoreset
-        mode.
+        Raises ScenarioError with every problem of the scenario, and for a component that cannot be
+        compiled; UnsupportedMode for another render mode; gymnasium's Error for another autoreset
+        mode, or if ``num_envs`` or ``threads`` is below 1.
         """
         if num_envs < 1 or not threads >= 1:
             raise error.Error(f"num_envs {num_envs}, threads {threads}: must be 1 or more")
@@ -98,7 +99,7 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         seed: int | Sequence[int | None] | None = None,
         options: dict[str, Any] | None = None,
     ) -> tuple[NDArray[Any], dict[str, Any]]:
-        """Begin the next episode everywhere; with seeds, the first of new runs.
+        """Begin the next episode of every environment; with seeds, the first episodes of new runs.
 
         ``options={"reset_mask": mask}`` resets only the environments that the mask (num_envs,),
         bool, names; the others stay as they are, and their infos are 0. The seed of environment k
@@ -114,7 +115,7 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         else:
             seeds = list(seed)
         if len(seeds) != count:
-            raise error.Error(f"{len(seeds)} seeds for {count} environments")
+            raise error.Error(f"there are {len(seeds)} seeds for {count} environments")
         self.compiled.begin(which, seeds)
         self._begun |= which
         return self._observations(), _infos(self.compiled.info(), which)
@@ -124,11 +125,11 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
     ) -> tuple[
         NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
     ]:
-        """An action for each environment: (num_envs, drones), or (num_envs,) of a single drone.
+        """Take the actions (num_envs, drones), or (num_envs,) with a single drone each.
 
-        Raises ResetNeeded, and nothing has happened, before the first reset of an environment or,
-        with ``AutoresetMode.DISABLED``, after the end of its episode; ActionError for what is no
-        action.
+        Raises ResetNeeded before the first reset of an environment and, with
+        ``AutoresetMode.DISABLED``, after the end of its episode, and ActionError for an invalid
+        action. No environment is stepped in these cases.
         """
         compiled = self.compiled
         over = compiled.over[:, 0] | compiled.over[:, 1]
@@ -155,23 +156,23 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         )
 
     def render(self) -> tuple[NDArray[np.uint8] | None, ...] | None:
-        """The present frame of each environment, (height, width, 3); None without a render mode."""
+        """Return the frame of each environment, (height, width, 3), or None without render mode."""
         if self.render_mode is None:
             logger.warn("render() shows nothing without render_mode='rgb_array'")
             return None
         return tuple(screen.render() for screen in self.screens)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """The masks, (num_envs, drones * actions)."""
+        """Return the masks, bool (num_envs, drones * actions)."""
         return self.compiled.masks.astype(np.bool_)
 
     def close_extras(self, **kwargs: Any) -> None:
-        """End the threads. Gymnasium below 1.3 also closes what could not be made."""
+        """Stop the threads. Gymnasium below 1.3 also closes an environment that was not made."""
         if hasattr(self, "compiled"):
             self.compiled.close()
 
     def _named(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
-        """Which environments a reset is of."""
+        """Return the mask of the environments that a reset concerns."""
         if not options or "reset_mask" not in options:
             return self._all
         mask = np.asarray(options["reset_mask"])
@@ -183,7 +184,7 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         return mask
 
     def _require_episodes(self, over: NDArray[np.bool_]) -> None:
-        """Raise ResetNeeded if there is an environment that a step cannot go on with."""
+        """Raise ResetNeeded if there is an environment that cannot be stepped."""
         if not self._begun.all():
             which = np.flatnonzero(~self._begun).tolist()
             raise error.ResetNeeded(f"call reset first: no episode has begun in {which}")
@@ -198,7 +199,7 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         return self.compiled.values.astype(self.compiled.dtype)
 
     def _final(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
-        """The observations and infos of episodes that have ended, as Gymnasium has them."""
+        """Return the last observations and infos of ended episodes, under Gymnasium's keys."""
         observations = np.full(self.num_envs, None, object)
         for k, shown in zip(ended.nonzero()[0], self._observations()[ended], strict=True):
             observations[k] = shown
@@ -211,7 +212,7 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:
-    """The mode of this name, as Gymnasium's vector environments take it, too."""
+    """Return the autoreset mode of this name or value. Raises gymnasium's Error."""
     try:
         return AutoresetMode(mode)
     except ValueError as problem:
@@ -220,7 +221,7 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
 
 
 def _infos(told: dict[str, NDArray[Any]], which: NDArray[np.bool_]) -> dict[str, Any]:
-    """Infos as Gymnasium has them: beside each key a mask of the environments it is told of.
+    """Return infos in Gymnasium's form: next to each key, a mask of the environments that have it.
 
     The entries of the other environments are 0.
     """
@@ -232,7 +233,7 @@ def _infos(told: dict[str, NDArray[Any]], which: NDArray[np.bool_]) -> dict[str,
 
 
 class _Worlds:
-    """Builds each world once, as long as somebody flies in it."""
+    """Builds worlds, and lets environments with the same world seed share one."""
 
     def __init__(self) -> None:
         self._shared: tuple[int, World] | None = None

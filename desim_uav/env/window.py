@@ -1,4 +1,4 @@
-"""A window that shows frames, by Matplotlib."""
+"""A Matplotlib window that shows frames."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ if TYPE_CHECKING:
 
 
 class Window:
-    """Opens with its first frame; each frame is held for ``1 / fps`` seconds."""
+    """A window that opens with its first frame and shows each frame for ``1 / fps`` seconds."""
 
     def __init__(self, fps: float) -> None:
-        """Raises UnsupportedMode where there is no display."""
+        """Raise UnsupportedMode if there is no display."""
         self.fps = fps
         self.figure = _figure()
         self.image: AxesImage | None = None
@@ -38,14 +38,14 @@ class Window:
         self.figure.canvas.start_event_loop(1 / self.fps)
 
     def close(self) -> None:
-        """Close the window; to do so again is no error."""
+        """Close the window. It may be closed more than once."""
         import matplotlib.pyplot as plt
 
         plt.close(self.figure)
 
 
 def _figure() -> Figure:
-    """A figure with a window of its own; without a display Matplotlib refuses or has none."""
+    """Return a figure with a window. Raises UnsupportedMode if there is no display."""
     import matplotlib.pyplot as plt
 
     try:

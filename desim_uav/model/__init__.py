@@ -1,1 +1,1 @@
-"""What is true whatever runs it: closed forms, rules and components. No clock, no engine."""
+"""The model itself, independent of any engine: closed forms, rules and components."""

@@ -1,4 +1,4 @@
-"""Which of a drone's attached users with open requests are served: admission control."""
+"""Admission control: which open requests of its attached users a drone serves."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from desim_uav.registry import register
 
 
 class Waiting(Protocol):
-    """A request that waits: all an admission rule may look at."""
+    """A waiting request, with everything that an admission rule may know about it."""
 
     user: int
     service: int
@@ -24,23 +24,27 @@ W = TypeVar("W", bound=Waiting)
 
 
 class Admission(Protocol):
-    """An admission rule."""
+    """An admission rule, which decides which waiting requests a drone serves."""
 
     def scan(self, waiting: Sequence[W], free_bps: float) -> tuple[Sequence[W], Sequence[W]]:
-        """(served now, refused for good) of the requests that wait at one drone.
+        """Return the requests to serve now and those to refuse for good, at one drone.
 
-        ``waiting`` stands in order of (request time, user); ``free_bps`` is inf where bandwidth is
-        unlimited. The bandwidth of those served must fit ``free_bps``. A refused request closes.
+        ``waiting`` is in the order of (request time, user). ``free_bps`` is the free bandwidth in
+        bit/s, inf if it is unlimited; the requests served must fit into it. A refused request is
+        closed; all others go on waiting.
         """
 
 
 @register("admission", "first_come")
 @dataclass(frozen=True)
 class FirstCome:
-    """Serve each that fits, in order of request time: no head-of-line blocking (the paper)."""
+    """Serves requests in order of request time, as in the paper.
+
+    A request that does not fit into the free bandwidth does not block those after it.
+    """
 
     def scan(self, waiting: Sequence[W], free_bps: float) -> tuple[Sequence[W], Sequence[W]]:
-        """Everything that fits the free bandwidth in turn; nothing is refused."""
+        """Serve each request in turn that fits into the free bandwidth, and refuse none."""
         served = []
         for request in waiting:
             if request.bandwidth_bps <= free_bps:

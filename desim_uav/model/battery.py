@@ -1,4 +1,4 @@
-"""Energy models: what flying costs. A battery is measured in microseconds of autonomy."""
+"""Energy models: how flight drains a battery, which is measured in microseconds of autonomy."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ LONGEST_MIN = 1_000_000
 
 
 class Energy(Protocol):
-    """How the battery of an airborne drone drains, and what happens when it is empty."""
+    """An energy model: how an airborne drone's battery drains, and what happens if it is empty."""
 
     autonomy_min: float
     return_below: float
@@ -24,23 +24,24 @@ class Energy(Protocol):
     respawn_after_min: float
 
     def drained_us(self, flight: Transit, elapsed_us: int) -> int:
-        """The autonomy used ``elapsed_us`` after the start of a transit (``REST``: a hover).
+        """Return the autonomy used in the first ``elapsed_us`` of a transit (``REST``: a hover).
 
-        A whole number of microseconds, not decreasing in ``elapsed_us``, which is at most the
-        transit's duration; a hover goes on.
+        It is a whole number of microseconds and must not decrease with ``elapsed_us``, which is at
+        most the transit's duration; a hover has no end.
         """
 
     def lasts_us(self, flight: Transit, battery_us: int) -> int:
-        """The least ``elapsed_us`` at which ``drained_us`` reaches ``battery_us``."""
+        """Return the least ``elapsed_us`` at which ``drained_us`` reaches ``battery_us``."""
 
 
 @register("battery", "endurance")
 @dataclass(frozen=True)
 class Endurance:
-    """Airborne time drains one second a second, whatever the drone does (the paper).
+    """Drains one second of autonomy per second in the air, whatever the drone does (the paper).
 
-    ``return_below``: goto_charging_station is allowed at or below this fraction of capacity.
-    ``respawn_after_min``: how long after a crash, at the next decision epoch, a drone is replaced.
+    ``return_below``: goto_charging_station is allowed at or below this share of the capacity.
+    ``respawn_after_min``: the time after a crash until a drone is replaced, in minutes, rounded up
+    to a decision epoch.
     """
 
     autonomy_min: Annotated[float, Gt(0)] = 30.0
@@ -55,19 +56,20 @@ class Endurance:
     """How many minutes after a crash the drone is replaced, at the next decision epoch."""
 
     def drained_us(self, flight: Transit, elapsed_us: int) -> int:
-        """The time in the air."""
+        """Return the time in the air."""
         return elapsed_us
 
     def lasts_us(self, flight: Transit, battery_us: int) -> int:
-        """The time left in the air."""
+        """Return the time left in the air."""
         return battery_us
 
 
 @kernel
 def charged_us(battery_us: int, elapsed_us: int, capacity_us: int, full_charge_us: int) -> int:
-    """The battery after ``elapsed_us`` of charging at capacity / full charge, rounded down.
+    """Return the battery after ``elapsed_us`` of charging, rounded down to a microsecond.
 
-    All times are below 2^46 microseconds, which is more than ``LONGEST_MIN``.
+    Charging is linear and takes ``full_charge_us`` for the whole capacity. All times are below
+    2^46 microseconds, which is more than ``LONGEST_MIN``.
     """
     if elapsed_us >= full_charge_us:
         return capacity_us
@@ -77,14 +79,14 @@ def charged_us(battery_us: int, elapsed_us: int, capacity_us: int, full_charge_u
 
 @kernel
 def time_to_full_us(battery_us: int, capacity_us: int, full_charge_us: int) -> int:
-    """How long charging takes, rounded up to a microsecond. Times are as in ``charged_us``."""
+    """Return the time to a full battery, rounded up to a microsecond (see ``charged_us``)."""
     takes_us, rest = _share(full_charge_us, capacity_us - battery_us, capacity_us)
     return takes_us + (1 if rest > 0 else 0)
 
 
 @kernel
 def _share(amount: int, part: int, whole: int) -> tuple[int, int]:
-    """``amount * part`` divided by ``whole``: the whole quotient and the rest.
+    """Return the quotient and the remainder of ``amount * part`` divided by ``whole``.
 
     The product of two times may need more than 64 bits, so the amount is taken 16 bits at a time,
     as in long division. 0 <= part <= whole; all three are below 2^46.

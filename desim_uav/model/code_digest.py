@@ -1,7 +1,7 @@
-"""What a kernel is compiled from: the code of all functions it reaches, and their constants.
+"""A digest of everything that a kernel is compiled from: the code of all functions it reaches.
 
-This is the code that Python runs, not the text of a file: the two differ if a file has changed
-since it was imported, or if Python reads bytecode that is older than the file.
+The digest is taken of the code that Python runs, not of the text of a file. The two differ if a
+file has changed since it was imported, or if Python reads bytecode that is older than the file.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from typing import Any
 import numpy as np
 
 NOT_OURS = ("numpy", "numba", "math", "builtins")
-"""Packages whose functions Numba has its own versions of."""
+"""Packages whose functions Numba replaces by versions of its own."""
 
 
 def code_digest(function: FunctionType) -> str:
-    """The SHA-256 of a function and of every function it calls, directly or not.
+    """Return the SHA-256 of a function and of every function it calls, directly or not.
 
     Docstrings, comments and line numbers do not count.
     """
@@ -36,7 +36,7 @@ def code_digest(function: FunctionType) -> str:
 
 @cache
 def _described(function: FunctionType) -> tuple[str, list[FunctionType]]:
-    """A function's own code with the values of its global names, and the functions among them."""
+    """Return a function's code and the values of its global names, and the functions it calls."""
     code, called = function.__code__, list[FunctionType]()
     parts = [_name(function), repr(function.__defaults__), *_code(code, function.__doc__)]
     for name, value in _values(function):
@@ -66,7 +66,7 @@ def _names(code: CodeType) -> set[str]:
 
 
 def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
-    """What the names in a function stand for, if they are neither its own nor built in."""
+    """Yield the global names in a function, each with its value."""
     code = function.__code__
     for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True):
         yield name, cell.cell_contents
@@ -79,7 +79,7 @@ def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
 
 
 def _value(value: Any, called: list[FunctionType]) -> str:
-    """A text that is the same if a kernel would be compiled alike; functions go to ``called``."""
+    """Return a text that changes if compiled code would; functions are added to ``called``."""
     function = value if isinstance(value, FunctionType) else getattr(value, "__wrapped__", None)
     if isinstance(function, FunctionType):
         if not _foreign(function.__module__):

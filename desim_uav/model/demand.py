@@ -1,4 +1,4 @@
-"""When users ask, and for what. At most one open request a user."""
+"""Demand: when users make requests and for which service, with at most one open per user."""
 
 from __future__ import annotations
 
@@ -25,11 +25,12 @@ DUE_US, SERVICE, REQUIRED_US, BANDWIDTH_BPS = range(4)
 
 
 class Requests(NamedTuple):
-    """What all users ask for in one episode: rows DUE_US SERVICE REQUIRED_US BANDWIDTH_BPS.
+    """All users' requests in one episode: rows of DUE_US SERVICE REQUIRED_US BANDWIDTH_BPS.
 
-    User u's are ``offsets[u]:offsets[u + 1]``. ``after_previous``: DUE_US counts from the end of
-    the user's previous request (the first: from the episode's start) and a user waits for that
-    end; otherwise it is the time of an arrival, dropped while a request of that user is open.
+    The rows of user u are ``offsets[u]:offsets[u + 1]``. If ``after_previous`` is true, DUE_US
+    counts from the end of the user's previous request, and for the first request from the start of
+    the episode. Otherwise DUE_US is the time of an arrival, which is dropped while another request
+    of that user is open.
     """
 
     rows: NDArray[np.int64]
@@ -38,9 +39,10 @@ class Requests(NamedTuple):
 
 
 class ManyRequests(Sequence[Requests]):
-    """The requests of several episodes, in a table: of episode k ``begins[k]:begins[k + 1]``.
+    """The requests of several episodes in one table.
 
-    ``offsets`` (episodes, users + 1) are counted in each.
+    The rows of episode k are ``begins[k]:begins[k + 1]``. ``offsets`` (episodes, users + 1) count
+    from the beginning of each episode's rows.
     """
 
     def __init__(
@@ -54,21 +56,25 @@ class ManyRequests(Sequence[Requests]):
         return len(self.offsets)
 
     def __getitem__(self, k: Any) -> Any:
-        """Those of an episode."""
+        """Return the requests of episode k of the table."""
         own, begin = self.offsets[k], self.begins[k]
         return Requests(self.rows[begin : begin + own[-1]], own, self.after_previous)
 
 
 class Demand(Protocol):
-    """A model of demand.
+    """A demand model, which determines the requests of all users.
 
-    One that draws nothing may say ``draws = False``: it is asked once, not for each episode.
+    A model without randomness may have ``draws = False``; its requests are then made once and used
+    in every episode.
     """
 
     def requests(
         self, users: int, services: Catalogue, streams: Streams, horizon_us: int
     ) -> Requests:
-        """The requests of one episode; user u may draw from stream u only."""
+        """Return the requests of one episode; user u may draw from stream u only.
+
+        ``horizon_us`` is the length of the episode in microseconds.
+        """
 
 
 Weight = Annotated[float, Ge(0)]
@@ -78,9 +84,10 @@ PAPER_MIX = {"throughput": 0.5, "edge_computing": 0.25, "data_gathering": 0.15}
 @register("demand", "continuous")
 @dataclass(frozen=True)
 class Continuous:
-    """Each user asks once, at the start, to be covered for the whole episode; no bandwidth.
+    """Each user makes one request at the start: to be covered during the whole episode.
 
-    The request counts as the first service of the scenario (throughput, in the paper).
+    The request needs no bandwidth and counts as one for the scenario's first service (throughput,
+    in the paper).
     """
 
     draws: ClassVar = False
@@ -88,23 +95,23 @@ class Continuous:
     def requests(
         self, users: int, services: Catalogue, streams: Streams, horizon_us: int
     ) -> Requests:
-        """One request a user."""
+        """Return one request per user."""
         rows = np.zeros((users, 4), np.int64)
         rows[:, REQUIRED_US] = horizon_us
         return Requests(rows, np.arange(users + 1), after_previous=True)
 
 
 class _Drawn(ABC):
-    """A demand that a compiled loop draws, a stream for each user."""
+    """A demand that a compiled loop draws, with one random stream per user."""
 
     @abstractmethod
     def law(self) -> tuple[int, float, float]:
-        """The kind of process, the probability of asking for nothing, a mean time in seconds."""
+        """Return the kind of process, the probability of no request, and a mean time in seconds."""
 
     def requests(
         self, users: int, services: Catalogue, streams: Streams, horizon_us: int
     ) -> Requests:
-        """The requests of one episode."""
+        """Return the requests of one episode."""
         states = streams.states(users)[np.newaxis]
         drawn: Requests = _drawn(services, states, *self.law(), horizon_us)[0]
         return drawn
@@ -113,7 +120,7 @@ class _Drawn(ABC):
 @register("demand", "static")
 @dataclass(frozen=True)
 class Static(_Drawn):
-    """Each user asks once, at the start, for a service drawn from the mix.
+    """Each user makes one request at the start, for a service drawn from the mix.
 
     ``none``: the probability that it asks for nothing.
     """
@@ -126,16 +133,17 @@ class Static(_Drawn):
     """
 
     def law(self) -> tuple[int, float, float]:
-        """At most one request a user."""
+        """Return the parameters of at most one request per user."""
         return _ONCE, self.none, 0.0
 
 
 @register("demand", "dynamic")
 @dataclass(frozen=True)
 class Dynamic(_Drawn):
-    """As static at the start; then each user thinks, once its request has ended, and asks again.
+    """Each user makes a request at the start, and another one a think time after each has ended.
 
-    Think times are exponential. A draw of nothing (probability ``none``) is another think time.
+    Think times are exponential. With probability ``none`` a draw gives no request but another
+    think time.
     """
 
     think_time_s: Annotated[float, Gt(0)] = 300.0
@@ -150,14 +158,17 @@ class Dynamic(_Drawn):
     """
 
     def law(self) -> tuple[int, float, float]:
-        """Requests until their required and think times together pass the horizon."""
+        """Return the parameters of requests that follow each other until the horizon."""
         return _CHAIN, self.none, self.think_time_s
 
 
 @register("demand", "poisson")
 @dataclass(frozen=True)
 class Poisson(_Drawn):
-    """Each user's requests arrive as a Poisson process; those during an open one are dropped."""
+    """Each user's requests arrive as a Poisson process.
+
+    An arrival during an open request of the same user is dropped.
+    """
 
     rate_per_hour: Annotated[float, Ge(1e-6), Le(1e6)]
     """The mean number of arrivals per user and hour."""
@@ -169,31 +180,31 @@ class Poisson(_Drawn):
     """
 
     def law(self) -> tuple[int, float, float]:
-        """Arrivals before the horizon."""
+        """Return the parameters of arrivals before the horizon."""
         return _ARRIVALS, self.none, 3600.0 / self.rate_per_hour
 
 
 @register("demand", "trace")
 @dataclass(frozen=True)
 class Trace:
-    """Requests from a CSV file: user, t_s, service, required_s, bandwidth_kbps."""
+    """Takes requests from a CSV file: user, t_s, service, required_s, bandwidth_kbps."""
 
     file: Path
     """The CSV file, relative to the scenario's file."""
     draws: ClassVar = False
 
     def __post_init__(self) -> None:
-        """Raises ValueError, naming file and line, where the file is not such a table."""
+        """Read the file. Raises ValueError with file and line if it is not such a table."""
         for *_, required_s, _, line in self._table():
             if round(required_s * US) < 1:
                 raise ValueError(f"{self.file}:{line}: required_s: must be above 0")
 
     def problems(self, users: int, services: Sequence[str]) -> list[str]:
-        """What does not fit a scenario: users or services it does not have."""
+        """Return the problems of the file: users or services that the scenario does not have."""
         found = []
         for user, _, service, _, _, line in self._table():
             if user >= users:
-                found.append(f"{self.file}:{line}: user: {user}: there are {users} users")
+                found.append(f"{self.file}:{line}: user: {user}: must be from 0 to {users - 1}")
             if service not in services:
                 hint = did_you_mean(service, services)
                 found.append(
@@ -205,7 +216,7 @@ class Trace:
     def requests(
         self, users: int, services: Catalogue, streams: Streams, horizon_us: int
     ) -> Requests:
-        """The recorded requests that fall in the episode, the same in every episode."""
+        """Return the recorded requests before the horizon, which are the same in every episode."""
         by_user: list[list[tuple[int, int, int, int]]] = [[] for _ in range(users)]
         for user, t_s, service, required_s, kbps, _ in self._table():
             due = round(t_s * US)
@@ -238,7 +249,7 @@ def requests_of(
     episodes: Sequence[int],
     horizon_us: int,
 ) -> Sequence[Requests]:
-    """The requests of several episodes."""
+    """Draw the requests of several episodes."""
     if isinstance(demand, _Drawn) and type(demand).requests is _Drawn.requests:
         states = states_of(seed, Purpose.DEMAND, episodes, users)
         return _drawn(services, states, *demand.law(), horizon_us)
@@ -279,11 +290,12 @@ def _draw(
     offsets: NDArray[np.int64],
     rows: NDArray[np.int64],
 ) -> int:
-    """Write all users' requests, episode by episode; their number.
+    """Write all users' requests, episode by episode, and return their number.
 
-    ``offsets`` (episodes, users + 1) are counted in each. What does not fit ``rows`` is not
-    written. Five uniform numbers a draw, whatever comes of them: nothing or something, service,
-    duration, bandwidth, and the time to the next draw.
+    ``offsets`` (episodes, users + 1) count from the beginning of each episode. Requests that do
+    not fit into ``rows`` are counted but not written. Each draw takes five uniform numbers, of
+    which some may not be used: for whether there is a request, for service, duration and
+    bandwidth, and for the time to the next draw.
     """
     count = first = 0
     users = states.shape[1]
@@ -334,5 +346,5 @@ def _draw(
 
 @kernel
 def _exponential_us(uniform: float, mean_s: float) -> np.int64:
-    """An exponential time; a last-bit difference of log between platforms ends in the rounding."""
+    """Return an exponential time; rounding hides last-bit differences of log between platforms."""
     return np.int64(np.rint(-math.log1p(-uniform) * mean_s * 1e6))

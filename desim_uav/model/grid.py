@@ -1,4 +1,4 @@
-"""The map as drones know it: cells, levels, and where a drone can be."""
+"""The map as a grid of cells and altitude levels, and where a drone can be."""
 
 from __future__ import annotations
 
@@ -16,10 +16,11 @@ Cell = tuple[int, int]
 
 @dataclass(frozen=True, eq=False)
 class Grid(Unchanging):
-    """Cells of ``width_m`` / nx by ``depth_m`` / ny; ``height_m`` (nx, ny) of the tallest building.
+    """The map as a grid of nx by ny cells, each with the height of its tallest building.
 
-    ``levels_m`` are the altitudes under the ceiling (the tallest building), ascending, and above
-    them the one level a drone without a ceiling needs to fly over everything, where it needs one.
+    ``height_m``: (nx, ny). ``levels_m``: the altitudes, ascending, of which the first
+    ``levels_under_ceiling`` are not above the tallest building. A drone without a ceiling may also
+    need one level above all buildings; if so, it is the last.
     """
 
     width_m: float
@@ -43,7 +44,7 @@ class Grid(Unchanging):
 
     @cached_property
     def blocked(self) -> NDArray[np.bool_]:
-        """(level, x, y): a cell can be entered at levels strictly above its height only."""
+        """Whether a building blocks each (level, x, y), which must be strictly above it."""
         levels = np.array(self.levels_m)[:, None, None]
         built = self.height_m[None, :, :] > 0.0
         return built & (levels <= self.height_m[None, :, :])
@@ -54,11 +55,11 @@ class Grid(Unchanging):
         return free
 
     def levels(self, ceiling: bool) -> int:
-        """How many levels a drone can use."""
+        """Return the number of levels that a drone can use."""
         return self.levels_under_ceiling if ceiling else len(self.levels_m)
 
     def can_enter(self, ix: int, iy: int, level: int, ceiling: bool = True) -> bool:
-        """Is (ix, iy) on the map, and free at ``level``, and ``level`` one of the drone's?"""
+        """Return whether a cell is on the map and free at ``level``, which the drone can use."""
         nx, ny = self.cells
         on_map = 0 <= ix < nx and 0 <= iy < ny and 0 <= level < self.levels(ceiling)
         return on_map and self._free[level][ix][iy]
@@ -69,35 +70,35 @@ class Grid(Unchanging):
         return [[((ix + 0.5) * dx, (iy + 0.5) * dy) for iy in range(ny)] for ix in range(nx)]
 
     def centre(self, ix: int, iy: int) -> tuple[float, float]:
-        """The middle of a cell, in metres."""
+        """Return the centre of a cell, x and y in metres."""
         return self._centres[ix][iy]
 
     def cell_of(self, x_m: float, y_m: float) -> Cell:
-        """The cell that holds a point, clipped to the map."""
+        """Return the cell that holds a point; a point off the map belongs to the nearest cell."""
         (nx, ny), (dx, dy) = self.cells, self.cell_m
         return cell_index(x_m, dx, nx), cell_index(y_m, dy, ny)
 
     def level_of(self, z_m: float) -> int:
-        """The level nearest to an altitude."""
+        """Return the level nearest to an altitude."""
         return level_index(z_m, self.levels_m[0], self.level_step_m, len(self.levels_m))
 
 
 @kernel
 def cell_index(at_m: float, cell_m: float, cells: int) -> int:
-    """The cell along one axis that holds a coordinate, clipped to the map."""
+    """Return the index of the cell along one axis that holds a coordinate, clipped to the map."""
     return int(min(max(int(at_m // cell_m), 0), cells - 1))
 
 
 @kernel
 def level_index(z_m: float, lowest_m: float, step_m: float, levels: int) -> int:
-    """The level nearest to an altitude, half-way to the even one."""
+    """Return the level nearest to an altitude; of two equally near ones, the even one."""
     return int(min(max(int(np.rint((z_m - lowest_m) / step_m)), 0), levels - 1))
 
 
 def altitudes(
     min_altitude_m: float, step_m: float, tallest_m: float
 ) -> tuple[tuple[float, ...], int]:
-    """(levels, how many of them are under the ceiling) for the tallest building of a 3D map.
+    """Return the levels of a 3D map in metres, and how many of them are under the ceiling.
 
     The levels are ``min_altitude_m + k step_m``, none above the tallest building; the lowest
     always exists. One more, the first above the tallest building, is for drones without a ceiling.
@@ -112,7 +113,7 @@ def altitudes(
 
 
 def reachable(blocked: NDArray[np.bool_], start: Cell) -> NDArray[np.bool_]:
-    """The cells of one level (nx, ny) that moves along x and y lead to from ``start``."""
+    """Return which cells of one level (nx, ny) can be reached from ``start`` along x and y."""
     reached = np.zeros_like(blocked)
     reached[start] = True
     frontier = [start]
@@ -127,6 +128,6 @@ def reachable(blocked: NDArray[np.bool_], start: Cell) -> NDArray[np.bool_]:
 
 
 def connected(blocked: NDArray[np.bool_]) -> bool:
-    """Do the free cells of one level (nx, ny) hang together?"""
+    """Return whether all free cells of one level (nx, ny) are connected."""
     free = np.argwhere(~blocked)
     return len(free) > 0 and bool(reachable(blocked, (free[0][0], free[0][1]))[~blocked].all())

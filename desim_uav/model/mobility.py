@@ -1,4 +1,4 @@
-"""How users move: straight legs (t0, x0, y0, vx, vy) from home, anew in each episode."""
+"""Mobility: how users walk in each episode, as straight legs (t0, x0, y0, vx, vy) from home."""
 
 from __future__ import annotations
 
@@ -31,30 +31,35 @@ class Area(NamedTuple):
 
 
 class Walks(NamedTuple):
-    """Legs of all users: rows T0_US X0 Y0 VX VY; user u's are ``offsets[u]:offsets[u + 1]``.
+    """The walks of all users: rows of T0_US X0 Y0 VX VY, in microseconds, metres and m/s.
 
-    A user's first leg begins at 0, its legs ascend in time and join; the last one goes on.
+    The rows of user u are ``offsets[u]:offsets[u + 1]``. A user's first leg begins at time 0. Each
+    leg begins where and when the one before ends; the last one has no end.
     """
 
     legs: NDArray[np.float64]
     offsets: NDArray[np.int64]
 
     def drawn(self) -> Walks:
-        """They are (see ``RandomWalks``)."""
+        """Return these walks, which need not be drawn (see ``RandomWalks``)."""
         return self
 
 
 class Mobility(Protocol):
-    """A mobility model.
+    """A mobility model, which determines the walks of all users.
 
-    One that draws nothing may say ``draws = False``: its walks are asked for once, not for each
-    episode.
+    A model without randomness may have ``draws = False``; its walks are then made once and used in
+    every episode.
     """
 
     def walks(
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
     ) -> Walks:
-        """The walks of one episode from ``homes`` (users, 2); user u draws from stream u only."""
+        """Return the walks of one episode from ``homes`` (users, 2), in metres.
+
+        User u may draw from stream u only. ``horizon_us`` is the length of the episode in
+        microseconds.
+        """
 
 
 @register("mobility", "static")
@@ -67,20 +72,20 @@ class Static:
     def walks(
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
     ) -> Walks:
-        """One leg each, at no speed."""
+        """Return one leg per user, at speed 0."""
         legs = np.zeros((len(homes), 5))
         legs[:, X0 : Y0 + 1] = homes
         return Walks(legs, np.arange(len(homes) + 1))
 
 
 Law = tuple[float, int, int, float, float]
-"""Of a random walk: speed, the time of a leg, the horizon, width and depth of the map."""
+"""The parameters of a random walk: speed, time per leg, horizon, width and depth of the map."""
 
 
 @register("mobility", "random_walk")
 @dataclass(frozen=True)
 class RandomWalk:
-    """A new uniform heading every ``leg_s``; mirrored at the map's edge, the leg split there."""
+    """Each user takes a new uniform heading every ``leg_s``, and is reflected at the map's edge."""
 
     speed_mps: Annotated[float, Ge(0), Le(200)] = 1.4
     """The walking speed, in metres per second."""
@@ -90,21 +95,21 @@ class RandomWalk:
     def walks(
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
     ) -> Walks:
-        """A stream for each user."""
+        """Return random walks, with one random stream per user."""
         law = self.law(area, horizon_us)
         return RandomWalks(homes, streams.states(len(homes)), law).drawn()
 
     def law(self, area: Area, horizon_us: int) -> Law:
-        """What the compiled loop goes by."""
+        """Return the parameters of the compiled loop."""
         return self.speed_mps, round(self.leg_s * US), horizon_us, *area
 
 
 @dataclass(frozen=True, eq=False)
 class RandomWalks(Unchanging):
-    """Random walks that are drawn, by a compiled loop, once their legs are asked for.
+    """Random walks whose legs are drawn by a compiled loop only when they are needed.
 
-    ``states`` (users, 4) are the beginnings of the users' streams. The compiled engine asks for no
-    more: it walks on from them by itself, step by step, with the same ``next_leg``.
+    ``states`` (users, 4) are the initial states of the users' random streams. The compiled engine
+    needs no more than these; it draws the legs itself, step by step, with ``next_leg``.
     """
 
     homes: NDArray[np.float64]
@@ -112,7 +117,7 @@ class RandomWalks(Unchanging):
     law: Law
 
     def drawn(self) -> Walks:
-        """The walks."""
+        """Draw the legs and return the walks."""
         return self._walks
 
     @cached_property
@@ -129,7 +134,7 @@ class RandomWalks(Unchanging):
 
 @dataclass(frozen=True, eq=False)
 class ManyRandomWalks(Sequence[RandomWalks]):
-    """Those of several episodes; ``states`` (episodes, users, 4)."""
+    """The random walks of several episodes; ``states`` has the shape (episodes, users, 4)."""
 
     homes: NDArray[np.float64]
     states: NDArray[np.uint64]
@@ -139,17 +144,17 @@ class ManyRandomWalks(Sequence[RandomWalks]):
         return len(self.states)
 
     def __getitem__(self, k: Any) -> Any:
-        """Those of an episode."""
+        """Return the walks of episode k."""
         return RandomWalks(self.homes, self.states[k], self.law)
 
 
 @register("mobility", "trace")
 @dataclass(frozen=True)
 class Trace:
-    """Way points from a CSV file with the columns user, t_s, x_m, y_m.
+    """Takes way points from a CSV file with the columns user, t_s, x_m, y_m.
 
-    A user stands at its first way point until then, walks straight from each to the next, and
-    stays at the last; a user without way points stays at home.
+    A user stands at its first way point until that point's time, walks straight from each way
+    point to the next, and stays at the last. A user without way points stays at home.
     """
 
     file: Path
@@ -157,19 +162,19 @@ class Trace:
     draws: ClassVar = False
 
     def __post_init__(self) -> None:
-        """Raises ValueError, naming file and line, where the file is not such a table."""
+        """Read the file. Raises ValueError with file and line if it is not such a table."""
         for user, points in self._way_points().items():
             for (t0, *_), (t1, _, _, line) in pairwise(points):
                 if t1 <= t0:
-                    raise ValueError(f"{self.file}:{line}: t_s: user {user}: times must ascend")
+                    raise ValueError(f"{self.file}:{line}: t_s: user {user}: times must increase")
 
     def problems(self, users: int, area: Area) -> list[str]:
-        """What does not fit a scenario: users it does not have, way points off its map."""
+        """Return the problems of the file in a scenario: unknown users, way points off its map."""
         found = []
         for user, points in self._way_points().items():
             for _, x, y, line in points:
                 if user >= users:
-                    found.append(f"{self.file}:{line}: user: {user}: there are {users} users")
+                    found.append(f"{self.file}:{line}: user: {user}: must be from 0 to {users - 1}")
                 if x > area.width_m or y > area.depth_m:
                     found.append(
                         f"{self.file}:{line}: ({x:g}, {y:g}) m is off the map of "
@@ -180,7 +185,7 @@ class Trace:
     def walks(
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
     ) -> Walks:
-        """The recorded walks, the same in every episode."""
+        """Return the recorded walks, which are the same in every episode."""
         legs: list[tuple[float, ...]] = []
         offsets = [0]
         way_points = self._way_points()
@@ -196,7 +201,7 @@ class Trace:
         return Walks(np.array(legs, float), np.array(offsets))
 
     def _way_points(self) -> dict[int, list[tuple[int, float, float, int]]]:
-        """(t_us, x, y, line of the file) for each user, as they stand in the file."""
+        """Return (t_us, x, y, line of the file) of each user's way points, in the file's order."""
         columns = {"user": index, "t_s": quantity, "x_m": quantity, "y_m": quantity}
         rows = sorted(read_table(self.file, columns), key=itemgetter(0))
         return {
@@ -213,7 +218,7 @@ def walks_of(
     area: Area,
     horizon_us: int,
 ) -> Sequence[Walks | RandomWalks]:
-    """The walks of several episodes, from ``homes`` (users, 2); those at random not drawn yet."""
+    """Return the walks of several episodes from ``homes`` (users, 2); random legs come later."""
     if isinstance(mobility, RandomWalk) and type(mobility).walks is RandomWalk.walks:
         states = states_of(seed, Purpose.MOBILITY, episodes, len(homes))
         return ManyRandomWalks(homes, states, mobility.law(area, horizon_us))
@@ -222,7 +227,7 @@ def walks_of(
 
 
 Walker = tuple[float, float, float, float, int, int]
-"""Who walks at random: place and velocity, when it got there, and when it will turn."""
+"""A random walker: position, velocity, start of its present leg, and time of its next turn."""
 
 
 @kernel
@@ -233,7 +238,7 @@ def _random_walk(
     offsets: NDArray[np.int64],
     legs: NDArray[np.float64],
 ) -> int:
-    """Write all users' legs; their number. What does not fit ``legs`` is not written."""
+    """Write all users' legs and return their number; only those that fit ``legs`` are written."""
     count, horizon_us = 0, law[2]
     for user in range(len(homes)):
         state = (states[user, 0], states[user, 1], states[user, 2], states[user, 3])
@@ -252,9 +257,9 @@ def _random_walk(
 
 @part
 def _next_wall(at: float, velocity: float, size: float, most_us: int) -> tuple[float, float, int]:
-    """Along one axis, mirrored if it stands at a wall: velocity, the wall met, and when.
+    """Return velocity, next wall and time to it along one axis; at a wall, reflect the velocity.
 
-    A wall of -1: none is met in ``most_us``.
+    The wall is -1 if none is reached within ``most_us``.
     """
     if velocity == 0.0:
         return velocity, -1.0, most_us
@@ -272,9 +277,10 @@ def _next_wall(at: float, velocity: float, size: float, most_us: int) -> tuple[f
 
 @part
 def _draw_heading(state: State, speed: float) -> tuple[float, float, State]:
-    """Draw a velocity of uniform heading, by rejection; it, and the stream's state after that.
+    """Draw a velocity of uniform heading; return it and the state of the stream after it.
 
-    Square roots and quotients are the same on every platform; sines are not.
+    The heading is drawn by rejection, because square roots and quotients are the same on every
+    platform, but sines are not.
     """
     while True:
         word, state = advanced(state)
@@ -290,9 +296,9 @@ def _draw_heading(state: State, speed: float) -> tuple[float, float, State]:
 
 @part
 def next_leg(walker: Walker, state: State, law: Law) -> tuple[Walker, State]:
-    """Walk a leg, to the next turn or wall; where that leads, and the stream's state after it.
+    """Return the walker after its next leg, to a turn or a wall, and the stream's state then.
 
-    What is drawn, if it is time to turn, is the heading.
+    A new heading is drawn if it is time to turn.
     """
     x, y, vx, vy, t_us, turn_us = walker
     speed, leg_us, horizon_us, width, depth = law

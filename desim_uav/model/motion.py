@@ -1,4 +1,4 @@
-"""How a drone gets from one cell to the next: a transit with closed form in time.
+"""Motion: how a drone flies from one cell to the next, in closed form.
 
 A profile is a float64 array, one row for each phase of constant acceleration:
 (start_s, distance_m, speed_mps, acceleration_mps2), each at the phase's start; the last row is the
@@ -31,22 +31,26 @@ class Transit(NamedTuple):
 
 
 class Motion(Protocol):
-    """How fast drones fly."""
+    """A motion model, which determines how fast drones fly."""
 
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
-        """The transit a moving action commands. Raises ValueError where there is none."""
+        """Return the transit that a moving action commands.
+
+        Raises ValueError if ``distance_m`` cannot be flown within a step of ``step_s``.
+        """
 
     def fastest_transit(self, distance_m: float) -> Transit:
-        """The transit in minimum time, as returns to a charging station are flown."""
+        """Return the transit in minimum time, as it is used to return to a charging station."""
 
 
 @register("motion", "bang_coast_bang")
 @dataclass(frozen=True)
 class BangCoastBang:
-    """Trapezoidal speed (bang-coast-bang acceleration), as in the paper.
+    """Flies with a trapezoidal speed profile (bang-coast-bang acceleration), as in the paper.
 
-    ``fill_epoch``: the cruise speed that makes the transit last exactly the step, the paper's
-    "240 m in about 60 s". ``minimum_time``: cruise at the highest speed, then hover.
+    ``fill_epoch``: the drone cruises at the speed with which the transit lasts exactly one step
+    (the paper's "240 m in about 60 s"). ``minimum_time``: it cruises at the highest speed and then
+    hovers.
     """
 
     max_speed_mps: Annotated[float, Gt(0)] = 8.3
@@ -59,12 +63,12 @@ class BangCoastBang:
     """
 
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
-        """The commanded transit of ``distance_m`` within a step. Raises ValueError if none fits."""
+        """Return the transit of ``distance_m`` within a step. Raises ValueError if none fits."""
         if self.timing == "minimum_time":
             transit = self.fastest_transit(distance_m)
             if transit.duration_us > round(step_s * US):
                 raise ValueError(
-                    f"{distance_m:g} m take {transit.duration_us / US:g} s in minimum time, "
+                    f"{distance_m:g} m take at least {transit.duration_us / US:g} s, "
                     f"longer than the step of {step_s:g} s"
                 )
             return transit
@@ -77,7 +81,7 @@ class BangCoastBang:
         return _trapezoid(distance_m, speed, self.max_acceleration_mps2, step_s)
 
     def fastest_transit(self, distance_m: float) -> Transit:
-        """T = d/v + v/a where d >= v²/a, else 2 sqrt(d/a) with a triangular profile."""
+        """Return the transit in T = d/v + v/a if d >= v²/a, else in 2 sqrt(d/a) (triangular)."""
         a, v = self.max_acceleration_mps2, self.max_speed_mps
         if distance_m >= v * v / a:
             return _trapezoid(distance_m, v, a, distance_m / v + v / a)
@@ -86,16 +90,16 @@ class BangCoastBang:
 
 
 def cruise_speed(distance_m: float, duration_s: float, acceleration_mps2: float) -> float:
-    """The one cruise speed at which ``distance_m`` take ``duration_s``, accelerating at the limit.
+    """Return the cruise speed at which a transit of ``distance_m`` takes ``duration_s``.
 
-    v = (aT - sqrt((aT)² - 4ad)) / 2, in the form without cancellation. Raises ValueError where
-    the equation has no root: even a triangular profile is too slow.
+    v = (aT - sqrt((aT)² - 4ad)) / 2, in the form without cancellation. Raises ValueError if the
+    equation has no root, because even a triangular profile is too slow.
     """
     at = acceleration_mps2 * duration_s
     discriminant = at * at - 4.0 * acceleration_mps2 * distance_m
     if discriminant < 0.0:
         raise ValueError(
-            f"{distance_m:g} m in {duration_s:g} s are out of reach at {acceleration_mps2:g} m/s²"
+            f"{distance_m:g} m cannot be flown in {duration_s:g} s at {acceleration_mps2:g} m/s²"
         )
     return 2.0 * acceleration_mps2 * distance_m / (at + math.sqrt(discriminant))
 
@@ -115,7 +119,7 @@ def _trapezoid(distance: float, speed: float, acceleration: float, duration: flo
 
 
 class Leg(NamedTuple):
-    """A transit between two places, each x, y in metres and an altitude; then a hover there."""
+    """A transit between two positions (x, y, altitude in metres), followed by a hover there."""
 
     transit: Transit
     from_m: tuple[float, float]
@@ -124,7 +128,7 @@ class Leg(NamedTuple):
     to_z_m: float
 
     def position_m(self, elapsed_s: float) -> tuple[float, float, float]:
-        """Where it leads in ``elapsed_s``: x, y, z."""
+        """Return the position x, y, z after ``elapsed_s``."""
         (x0, y0), (x1, y1), z0, z1 = self.from_m, self.to_m, self.from_z_m, self.to_z_m
         if self.transit.distance_m == 0.0:
             return x0, y0, z0
@@ -138,7 +142,7 @@ REST = Transit(np.array([(0.0, 0.0, 0.0, 0.0)]), 0, 0.0)
 
 @kernel
 def travelled(profile: NDArray[np.float64], elapsed_s: float) -> float:
-    """Metres flown ``elapsed_s`` after the start of a profile."""
+    """Return the metres flown ``elapsed_s`` after the start of a profile."""
     phase = 0
     while phase + 1 < len(profile) and profile[phase + 1, START] <= elapsed_s:
         phase += 1

@@ -1,4 +1,4 @@
-"""What a learner is given of what its drone knows: the paper's state, or local features."""
+"""Encodings of a drone's observation for a learner: the paper's state, or local features."""
 
 from __future__ import annotations
 
@@ -13,9 +13,10 @@ from desim_uav.registry import register
 
 
 class Feature(NamedTuple):
-    """One number of an encoded observation: its name and bounds, both included.
+    """One number of an encoded observation, with its name and its inclusive bounds.
 
-    ``whole``: it is a whole number. Where all features are, a table can hold the values of states.
+    ``whole`` says that it is a whole number. If all features are, a table can hold the values of
+    states.
     """
 
     name: str
@@ -25,31 +26,31 @@ class Feature(NamedTuple):
 
 
 class Encoding(Protocol):
-    """Turns what a drone knows into the numbers a learner sees; learners fly under the ceiling."""
+    """Encodes a drone's observation as numbers for a learner, whose drones have a ceiling."""
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
-        """What the numbers are, in their order."""
+        """Return the names and bounds of the numbers, in their order."""
 
     def encode(self, observation: Observation, facts: Facts) -> tuple[float, ...]:
-        """The numbers, each within its feature's bounds."""
+        """Return the numbers of an observation, each within the bounds of its feature."""
 
 
 def table_sizes(features: Sequence[Feature]) -> tuple[int, ...]:
-    """How many values each feature of a table's states has; they begin at 0."""
+    """Return the number of values of each feature of a table's states, which begin at 0."""
     return tuple(int(feature.high) + 1 for feature in features)
 
 
 def table_row(code: Sequence[float], sizes: Sequence[int]) -> int:
-    """The row of a state in a table: the first feature is the most significant.
+    """Return the row of a state in a table, in which the first feature is the most significant.
 
-    Raises SimulationError for a state the table does not have.
+    Raises SimulationError for a state that the table does not have.
     """
     row = 0
     for value, size in zip(code, sizes, strict=True):
         if not 0 <= value < size:
             raise SimulationError(
-                f"observation: {tuple(code)} is outside its features, which have {tuple(sizes)} "
-                "values from 0"
+                f"observation: {tuple(code)} is outside the bounds of its features, which have "
+                f"{tuple(sizes)} values from 0"
             )
         row = row * size + int(value)
     return row
@@ -58,10 +59,10 @@ def table_row(code: Sequence[float], sizes: Sequence[int]) -> int:
 @register("observation", "position")
 @dataclass(frozen=True)
 class Position:
-    """The paper's state: cell x, cell y, in 3D the level, with a battery its whole minutes left."""
+    """The paper's state: cell x and y, in 3D the level, with a battery its full minutes left."""
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
-        """Whole numbers from 0."""
+        """Return two to four features, all whole numbers from 0."""
         nx, ny = facts.grid.cells
         sizes = {"cell_x": nx, "cell_y": ny}
         if facts.three_d:
@@ -83,16 +84,17 @@ class Position:
 @register("observation", "local")
 @dataclass(frozen=True)
 class Local:
-    """What the drone sees around it, as numbers between 0 and 1 (the bearing: -1 and 1).
+    """The drone's surroundings as numbers from 0 to 1 (the bearing: from -1 to 1).
 
-    Position (believed), users attached, requests served and asked for in the footprint by service
-    (over all users), free bandwidth, time left; with a battery its charge, n_B (both over the
-    capacity), and the bearing (sine and cosine from north) and flight time (over the capacity) of
-    the nearest charging station.
+    These are the believed position, the attached users, the requests served and the open requests
+    in the footprint, by service (all over the number of users), the free bandwidth and the time
+    left. With a battery they also include its charge and n_B, and the bearing (sine and cosine
+    from north) and flight time of the nearest charging station; charge and times are divided by
+    the capacity.
     """
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
-        """Real numbers."""
+        """Return the features, all real numbers."""
         names = ["x", "y"] + ["altitude"] * facts.three_d + ["attached"]
         names += [f"served_{name}" for name in facts.services]
         names += [f"asking_{name}" for name in facts.services]
@@ -121,7 +123,7 @@ class Local:
 
 
 def _way_home(observation: Observation, facts: Facts, capacity_s: float) -> list[float]:
-    """Battery, n_B, bearing and flight time."""
+    """Return battery, n_B, and the bearing and flight time of the nearest station."""
     assert observation.battery_s is not None and observation.return_s is not None
     values = [observation.battery_s / capacity_s, min(observation.return_s / capacity_s, 1.0)]
     if observation.station is None or observation.flight_s is None:

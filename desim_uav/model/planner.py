@@ -1,4 +1,4 @@
-"""The way back: A* over (cell, level) with minimum-time hops, to the nearest charging station."""
+"""Plans returns to the nearest charging station, by A* over (cell, level) in minimum time."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Node = tuple[int, int, int]
 
 @dataclass(frozen=True)
 class Return:
-    """A flight to a charging station: its index, time, battery use, and hops (dx, dy, dlevel)."""
+    """A return flight: the station's index, time, battery use, and hops (dx, dy, dlevel)."""
 
     station: int
     duration_us: int
@@ -27,10 +27,10 @@ class Return:
 
 @dataclass(frozen=True, eq=False)
 class Planner:
-    """Plans returns; plans are kept, since a world does not change.
+    """Plans returns and keeps the plans, because a world does not change.
 
     ``hop_us``: the minimum time of a hop along x, y and between levels, in microseconds;
-    ``drain_us``: the battery it takes (None: its time).
+    ``drain_us``: the battery that a hop takes (None: its time).
     """
 
     grid: Grid
@@ -40,9 +40,10 @@ class Planner:
     _plans: dict[tuple[Node, bool], Return | None] = field(default_factory=dict, repr=False)
 
     def plan(self, start: Node, ceiling: bool = True) -> Return | None:
-        """The quickest return from ``start``; ties go to the station of the lowest index.
+        """Return the quickest return from ``start``, or None if there is no way.
 
-        ``start`` itself may be a building (a drone can believe so). None where there is no way.
+        Of equally quick ones, that to the station with the lowest index is taken. ``start`` may be
+        blocked by a building, because a drone can believe that it is there.
         """
         key = (start, ceiling)
         if key not in self._plans:
@@ -50,7 +51,7 @@ class Planner:
         return self._plans[key]
 
     def _search(self, start: Node, ceiling: bool) -> Return | None:
-        """The best of all stations; one that an empty map would put too far is not searched for."""
+        """Search all stations; skip those that would be too far even on a map without buildings."""
         best: Return | None = None
         blocked = self.grid.blocked[: self.grid.levels(ceiling)]
         for at_least, station in sorted(self._bounds(start)):
@@ -68,7 +69,7 @@ class Planner:
         return best
 
     def _bounds(self, start: Node) -> list[tuple[int, int]]:
-        """How long it takes at least to each station, and which one it is."""
+        """Return a lower bound of the time to each station, and the station's index, in order."""
         x_us, y_us, level_us = self.hop_us
         x, y, level = start
         return [
@@ -88,11 +89,12 @@ def shortest_path(
     start: NDArray[np.int64],
     goal: NDArray[np.int64],
 ) -> NDArray[np.int64]:
-    """A* from ``start`` to ``goal`` (x, y, level), both included: shape (hops + 1, 3).
+    """Return the quickest path from ``start`` to ``goal`` (x, y, level) by A*: (hops + 1, 3).
 
-    ``blocked`` (level, x, y); the start may be blocked. The estimate is the time of the hops an
-    empty map would need, which is consistent, so a node is settled once. Equal estimates are
-    settled in the order of their node number. Shape (0, 3) where there is no way.
+    The path includes both ends; its shape is (0, 3) if there is none. ``blocked`` has the shape
+    (level, x, y); the start may be blocked. The estimate is the time on a map without buildings,
+    which is consistent, so that each node is settled once. Nodes with equal estimates are settled
+    in the order of their numbers.
     """
     levels, nx, ny = blocked.shape
     nodes = levels * nx * ny
@@ -152,7 +154,7 @@ def shortest_path(
 
 @maker
 def _push(heap: list[tuple[np.int64, np.int64]], item: tuple[np.int64, np.int64]) -> None:
-    """Add to a binary heap."""
+    """Add an item to a binary heap."""
     heap.append(item)
     child = len(heap) - 1
     while child > 0:
@@ -165,7 +167,7 @@ def _push(heap: list[tuple[np.int64, np.int64]], item: tuple[np.int64, np.int64]
 
 @maker
 def _pop(heap: list[tuple[np.int64, np.int64]]) -> tuple[np.int64, np.int64]:
-    """Take the least item off a binary heap."""
+    """Remove the least item from a binary heap and return it."""
     top = heap[0]
     last = heap.pop()
     if len(heap) == 0:

@@ -1,4 +1,4 @@
-"""What a drone is rewarded for at the end of each step: R1, R2 and R3 of the paper."""
+"""The rewards of a drone at the end of each step: R1, R2 and R3 of the paper."""
 
 from __future__ import annotations
 
@@ -24,12 +24,12 @@ LOW_WEIGHTS = ((0.8, 0.2), (0.5, 0.5), (0.2, 0.8))
 
 
 class Reward(Protocol):
-    """Rewards a drone for the step that ends now."""
+    """Computes the reward of a drone for the step that ends now."""
 
     def terms(
         self, drone: Observation, open_requests: tuple[int, ...], facts: Facts
     ) -> dict[str, float]:
-        """What the drone gets, by name; the reward is their sum. The names never change.
+        """Return the terms of the reward by name; the reward is their sum. Names never change.
 
         ``open_requests`` counts all open requests by service, in the order of ``facts.services``.
         """
@@ -38,12 +38,12 @@ class Reward(Protocol):
 @register("reward", "coverage")
 @dataclass(frozen=True)
 class Coverage:
-    """R1: the drone's users over its fair share of all users, at most 1."""
+    """R1: the drone's attached users, divided by its fair share of all users; at most 1."""
 
     def terms(
         self, drone: Observation, open_requests: tuple[int, ...], facts: Facts
     ) -> dict[str, float]:
-        """One term: users."""
+        """Return one term: users."""
         idle = drone.mode in LANDED_OR_DOWN
         return {"users": 0.0 if idle else fair_share(drone, facts)}
 
@@ -51,10 +51,10 @@ class Coverage:
 @register("reward", "coverage_battery")
 @dataclass(frozen=True)
 class CoverageBattery:
-    """R2: users, weighed against the cost of the way home as the battery runs low.
+    """R2: attached users, weighed against the cost of a return as the battery runs low.
 
-    ``low_battery`` is the share of the capacity (c1) under which the way home counts. ``cost_sign``
-    is -1 for a cost; the paper writes a plus.
+    ``low_battery`` is the share of the capacity (c1) at or below which the cost counts.
+    ``cost_sign`` is -1 for a cost; the paper writes a plus.
     """
 
     cost_sign: Sign = -1.0
@@ -65,7 +65,7 @@ class CoverageBattery:
     def terms(
         self, drone: Observation, open_requests: tuple[int, ...], facts: Facts
     ) -> dict[str, float]:
-        """Two terms: users and return."""
+        """Return two terms: users and return."""
         if drone.mode in LANDED_OR_DOWN:
             return {"users": 0.0, "return": 0.0}
         service, cost = battery_weights(drone, self.low_battery)
@@ -78,10 +78,10 @@ class CoverageBattery:
 @register("reward", "multi_service")
 @dataclass(frozen=True)
 class MultiService:
-    """R3: users and the share of each service's open requests the drone serves, weighed as in R2.
+    """R3: as R2, with the share of each service's open requests that the drone serves.
 
-    ``services`` weighs the services by name. A cost of charging (the paper's r_cs) is 0 here: give
-    a reward of your own another ``charging_cost``.
+    ``services`` holds the weight of each service by name. The cost of charging (the paper's r_cs)
+    is 0; a subclass can override ``charging_cost``.
     """
 
     cost_sign: Sign = -1.0
@@ -98,7 +98,7 @@ class MultiService:
     def terms(
         self, drone: Observation, open_requests: tuple[int, ...], facts: Facts
     ) -> dict[str, float]:
-        """Terms: users, each service, return, charging."""
+        """Return the terms: users, each service, return and charging."""
         if drone.mode in LANDED_OR_DOWN:
             return dict.fromkeys(("users", *facts.services, "return", "charging"), 0.0)
         service, cost = battery_weights(drone, self.low_battery)
@@ -115,18 +115,21 @@ class MultiService:
         return terms
 
     def charging_cost(self, drone: Observation, facts: Facts) -> float:
-        """The paper's r_cs."""
+        """Return the paper's r_cs, the cost of charging."""
         return 0.0
 
 
 def fair_share(drone: Observation, facts: Facts) -> float:
-    """r_u: the drone's users over the users a drone, at most 1."""
+    """Return r_u: the drone's users divided by the mean number of users per drone, at most 1."""
     share = drone.attached_users * facts.drones / facts.users
     return share if share < 1.0 else 1.0
 
 
 def return_cost(drone: Observation) -> float:
-    """r_c: n_B over the battery, at most 1, and 1 on an empty battery or without a way home."""
+    """Return r_c: n_B divided by the battery, at most 1.
+
+    It is 1 if the battery is empty or if there is no way to a station.
+    """
     battery_s, return_s = drone.battery_s, drone.return_s
     if battery_s is None or return_s is None:
         return 0.0
@@ -136,10 +139,10 @@ def return_cost(drone: Observation) -> float:
 
 
 def battery_weights(drone: Observation, low_battery: float) -> tuple[float, float]:
-    """(w_s, w_c), which sum to 1: the fuller the battery, the more service counts.
+    """Return (w_s, w_c), which sum to 1: the fuller the battery, the more service counts.
 
-    The battery is compared with ``thresholds_us`` in whole microseconds, as masks compare it. If it
-    just suffices for the way home, or does not, only the way home counts.
+    The battery is compared with ``thresholds_us`` in whole microseconds, as masks compare it. If
+    it only just suffices for the return, or does not, only the return counts.
     """
     battery_s, capacity_s, return_s = drone.battery_s, drone.capacity_s, drone.return_s
     if battery_s is None or capacity_s is None or return_s is None:
@@ -156,9 +159,9 @@ def battery_weights(drone: Observation, low_battery: float) -> tuple[float, floa
 
 
 def thresholds_us(low_battery: float, capacity_us: int) -> tuple[int, int, int, int]:
-    """c1 to c4 in whole microseconds, rounded half-even as the battery level of masks is.
+    """Return c1 to c4 in whole microseconds, rounded half to even as masks round the level.
 
-    c1 is ``low_battery`` of the capacity; each following one is the one before over 1.5.
+    c1 is ``low_battery`` times the capacity; each of the others is the one before divided by 1.5.
     """
     c1_us = low_battery * capacity_us
     c2_us = c1_us / 1.5

@@ -1,4 +1,4 @@
-"""The words of the model: actions, modes, the phases of one instant, and what may be commanded."""
+"""The terms of the model: actions, modes, the phases of one instant, outcomes, and masks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ US = 1_000_000
 
 
 class Action(IntEnum):
-    """What a drone can be told at a decision epoch, in the order of the paper."""
+    """The actions of a drone at a decision epoch, in the order of the paper."""
 
     FORWARD = 0
     BACKWARD = 1
@@ -31,11 +31,11 @@ MOVES: dict[Action, tuple[int, int, int]] = {
     Action.UP: (0, 0, 1),
     Action.DOWN: (0, 0, -1),
 }
-"""The change of (cell x, cell y, level) each moving action asks for."""
+"""The change of (cell x, cell y, level) that each moving action commands."""
 
 
 class Mode(IntEnum):
-    """What a drone is doing. Only a FLYING drone serves users."""
+    """The mode of a drone. Only a FLYING drone serves users."""
 
     FLYING = 0
     RETURNING = 1
@@ -46,7 +46,7 @@ class Mode(IntEnum):
 
 
 class Phase(IntEnum):
-    """The order in which things of one instant happen. Within a phase: lowest drone, then user."""
+    """The order of events of one instant; within a phase, by drone and then by user."""
 
     COMPLETION = 1
     EXIT = 2
@@ -73,12 +73,12 @@ class Outcome(StrEnum):
 AIRBORNE = frozenset({Mode.FLYING, Mode.RETURNING})
 
 DECIDES = frozenset({Mode.FLYING, Mode.CHARGED})
-"""In every other mode a drone's mask leaves one action."""
+"""The modes in which a drone has a choice. In any other mode its mask allows one action only."""
 
 
 @cache
 def actions(three_d: bool, limited_battery: bool) -> tuple[Action, ...]:
-    """The actions of a scenario: 5, 7 or 9 of them. A command is an index into this tuple."""
+    """Return the 5, 7 or 9 actions of a scenario. A command is an index into this tuple."""
     chosen = [Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT, Action.HOVER]
     if three_d:
         chosen += [Action.UP, Action.DOWN]
@@ -90,9 +90,9 @@ def actions(three_d: bool, limited_battery: bool) -> tuple[Action, ...]:
 def mask(
     allowed: tuple[Action, ...], mode: Mode, may_return: bool, may_charge: bool
 ) -> tuple[bool, ...]:
-    """Which of ``allowed`` a drone may be told now; never all False.
+    """Return which of the actions ``allowed`` a drone may choose now; at least one is True.
 
-    A blocked move is not masked: the drone has no map.
+    A move into a building is not masked, because the drone has no map.
     """
     if mode is Mode.RETURNING:
         legal = {Action.GOTO_CHARGING_STATION}
@@ -108,7 +108,7 @@ def mask(
 
 
 def obeyed(command: int, legal: tuple[bool, ...], allowed: tuple[Action, ...]) -> Action:
-    """The action a command leads to: itself, else the mask's only action, else hover."""
+    """Return the action that a command leads to: itself if allowed, else the only one, or hover."""
     if 0 <= command < len(legal) and legal[command]:
         return allowed[command]
     if sum(legal) == 1:

@@ -1,4 +1,4 @@
-"""What users ask for: how long a service takes and what bandwidth it occupies."""
+"""Services: how long the requests of users take, and which bandwidth they occupy."""
 
 from __future__ import annotations
 
@@ -15,19 +15,22 @@ from desim_uav.registry import register
 
 
 class Service(Protocol):
-    """A service: two lists of equally likely values (quantiles, for a continuous law)."""
+    """A service, as two lists of equally likely values (quantiles of a continuous distribution)."""
 
     def durations_us(self) -> NDArray[np.int64]:
-        """The service times a request can require, in microseconds, each above 0."""
+        """Return the service times that a request can require, in microseconds, each above 0."""
 
     def bandwidths_bps(self) -> NDArray[np.int64]:
-        """The bandwidths a request can occupy, in bit/s."""
+        """Return the bandwidths that a request can occupy, in bit/s."""
 
 
 @register("service", "uniform_choice")
 @dataclass(frozen=True)
 class UniformChoice:
-    """One of the durations and one of the bandwidths, independently and equally likely."""
+    """A request takes one of the durations and one of the bandwidths, independently of each other.
+
+    All durations are equally likely, and so are all bandwidths.
+    """
 
     duration_min: Annotated[tuple[Annotated[float, Gt(0)], ...], MinLen(1)]
     """The service times a request can require, in minutes, equally likely."""
@@ -35,11 +38,11 @@ class UniformChoice:
     """The bandwidths a request can occupy, in kbit/s, equally likely."""
 
     def durations_us(self) -> NDArray[np.int64]:
-        """The durations."""
+        """Return the durations in microseconds."""
         return np.array([round(minutes * 60 * US) for minutes in self.duration_min], np.int64)
 
     def bandwidths_bps(self) -> NDArray[np.int64]:
-        """The bandwidths."""
+        """Return the bandwidths in bit/s."""
         return np.array([round(kbps * 1000) for kbps in self.bandwidth_kbps], np.int64)
 
 
@@ -53,10 +56,10 @@ PAPER: dict[str, Service] = {
 
 @dataclass(frozen=True, eq=False)
 class Catalogue:
-    """The services of a scenario as arrays: the rows are services, in the order of ``names``.
+    """The services of a scenario as arrays, with one row per service in the order of ``names``.
 
-    ``share`` (services): cumulated probabilities of the mix; ``durations_us`` and
-    ``bandwidths_bps`` (services, widest), of which row s uses ``sizes[s]`` = (durations,
+    ``share``: (services,), the cumulative probabilities of the mix. ``durations_us`` and
+    ``bandwidths_bps``: (services, widest); row s uses its first ``sizes[s]`` = (durations,
     bandwidths) entries.
     """
 
@@ -68,7 +71,7 @@ class Catalogue:
 
 
 def catalogue(services: Mapping[str, Service], mix: Mapping[str, float]) -> Catalogue:
-    """Tabulate services; ``mix`` maps their names to weights, renormalised."""
+    """Return the services as arrays; ``mix`` maps their names to weights, which are normalised."""
     names = tuple(services)
     weights = np.array([mix.get(name, 0.0) for name in names])
     share = np.cumsum(weights / weights.sum())

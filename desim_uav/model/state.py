@@ -1,4 +1,4 @@
-"""What an engine shows at a decision epoch: to policies, environments and rewards."""
+"""The state at a decision epoch, as engines show it to policies, environments and rewards."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from desim_uav.model.rules import Mode
 
 
 class Facts(NamedTuple):
-    """What does not change in a run, as far as rewards, observations and learners may use it.
+    """The constants of a run that rewards, observations and learners may use.
 
-    ``capacity_s`` (a full battery) is None where the battery is unlimited, ``bandwidth_kbps`` inf
-    where the bandwidth is. ``clusters``: rows x, y, radius, in metres. ``three_d``: do drones
-    change altitude?
+    ``capacity_s`` (a full battery) is None if the battery is unlimited, and ``bandwidth_kbps`` is
+    inf if the bandwidth is. ``clusters``: rows of x, y and radius, in metres. ``three_d``: whether
+    drones change altitude.
     """
 
     grid: Grid
@@ -36,13 +36,13 @@ class Facts(NamedTuple):
 class Observation(NamedTuple):
     """What one drone knows at a decision epoch. It has no map and knows nothing of other drones.
 
-    ``cell`` is where it believes it is (under position noise, not always where it is); ``level`` is
-    the index of its altitude. ``battery_s`` and ``capacity_s`` are None where the battery is
+    ``cell`` is where the drone believes it is, which under position noise may be wrong; ``level``
+    is the index of its altitude. ``battery_s`` and ``capacity_s`` are None if the battery is
     unlimited. ``return_s`` (the model's n_B) is the battery that the quickest return to a charging
-    station takes from ``cell``, inf where there is no way, None without a battery; ``station`` is
-    that station's index and ``flight_s`` the time of the flight, None where there is no way.
-    ``served`` and ``asking`` count, by service, the requests it serves and the open requests of
-    all users in its footprint.
+    station takes from ``cell``: inf if there is no way, None without a battery. ``station`` is
+    that station's index and ``flight_s`` the time of the flight; both are None if there is no way.
+    ``served`` counts the requests that the drone serves, and ``asking`` the open requests of all
+    users in its footprint, by service.
     """
 
     drone: int
@@ -64,16 +64,16 @@ class Observation(NamedTuple):
 
 
 observed = partial(tuple.__new__, Observation)
-"""An Observation of a tuple of all its fields: ``_make`` without counting them."""
+"""Make an Observation of a tuple of all its fields: ``_make`` without counting them."""
 
 
 class Snapshot(NamedTuple):
-    """The state at a decision epoch, one observation, mask and reward a drone.
+    """The state at a decision epoch, with one observation, mask and reward per drone.
 
     ``terminated``: a crash has ended the episode; ``truncated``: its time is up. ``open_requests``
-    counts all open requests by service. ``reward_terms`` are what each drone was rewarded for in
-    the step that ends here, by name, and ``rewards`` their sums; both are empty before the first
-    step.
+    counts all open requests by service. ``reward_terms`` holds the terms of each drone's reward
+    for the step that ends here, by name, and ``rewards`` their sums; both are empty before the
+    first step.
     """
 
     step: int
@@ -88,4 +88,4 @@ class Snapshot(NamedTuple):
 
 
 shown = partial(tuple.__new__, Snapshot)
-"""A Snapshot of a tuple of all its fields."""
+"""Make a Snapshot of a tuple of all its fields."""

@@ -1,4 +1,4 @@
-"""Random streams: one a (seed, purpose, entity, episode), so nobody's draws depend on another's.
+"""Random streams, one per (seed, purpose, entity, episode), which are independent of each other.
 
 They are NumPy's: ``Generator(SFC64(SeedSequence(seed, spawn_key=(purpose, entity, episode))))``.
 The kernels here give the same numbers as that generator's ``random()``, for all entities at once.
@@ -16,7 +16,7 @@ from desim_uav.model.kernels import kernel, maker
 
 
 class Purpose(IntEnum):
-    """What a stream is for. The learner's is never the simulator's."""
+    """The purpose of a random stream. A learner and the simulator never share a stream."""
 
     WORLD = 0
     PLACEMENT = 1
@@ -28,22 +28,22 @@ class Purpose(IntEnum):
 
 
 class Streams:
-    """The streams of one purpose in one episode, an entity (user, drone, cluster) each."""
+    """The streams of one purpose in one episode, one per entity (user, drone or cluster)."""
 
     def __init__(self, seed: int, purpose: Purpose, episode: int = 0) -> None:
-        """``episode`` may be negative (warm-up): it is taken modulo 2**32."""
+        """Name the streams; ``episode`` may be negative (warm-up) and is taken modulo 2**32."""
         self.seed = seed
         self.purpose = purpose
         self.episode = episode % 2**32
 
     def generator(self, entity: int) -> np.random.Generator:
-        """The stream of one entity as a NumPy generator, from its beginning."""
+        """Return the stream of one entity, from its beginning, as a NumPy generator."""
         key = (int(self.purpose), entity, self.episode)
         sequence = np.random.SeedSequence(self.seed, spawn_key=key)
         return np.random.Generator(np.random.SFC64(sequence))
 
     def states(self, count: int) -> NDArray[np.uint64]:
-        """The SFC64 states of entities 0 … count-1 at their beginning, shape (count, 4)."""
+        """Return the initial SFC64 states of the streams of entities 0 … count-1: (count, 4)."""
         states: NDArray[np.uint64] = states_of(self.seed, self.purpose, [self.episode], count)[0]
         return states
 
@@ -51,7 +51,7 @@ class Streams:
 def states_of(
     seed: int, purpose: Purpose, episodes: Sequence[int], count: int
 ) -> NDArray[np.uint64]:
-    """The states of several episodes' streams, shape (episodes, count, 4) (see ``Streams``)."""
+    """Return the initial states of several episodes' streams: (episodes, count, 4)."""
     numbers = np.array([episode % 2**32 for episode in episodes], np.uint64)
     return _seeded_states(np.uint64(seed), np.uint64(purpose), numbers, count)
 
@@ -59,10 +59,7 @@ def states_of(
 def uniforms_of(
     seed: int, purpose: Purpose, episodes: Sequence[int], entities: int, count: int
 ) -> NDArray[np.float64]:
-    """The first ``count`` uniform numbers of the streams of entities 0 … entities-1 in episodes.
-
-    Shape (episodes, entities, count).
-    """
+    """Return the first ``count`` uniform numbers of each stream: (episodes, entities, count)."""
     states = states_of(seed, purpose, episodes, entities)
     return uniforms(states.reshape(-1, 4), count).reshape(len(episodes), entities, count)
 
@@ -75,7 +72,7 @@ _SHIFT = np.uint64(16)
 def _hashmix(
     value: np.uint64, constant: np.uint64, multiplier: np.uint64
 ) -> tuple[np.uint64, np.uint64]:
-    """One step of SeedSequence's hash on 32-bit words: (hashed value, next constant)."""
+    """Return the hashed value and the next constant of SeedSequence's hash on 32-bit words."""
     value = (value ^ constant) & _LOW
     constant = (constant * multiplier) & _LOW
     value = (value * constant) & _LOW
@@ -92,7 +89,7 @@ def _mix(x: np.uint64, y: np.uint64) -> np.uint64:
 
 @kernel
 def _stir(pool: NDArray[np.uint64], word: np.uint64, source: int, constant: np.uint64) -> np.uint64:
-    """Mix a word (the one of this number) into all others of the pool; the next constant."""
+    """Mix word number ``source`` into all others of the pool, and return the next constant."""
     for target in range(4):
         if source != target:
             hashed, constant = _hashmix(word, constant, np.uint64(0x931E8875))
@@ -104,7 +101,7 @@ def _stir(pool: NDArray[np.uint64], word: np.uint64, source: int, constant: np.u
 def _seeded_states(
     seed: np.uint64, purpose: np.uint64, episodes: NDArray[np.uint64], count: int
 ) -> NDArray[np.uint64]:
-    """NumPy's SeedSequence (pool of four 32-bit words) and SFC64 seeding, for each entity."""
+    """Seed SFC64 for each entity as NumPy does, with a SeedSequence of four 32-bit words."""
     states = np.empty((len(episodes), count, 4), np.uint64)
     words = np.empty(6, np.uint64)
     begun, pool = np.empty(4, np.uint64), np.empty(4, np.uint64)
@@ -136,7 +133,7 @@ State = tuple[np.uint64, np.uint64, np.uint64, np.uint64]
 
 @kernel
 def advanced(state: State) -> tuple[np.uint64, State]:
-    """The next 64 bits of an SFC64 state, and the state after them."""
+    """Return the next 64 bits of an SFC64 state, and the state after them."""
     a, b, c, counter = state
     word: np.uint64 = a + b + counter
     a = b ^ (b >> np.uint64(11))
@@ -147,7 +144,7 @@ def advanced(state: State) -> tuple[np.uint64, State]:
 
 @kernel
 def next_word(state: NDArray[np.uint64]) -> np.uint64:
-    """Advance an SFC64 state (4 words) in place and give its next 64 bits."""
+    """Advance an SFC64 state (4 words) in place and return its next 64 bits."""
     word, after = advanced((state[0], state[1], state[2], state[3]))
     state[0], state[1], state[2], state[3] = after
     return word
@@ -155,19 +152,19 @@ def next_word(state: NDArray[np.uint64]) -> np.uint64:
 
 @kernel
 def next_uniform(state: NDArray[np.uint64]) -> float:
-    """The next uniform number in [0, 1), with 53 bits."""
+    """Return the next uniform number in [0, 1), with 53 bits."""
     return as_uniform(next_word(state))
 
 
 @kernel
 def as_uniform(word: np.uint64) -> float:
-    """64 random bits as a number in [0, 1), with 53 of them."""
+    """Return 64 random bits as a number in [0, 1), of which 53 bits are used."""
     return np.float64(word >> np.uint64(11)) * (1.0 / 9007199254740992.0)
 
 
 @maker
 def uniforms(states: NDArray[np.uint64], count: int) -> NDArray[np.float64]:
-    """The next ``count`` uniform numbers of each stream: (streams, count)."""
+    """Return the next ``count`` uniform numbers of each stream: (streams, count)."""
     drawn = np.empty((len(states), count))
     for stream in range(len(states)):
         for k in range(count):

@@ -1,4 +1,4 @@
-"""Sums whose last bit is the same everywhere."""
+"""Sums whose last bit is the same on every version of Python."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Iterable
 
 
 def in_order(values: Iterable[float]) -> float:
-    """The sum, one addition after the other. Python's own ``sum`` corrects itself from 3.12 on."""
+    """Return the sum by one addition after the other; ``sum`` compensates since Python 3.12."""
     total = 0.0
     for value in values:
         total += value

@@ -1,4 +1,4 @@
-"""Measured walks and requests from CSV files."""
+"""Reads measured walks and requests from CSV files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ MAX_BYTES = 256 * 2**20
 
 
 def index(text: str) -> int:
-    """A whole number from 0."""
+    """Parse a whole number from 0."""
     number = int(text)
     if number < 0:
         raise ValueError("must be at least 0")
@@ -24,7 +24,7 @@ def index(text: str) -> int:
 
 
 def quantity(text: str) -> float:
-    """A finite number from 0."""
+    """Parse a finite number from 0."""
     number = float(text)
     if not math.isfinite(number) or number < 0:
         raise ValueError("must be a finite number, at least 0")
@@ -32,9 +32,9 @@ def quantity(text: str) -> float:
 
 
 def read_table(path: Path, columns: Mapping[str, Callable[[str], Any]]) -> list[tuple[Any, ...]]:
-    """The rows of a CSV file with the given columns (in any order), each value parsed.
+    """Return the rows of a CSV file with the given columns (in any order), each value parsed.
 
-    The line number of each row is appended to it. Raises ValueError that names file and line.
+    The line number of each row is appended to it. Raises ValueError with file and line.
     """
     try:
         status = path.stat()
@@ -50,13 +50,13 @@ def _read_table(
     columns: tuple[tuple[str, Callable[[str], Any]], ...],
     version: tuple[str, int, int],
 ) -> list[tuple[Any, ...]]:
-    """The file as it was at this ``version`` (place, time of change, size)."""
+    """Read the file at this ``version`` (path, time of change, size)."""
     try:
         text = content_of(path, MAX_BYTES).decode("utf-8-sig")
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from error
     except UnicodeDecodeError as error:
-        raise ValueError(f"{path}: not UTF-8 text") from error
+        raise ValueError(f"{path}: it is not UTF-8 text") from error
     except ValueError as error:
         raise ValueError(f"{path}: {error}") from error
     try:

@@ -1,4 +1,4 @@
-"""Policies: what tells a drone where to go. Each file here that registers one is found."""
+"""Policies, which choose the drones' actions. Every file here that registers one is found."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""What a policy is, and how the command line finds one."""
+"""The interface of policies, and how a policy is found by its name."""
 
 from __future__ import annotations
 
@@ -15,38 +15,41 @@ from desim_uav.world import World
 
 
 class Policy(Protocol):
-    """Decides for each drone from its observation and mask alone; it never sees the engine.
+    """Chooses each drone's action from its observation and mask alone, without the engine.
 
-    ``ceiling``: are its drones bound by the tallest building? (The baseline's are not.)
-    A registered class that is read of a file says with ``file_of(argument)`` which.
+    ``ceiling`` says whether the drones may fly no higher than the levels below the ceiling; the
+    baseline's drones may. A registered class that is read from a file has a static method
+    ``file_of(argument)``, which returns the file's path.
     """
 
     ceiling: bool
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """An episode begins. Drone d may draw from stream d only.
+        """Prepare for an episode in ``world``.
 
-        ``carried``: the drones go on from where the episode before has left them.
+        A random policy draws from ``streams``, for drone d from stream d only. ``carried`` says
+        that the drones continue from where the previous episode left them.
         """
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
-        """The command for ``observation.drone``: an index into ``world.actions``.
+        """Return the action of ``observation.drone`` as an index into ``world.actions``.
 
-        Called for every drone at every decision epoch, drones in order.
+        ``mask`` says of each action whether it is allowed. This method is called for every drone
+        at every decision epoch, in the order of the drones.
         """
 
 
 class JointPolicy(Policy, Protocol):
-    """Decides for all drones at once."""
+    """Chooses the actions of all drones at once."""
 
     def act_jointly(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
     ) -> Sequence[int]:
-        """The commands of all drones, in order; called instead of ``act``."""
+        """Return the actions of all drones in their order. It is called instead of ``act``."""
 
 
 class Learned(Protocol):
-    """Whatever has learned a policy, such as the result of a training."""
+    """An object with a learned policy, such as the result of a training."""
 
     @property
     def policy(self) -> Policy:
@@ -54,12 +57,12 @@ class Learned(Protocol):
 
 
 PolicyLike = str | Path | Policy | type[Policy] | Choice | Learned
-"""What can be given as a policy: a name or a file as the command line takes it, a policy or a
-class of one, a plain function of an observation and a mask, or the result of a training."""
+"""Everything that is accepted as a policy: a name or a file as on the command line, a policy object
+or class, a plain function of an observation and a mask, or the result of a training."""
 
 
 def decide(policy: Policy, shown: Snapshot) -> list[int]:
-    """The policy's commands, drones in order."""
+    """Return the policy's actions for a snapshot, in the order of the drones."""
     jointly = getattr(policy, "act_jointly", None)
     if jointly is not None:
         commands = jointly(shown.observations, shown.masks)
@@ -70,7 +73,7 @@ def decide(policy: Policy, shown: Snapshot) -> list[int]:
 
 
 def parts(name: str) -> tuple[str, str]:
-    """The kind of a policy, and what is said of it: a file that is no kind's is a table's."""
+    """Split a policy's name into its kind and its argument; ``FILE.npz`` alone is a table."""
     kind, _, argument = name.partition(":")
     if name.endswith(".npz") and kind not in names("policy"):
         return "table", name
@@ -78,7 +81,7 @@ def parts(name: str) -> tuple[str, str]:
 
 
 def file_of(name: str) -> Path | None:
-    """The file that a policy is read of, where it is of one: its class says which, ``file_of``."""
+    """Return the file that a policy is read from, or None if it is not read from a file."""
     kind, argument = parts(name)
     known = resolve("policy", kind) if kind in names("policy") else None
     found: Path | None = getattr(known, "file_of", lambda _: None)(argument) if argument else None
@@ -88,9 +91,10 @@ def file_of(name: str) -> Path | None:
 def load_policy(policy: PolicyLike) -> Policy:
     """Return the policy that a name, a file, an object or a function stands for.
 
-    A name is a built-in one, a learned table's ``FILE.npz``, ``script:FILE.csv``,
-    ``sb3:FILE.zip``, ``rllib:DIR``, or ``"package.module:Class"``. A ``Path`` needs no prefix. See
-    ``PolicyLike`` for everything else. Raises PolicyError if it is no policy or cannot be read.
+    A name is that of a built-in policy, ``FILE.npz`` for a learned table, ``script:FILE.csv``,
+    ``sb3:FILE.zip``, ``rllib:DIR``, or ``"package.module:Class"``. A ``Path`` needs no prefix.
+    ``PolicyLike`` lists everything else that is accepted. Raises PolicyError for anything that is
+    not a policy or cannot be read.
     """
     if isinstance(policy, str | Path):
         return _checked(_of_name(policy_name(policy)), policy_name(policy))
@@ -105,13 +109,14 @@ def load_policy(policy: PolicyLike) -> Policy:
 
 
 FILES = {".csv": "script:", ".zip": "sb3:"}
-"""How a policy's name begins if it is read from a file that ends like this."""
+"""The prefix of a policy's name by the suffix of the file that it is read from."""
 
 
 def policy_name(policy: PolicyLike) -> str:
-    """Return what tables and messages call a policy: for an object or a function, where it is from.
+    """Return the name of a policy for tables and messages.
 
-    An object can say its name itself, in an attribute ``name``.
+    An object is called by its attribute ``name`` if it has one, else by its module and class. A
+    function is called by its module and name.
     """
     if isinstance(policy, Path):
         return FILES.get(policy.suffix.lower(), "") + str(policy)
@@ -130,7 +135,7 @@ def policy_name(policy: PolicyLike) -> str:
 
 
 def _of_name(name: str) -> Any:
-    """Make the policy of a name. Raises PolicyError."""
+    """Make the policy with this name. Raises PolicyError."""
     kind, argument = parts(name)
     try:
         if kind in names("policy"):
@@ -145,7 +150,7 @@ def _of_name(name: str) -> Any:
 
 
 def _made(policy: type, name: str) -> Any:
-    """Make a policy of a class. Raises PolicyError."""
+    """Make an instance of a policy class. Raises PolicyError."""
     try:
         return policy()
     except FAULTS as error:
@@ -153,7 +158,7 @@ def _made(policy: type, name: str) -> Any:
 
 
 def _checked(policy: Any, name: str) -> Policy:
-    """Return it if it has what a policy needs. Raises PolicyError."""
+    """Return the policy if it has everything that a policy needs. Raises PolicyError if not."""
     for method in ("begin", "act"):
         if not callable(getattr(policy, method, None)):
             raise PolicyError(f"policy {name!r}: it has no method {method!r}")

@@ -1,4 +1,4 @@
-"""The paper's baseline: fixed lines over the map, and home to charge at 15 % of the battery."""
+"""The paper's baseline: fixed routes over the map, and a return at 15 % of the battery."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ RETURN_AT = 0.15
 
 @register("policy", "baseline")
 class Baseline:
-    """Drone 0 flies a ring, odd drones sweep a column, even ones a row; they bounce at the edges.
+    """The paper's baseline: each drone flies a fixed route over the map.
 
-    It knows the buildings and climbs over whatever is in the way, without a ceiling. It never
-    descends by itself: nothing obliges it to, and a return flies down to land.
+    Drone 0 flies around a ring. Odd drones fly back and forth along a column, even drones along a
+    row. Drones know the buildings and climb over those in their way, without a ceiling. They never
+    descend on their own; only a return to a charging station takes them down.
     """
 
     ceiling = False
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """Lay the lines of all drones."""
+        """Determine the routes of all drones."""
         self._grid = world.grid
         self._index = {action: k for k, action in enumerate(world.actions)}
         self._ring = ring(*world.grid.cells)
@@ -34,7 +35,7 @@ class Baseline:
             self._direction = [1] * len(world.starts)
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
-        """Return at 15 %, else the next cell of the line, climbing where it is built."""
+        """Return to charge at 15 % of the battery; else fly to the route's next cell, or climb."""
         if sum(mask) == 1:
             return list(mask).index(True)
         battery, capacity = observation.battery_s, observation.capacity_s
@@ -56,7 +57,7 @@ class Baseline:
         return action
 
     def _next_cell(self, drone: int, cell: Cell) -> Cell:
-        """Where the drone's line goes from ``cell``, or the cell of the line to fly to first."""
+        """Return the next cell of the drone's route, or the cell where it first joins the route."""
         if drone == 0 and self._ring:
             if cell in self._ring:
                 return self._ring[(self._ring.index(cell) + 1) % len(self._ring)]
@@ -73,7 +74,7 @@ class Baseline:
 
 
 def _towards(cell: Cell, target: Cell) -> Action:
-    """The first move of the straight way, x first."""
+    """Return the first move on the way to ``target``, which goes along x first."""
     if target[0] != cell[0]:
         return Action.RIGHT if target[0] > cell[0] else Action.LEFT
     if target[1] != cell[1]:
@@ -82,10 +83,10 @@ def _towards(cell: Cell, target: Cell) -> Action:
 
 
 def ring(nx: int, ny: int) -> list[Cell]:
-    """The square of drone 0, clockwise from its north-west corner: cells 2 … n-3 of each axis.
+    """Return the ring of drone 0, clockwise from its north-west corner: cells 2 … n-3 of each axis.
 
-    Where nx or ny is below 6: the outermost ring. On a strip one cell wide there is none: drone 0
-    sweeps it.
+    If nx or ny is below 6, the ring is the outermost one. A map that is one cell wide has no ring,
+    and drone 0 flies back and forth along it.
     """
     if min(nx, ny) == 1:
         return []

@@ -12,15 +12,15 @@ from desim_uav.registry import did_you_mean
 from desim_uav.world import World
 
 Choice = Callable[[Observation, Sequence[bool]], "Action | int | str"]
-"""Chooses a drone's action from its observation and mask: an ``Action``, the name of one, or the
-index of one in ``world.actions``."""
+"""A function that chooses a drone's action from its observation and mask. It returns an ``Action``,
+the name of an action, or an index into ``world.actions``."""
 
 
 class Function:
-    """Asks a function for every drone at every decision epoch.
+    """Calls a function for every drone at every decision epoch.
 
-    The function is not asked while an action is forced, because then only one is allowed: a drone
-    that returns, waits, charges or has crashed goes on with what it does.
+    The function is not called while only one action is allowed: a drone that returns, waits,
+    charges or has crashed continues what it does.
     """
 
     ceiling = True
@@ -30,12 +30,12 @@ class Function:
         self.name = f"{choose.__module__}:{getattr(choose, '__qualname__', type(choose).__name__)}"
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """Learn which actions there are."""
+        """Note the actions of the scenario."""
         self._index = {action: index for index, action in enumerate(world.actions)}
         self._by_name = {action.name.lower(): action for action in world.actions}
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
-        """Ask the function. Raises PolicyError for an action that the scenario does not have."""
+        """Call the function. Raises PolicyError for an action that the scenario does not have."""
         if sum(mask) == 1:
             return list(mask).index(True)
         chosen = self.choose(observation, mask)

@@ -1,4 +1,4 @@
-"""Stay where you are."""
+"""The policy that hovers."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from desim_uav.world import World
 
 @register("policy", "hover")
 class Hover:
-    """Hovers until the battery is empty."""
+    """Lets each drone hover at its start until its battery is empty."""
 
     ceiling = True
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """Nothing to remember."""
+        """Do nothing; this policy has no state."""
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
-        """Hover; what is forced happens anyway."""
+        """Return "hover", which a forced action overrides."""
         return int(Action.HOVER)

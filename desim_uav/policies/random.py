@@ -1,4 +1,4 @@
-"""Any allowed action, equally likely."""
+"""The policy that chooses at random."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ from desim_uav.world import World
 
 @register("policy", "random")
 class Random:
-    """Uniform over the mask, a stream of the learner's for each drone."""
+    """Chooses each allowed action with equal probability, from one random stream per drone."""
 
     ceiling = True
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """A fresh stream for each drone."""
+        """Take a new random stream for each drone."""
         self._streams = [streams.generator(d) for d in range(world.scenario.drones.count)]
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
-        """One of the allowed actions."""
+        """Draw one of the allowed actions."""
         allowed = [action for action, legal in enumerate(mask) if legal]
         return allowed[int(self._streams[observation.drone].random() * len(allowed))]

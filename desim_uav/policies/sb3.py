@@ -1,7 +1,7 @@
 """Networks trained with Stable-Baselines3 and its contributed algorithms, without unpickling.
 
-Of a file that ``model.save`` wrote, the settings are read as the JSON they stand in, the pickles
-among them are passed over, and the weights are read as plain tensors into the libraries' own
+From a file that ``model.save`` wrote, only the JSON part of the settings and the weights are read.
+The pickles are skipped, and the weights are loaded as plain tensors into the libraries' own
 network. Nothing in a file can therefore run code.
 """
 
@@ -28,28 +28,28 @@ from desim_uav.regular_file import opened
 from desim_uav.world import World
 
 LARGEST = {"data": 2**26, "policy.pth": 2**30}
-"""What is read of a file, and how many bytes of each at most."""
+"""The members of a file that are read, with the largest size of each in bytes."""
 
 ACTIVATIONS = ("ELU", "GELU", "LeakyReLU", "Mish", "ReLU", "SELU", "SiLU", "Sigmoid", "Tanh")
 
 IN_TRAINING = {"normalize_images", "optimizer_class", "optimizer_kwargs", "ortho_init"}
-"""The settings of a policy that do not matter to its decisions here."""
+"""The settings that matter in training only, not for a trained policy's decisions."""
 
 SIZES = {"Box": "_shape", "Discrete": "n", "MultiDiscrete": "nvec"}
-"""Where a space keeps what makes it fit."""
+"""The attribute of each kind of space that must fit the scenario's."""
 
 Joint = Callable[[Sequence[Observation], Sequence[Sequence[bool]]], list[int]]
 
 
 class Spaces(NamedTuple):
-    """Of what observations and actions a network is, in words that can be compared."""
+    """The observation and action spaces of a network, as texts that can be compared."""
 
     observations: str
     actions: str
 
 
 class Saved(NamedTuple):
-    """What a file tells: the class of its policy, the settings of it, spaces and weights."""
+    """The content of a file: the class of its policy, its settings, spaces and weights."""
 
     policy: str
     settings: dict[str, Any]
@@ -59,10 +59,10 @@ class Saved(NamedTuple):
 
 @register("policy", "sb3")
 class StableBaselines:
-    """The best allowed action by a trained network, which commands one drone or all of them.
+    """Chooses the best allowed actions by a network trained with Stable-Baselines3.
 
-    One that was trained as the only controller of all drones (``UavEnv``) decides for them
-    jointly. One that was trained on a single drone's observations flies each.
+    A network that was trained as the controller of all drones (``UavEnv``) chooses their actions
+    jointly. A network that was trained on a single drone's observations flies each drone.
     """
 
     ceiling = True
@@ -82,7 +82,7 @@ class StableBaselines:
             raise PolicyError(f"{file}: not a readable network: {reason(error)}") from error
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """Build the network, once for a world. Raises PolicyError where it does not fit."""
+        """Build the network, once per world. Raises PolicyError if it does not fit."""
         if world is self._world:
             return
         observations, actions, jointly = self._fitting(world)
@@ -95,7 +95,7 @@ class StableBaselines:
         self._world = world
 
     def _fitting(self, world: World) -> tuple[Any, Any, bool]:
-        """The spaces it was trained on, and are they of all drones?"""
+        """Return the spaces of the training, and whether they are those of all drones."""
         from desim_uav.spaces import action_space, observation_space, widest
 
         drones, actions = world.scenario.drones.count, len(world.actions)
@@ -109,18 +109,18 @@ class StableBaselines:
                 return seen, told, count == drones
             here[spaces] = None
         raise PolicyError(
-            f"{self.file}: it was trained on {in_short(_in_words(trained))}; "
+            f"{self.file}: the network was trained on {in_short(_in_words(trained))}; "
             f"{world.scenario.name} has " + ", or ".join(map(_in_words, here))
         )
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
-        """The best allowed action of one drone, by a network that was trained on one."""
+        """Return the best allowed action of one drone, by a network trained on a single drone."""
         return self._decide([observation], [mask])[0]
 
     def _decide(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
     ) -> list[int]:
-        """The best allowed action of each drone that the network commands; of equals the first."""
+        """Return the best allowed action of each drone; of equally good ones, the first."""
         assert self._world is not None, "an episode has begun"
         encode, facts = self._world.scenario.observation.encode, self._world.facts
         code = [number for seen in observations for number in encode(seen, facts)]
@@ -135,7 +135,7 @@ class StableBaselines:
 
 
 def _logits(network: Any, batch: Any) -> Any:
-    """Of PPO, A2C and MaskablePPO: before the mask."""
+    """Return the logits of PPO, A2C and MaskablePPO before the mask is applied."""
     features = network.extract_features(batch)
     if not network.share_features_extractor:
         features, _ = features  # the value function's are its own
@@ -143,12 +143,12 @@ def _logits(network: Any, batch: Any) -> Any:
 
 
 def _q_values(network: Any, batch: Any) -> Any:
-    """Of DQN."""
+    """Return the Q-values of DQN."""
     return network.q_net(batch)
 
 
 def _mean_quantiles(network: Any, batch: Any) -> Any:
-    """Of QR-DQN."""
+    """Return the means over the quantiles of QR-DQN."""
     return network.quantile_net(batch).mean(dim=1)
 
 
@@ -158,11 +158,11 @@ NETWORKS: dict[str, Callable[[Any, Any], Any]] = {
     "sb3_contrib.common.maskable.policies.MaskableActorCriticPolicy": _logits,
     "sb3_contrib.qrdqn.policies.QRDQNPolicy": _mean_quantiles,
 }
-"""The policies that are known, no other: the MlpPolicy of each algorithm."""
+"""The only policy classes that can be read: the MlpPolicy of each algorithm."""
 
 
 def _network(saved: Saved, observations: Any, actions: Any) -> Any:
-    """The network on these spaces, with the weights of the file."""
+    """Build the network on these spaces, with the weights of the file."""
     torch = importlib.import_module("torch")
     with torch.random.fork_rng(devices=[]):  # its first weights are drawn, and leave no trace
         network = _class(saved.policy)(observations, actions, lambda _: 0.0, **saved.settings)
@@ -175,7 +175,7 @@ def _network(saved: Saved, observations: Any, actions: Any) -> Any:
 
 
 def _read(path: Path) -> Saved:
-    """What a file tells. Raises PolicyError, MissingExtraError, or whatever finds it unreadable."""
+    """Read a file. Raises PolicyError, MissingExtraError, or an error of the libraries."""
     with opened(path, sum(LARGEST.values())) as file, zipfile.ZipFile(file) as archive:
         data = json.loads(_member(archive, "data"))
         weights = _member(archive, "policy.pth")
@@ -204,7 +204,7 @@ def _require_small(name: str, size: int) -> None:
 
 
 def _weights(content: bytes) -> dict[str, Any]:
-    """The tensors of a network by name; torch is asked for tensors and nothing else."""
+    """Return the tensors of a network by name; torch loads nothing but tensors."""
     torch = importlib.import_module("torch")
     with zipfile.ZipFile(io.BytesIO(content)) as archive:
         _require_small("policy.pth", sum(entry.file_size for entry in archive.infolist()))
@@ -216,26 +216,26 @@ def _weights(content: bytes) -> dict[str, Any]:
 
 
 def _policy(data: dict[str, Any]) -> str:
-    """The policy's class by its full name, as it can be read beside its pickle."""
+    """Return the full name of the policy's class, from the readable text beside its pickle."""
     shown = data["policy_class"]
     name = re.match(r"<function (\w+)\.__init__ at", str(shown.get("__init__")))
     return f"{shown.get('__module__')}.{name[1] if name else '?'}"
 
 
 def _class(policy: str) -> Any:
-    """The class of a known policy."""
+    """Return the class of a known policy."""
     module, _, name = policy.rpartition(".")
     return getattr(importlib.import_module(module), name)
 
 
 def _space(shown: dict[str, Any]) -> str:
-    """A space in words, as it can be read beside its pickle."""
+    """Return a text that describes a space, from the readable text beside its pickle."""
     kind = shown[":type:"].strip("<>'").rpartition(".")[2]
     return _in_brackets(kind, shown.get(SIZES.get(kind, "")))
 
 
 def _described(space: Any) -> str:
-    """A space in the same words."""
+    """Return a space's description in the same form as ``_space``."""
     kind = type(space).__name__
     return _in_brackets(kind, getattr(space, SIZES[kind]))
 
@@ -252,9 +252,9 @@ def _in_words(spaces: Spaces) -> str:
 
 
 def _settings(shown: dict[str, Any]) -> dict[str, Any]:
-    """The policy's settings, as they can be read beside their pickle.
+    """Return the policy's settings, from the readable text beside their pickle.
 
-    Raises ValueError for one that cannot, or is not known to do no harm.
+    Raises ValueError for a setting that cannot be read so, or is not known to be harmless.
     """
     pickled = {":type:", ":serialized:"}
     return {key: _setting(key, shown[key]) for key in sorted(shown.keys() - pickled - IN_TRAINING)}
@@ -271,7 +271,7 @@ def _setting(key: str, shown: Any) -> Any:
 
 
 def _is_architecture(value: Any) -> bool:
-    """Widths of layers; or of those of the policy and the value function."""
+    """Return whether ``value`` is a list of layer widths, or two for policy and value function."""
     if isinstance(value, dict):
         return value.keys() <= {"pi", "vf"} and all(map(are_widths, value.values()))
     return are_widths(value)
@@ -282,4 +282,4 @@ SETTINGS: dict[str, Callable[[Any], bool]] = {
     "net_arch": _is_architecture,
     "share_features_extractor": is_bool,
 }
-"""The settings that are taken over, beside the activation, and how they must look."""
+"""The settings that are used, apart from the activation, with a check of each value."""

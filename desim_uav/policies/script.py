@@ -1,4 +1,4 @@
-"""Commands from a file: what you want to see done, step by step."""
+"""The policy that takes each drone's actions, step by step, from a CSV file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,10 @@ from desim_uav.world import World
 
 @register("policy", "script")
 class Script:
-    """A CSV file with the columns step (from 0), drone, action (by name); missing: hover."""
+    """Takes actions from a CSV file with the columns step (from 0), drone and action (a name).
+
+    A drone hovers at steps that the file leaves out.
+    """
 
     ceiling = True
     file_of = Path
@@ -35,13 +38,13 @@ class Script:
         self._lines = {(step, drone): line for step, drone, _, line in rows}
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """Raises PolicyError where the script does not fit the scenario."""
+        """Check the script. Raises PolicyError if it does not fit the scenario."""
         self._index = {action: k for k, action in enumerate(world.actions)}
         drones = world.scenario.drones.count
         for (step, drone), action in self.commands.items():
             where = f"{self.file}:{self._lines[step, drone]}"
             if drone >= drones:
-                raise PolicyError(f"{where}: drone: {drone}: there are {drones} drones, from 0")
+                raise PolicyError(f"{where}: drone: {drone}: must be from 0 to {drones - 1}")
             if action not in self._index:
                 allowed = ", ".join(a.name.lower() for a in world.actions)
                 raise PolicyError(
@@ -50,7 +53,7 @@ class Script:
                 )
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
-        """The action of the file, or hover."""
+        """Return the action in the file, or "hover" if it has none for this step and drone."""
         action = self.commands.get((observation.step, observation.drone), Action.HOVER)
         return self._index[action]
 

@@ -1,4 +1,4 @@
-"""Learned tables: a Q-table for each drone, in a file that holds arrays and text, no code."""
+"""Learned Q-tables, one per drone, in a file that holds arrays and text but no code."""
 
 from __future__ import annotations
 
@@ -35,22 +35,23 @@ ABOUT: dict[str, type] = {
     "seed": int,
     "episodes": int,
 }
-"""What a file says of its table, at least."""
+"""The entries that the description in a file must have, with their types."""
 
 
 @dataclass(frozen=True, eq=False)
 class QTable:
-    """Values ``q`` (drones, states, actions), and what they are about.
+    """The Q-tables of all drones and their description.
 
-    A state is the row of its features' values, the first feature most significant. ``about`` names
-    ``features`` ([name, highest value]), ``actions`` and where the table comes from.
+    ``q``: float32 (drones, states, actions). The row of a state is the mixed-radix number of its
+    features' values, the first feature most significant. ``about`` holds ``features`` ([name,
+    highest value]), ``actions``, and the scenario and training that the tables come from.
     """
 
     q: NDArray[np.float32]
     about: dict[str, Any]
 
     def to_bytes(self) -> bytes:
-        """The file: the same table gives the same bytes."""
+        """Return the bytes of a policy file. The same table always gives the same bytes."""
         return array_file.pack(self.about | {"format": FORMAT}, q=self.q)
 
     @property
@@ -59,14 +60,15 @@ class QTable:
         return len(self.q)
 
     def table(self) -> QTable:
-        """Itself, as a file has one."""
+        """Return the table itself; ``TableFile`` has the same method."""
         return self
 
 
 class TableFile:
-    """The file of a table: what it says of itself. Raises PolicyError, naming it, if it is none.
+    """A file of Q-tables whose description has been read.
 
-    So it does where the checksums of its folder, if there are any, say that it has changed.
+    Raises PolicyError, which names the file, if it is not a policy file, or if it has changed
+    according to the checksums of its folder.
     """
 
     def __init__(self, path: Path) -> None:
@@ -84,7 +86,7 @@ class TableFile:
         return self.form.shape[0]
 
     def table(self) -> QTable:
-        """The table itself. Raises PolicyError where it is damaged."""
+        """Read the table. Raises PolicyError if it is damaged."""
         q = self._stored.arrays()["q"]
         if not np.isfinite(q).all():
             raise PolicyError(f"{self._stored.path}: q has values that are not finite")
@@ -92,34 +94,37 @@ class TableFile:
 
 
 def read_table(path: Path) -> QTable:
-    """Read a table. Raises PolicyError, naming the file, where it is none."""
+    """Read a table. Raises PolicyError, which names the file, if it is not a policy file."""
     return TableFile(path).table()
 
 
 def _misfit(q: array_file.Form, about: dict[str, Any]) -> str:
-    """What keeps the content of a file from being a table, or nothing."""
+    """Return why the content of a file cannot be a table, or ""."""
     for key, of_type in ABOUT.items():
         if not isinstance(about.get(key), of_type):
-            return f"it says no {key}"
+            return f"its description has no valid {key!r}"
     if not 0 <= about["world_seed"] < 2**63:
         return f"world_seed: {in_short(about['world_seed'], 40)}: must be from 0 to 2^63 - 1"
     features = about["features"]
     if not all(isinstance(f, list) and len(f) == 2 and isinstance(f[1], int) for f in features):
-        return "features must be [name, highest value]"
+        return "each of the features must be [name, highest value]"
     states = math.prod(high + 1 for _, high in features)
     if q.dtype != np.float32 or len(q.shape) != 3:
-        return f"q is {q.dtype} of shape {q.shape}, not float32 (drones, states, actions)"
+        return (
+            f"q must be float32 of shape (drones, states, actions), not {q.dtype} of shape "
+            f"{q.shape}"
+        )
     if q.shape[1:] != (states, len(about["actions"])):
         return (
-            f"q has {q.shape[1]} states and {q.shape[2]} actions, but {states} and "
-            f"{len(about['actions'])} are described"
+            f"q has {q.shape[1]} states and {q.shape[2]} actions, but its description has {states} "
+            f"and {len(about['actions'])}"
         )
     return ""
 
 
 @register("policy", "table")
 class Greedy:
-    """The best allowed action by a learned table; of equally good ones the first."""
+    """Chooses the best allowed action by a learned table; of equally good ones, the first."""
 
     ceiling = True
     file_of = staticmethod(find_table)
@@ -144,11 +149,11 @@ class Greedy:
         self._q: NDArray[np.float32] | None = None
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """Raises PolicyError where the table does not fit the scenario."""
+        """Check and read the table. Raises PolicyError if it does not fit the scenario."""
         self._fit(world)
 
     def _fit(self, world: World) -> None:
-        """Read the table, if it fits."""
+        """Check that the table fits the world, and read it."""
         self._facts = world.facts
         self._encode = world.scenario.observation.encode
         features = world.scenario.observation.features(world.facts)
@@ -163,11 +168,12 @@ class Greedy:
     def _require(self, what: str, learned: Any, here: Any) -> None:
         if learned != here:
             raise PolicyError(
-                f"{self.name}: it has {what} {in_short(learned)}; the scenario has {in_short(here)}"
+                f"{self.name}: the policy was learned with {what} {in_short(learned)}; "
+                f"the scenario has {in_short(here)}"
             )
 
     def notice(self, world: World) -> str:
-        """What to warn of before it acts in a world, or nothing. Raises as ``begin`` does."""
+        """Return a warning if the table is of another world, or "". Raises as ``begin`` does."""
         self._fit(world)
         about = self.about
         if world_hash(world) == about["world_hash"]:
@@ -178,7 +184,7 @@ class Greedy:
         )
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
-        """What is forced, else the best."""
+        """Return the forced action if there is one, else the best allowed action."""
         if observation.mode not in DECIDES:
             return list(mask).index(True)
         assert self._q is not None, "begin comes first"
@@ -187,5 +193,5 @@ class Greedy:
 
 
 def described(features: Sequence[Feature]) -> list[list[Any]]:
-    """Features of a table as its file says them."""
+    """Return features as a policy file describes them: [name, highest value]."""
     return [[feature.name, int(feature.high)] for feature in features]

@@ -1,4 +1,4 @@
-"""Components in a scenario: ``{kind: …, parameters}`` becomes an instance, and back."""
+"""Components in a scenario: ``{kind: …, parameters}`` becomes an instance, and the reverse."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from desim_uav.scenario.meanings import with_meanings
 from desim_uav.scenario.yaml12 import KeyPath
 
 LARGEST = 1e9
-"""No parameter is larger: times in microseconds then stay whole 64-bit numbers."""
+"""The largest value of a parameter. Times in microseconds then fit into 64-bit integers."""
 
 _GIVEN = "_given_parameters"
 
@@ -38,7 +38,7 @@ class Slot:
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
     ) -> CoreSchema:
-        """An instance is made while validating, and written as ``described``."""
+        """Make an instance during validation, and write it as ``described`` does."""
         return core_schema.with_info_plain_validator_function(
             self._validate,
             serialization=core_schema.plain_serializer_function_ser_schema(described),
@@ -47,23 +47,25 @@ class Slot:
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """Any of the built-ins, or a plug-in."""
+        """Return the schema of all built-in components and of a plug-in."""
         forms = [self._built_in_schema(kind) for kind in registry.names(self.name)]
         return {"anyOf": [*forms, _PLUG_IN_SCHEMA]}
 
     def component_class(self, kind: str) -> type:
-        """The class of a kind, made ready for validation. Raises ValueError."""
+        """Return the class of a kind, ready for validation. Raises ValueError."""
         try:
             found = registry.resolve(self.name, kind)
         except TypeError as error:
-            raise ValueError(f"{kind!r} is no {self.name}: {error}") from error
+            raise ValueError(f"{kind!r} cannot be used as {self.name}: {error}") from error
         missing = [name for name in _methods(self.protocol) if not hasattr(found, name)]
         if missing:
-            raise ValueError(f"{kind!r} is no {self.name}: it has no method {missing[0]!r}")
+            raise ValueError(
+                f"{kind!r} cannot be used as {self.name}: it has no method {missing[0]!r}"
+            )
         return found
 
     def parameter_names(self, kind: Any) -> list[str]:
-        """The keys a component of a kind may have."""
+        """Return the keys that a component of this kind accepts."""
         try:
             return ["kind", *_parameters(self.component_class(kind or self.default))]
         except (TypeError, ValueError):
@@ -92,7 +94,7 @@ class Slot:
             component = _validated(found, given, context.get("base"))
         missing = [name for name in _attributes(self.protocol) if not hasattr(component, name)]
         if missing:
-            problem = f"{kind!r} is no {self.name}: it has no attribute {missing[0]!r}"
+            problem = f"{kind!r} cannot be used as {self.name}: it has no attribute {missing[0]!r}"
             raise _error_at("kind", problem, kind)
         return component
 
@@ -124,7 +126,7 @@ _PLUG_IN_SCHEMA: JsonSchemaValue = {
 
 
 def described(component: Any) -> dict[str, Any]:
-    """The parameters of a component with its kind first, as plain Python values."""
+    """Return the kind and the parameters of a component as plain Python values, the kind first."""
     found = type(component)
     kind = vars(found).get("kind", f"{found.__module__}:{found.__qualname__}")
     if not dataclasses.is_dataclass(component):
@@ -134,18 +136,18 @@ def described(component: Any) -> dict[str, Any]:
 
 
 def place_of_problem(component: Any) -> KeyPath:
-    """Where to report what is wrong with a component: its file, if it has just one."""
+    """Return the key at which a component's problem is reported: its file, if it has just one."""
     names = _file_parameters(type(component))  # type: ignore[arg-type]
     return (names[0],) if len(names) == 1 else ()
 
 
 def strictly(kind: type, value: Any, context: Mapping[str, Any] | None = None) -> Any:
-    """Validate plain data strictly: lists may be tuples, but text and booleans are no numbers."""
+    """Validate plain data strictly: lists may be tuples, but text and booleans are not numbers."""
     return _adapter(kind).validate_json(to_json(value), strict=True, context=context)
 
 
 def errors(problems: list[tuple[KeyPath, str, Any]]) -> PydanticError:
-    """An error to raise in a validator, each problem at its own (path, message, value)."""
+    """Return an error for a validator to raise, with a (path, message, value) for each problem."""
     details: list[InitErrorDetails] = [
         {"type": _error(message), "loc": path, "input": value} for path, message, value in problems
     ]
@@ -153,7 +155,7 @@ def errors(problems: list[tuple[KeyPath, str, Any]]) -> PydanticError:
 
 
 def _validated(found: type, given: dict[str, Any], base: Path | None) -> Any:
-    """An instance of a dataclass; files are relative to ``base``."""
+    """Return an instance of a dataclass; its file names are relative to ``base``."""
     try:
         files = _file_parameters(found)
         for name in files:
@@ -170,7 +172,7 @@ def _validated(found: type, given: dict[str, Any], base: Path | None) -> Any:
 
 
 def _called(found: type, given: dict[str, Any]) -> Any:
-    """An instance of a user's class that is no dataclass."""
+    """Return an instance of a user's class that is not a dataclass."""
     try:
         component = found(**given)
     except FAULTS as error:
@@ -199,7 +201,7 @@ def _refuse_huge(given: Mapping[str, Any]) -> None:
 
 @cache
 def _adapter(kind: type) -> TypeAdapter[Any]:
-    """Made once for each class: a dataclass refuses unknown parameters, as models do."""
+    """Return the validator of a class. A dataclass refuses unknown parameters, as models do."""
     if dataclasses.is_dataclass(kind) and "__pydantic_config__" not in vars(kind):
         setattr(kind, "__pydantic_config__", ConfigDict(extra="forbid"))  # noqa: B010
     return TypeAdapter(kind)

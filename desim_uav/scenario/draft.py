@@ -18,7 +18,7 @@ MAX_PROBLEMS = 100
 
 
 class Origin(NamedTuple):
-    """An override that gave a value: where it stands on the command line, and what it says."""
+    """An override that set a value: its number on the command line and its text."""
 
     number: int
     text: str
@@ -27,10 +27,11 @@ class Origin(NamedTuple):
 
 @dataclass
 class Draft:
-    """Plain data under construction, and the problems found in it.
+    """The plain data of a scenario before validation, and the problems found in it.
 
-    ``dropped``: the paths of values taken away, for which defaults stand in; ``doubtful``: others
-    that are perhaps not what the file means, so that nothing follows from them.
+    ``dropped``: the paths of values that were removed; their defaults take their place.
+    ``doubtful``: the paths of values that may not be what the file means, so that no further
+    problem is reported because of them.
     """
 
     source: str
@@ -44,18 +45,18 @@ class Draft:
 
     @property
     def problems(self) -> list[str]:
-        """What is wrong, in the order of the file, then of the overrides; not too many of them."""
+        """The problems in the order of file and overrides, at most ``MAX_PROBLEMS``."""
         lines = sorted(self._problems, key=lambda line: self._problems[line])
         more = len(lines) - MAX_PROBLEMS
         return lines if more <= 0 else [*lines[:MAX_PROBLEMS], f"{self.source}: and {more} more"]
 
     @property
     def hopeless(self) -> bool:
-        """Are there so many problems that it is no use to look for more?"""
+        """Whether there are so many problems that the search for more ends."""
         return len(self._problems) >= MAX_PROBLEMS
 
     def at_mark(self, mark: Mark, message: str) -> None:
-        """Note a problem at a place of the file."""
+        """Note a problem at a line and column of the file."""
         self._note(f"{self.source}:{mark[0]}:{mark[1]}: {message}", (0, mark))
 
     def of_file(self, message: str) -> None:
@@ -67,7 +68,8 @@ class Draft:
     ) -> None:
         """Note a problem of the value at ``path``, or of its key.
 
-        Where it was not given, the place is that of the first of ``also`` that was.
+        If no value was given at ``path``, the problem is reported at the first path of ``also``
+        that has one.
         """
         given = [p for p in (path, *also) if self.has(p)]
         where = given[0] if given else path
@@ -85,15 +87,15 @@ class Draft:
         self._note(f"{place}: {subject}: {message}", (0, mark or (0, 0)))
 
     def has(self, path: KeyPath) -> bool:
-        """Was a value given at ``path``?"""
+        """Return whether a value was given at ``path``."""
         return self._find(path)[1]
 
     def get(self, path: KeyPath) -> Any:
-        """The value at ``path``, or None."""
+        """Return the value at ``path``, or None."""
         return self._find(path)[0]
 
     def drop(self, path: KeyPath) -> bool:
-        """Take the value at ``path`` away, with the list it stands in; was there anything left?"""
+        """Remove the value at ``path`` and the list that holds it; return whether it was there."""
         if any(path[: len(gone)] == gone for gone in self.dropped):
             return False
         while path and (isinstance(path[-1], int) or not self.has(path)):
@@ -105,12 +107,12 @@ class Draft:
         return True
 
     def depends_on_refused(self, paths: Sequence[KeyPath]) -> bool:
-        """Does one of ``paths`` lie over or under a value that is gone or doubtful?"""
+        """Return whether one of ``paths`` holds, or is part of, a removed or doubtful value."""
         refused = (*self.dropped, *self.doubtful)
         return any(_related(path, other) for path in paths for other in refused)
 
     def clean(self) -> None:
-        """Whole floats become ints; what no key takes is refused."""
+        """Turn whole floats into ints, and refuse values that no key accepts."""
         refused: list[KeyPath] = []
         self.data = self._cleaned((), self.data, refused)
         for path in refused:
@@ -138,7 +140,7 @@ class Draft:
         self.doubtful = [p for p in self.doubtful if not _related(p, path)]
 
     def _reach(self, path: KeyPath, defaults: Mapping[str, Any]) -> tuple[Any, KeyPath]:
-        """What holds the item at ``path``, made where it is missing, and ``path`` with indices."""
+        """Return the item's container, made if missing, and ``path`` with indices."""
         container: Any = self.data
         default: Any = defaults
         reached: KeyPath = ()
@@ -192,12 +194,13 @@ class Draft:
 
 
 def plain_copy(value: Any, depth: int = 0) -> Any:
-    """Mappings as dicts, lists and tuples as lists, paths as text: what a file could hold.
+    """Return a value as plain data that a scenario file could hold.
 
-    Raises ScenarioError for keys that are no text, and where it is nested too deep.
+    Mappings become dicts, tuples become lists, and paths become text. Raises ScenarioError for a
+    key that is not text, and for data that is nested too deeply.
     """
     if depth > yaml12.MAX_DEPTH:
-        raise ScenarioError(f"nested more than {yaml12.MAX_DEPTH} deep")
+        raise ScenarioError(f"nested more than {yaml12.MAX_DEPTH} levels deep")
     if isinstance(value, Mapping):
         for key in value:
             problem = "keys must be text" if not isinstance(key, str) else unprintable_in(key)
@@ -210,7 +213,7 @@ def plain_copy(value: Any, depth: int = 0) -> Any:
 
 
 def override_path(text: str) -> KeyPath:
-    """The key path of ``key.path=value``. Raises UsageError where that is not its form."""
+    """Return the key path of ``key.path=value``. Raises UsageError for text of another form."""
     left, equals, _ = text.partition("=")
     path = tuple(part.strip() for part in left.split("."))
     if not equals or not all(path) or unprintable_in(left):
@@ -231,12 +234,14 @@ def _problem_of(value: Any) -> str:
 
 def _index(part: str, items: list[Any]) -> int:
     if not (part.isdecimal() and part.isascii() and int(part) < len(items)):
-        raise LookupError(f"{part!r} is no item of a list of {len(items)}, counted from 0")
+        raise LookupError(
+            f"{part!r} is not an index of this list, which has {len(items)} items, counted from 0"
+        )
     return int(part)
 
 
 def shown(value: Any) -> str:
-    """A value as YAML would write it on one line, shortened."""
+    """Return a value as one line of YAML, shortened."""
     if isinstance(value, float) and not math.isfinite(value):
         return ".nan" if math.isnan(value) else ".inf" if value > 0 else "-.inf"
     try:

@@ -1,4 +1,4 @@
-"""Where charging stations and drones stand at the start: cells, worked out, not drawn."""
+"""The cells of the charging stations and of the drones at the start, neither of them random."""
 
 from __future__ import annotations
 
@@ -9,12 +9,16 @@ from desim_uav.scenario.schema import Scenario
 
 
 def station_cells(scenario: Scenario) -> list[Cell]:
-    """The cells of the charging stations: on a circle, clockwise from north."""
+    """Return the cells of the charging stations, which lie on a circle, clockwise from north."""
     return _on_circle(scenario, scenario.stations.count)
 
 
 def start_cells(scenario: Scenario) -> list[Cell]:
-    """The cell of each drone: as given, else on the stations round robin, else on the circle."""
+    """Return the start cell of each drone.
+
+    These are the scenario's ``start_cells`` if given, else the stations' cells in turn, else, if
+    there are no stations, cells on the circle.
+    """
     count = scenario.drones.count
     if scenario.drones.start_cells is not None:
         return list(scenario.drones.start_cells)
@@ -25,7 +29,10 @@ def start_cells(scenario: Scenario) -> list[Cell]:
 
 
 def _on_circle(scenario: Scenario, count: int) -> list[Cell]:
-    """The cells at angles 2πk / count, coordinates rounded to 1e-6 m and clipped to the map."""
+    """Return the cells at the angles 2πk / count.
+
+    Coordinates are rounded to 1e-6 m, and cells outside the map are moved to its edge.
+    """
     radius = scenario.stations.radius_m
     width, depth = scenario.map.size_m
     angles = [2.0 * math.pi * k / count for k in range(count)]

@@ -1,7 +1,7 @@
-"""Scenario files: read, overridden, validated, written back, hashed.
+"""Reads, overrides, validates, writes and hashes scenario files.
 
-Every error of a file is found in one pass: what is wrong with single keys, and then, with defaults
-in their place, what is wrong with the whole.
+All errors of a file are reported together. First each key is checked on its own; then, with
+defaults in place of the refused values, the scenario is checked as a whole.
 """
 
 from __future__ import annotations
@@ -38,8 +38,8 @@ Overrides = Mapping[str, Any] | Sequence[str]
 def load(scenario: str | Path, overrides: Overrides = ()) -> Scenario:
     """Load a scenario file, or a shipped scenario by its name, such as ``case8``.
 
-    ``overrides`` set keys of it, for instance ``{"users.count": 60}``. Raises ScenarioError with
-    every problem found, and UsageError for an override that names no key.
+    ``overrides`` set keys of the scenario, for instance ``{"users.count": 60}``. Raises
+    ScenarioError with every problem found, and UsageError for an override that names no key.
     """
     path = find_scenario(str(scenario))
     return loads(
@@ -48,39 +48,43 @@ def load(scenario: str | Path, overrides: Overrides = ()) -> Scenario:
 
 
 def override_texts(overrides: Overrides) -> list[str]:
-    """Return overrides as the command line has them. Raises ScenarioError for what is no data."""
+    """Return overrides in the command line's form. Raises ScenarioError for unsuitable values."""
     if isinstance(overrides, Mapping):
         return [f"{key}={_as_yaml(key, value)}" for key, value in overrides.items()]
     return list(overrides)
 
 
 def _as_yaml(key: str, value: Any) -> str:
-    """Return a value in YAML, of which JSON is a part; numbers of NumPy are numbers."""
+    """Return a value as JSON, which is also YAML; NumPy's numbers and arrays are accepted."""
     try:
         return json.dumps(
             plain_copy(value), ensure_ascii=False, default=lambda other: other.tolist()
         )
     except (TypeError, ValueError, AttributeError):
         raise ScenarioError(
-            f"{key}: a value of type {type(value).__name__} is not plain data"
+            f"{key}: a value of type {type(value).__name__} cannot be written in YAML"
         ) from None
 
 
 def loads(
     text: str, *, source: str = "<string>", base: Path | None = None, overrides: Sequence[str] = ()
 ) -> Scenario:
-    """The scenario a text describes; files it names are relative to ``base``."""
+    """Return the scenario that a YAML text describes.
+
+    File names in the text are relative to ``base``; ``source`` names the text in error messages.
+    Raises ScenarioError with every problem found, and UsageError for an override that names no key.
+    """
     for override in overrides:
         override_path(override)
     if len(text) > MAX_BYTES:
-        raise ScenarioError(f"{source}: larger than {MAX_BYTES >> 20} MiB")
+        raise ScenarioError(f"{source}: the text is larger than {MAX_BYTES >> 20} MiB")
     document = yaml12.read(text)
     draft = Draft(source, document.data, document.keys, document.values)
     draft.doubtful += document.left_out
     for mark, message in document.problems:
         draft.at_mark(mark, message)
     if document.empty and not document.problems:
-        draft.of_file("empty: a scenario needs at least one key, as in 'name: mine'")
+        draft.of_file("the file is empty: a scenario needs at least one key, as in 'name: mine'")
     elif not isinstance(document.data, dict) and not document.problems:
         draft.at_mark(document.values[()], "must be a mapping of keys to values")
     if document.broken or draft.hopeless or not isinstance(document.data, dict):
@@ -95,7 +99,11 @@ def from_mapping(
     base: Path | None = None,
     overrides: Sequence[str] = (),
 ) -> Scenario:
-    """The scenario a mapping of plain data describes."""
+    """Return the scenario that a mapping of plain data describes.
+
+    The mapping is nested as a scenario file is, and file names in it are relative to ``base``.
+    Raises ScenarioError with every problem found, and UsageError for an override that names no key.
+    """
     for override in overrides:
         override_path(override)
     try:
@@ -108,7 +116,7 @@ def from_mapping(
 
 
 def dump(scenario: Scenario) -> str:
-    """A scenario as YAML, with every key: reading it gives the same scenario."""
+    """Return a scenario as YAML text with every key. Loading the text gives the same scenario."""
     return yaml.dump(
         to_plain(scenario),
         Dumper=_Dumper,
@@ -120,7 +128,7 @@ def dump(scenario: Scenario) -> str:
 
 
 def to_plain(scenario: Scenario) -> dict[str, Any]:
-    """A scenario as plain data, with every key."""
+    """Return a scenario as plain data with every key."""
     plain: dict[str, Any] = _plain(scenario)
     if scenario.users.positions_m is not None:
         del plain["users"]["count"], plain["users"]["clusters"]
@@ -128,7 +136,11 @@ def to_plain(scenario: Scenario) -> dict[str, Any]:
 
 
 def scenario_hash(scenario: Scenario) -> str:
-    """SHA-256 of all a scenario says but its name, and of the files it uses but not their paths."""
+    """Return the SHA-256 digest of a scenario, in hexadecimal.
+
+    The digest covers every key except the name, and the contents of the files that the scenario
+    uses, but not their paths.
+    """
     content = _plain(scenario, file_as=_digest)
     del content["name"]
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
@@ -136,18 +148,18 @@ def scenario_hash(scenario: Scenario) -> str:
 
 
 def seedless(scenario: Scenario) -> Scenario:
-    """A scenario whatever its seeds, to be compared with others."""
+    """Return a scenario with its seeds set to their defaults, for comparison with others."""
     return scenario.model_copy(update={"seed": 0, "world_seed": None})
 
 
 def json_schema() -> dict[str, Any]:
-    """The JSON Schema of scenario files, for editors."""
+    """Return the JSON Schema of scenario files, for use in editors."""
     schema = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
     return schema | Scenario.model_json_schema()
 
 
 def _text(path: Path) -> str:
-    """A file as text. Raises ScenarioError."""
+    """Return the text of a file. Raises ScenarioError if it cannot be read."""
     try:
         content = content_of(path, MAX_BYTES)
     except (OSError, ValueError) as error:
@@ -156,11 +168,11 @@ def _text(path: Path) -> str:
     try:
         return content.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise ScenarioError(f"{path}: not UTF-8 text at byte {error.start}") from error
+        raise ScenarioError(f"{path}: byte {error.start} is not valid UTF-8") from error
 
 
 def _resolved(draft: Draft, base: Path | None, overrides: Sequence[str]) -> Scenario:
-    """Validate a draft; as long as something is refused, drop it and look at the rest."""
+    """Validate a draft. Refused values are removed, and the rest is validated again."""
     defaults = to_plain(Scenario()) if overrides else {}
     for number, override in enumerate(overrides):
         draft.override(number, override, defaults)
@@ -181,7 +193,7 @@ def _resolved(draft: Draft, base: Path | None, overrides: Sequence[str]) -> Scen
 
 
 def _validated(draft: Draft, base: Path | None) -> Scenario | None:
-    """The scenario, or None once what is wrong has been noted and dropped."""
+    """Return the scenario, or None after its problems were noted and the wrong values removed."""
     data = paper_preset(draft.data) if draft.data.get("preset") == "paper" else draft.data
     try:
         scenario: Scenario = strictly(Scenario, data, {"base": base})

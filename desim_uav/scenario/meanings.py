@@ -1,4 +1,4 @@
-"""What the keys of a scenario mean: the docstrings beneath the fields of its classes."""
+"""The meanings of a scenario's keys, from the docstrings below the fields of its classes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from typing import Any
 
 
 def with_meanings(schema: dict[str, Any], found: type) -> dict[str, Any]:
-    """A class's JSON Schema with a description of each property that has a docstring."""
+    """Return a class's JSON Schema with a description of each property that has a docstring."""
     properties = schema.get("properties", {})
     for name, meaning in meanings(found).items():
         if name in properties:
@@ -21,9 +21,9 @@ def with_meanings(schema: dict[str, Any], found: type) -> dict[str, Any]:
 
 @cache
 def meanings(found: type) -> dict[str, str]:
-    """The docstring beneath each annotated field of a class and of its bases.
+    """Return the docstring below each annotated field of a class and of its bases, by name.
 
-    A class whose source cannot be read has none.
+    If the source of a class cannot be read, its fields are left out.
     """
     collected: dict[str, str] = {}
     for base in reversed(found.__mro__):
@@ -38,7 +38,7 @@ def meanings(found: type) -> dict[str, str]:
 
 
 def _statements(found: type) -> list[ast.stmt]:
-    """The body of a class."""
+    """Return the statements in the body of a class."""
     try:
         source = textwrap.dedent(inspect.getsource(found))
         (definition,) = ast.parse(source).body

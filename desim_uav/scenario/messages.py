@@ -1,4 +1,4 @@
-"""Pydantic's errors in the words of this project."""
+"""Turns Pydantic's validation errors into this project's error messages."""
 
 from __future__ import annotations
 
@@ -16,9 +16,10 @@ from desim_uav.scenario.yaml12 import KeyPath
 
 
 class Complaint(NamedTuple):
-    """One error: at the value of ``path`` or its key; ``drop`` goes, for the rest to be checked.
+    """One error at the value of ``path``, or at its key.
 
-    ``mistaken_for``: the known key an unknown one stands for, perhaps.
+    The value at ``drop`` is removed so that the rest can be checked. ``mistaken_for`` is the known
+    key that an unknown one probably stands for.
     """
 
     path: KeyPath
@@ -29,7 +30,7 @@ class Complaint(NamedTuple):
 
 
 def complaints(error: ValidationError, draft: Draft) -> list[Complaint]:
-    """The errors of a validation, without those that follow from others."""
+    """Return the errors of a validation, without those that follow from others."""
     details = error.errors(include_url=False)[:MAX_PROBLEMS]
     found = [_complaint(detail, draft, details) for detail in details]
     wrong = [c.path for c in found]
@@ -75,14 +76,14 @@ def _missing(path: KeyPath, details: list[ErrorDetails]) -> Complaint:
 
 
 def _known_part(path: KeyPath, draft: Draft) -> KeyPath:
-    """``path`` without what pydantic adds to it (the alternatives of a union)."""
+    """Return ``path`` without the parts that Pydantic adds for the alternatives of a union."""
     while path and not draft.has(path):
         path = path[:-1]
     return path
 
 
 def known_keys(path: KeyPath, draft: Draft) -> list[str]:
-    """The keys a mapping may have."""
+    """Return the keys that the mapping at ``path`` may have."""
     owner: Any = Scenario
     for depth, part in enumerate(path):
         if owner is DrawnObstacles or not _is_section(owner) or part not in owner.model_fields:
@@ -99,7 +100,7 @@ def known_keys(path: KeyPath, draft: Draft) -> list[str]:
 
 
 def _owner(field: Any, given: Any) -> Any:
-    """What decides the keys below a field: a section, a slot, or {"": slot} for many of them."""
+    """Return what determines the keys below a field: a section, a slot, or {"": slot} for many."""
     parts = list(_parts(field.annotation)) + list(field.metadata)
     slots = [part for part in parts if isinstance(part, Slot)]
     if slots:

@@ -1,7 +1,7 @@
-"""A YAML 1.2 reader (core schema) over PyYAML's events, which remembers where everything stands.
+"""A YAML 1.2 reader (core schema) over PyYAML's events, which records the place of every value.
 
-Plain data only: no anchors, aliases, tags, merge keys or second documents; ``yes``, ``off`` and
-``1:30`` are text, ``010`` is ten and ``1e3`` a number. It does not recurse.
+It accepts plain data only: no anchors, aliases, tags, merge keys or second documents. ``yes``,
+``off`` and ``1:30`` are text, ``010`` is ten, and ``1e3`` is a number. It does not recurse.
 """
 
 from __future__ import annotations
@@ -15,10 +15,10 @@ from typing import Any
 import yaml
 
 KeyPath = tuple[str | int, ...]
-"""Where a value stands: keys of mappings and indices of lists."""
+"""The path of a value: keys of mappings and indices of lists."""
 
 Mark = tuple[int, int]
-"""Line and column, from 1."""
+"""Line and column, both counted from 1."""
 
 MAX_DEPTH = 50
 MAX_DIGITS = 400
@@ -27,10 +27,10 @@ MAX_SHOWN = 60
 
 @dataclass
 class Document:
-    """What a text holds: the data, the mark of each key and value, and what is wrong with it.
+    """The data of a YAML text, the mark of each key and value, and the problems found.
 
     ``broken``: the text could not be read to its end. ``left_out``: the paths of values that were
-    refused. Of a key given twice the first value counts.
+    refused. If a key is given twice, its first value counts.
     """
 
     data: Any = None
@@ -43,7 +43,7 @@ class Document:
 
 
 def read(text: str) -> Document:
-    """Read one YAML document; never raises for what is in the text."""
+    """Read one YAML document. Problems of the text are returned in the document, not raised."""
     text = text.removeprefix("\ufeff")
     reader = _Reader()
     unprintable = _UNPRINTABLE.search(text)
@@ -57,14 +57,14 @@ def read(text: str) -> Document:
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         reason = ", ".join(filter(None, (error.problem, error.context)))
-        reader.fail(_mark(mark) if mark else reader.latest, f"not YAML: {reason}")
+        reader.fail(_mark(mark) if mark else reader.latest, f"invalid YAML: {reason}")
     except (yaml.YAMLError, ValueError, OverflowError) as error:
-        reader.fail(reader.latest, f"not YAML: {error}")
+        reader.fail(reader.latest, f"invalid YAML: {error}")
     return reader.document
 
 
 def plain_scalar(text: str) -> bool | int | float | str | None:
-    """What an unquoted scalar means in the core schema."""
+    """Return the value of an unquoted scalar in YAML's core schema."""
     if text in _CONSTANTS:
         return _CONSTANTS[text]
     if _INTEGER.fullmatch(text):
@@ -79,12 +79,12 @@ def plain_scalar(text: str) -> bool | int | float | str | None:
 
 
 def shortened(text: str) -> str:
-    """At most 60 characters, as a message shows them."""
+    """Return a text shortened to at most 60 characters, for a message."""
     return text if len(text) <= MAX_SHOWN else text[: MAX_SHOWN - 1] + "…"
 
 
 def unprintable_in(text: str) -> str:
-    """What is wrong with the characters of a text, or nothing."""
+    """Return a message about the first character that is not allowed in a text, or ""."""
     found = _UNPRINTABLE.search(text)
     return f"character U+{ord(found.group()):04X} is not allowed" if found else ""
 
@@ -104,12 +104,12 @@ _FLOAT = re.compile(r"[-+]?(\.[0-9]+|[0-9]+(\.[0-9]*)?)([eE][-+]?[0-9]+)?")
 _INFINITY = re.compile(r"[-+]?(\.inf|\.Inf|\.INF)")
 
 _ABSENT: Any = object()
-"""A value left out: it had an alias, a tag of its own, or a key that is refused."""
+"""Stands for a value that was left out because of an alias, a tag or a refused key."""
 
 
 @dataclass
 class _Frame:
-    """An open mapping or list; ``key`` is the one whose value comes next."""
+    """An open mapping or list; ``key`` is the key whose value comes next."""
 
     container: dict[str, Any] | list[Any]
     path: KeyPath
@@ -120,7 +120,7 @@ class _Frame:
 
 
 class _Reader:
-    """Builds a ``Document`` from events, one at a time."""
+    """Builds a ``Document`` from PyYAML's events, one at a time."""
 
     def __init__(self) -> None:
         self.document = Document()
@@ -140,7 +140,9 @@ class _Reader:
         if isinstance(event, yaml.DocumentStartEvent):
             self._documents += 1
             if self._documents > 1:
-                return self.fail(self.latest, "a second document; a scenario file holds one")
+                return self.fail(
+                    self.latest, "a second document begins here; a scenario file holds only one"
+                )
         elif isinstance(event, yaml.AliasEvent):
             self._note(
                 self.latest, f"alias *{shortened(str(event.anchor))}: aliases are not allowed"
@@ -177,7 +179,10 @@ class _Reader:
         if len(text) > MAX_DIGITS and text.lstrip("+-0ox")[:MAX_DIGITS].isalnum():
             digits = text.lstrip("+-")
             if _INTEGER.fullmatch(digits) or text[:2] in _BASES:
-                self._note(self.latest, f"a number of {len(digits)} digits; at most {MAX_DIGITS}")
+                self._note(
+                    self.latest,
+                    f"a number of {len(digits)} digits; at most {MAX_DIGITS} are allowed",
+                )
                 return _ABSENT
         return plain_scalar(text)
 
@@ -208,7 +213,7 @@ class _Reader:
             self.document.keys[(*frame.path, value)] = mark
 
     def _place(self, value: Any, mark: Mark) -> tuple[KeyPath, bool]:
-        """Put a value where it belongs: (its path, was it refused?)."""
+        """Put a value in its container; return its path and whether it was refused."""
         if not self._frames:
             self.document.data = None if value is _ABSENT else value
             self.document.values[()] = mark
@@ -232,12 +237,12 @@ class _Reader:
 
     def _open(self, event: yaml.CollectionStartEvent) -> bool:
         if len(self._frames) >= MAX_DEPTH:
-            return self.fail(self.latest, f"nested more than {MAX_DEPTH} deep")
+            return self.fail(self.latest, f"nested more than {MAX_DEPTH} levels deep")
         new: dict[str, Any] | list[Any] = {} if isinstance(event, yaml.MappingStartEvent) else []
         frame = self._frames[-1] if self._frames else None
         if frame and isinstance(frame.container, dict) and not frame.awaits_value:
             if not frame.refused:
-                self._note(self.latest, "a mapping or list as a key: keys must be text")
+                self._note(self.latest, "a mapping or list is used as a key: keys must be text")
             self._frames.append(_Frame(new, (), refused=True, is_key=True))
         else:
             path, refused = self._place(new, self.latest)

@@ -77,7 +77,10 @@ def test_only_a_seed_that_was_given_is_the_scenarios_own():
         ({"drones.count": 0}, "drones.count"),
         ({"drones.count": "many"}, "drones.count"),
         ({"users": {"mobility": {"kind": "random_wlk"}}}, "did you mean 'random_walk'"),
-        ({"drones.count": object()}, "drones.count: a object is not plain data"),
+        (
+            {"drones.count": object()},
+            "drones.count: a value of type object cannot be written in YAML",
+        ),
         ({"drones": {3: 4}}, "key 3"),
         ({"drones.count=1": 4}, "key 'drones.count=1'"),
         ({"": 4}, "key.path=value"),

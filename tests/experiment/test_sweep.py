@@ -425,7 +425,7 @@ class TestRefused:
 
     def test_a_policy_that_does_not_fit(self, swept):
         ended = swept("--policies", "hover,case8.npz", "-S", "episode.steps=3,4")
-        ended.failed(4, "case8.npz: it has drones 3; the scenario has 1")
+        ended.failed(4, "case8.npz: the policy was learned with drones 3; the scenario has 1")
         assert len(ended.err.splitlines()) == 1 and not Path("out").exists()
 
     @pytest.mark.parametrize(

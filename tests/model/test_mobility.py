@@ -250,7 +250,7 @@ class TestTrace:
         ("text", "message"),
         [
             ("user,t_s,x_m\n", r"walks\.csv:1: no column 'y_m'"),
-            ("user,t_s,x_m,y_m\n0,0,1,1\n0,0,2,2\n", r"csv:3: t_s: user 0: times must ascend"),
+            ("user,t_s,x_m,y_m\n0,0,1,1\n0,0,2,2\n", r"csv:3: t_s: user 0: times must increase"),
             ("user,t_s,x_m,y_m\n0,5,1,1\n1,9,1,1\n0,4,2,2\n", r"walks\.csv:4: t_s: user 0"),
             ("user,t_s,x_m,y_m\n0,0,nan,1\n", r"walks\.csv:2: x_m: 'nan'"),
             ("user,t_s,x_m,y_m\n-1,0,1,1\n", r"walks\.csv:2: user: '-1'"),

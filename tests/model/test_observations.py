@@ -364,7 +364,9 @@ class Half:
 
 
 def test_what_does_not_encode_is_no_encoding():
-    with pytest.raises(ScenarioError, match="is no observation: it has no method 'encode'"):
+    with pytest.raises(
+        ScenarioError, match="cannot be used as observation: it has no method 'encode'"
+    ):
         loads(f'observation: {{kind: "{__name__}:Half"}}')
 
 

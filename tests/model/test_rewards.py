@@ -412,5 +412,5 @@ class Nothing:
 
 
 def test_what_has_no_terms_is_no_reward():
-    with pytest.raises(ScenarioError, match="is no reward: it has no method 'terms'"):
+    with pytest.raises(ScenarioError, match="cannot be used as reward: it has no method 'terms'"):
         loads(f'reward: {{kind: "{__name__}:Nothing"}}')

@@ -38,7 +38,7 @@ def test_a_file_that_has_changed_is_read_again(tmp_path: Path):
     ("content", "words"),
     [
         (b"user\n1\n", ":1: no column 't_s'; expected the columns user, t_s"),
-        (b"user,t_s\n1,\xff\n", ": not UTF-8 text"),
+        (b"user,t_s\n1,\xff\n", ": it is not UTF-8 text"),
         (b'user,t_s\n1,"2"3\n', ": ',' expected after '\"'"),
         (b"user,t_s\n-1,0\n", ":2: user"),
         (b"user,t_s\n1,nan\n", ":2: t_s"),

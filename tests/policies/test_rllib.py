@@ -342,10 +342,22 @@ def test_a_sweep_knows_it_by_its_content(trained: Any, tmp_path: Path):
 @pytest.mark.parametrize(
     ("scenario", "config", "told"),
     [
-        ("case8", LOCAL, r"it has drones 1; the scenario has 3"),
-        ("case8", {**CASE_8, "drones.count": 1}, r"it has actions .*; the scenario has .*charge"),
-        ("case1", {"observation.kind": "local"}, r"it has observations .*; the scenario has "),
-        ("case1", {"map.cells": [5, 5]}, r"it has observations .*9.0.*; the scenario has .*4.0"),
+        ("case8", LOCAL, r"trained with drones 1; the scenario has 3"),
+        (
+            "case8",
+            {**CASE_8, "drones.count": 1},
+            r"trained with actions .*; the scenario has .*charge",
+        ),
+        (
+            "case1",
+            {"observation.kind": "local"},
+            r"trained with observations .*; the scenario has ",
+        ),
+        (
+            "case1",
+            {"map.cells": [5, 5]},
+            r"trained with observations .*9.0.*; the scenario has .*4.0",
+        ),
     ],
 )
 def test_other_scenarios(scenario: str, config: dict[str, Any], told: str, trained: Any):
@@ -363,11 +375,11 @@ def test_other_scenarios(scenario: str, config: dict[str, Any], told: str, train
         ({"ray": "2.9.1"}, r"of ray 2\.9\.1, and .* is installed: pip install 'ray\[rllib\]==2\.9"),
         ({"connectors": []}, "its pipelines are"),
         ({"pipelines": [[], []]}, "its pipelines are"),
-        ({"fcnet_hiddens": [17]}, "the weights of drone_0 are not those of its settings"),
-        ({"fcnet_hiddens": [4096] * 32}, "the weights of drone_0 are not those of its settings"),
-        ({"use_lstm": True}, "the weights of drone_0 are not those of its settings"),
-        ({"statistics": 3}, "its statistics are 3 numbers"),
-        ({"statistics": 1000}, "its statistics are 1,000 numbers"),
+        ({"fcnet_hiddens": [17]}, "the weights of drone_0 do not fit its settings"),
+        ({"fcnet_hiddens": [4096] * 32}, "the weights of drone_0 do not fit its settings"),
+        ({"use_lstm": True}, "the weights of drone_0 do not fit its settings"),
+        ({"statistics": 3}, "it has 3 statistics"),
+        ({"statistics": 1000}, "it has 1,000 statistics"),
     ],
 )
 def test_files_that_do_not_fit_together(
@@ -449,21 +461,24 @@ def test_a_file_holds_what_was_put_in(tmp_path: Path):
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        *[({key: None}, f"it says no {key}") for key in ("ray", "agents", "modules", "actions")],
-        ({"world_seed": "3"}, "it says no world_seed"),
+        *[
+            ({key: None}, f"its description has no valid {key!r}")
+            for key in ("ray", "agents", "modules", "actions")
+        ],
+        ({"world_seed": "3"}, "its description has no valid 'world_seed'"),
         ({"world_seed": -5}, "world_seed: -5: must be"),
         ({"world_seed": 2**63}, "world_seed: .*: must be"),
-        ({"ray": "2.9'; touch X ; '"}, "ray: .* is no version"),
-        ({"ray": "2.9\n"}, "ray: .* is no version"),
-        ({"modules": {**with_module()["modules"], "more": {}}}, "1 modules that are no drone's"),
+        ({"ray": "2.9'; touch X ; '"}, "ray: .* is not a version"),
+        ({"ray": "2.9\n"}, "ray: .* is not a version"),
+        ({"modules": {**with_module()["modules"], "more": {}}}, "1 modules that no drone uses"),
         ({"connectors": [{"class": "MeanStdFilter", "settings": {}}] * 9}, "it has 9 connectors"),
-        ({"pipelines": [["x" * 2**20], []]}, "more than 1 MiB about itself"),
+        ({"pipelines": [["x" * 2**20], []]}, "its description is larger than 1 MiB"),
         ({"connectors": [{"class": "MeanStdFilter", "settings": {"clip_by_value": 10**400}}]},
          "clip_by_value: 1000.* do no harm"),
         ({"agents": ["nobody"]}, "agents must name one of the modules"),
         ({"agents": [["all"]]}, "agents must name one of the modules"),
         ({"modules": {"all": None}}, "a module must be a mapping"),
-        (with_module(**{"class": "os.system"}), "its module is os.system; known are"),
+        (with_module(**{"class": "os.system"}), "its module is os.system; must be one of"),
         (with_module(**{"class": ["MaskedModule"]}), "its module is "),
         (with_module(settings={"fcnet_hiddens": [10**9]}), "fcnet_hiddens: .* do no harm"),
         (with_module(settings={"fcnet_hiddens": [8] * 33}), "fcnet_hiddens: "),
@@ -472,7 +487,7 @@ def test_a_file_holds_what_was_put_in(tmp_path: Path):
         (with_module(settings={"fcnet_kernel_initializer": "x"}), "fcnet_kernel_initializer: "),
         (with_module(settings={"lstm_cell_size": 10**9}), "lstm_cell_size: "),
         (with_module(weights=[["pi.weight", [-1, 2]]]), "its weights must be"),
-        (with_module(weights=[["pi.weight", [2, 2]]]), "it has 2 weights, which are not those"),
+        (with_module(weights=[["pi.weight", [2, 2]]]), "it has 2 weights, which is not the number"),
         (with_module(weights="all"), "its weights must be"),
         ({"connectors": [{"class": "Lambda", "settings": {}}]}, "its connector is Lambda"),
         ({"connectors": [{"class": "MeanStdFilter", "settings": {"update_stats": True}}]},
@@ -498,8 +513,8 @@ def test_words_that_cannot_be_trusted(change: dict[str, Any], told: str, tmp_pat
         ({"weights": np.ones((1, 2), np.float32)}, "weights is float32 of shape"),
         ({"weights": np.array([{}, {}], object)}, "not a readable network of RLlib"),
         ({"more": np.ones(1)}, "it does not hold"),
-        ({"weights": np.ones(2**25, np.float32)}, "bytes are .* unpacked, which no network is"),
-        ({"statistics": np.ones(2**24)}, "bytes are .* unpacked, which no network is"),
+        ({"weights": np.ones(2**25, np.float32)}, "bytes become .* when unpacked"),
+        ({"statistics": np.ones(2**24)}, "bytes become .* when unpacked"),
     ],
 )
 def test_numbers_that_cannot_be_trusted(arrays: dict[str, Any], told: str, tmp_path: Path):
@@ -540,7 +555,7 @@ def test_numbers_are_not_unpacked_before_they_are_wanted(
 
 
 def test_what_cannot_be_read_again_is_not_saved():
-    with pytest.raises(PolicyError, match=r"it cannot be saved: .* which no network is"):
+    with pytest.raises(PolicyError, match=r"it cannot be saved: .* too many for a network"):
         dataclasses.replace(handmade(), statistics=np.zeros(2**20)).to_bytes()
     with pytest.raises(PolicyError, match="it cannot be saved: ray: "):
         dataclasses.replace(handmade(), about=handmade().about | {"ray": "new"}).to_bytes()
@@ -582,7 +597,7 @@ def test_a_lie_about_its_layers_is_not_unpacked(
     put(tmp_path, dataclasses.replace(saved, statistics=np.ones(3)))
     policy = load_policy(f"rllib:{tmp_path}")
     monkeypatch.setattr(NetworkFile, "saved", None)
-    with pytest.raises(PolicyError, match="its statistics are 3 numbers"):
+    with pytest.raises(PolicyError, match="it has 3 statistics"):
         policy.begin(one.world, streams())
 
 
@@ -601,7 +616,7 @@ def test_what_cannot_decide_is_not_saved(
     with pytest.raises(PolicyError, match=r"it cannot be saved: .* too large"):
         save(one.algorithm, tmp_path)
     assert not list(tmp_path.iterdir())
-    with pytest.raises(PolicyError, match=f"{NAME}: it does not fit: too large"):
+    with pytest.raises(PolicyError, match=f"{NAME}: the network does not fit: too large"):
         policy.begin(one.world, streams())
 
 
@@ -609,7 +624,7 @@ def test_what_is_no_checkpoint(tmp_path: Path):
     refused(tmp_path / "nowhere", "not a checkpoint: no such folder")
     refused(tmp_path, f"it has no {NAME}; .*desim_uav.policies.rllib.save")
     (tmp_path / "file").touch()
-    refused(tmp_path / "file", "not a checkpoint: it is no folder")
+    refused(tmp_path / "file", "not a checkpoint: it is not a folder")
     for content in (b"", b"not a zip", put(tmp_path, handmade()).joinpath(NAME).read_bytes()[:-9]):
         (tmp_path / NAME).write_bytes(content)
         refused(tmp_path, "not a readable network of RLlib")
@@ -682,7 +697,7 @@ def test_connectors_and_mappings_that_cannot_be_saved(
             if isinstance(piece, MeanStdFilter)
         ]
         patch.setattr(found, "__class__", Mine)
-        with pytest.raises(PolicyError, match=r"Mine is none of .*MeanStdFilter"):
+        with pytest.raises(PolicyError, match=r"Mine is not one of .*MeanStdFilter"):
             save(algorithm, tmp_path)
     with monkeypatch.context() as patch:
         patch.setitem(

@@ -350,7 +350,8 @@ def test_a_misfit_says_what_was_trained_and_what_the_scenario_has(tiny: Path):
         loaded(tiny, UavEnv("case8", POSITION).session.world)
     one = "10, 10, 2, 8"
     assert str(problem.value) == (
-        f"{tiny}: it was trained on observations MultiDiscrete[3, 3] and actions Discrete[5]; "
+        f"{tiny}: the network was trained on observations MultiDiscrete[3, 3] "
+        "and actions Discrete[5]; "
         f"case8 has observations MultiDiscrete[{one}, {one}, {one}] and actions "
         f"MultiDiscrete[9, 9, 9], or observations MultiDiscrete[{one}] and actions Discrete[9]"
     )

@@ -226,10 +226,16 @@ def test_an_override_replaces_what_was_wrong() -> None:
         ("users.count=-1", "-S users.count=-1: must be at least 1"),
         ("users.cuont=1", "-S users.cuont=1: unknown key (did you mean 'count'?); allowed: count,"),
         ("map.size_m.1=0", "-S map.size_m.1=0: must be above 0"),
-        ("map.size_m.2=1", "-S map.size_m.2=1: '2' is no item of a list of 2, counted from 0"),
-        ("map.size_m.x=1", "-S map.size_m.x=1: 'x' is no item of a list of 2, counted from 0"),
+        (
+            "map.size_m.2=1",
+            "-S map.size_m.2=1: '2' is not an index of this list, which has 2 items",
+        ),
+        (
+            "map.size_m.x=1",
+            "-S map.size_m.x=1: 'x' is not an index of this list, which has 2 items",
+        ),
         ("map={cells: [0, 1]}", "-S map={cells: [0, 1]}: map.cells.0: 0: must be at least 1"),
-        ("seed=[1", "-S seed=[1: not YAML: expected ',' or ']'"),
+        ("seed=[1", "-S seed=[1: invalid YAML: expected ',' or ']'"),
         ("stations.count=0", "-S stations.count=0: a limited battery needs a charging station"),
         ("demand={kind: trace}", "-S demand={kind: trace}: demand.file: missing"),
         ("seed=&a 1", "-S seed=&a 1: anchor &a: anchors are not allowed"),
@@ -469,7 +475,7 @@ def test_from_mapping() -> None:
         from_mapping({3: 4})
     endless: dict[str, object] = {}
     endless["a"] = endless
-    with pytest.raises(ScenarioError, match="nested more than 50 deep"):
+    with pytest.raises(ScenarioError, match="nested more than 50 levels deep"):
         from_mapping(endless)
 
 

@@ -70,7 +70,9 @@ def test_deep_nesting_is_one_quick_error(text: str) -> None:
     with pytest.raises(ScenarioError) as caught:
         loads(text)
     assert time.perf_counter() - begin < 5
-    deep = [problem for problem in caught.value.problems if "nested more than 50 deep" in problem]
+    deep = [
+        problem for problem in caught.value.problems if "nested more than 50 levels deep" in problem
+    ]
     assert len(deep) == 1
     assert len(caught.value.problems) <= 2
 

@@ -1,4 +1,4 @@
-"""Networks that RLlib trained on ``UavParallelEnv``, with their connectors, without unpickling."""
+"""Reads networks that RLlib trained on ``UavParallelEnv``, and their connectors, as plain data."""
 
 from desim_uav.policies.rllib.adapter import RLlib
 from desim_uav.policies.rllib.saving import save

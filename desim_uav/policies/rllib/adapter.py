@@ -1,4 +1,4 @@
-"""Flies the drones by a network of RLlib."""
+"""The policy that flies drones by networks trained with RLlib."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ from desim_uav.world import World
 
 @register("policy", "rllib")
 class RLlib:
-    """The best allowed action by networks of RLlib, one for each drone or one for several.
+    """Chooses the best allowed actions by networks of RLlib, each for one or several drones.
 
-    What a drone is shown goes to its network, and what that says to the drone, through the
-    connectors of the training. Filters stay as the training has left them.
+    A drone's observation reaches its network, and the network's output the drone, through the
+    connectors of the training. Filters keep the statistics they had at the end of the training.
     """
 
     ceiling = True
@@ -44,21 +44,21 @@ class RLlib:
 
     @staticmethod
     def file_of(folder: str) -> Path:
-        """What is read of a checkpoint; the file itself may be named too."""
+        """Return the file of a checkpoint's folder; the argument may also be the file itself."""
         path = Path(folder)
         return path if path.name == NAME and not path.is_dir() else path / NAME
 
     def _require_version(self) -> None:
-        """Connectors and networks are Ray's own business, and change with its minor versions."""
+        """Check the version of Ray, because connectors and networks change with minor versions."""
         saved, here = self._file.about["ray"], self._built.ray_version()
         if saved.split(".")[:2] != here.split(".")[:2]:
             raise PolicyError(
-                f"{self._file.path}: it is of ray {saved}, and {here} is installed: "
-                f"pip install 'ray[rllib]=={saved}' reads it"
+                f"{self._file.path}: the file was saved with ray {saved}, but ray {here} is "
+                f"installed: pip install 'ray[rllib]=={saved}'"
             )
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """Build the network, once for a world. Raises PolicyError where it does not fit."""
+        """Build the network, once per world. Raises PolicyError if it does not fit."""
         if world is not self._world:
             self._fit(world)
             try:
@@ -66,19 +66,21 @@ class RLlib:
             except PolicyError:
                 raise
             except Exception as error:  # RLlib and torch refuse what does not fit in many ways
-                raise PolicyError(f"{self._file.path}: it does not fit: {reason(error)}") from error
+                raise PolicyError(
+                    f"{self._file.path}: the network does not fit: {reason(error)}"
+                ) from error
             self._world = world
         self._network.begin()
 
     def _filled(self, world: World) -> Any:
-        """The network. Numbers are unpacked once it is known that they are as many as it has."""
+        """Build the network. Its weights are unpacked only after their number has been checked."""
         network = self._built.Network(self._file.about, world)
         network.require(self._file.statistics)
         network.fill(self._file.saved())
         return network
 
     def _fit(self, world: World) -> None:
-        """Raises PolicyError where the drones here see or may do something else."""
+        """Raise PolicyError if the drones of ``world`` have other observations or actions."""
         about = self._file.about
         encoding, of_all = world.scenario.observation, spaces().widest(world)
         seen = [described(encoding.features(facts)) for facts in (world.facts, of_all)]
@@ -89,12 +91,12 @@ class RLlib:
     def _require(self, what: str, trained: Any, *here: Any) -> None:
         if trained not in here:
             raise PolicyError(
-                f"{self._file.path}: it has {what} {in_short(trained)}; "
+                f"{self._file.path}: the network was trained with {what} {in_short(trained)}; "
                 f"the scenario has {in_short(here[0])}"
             )
 
     def notice(self, world: World) -> str:
-        """What to warn of before it acts in a world, or nothing. Raises as ``begin`` does."""
+        """Return a warning if the network is of another world, or "". Raises as ``begin`` does."""
         self._fit(world)
         about = self._file.about
         name = in_short(about["scenario"])
@@ -109,13 +111,13 @@ class RLlib:
         return f"{self.folder} was trained in another {where}"
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
-        """Drones are commanded together: a network may remember what it has shown each."""
+        """Raise, because a recurrent network has to be asked for all drones together."""
         raise NotImplementedError("rllib: drones are commanded together")
 
     def act_jointly(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
     ) -> list[int]:
-        """The best allowed action of each drone."""
+        """Return the best allowed action of each drone."""
         assert self._world is not None, "begin comes first"
         encode, facts = self._world.scenario.observation.encode, self._world.facts
         codes = [encode(observation, facts) for observation in observations]
@@ -124,10 +126,10 @@ class RLlib:
 
 
 def described(shown: Iterable[Feature]) -> list[list[Any]]:
-    """What a drone is shown, as a file says it: [name, lowest, highest, is it whole?]."""
+    """Return features as a file describes them: [name, lowest, highest, whether it is whole]."""
     return [[one.name, float(one.low), float(one.high), one.whole] for one in shown]
 
 
 def spaces() -> Any:
-    """The module, which imports Gymnasium."""
+    """Return the module ``desim_uav.spaces``, whose import loads Gymnasium."""
     return importlib.import_module("desim_uav.spaces")

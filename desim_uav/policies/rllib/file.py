@@ -1,7 +1,7 @@
 """The file beside an RLlib checkpoint: a network with its connectors, as arrays and text.
 
-RLlib's own checkpoints are pickles, which run the code they hold as they are read. This file says
-which known classes to build, and with what numbers; nothing else can be in it.
+RLlib's own checkpoints are pickles, which can run code when they are read. This file only names
+known classes to build and holds the numbers for them.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ FORMAT = 1
 WHAT = "network of RLlib"
 
 LONGEST_TEXT = 2**20
-"""The bytes of what a file says of itself, at most."""
+"""The largest size of the description in a file, in bytes."""
 
 MOST_WEIGHTS, MOST_CONNECTORS = 2**26, 8
-"""The weights of all its networks, and the connectors it was trained with, at most."""
+"""The largest number of weights of all networks, and of connectors of the training."""
 
 SMALL, DENSEST = 2**20, 50
-"""What is packed more densely than so many times is no network, beyond so many bytes unpacked.
+"""A file above ``SMALL`` bytes unpacked is refused if it was compressed by more than ``DENSEST``.
 
-Trained weights can hardly be compressed; zeros can, a thousand times.
+Trained weights can hardly be compressed; zeros can be compressed a thousandfold.
 """
 
 MOST_SEED, MOST_FLOAT = 2**63 - 1, float(np.finfo(np.float32).max)
@@ -51,13 +51,13 @@ ABOUT: dict[str, type | tuple[type, ...]] = {
     "connectors": list,
     "pipelines": list,
 }
-"""What a file says, at least."""
+"""The entries that the description in a file must have, with their types."""
 
 MODULES = {
     "DefaultPPOTorchRLModule": "ray.rllib.algorithms.ppo.torch.default_ppo_torch_rl_module",
     "MaskedModule": "desim_uav.policies.rllib.masking",
 }
-"""The networks that are known, and where."""
+"""The known networks, each with its module."""
 
 CONNECTORS = {
     "AddActionMask": "desim_uav.policies.rllib.masking",
@@ -65,7 +65,7 @@ CONNECTORS = {
     "FlattenObservations": "ray.rllib.connectors.common.flatten_observations",
     "MeanStdFilter": "ray.rllib.connectors.env_to_module.mean_std_filter",
 }
-"""The connectors that are known beside those RLlib adds itself, and where."""
+"""The known connectors, each with its module, apart from those that RLlib adds itself."""
 
 
 def _is_activation(value: Any) -> bool:
@@ -88,7 +88,7 @@ SETTINGS = {
     "max_seq_len": is_width,
     "lstm_cell_size": is_width,
 }
-"""The settings of a network that shape it, and how they must look."""
+"""The settings that shape a network, with a check of each value."""
 
 OF_CONNECTORS: dict[str, dict[str, Any]] = {
     "AddActionMask": {},
@@ -100,14 +100,14 @@ OF_CONNECTORS: dict[str, dict[str, Any]] = {
         "clip_by_value": _is_bound,
     },
 }
-"""Likewise of connectors."""
+"""The settings of connectors, with a check of each value."""
 
 
 @dataclass(frozen=True, eq=False)
 class Saved:
-    """What a file holds: what it says, the weights of its networks, the numbers of its filters.
+    """The content of a file: its description, and the numbers of its networks and filters.
 
-    Both one after the other, networks by name, in the order that ``about`` gives.
+    Weights and statistics are rows of numbers, in the order that ``about`` gives.
     """
 
     about: dict[str, Any]
@@ -115,7 +115,7 @@ class Saved:
     statistics: NDArray[np.float64]
 
     def to_bytes(self) -> bytes:
-        """The file. Raises PolicyError where it could not be read again."""
+        """Return the bytes of a file. Raises PolicyError if they could not be read again."""
         content = array_file.pack(
             self.about | {"format": FORMAT}, weights=self.weights, statistics=self.statistics
         )
@@ -127,19 +127,18 @@ class Saved:
 
 
 class NetworkFile:
-    """The file in a checkpoint's folder: what it says, and how many numbers it has."""
+    """The file in a checkpoint's folder, with its description and array shapes read."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises PolicyError, naming it, where there is none, or it is none of ours."""
+        """Raise PolicyError, which names the file, if it is missing or of another form."""
         self.path = folder / NAME
         if not folder.is_dir():
-            reason = "it is no folder" if folder.exists() else "no such folder"
+            reason = "it is not a folder" if folder.exists() else "no such folder"
             raise PolicyError(f"{folder}: not a checkpoint: {reason}")
         if not self.path.exists():
             raise PolicyError(
-                f"{folder}: it has no {NAME}; a checkpoint of RLlib alone is pickles, which are "
-                f"not read. Of an algorithm, desim_uav.policies.rllib.save(algorithm, folder) "
-                f"adds it"
+                f"{folder}: the folder has no {NAME}, and RLlib's own files are pickles, which "
+                f"are not read. desim_uav.policies.rllib.save(algorithm, folder) adds {NAME}"
             )
         names = ["weights", "statistics"]
         self._stored = array_file.Stored(self.path, WHAT, names, FORMAT, LONGEST_TEXT)
@@ -148,14 +147,17 @@ class NetworkFile:
         for name, dtype in (("weights", np.float32), ("statistics", np.float64)):
             form = forms[name]
             if form.dtype != dtype or len(form.shape) != 1:
-                self._refuse(f"{name} is {in_short(form.dtype)} of shape {form.shape}, not a row")
+                self._refuse(
+                    f"{name} must be a row of numbers, not {in_short(form.dtype)} "
+                    f"of shape {form.shape}"
+                )
         weights, self.statistics = (forms[name].shape[0] for name in names)
         unpacked = 4 * weights + 8 * self.statistics
         self._refuse(_misfit(self.about, weights))
         self._refuse(_too_dense(unpacked, self.path.stat().st_size))
 
     def saved(self) -> Saved:
-        """All of it. Raises PolicyError where it is damaged."""
+        """Read the whole file. Raises PolicyError if it is damaged."""
         arrays = self._stored.arrays()
         for name, values in arrays.items():
             if not np.isfinite(values).all():
@@ -168,35 +170,36 @@ class NetworkFile:
 
 
 def _too_dense(unpacked: int, packed: int) -> str:
-    """Why a file of so many bytes cannot hold a network, or nothing."""
+    """Return why a file with these sizes in bytes cannot hold a network, or ""."""
     if unpacked <= max(SMALL, DENSEST * packed):
         return ""
-    return f"its {packed:,} bytes are {unpacked:,} unpacked, which no network is"
+    return f"its {packed:,} bytes become {unpacked:,} when unpacked, too many for a network"
 
 
 def _misfit(about: Mapping[str, Any], weights: int) -> str:
-    """What keeps a file from being built, or nothing."""
+    """Return why a network cannot be built from a description, or ""."""
     return next(_problems(about, weights), "")
 
 
 def _problems(about: Mapping[str, Any], weights: int) -> Iterator[str]:
-    """What does, one after the other: a later one may take for granted what an earlier one asks."""
+    """Yield the problems in an order in which each check may rely on those before it."""
     for key, of_type in ABOUT.items():
         if not isinstance(about.get(key), of_type):
-            yield f"it says no {key}"
+            yield f"its description has no valid {key!r}"
     seed = about["world_seed"]
     if seed is not None and not 0 <= seed <= MOST_SEED:
         yield f"world_seed: {in_short(seed, 40)}: must be from 0 to 2^63 - 1"
     if not re.fullmatch(r"\d+\.\d+[\w.]{0,30}", about["ray"], re.ASCII):
-        yield f"ray: {in_short(about['ray'], 40)} is no version"
+        yield f"ray: {in_short(about['ray'], 40)} is not a version"
     modules, pipelines = about["modules"], about["pipelines"]
     if not all(isinstance(name, str) and name in modules for name in about["agents"]):
         yield "agents must name one of the modules for each drone"
     unused = modules.keys() - about["agents"]
     if unused:
-        yield f"it has {len(unused):,} modules that are no drone's"
+        yield f"it has {len(unused):,} modules that no drone uses"
     if len(about["connectors"]) > MOST_CONNECTORS:
-        yield f"it has {len(about['connectors']):,} connectors; {MOST_CONNECTORS} are the most"
+        count = len(about["connectors"])
+        yield f"it has {count:,} connectors; at most {MOST_CONNECTORS} are allowed"
     of_modules = dict.fromkeys(MODULES, SETTINGS)
     yield from filter(None, (_wrong("module", m, MODULES, of_modules) for m in modules.values()))
     yield from filter(
@@ -206,21 +209,23 @@ def _problems(about: Mapping[str, Any], weights: int) -> Iterator[str]:
         yield "pipelines must be two lists of names"
     shapes = [shape for module in modules.values() for _, shape in module["weights"]]
     if weights > MOST_WEIGHTS:
-        yield f"it has {weights:,} weights; {MOST_WEIGHTS:,} are the most"
+        yield f"it has {weights:,} weights; at most {MOST_WEIGHTS:,} are allowed"
     if sum(map(math.prod, shapes)) != weights:
-        yield f"it has {weights:,} weights, which are not those of its modules"
+        yield f"it has {weights:,} weights, which is not the number of its modules' weights"
 
 
 def _wrong(what: str, told: Any, known: Mapping[str, str], settings: Mapping[str, Any]) -> str:
-    """Why a class is not to be built, or nothing."""
+    """Return why a class must not be built, or ""."""
     if not isinstance(told, dict) or not isinstance(told.get("settings"), dict):
         return f"a {what} must be a mapping with class and settings"
     name = told.get("class")
     if not isinstance(name, str) or name not in known:
-        return f"its {what} is {in_short(name)}; known are {', '.join(known)}"
+        return f"its {what} is {in_short(name)}; must be one of {', '.join(known)}"
     for key, value in told["settings"].items():
         if key not in settings[name] or not settings[name][key](value):
-            return f"{name}: {in_short(key)}: {in_short(value, 80)} is not known to do no harm"
+            return (
+                f"{name}: {in_short(key)}: {in_short(value, 80)} is not among the allowed settings"
+            )
     if what == "module" and not _are_shapes(told.get("weights")):
         return "its weights must be [name, shape]"
     return ""

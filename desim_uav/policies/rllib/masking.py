@@ -1,8 +1,9 @@
-"""What keeps a network of RLlib to what is allowed: connectors, and a module with masks.
+"""Action masks for RLlib: two connectors, and a network module that obeys masks.
 
-The environments show an agent a dict of ``observation`` and ``action_mask``. RLlib's networks want
-one row of real numbers, and its filters would spoil a mask, so the two are parted and put together
-again: ``[EncodeObservation(), <filters>, AddActionMask()]``, and a ``MaskedModule`` takes it.
+The environments give an agent a dict of ``observation`` and ``action_mask``. RLlib's networks need
+one row of real numbers, and its filters would change a mask, so the two are separated before the
+filters and joined after them: ``[EncodeObservation(), <filters>, AddActionMask()]``. The result is
+the input of a ``MaskedModule``.
 """
 
 from __future__ import annotations
@@ -23,18 +24,18 @@ OBSERVATION, MASK = "observation", "action_mask"
 
 
 class EncodeObservation(SingleAgentObservationPreprocessor):  # type: ignore[misc]
-    """An agent's observation without its mask, as one row of float32.
+    """Turns an agent's observation into one row of float32, without its mask.
 
     Whole numbers become one-hot codes, one after the other; real numbers stay as they are. The
-    episode keeps the mask for ``AddActionMask``.
+    mask is kept in the episode for ``AddActionMask``.
     """
 
     def recompute_output_observation_space(self, observations: Any, actions: Any) -> Dict:
-        """A Box for each agent."""
+        """Return a Box per agent."""
         return Dict({agent: _encoded(space[OBSERVATION]) for agent, space in observations.items()})
 
     def preprocess(self, observation: Any, episode: Any) -> NDArray[np.float32]:
-        """The row of one agent."""
+        """Return the row of one agent."""
         space = self.input_observation_space[episode.agent_id][OBSERVATION]
         values = observation[OBSERVATION]
         episode.custom_data[MASK] = observation[MASK]
@@ -46,10 +47,10 @@ class EncodeObservation(SingleAgentObservationPreprocessor):  # type: ignore[mis
 
 
 class AddActionMask(SingleAgentObservationPreprocessor):  # type: ignore[misc]
-    """The row of an agent and the mask that ``EncodeObservation`` has put aside, as a dict."""
+    """Joins an agent's row and the mask that ``EncodeObservation`` kept, in a dict."""
 
     def recompute_output_observation_space(self, observations: Any, actions: Any) -> Dict:
-        """A Dict for each agent."""
+        """Return a Dict space per agent."""
         return Dict(
             {
                 agent: Dict({OBSERVATION: space, MASK: Box(0.0, 1.0, (int(actions[agent].n),))})
@@ -58,7 +59,7 @@ class AddActionMask(SingleAgentObservationPreprocessor):  # type: ignore[misc]
         )
 
     def preprocess(self, observation: Any, episode: Any) -> dict[str, NDArray[np.float32]]:
-        """Both, of one agent. Raises ValueError if no ``EncodeObservation`` comes before this."""
+        """Return row and mask of one agent. Raises ValueError without an ``EncodeObservation``."""
         mask = episode.custom_data.get(MASK)
         if mask is None:
             raise ValueError("AddActionMask needs an EncodeObservation before it in the pipeline")
@@ -66,9 +67,9 @@ class AddActionMask(SingleAgentObservationPreprocessor):  # type: ignore[misc]
 
 
 class MaskedModule(DefaultPPOTorchRLModule):  # type: ignore[misc]
-    """PPO's own network, in which what is masked has no chance, neither explored nor learned from.
+    """PPO's default network, in which masked actions have probability 0, in training as well.
 
-    Its observation is what ``AddActionMask`` makes.
+    Its observations are the dicts that ``AddActionMask`` makes.
     """
 
     def __init__(self, *, observation_space: Dict, **settings: Any) -> None:
@@ -87,7 +88,7 @@ class MaskedModule(DefaultPPOTorchRLModule):  # type: ignore[misc]
         return _masked(super()._forward_train(_bare(batch), **settings), batch)
 
     def compute_values(self, batch: dict[str, Any], embeddings: Any = None) -> Any:
-        """The values of states, whatever is allowed in them."""
+        """Return the values of states; masks do not matter to them."""
         return super().compute_values(_bare(batch), embeddings)
 
 
@@ -98,12 +99,12 @@ def _encoded(space: Any) -> Box:
 
 
 def _bare(batch: dict[str, Any]) -> dict[str, Any]:
-    """The batch with observations that have no masks."""
+    """Return the batch with the masks removed from its observations."""
     return {**batch, Columns.OBS: batch[Columns.OBS][OBSERVATION]}
 
 
 def _masked(told: dict[str, Any], batch: dict[str, Any]) -> dict[str, Any]:
-    """What a network tells, with the least of numbers for what is masked: infinities spread."""
+    """Return a network's output with the smallest float, not -inf, for masked actions."""
     logits = told[Columns.ACTION_DIST_INPUTS]
     allowed = batch[Columns.OBS][MASK] > 0
     least = torch.finfo(logits.dtype).min

@@ -1,4 +1,4 @@
-"""A network of RLlib with its connectors, built anew of a file's words and numbers."""
+"""A network of RLlib with its connectors, rebuilt from a file's description and numbers."""
 
 from __future__ import annotations
 
@@ -30,19 +30,19 @@ from desim_uav.world import World
 
 
 def ray_version() -> str:
-    """The Ray that is installed."""
+    """Return the version of Ray that is installed."""
     return str(ray.__version__)
 
 
 class Network:
-    """Commands all drones of a world, greedily, through the connectors it was trained with.
+    """Chooses the greedy actions of all drones, through the connectors of the training.
 
-    It goes through an episode as an EnvRunner does, so that whatever reads the episode (filters,
-    recurrent networks) finds there what it found in training. Filters have learned all they will.
+    It keeps an episode as RLlib's EnvRunner does, so that filters and recurrent networks find
+    there what they found in training. Filters no longer update their statistics.
     """
 
     def __init__(self, about: dict[str, Any], world: World) -> None:
-        """All but its numbers. Raises ValueError, or what RLlib does, where words do not fit."""
+        """Build all but the weights. Raises ValueError, or RLlib's errors, for wrong settings."""
         self._agents = [f"drone_{drone}" for drone in range(world.scenario.drones.count)]
         mapping = dict(zip(self._agents, about["agents"], strict=True))
         self._module_of = lambda agent, episode, **_: mapping[agent]
@@ -62,16 +62,16 @@ class Network:
         self._shared: dict[str, Any] = {}
 
     def require(self, statistics: int) -> None:
-        """Raises ValueError where so many numbers are not its filters'."""
+        """Raise ValueError if the filters do not have this number of statistics."""
         if statistics != statistics_of(self._to_module).size:
             raise ValueError(
-                f"its statistics are {statistics:,} numbers, which are not its filters'"
+                f"it has {statistics:,} statistics, which is not the number that its filters have"
             )
 
     def fill(self, saved: Saved) -> None:
-        """Give it the numbers of a file, and let it decide once.
+        """Load the numbers of a file, and compute one decision as a check.
 
-        Raises ValueError, or whatever RLlib does, where they do not fit.
+        Raises ValueError, or an error of RLlib's, if the numbers do not fit.
         """
         self.require(saved.statistics.size)
         with _quiet():
@@ -81,7 +81,7 @@ class Network:
         self.decide(self._lowest, [[True] * self._mask_size] * len(self._agents))
 
     def begin(self) -> None:
-        """An episode begins."""
+        """Begin an episode."""
         self._episode = MultiAgentEpisode(
             observation_space=dict(self._observations.spaces),
             action_space=dict(self._actions.spaces),
@@ -92,7 +92,7 @@ class Network:
     def decide(
         self, codes: Sequence[Sequence[float]], masks: Sequence[Sequence[bool]]
     ) -> list[int]:
-        """The best allowed action of each drone; ``codes`` are what each is shown, as numbers."""
+        """Return the best allowed action of each drone; ``codes`` are the encoded observations."""
         allowed = dict(zip(self._agents, np.array(masks, np.int8), strict=True))
         rows = dict(zip(self._agents, np.array(codes, self._dtype), strict=True))
         self._go_on(rows, allowed)
@@ -120,7 +120,7 @@ class Network:
         return [int(chosen[agent]) for agent in self._agents]
 
     def _go_on(self, rows: dict[str, NDArray[Any]], allowed: dict[str, NDArray[np.int8]]) -> None:
-        """Let the episode go on to what is shown now."""
+        """Add the present observations to the episode."""
         seen = {
             agent: {"observation": rows[agent], "action_mask": allowed[agent]} for agent in rows
         }
@@ -138,7 +138,7 @@ class Network:
         )
 
     def _pipelines(self, about: dict[str, Any]) -> tuple[Any, Any]:
-        """From the environment to the module, and back, as RLlib puts them together."""
+        """Return RLlib's pipelines from the environment to the module and back."""
         pieces = [_connector(told) for told in about["connectors"]]
         config = (
             PPOConfig()
@@ -156,7 +156,7 @@ class Network:
         return both
 
     def _specified(self, told: dict[str, Any]) -> dict[str, RLModuleSpec]:
-        """The networks to build. Raises ValueError where they would have other weights."""
+        """Return the networks to build. Raises ValueError if their weights would not fit."""
         shown = self._to_module.observation_space
         specs = {
             name: RLModuleSpec(
@@ -173,11 +173,11 @@ class Network:
             with torch.device("meta"):  # which takes no memory, however large the settings are
                 found = shapes_of(spec.build())
             if found != told[name]["weights"]:
-                raise ValueError(f"the weights of {name} are not those of its settings")
+                raise ValueError(f"the weights of {name} do not fit its settings")
         return specs
 
     def _built(self, weights: NDArray[np.float32]) -> Any:
-        """The networks, with their weights."""
+        """Return the networks with their weights loaded."""
         with torch.random.fork_rng(devices=[]):  # first weights are drawn, and leave no trace
             modules = MultiRLModuleSpec(rl_module_specs=self._specs).build()
         first = 0
@@ -193,19 +193,19 @@ class Network:
 
 
 def shapes_of(module: Any) -> list[list[Any]]:
-    """The weights that a module needs to act, as [name, shape]."""
+    """Return [name, shape] of each weight that a module needs to act."""
     others = tuple(f"{name}." for name in module.get_non_inference_attributes())
     state = module.state_dict()
     return [[name, list(w.shape)] for name, w in state.items() if not name.startswith(others)]
 
 
 def pipelines_of(pipeline: Any) -> list[str]:
-    """The names of a pipeline's connectors, in order."""
+    """Return the names of a pipeline's connectors, in order."""
     return [type(piece).__name__ for piece in pipeline.connectors]
 
 
 def statistics_of(pipeline: Any) -> NDArray[np.float64]:
-    """What the filters of a pipeline have counted: of each number, mean and sum of squares."""
+    """Return the statistics of a pipeline's filters: mean and sum of squares per number."""
     parts: list[Any] = [np.zeros(0)]
     for _, _, running in _running(pipeline):
         parts += [
@@ -217,7 +217,7 @@ def statistics_of(pipeline: Any) -> NDArray[np.float64]:
 
 
 def _running(pipeline: Any) -> Iterator[tuple[Any, dict[str, Any], Any]]:
-    """The filters of a pipeline: its connector, the state of that, and what of one agent it has."""
+    """Yield the filters of a pipeline, each with its state and its statistics of one agent."""
     for piece in pipeline.connectors:
         if type(piece).__name__ == "MeanStdFilter":
             state = piece.get_state()
@@ -227,7 +227,7 @@ def _running(pipeline: Any) -> Iterator[tuple[Any, dict[str, Any], Any]]:
 
 
 def _fill_filters(pipeline: Any, statistics: NDArray[np.float64]) -> None:
-    """Give filters what they have counted in training: as many numbers as they have."""
+    """Load the statistics of the training into the filters."""
     first = 0
     for piece, state, running in list(_running(pipeline)):
         size = running.mean_array.size
@@ -241,7 +241,7 @@ def _fill_filters(pipeline: Any, statistics: NDArray[np.float64]) -> None:
 
 
 def _connector(told: dict[str, Any]) -> Any:
-    """A connector that is known, which has stopped to learn."""
+    """Return a known connector that no longer updates its statistics."""
     settings = dict(told["settings"])
     if told["class"] in ("FlattenObservations", "MeanStdFilter"):
         settings["multi_agent"] = True
@@ -252,7 +252,7 @@ def _connector(told: dict[str, Any]) -> Any:
 
 @contextmanager
 def _quiet() -> Iterator[None]:
-    """RLlib warns of what it does itself."""
+    """Suppress the warnings that RLlib raises about its own code."""
     before = logging.root.manager.disable
     logging.disable(logging.WARNING)
     try:

@@ -1,4 +1,4 @@
-"""Saves what an RLlib algorithm has learned, so that ``--policy rllib:DIR`` flies it."""
+"""Saves the networks of an RLlib algorithm, so that ``--policy rllib:DIR`` can fly them."""
 
 from __future__ import annotations
 
@@ -27,16 +27,17 @@ from desim_uav.scenario.load import scenario_hash, seedless
 from desim_uav.world import World
 
 RLLIBS_OWN = "AddObservationsFromEpisodesToBatch"
-"""With this connector begin those that RLlib adds itself."""
+"""The first of the connectors that RLlib adds itself."""
 
 
 def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
-    """Add an algorithm's networks and connectors to a folder, as a file without code.
+    """Save an algorithm's networks and connectors in a folder, as a file without code.
 
-    The algorithm was trained on ``UavParallelEnv`` by way of RLlib's ``ParallelPettingZooEnv``,
-    its networks are PPO's own (``DefaultPPOTorchRLModule``) or ``MaskedModule``, its connectors
-    those of ``CONNECTORS``. The folder is made where there is none. Returns the file. Raises
-    PolicyError, naming it, for what could not be built again, DesimError where it cannot write.
+    The algorithm must have been trained on ``UavParallelEnv`` through RLlib's
+    ``ParallelPettingZooEnv``, with PPO's default networks (``DefaultPPOTorchRLModule``) or
+    ``MaskedModule``, and with the connectors of ``CONNECTORS`` only. The folder is made if it does
+    not exist. Returns the path of the file. Raises PolicyError, which names it, for an algorithm
+    that could not be rebuilt, and DesimError if the file cannot be written.
     """
     try:
         built = importlib.import_module("desim_uav.policies.rllib.network")
@@ -75,7 +76,7 @@ def save(algorithm: Any, folder: str | PathLike[str]) -> Path:
 
 
 class Flown(NamedTuple):
-    """What an EnvRunner that has flown drones of ours knows."""
+    """The facts that an EnvRunner knows after it has stepped a ``UavParallelEnv``."""
 
     world: World
     to_module: Any
@@ -84,9 +85,9 @@ class Flown(NamedTuple):
 
 
 def _flown(algorithm: Any) -> Flown:
-    """Of the first that has; the local one has seen nothing where there are others.
+    """Return the facts of the first EnvRunner that has stepped one of our environments.
 
-    Raises PolicyError where none has.
+    The local one has not if there are others. Raises PolicyError if none has.
     """
     told: list[Flown | None] = algorithm.env_runner_group.foreach_env_runner(_told)
     for flown in told:
@@ -96,7 +97,7 @@ def _flown(algorithm: Any) -> Flown:
 
 
 def _told(runner: Any) -> Flown | None:
-    """Asked in the process of an EnvRunner."""
+    """Return the facts that an EnvRunner knows; this runs in the EnvRunner's process."""
     env = getattr(runner.env, "envs", [None])[0]
     session = getattr(getattr(getattr(env, "unwrapped", None), "par_env", None), "session", None)
     if session is None:
@@ -107,7 +108,7 @@ def _told(runner: Any) -> Flown | None:
 
 
 def _agents(algorithm: Any, world: World) -> list[str]:
-    """The module of each drone."""
+    """Return the module of each drone."""
     of = algorithm.config.policy_mapping_fn
     try:
         return [str(of(f"drone_{d}", None)) for d in range(world.scenario.drones.count)]
@@ -118,7 +119,7 @@ def _agents(algorithm: Any, world: World) -> list[str]:
 
 
 def _modules(modules: dict[str, Any]) -> tuple[dict[str, Any], NDArray[np.float32]]:
-    """Networks in words, and their weights one after the other."""
+    """Return the description of the networks, and their weights in one row."""
     told, weights = {}, []
     for name, module in modules.items():
         known, state = _known(module, MODULES), module.get_state(inference_only=True)
@@ -132,23 +133,23 @@ def _modules(modules: dict[str, Any]) -> tuple[dict[str, Any], NDArray[np.float3
 
 
 def _settings(config: Any) -> dict[str, Any]:
-    """What shapes a network; how its first weights were drawn does not matter any more."""
+    """Return the settings that shape a network; those of its first weights no longer matter."""
     given = asdict(config) if is_dataclass(config) and not isinstance(config, type) else config
     for key in ("lstm_use_prev_action", "lstm_use_prev_reward"):
         if given.get(key):
-            raise PolicyError(f"it cannot be saved: {key}: a policy is told no rewards")
+            raise PolicyError(f"it cannot be saved: {key}: a policy here receives no rewards")
     return {key: given[key] for key in SETTINGS if key in given}
 
 
 def _own(pipeline: Any) -> list[Any]:
-    """The connectors of a training that RLlib has not added itself."""
+    """Return the connectors of a training that RLlib has not added itself."""
     return list(takewhile(lambda piece: type(piece).__name__ != RLLIBS_OWN, pipeline.connectors))
 
 
 def _connector(piece: Any) -> dict[str, Any]:
     name = _known(piece, CONNECTORS)
     if getattr(piece, "_keys_to_remove", None) or getattr(piece, "_agent_ids", None):
-        raise PolicyError(f"it cannot be saved: {name} that leaves out keys or agents")
+        raise PolicyError(f"it cannot be saved: its {name} leaves out keys or agents")
     return {
         "class": name,
         "settings": {key: getattr(piece, key) for key in OF_CONNECTORS[name]},
@@ -156,8 +157,8 @@ def _connector(piece: Any) -> dict[str, Any]:
 
 
 def _known(one: Any, known: dict[str, str]) -> str:
-    """The name of its class, which must be one of those, not another of that name."""
+    """Return the name of an object's class, which must be one of the known classes."""
     name, module = type(one).__name__, type(one).__module__
     if known.get(name) != module:
-        raise PolicyError(f"it cannot be saved: {module}.{name} is none of {', '.join(known)}")
+        raise PolicyError(f"it cannot be saved: {module}.{name} is not one of {', '.join(known)}")
     return name
