@@ -1,7 +1,8 @@
-"""Quality of experience: QoE1-3 and everything derived, from a frame of requests.
+"""Quality of experience: QoE1-3 and the measures derived from a frame of requests.
 
-A request's basic columns are its times, ``requested_s`` and ``served_s``; ``derive`` adds what
-follows from them, ``summary`` averages. Definitions as in ``docs/explanation/model.md``.
+The basic columns of a request are its times, ``requested_s`` and ``served_s``. ``derive`` computes
+the other columns from them, and ``summary`` averages them. The definitions are in
+``docs/explanation/model.md``.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ AVERAGED = {
     "wait_s": ("wait_s", 1),
     "completion_s": ("completion_s", 1),
 }
-"""Means: of which column, times what."""
+"""The measures that are means, each with its column and a factor."""
 
 COUNTED = ("interruptions", "handovers")
 TOLERANCE_S = 1e-6
@@ -33,17 +34,17 @@ GROUPS: dict[str, type] = {"service": str, "episode": int, "user": int, "outcome
 
 
 def inconsistency(requests: pd.DataFrame) -> str | None:
-    """What in a frame of requests no run can have written, if anything: its first such row."""
+    """Return a message about the first row that no run can have written, or None."""
     open_s = requests["t_end_s"] - requests["t_request_s"]
     most_s = requests["requested_s"].clip(upper=open_s)
     tests = {
-        "request_id stands twice in its episode": requests.duplicated(["episode", "request_id"]),
+        "request_id occurs twice in its episode": requests.duplicated(["episode", "request_id"]),
         "t_end_s is before t_request_s": open_s < 0,
-        "served_s is below 0": requests["served_s"] < 0,
-        "served_s is more than was asked for, or than the time it was open": (
+        "served_s is negative": requests["served_s"] < 0,
+        "served_s exceeds requested_s, or the time the request was open": (
             requests["served_s"] > most_s + TOLERANCE_S
         ),
-        f"outcome is none of {', '.join(OUTCOMES)}": ~requests["outcome"].isin(OUTCOMES),
+        f"outcome is not one of {', '.join(OUTCOMES)}": ~requests["outcome"].isin(OUTCOMES),
     }
     for problem, rows in tests.items():
         if rows.any():
@@ -53,9 +54,10 @@ def inconsistency(requests: pd.DataFrame) -> str | None:
 
 
 def derive(requests: pd.DataFrame, duration_s: pd.Series | float, step_s: float) -> pd.DataFrame:
-    """Requests with wait_s, completion_s, handovers, qoe1, qoe1_feasible and qoe2_iterations.
+    """Add wait_s, completion_s, handovers, qoe1, qoe1_feasible and qoe2_iterations to requests.
 
-    ``duration_s`` is the length of the episode (a number, or one a row); an iteration is a step.
+    ``duration_s`` is the length of the episode in seconds, a number or one per row. An iteration
+    is a step of ``step_s``.
     """
     derived = requests.copy()
     first = requests["t_first_service_s"].fillna(requests["t_end_s"])
@@ -73,29 +75,34 @@ def derive(requests: pd.DataFrame, duration_s: pd.Series | float, step_s: float)
 
 
 def summary(requests: pd.DataFrame) -> dict[str, Any]:
-    """The measures of a set of requests; a mean over none is None.
+    """Return the measures of a set of requests; a mean over no requests is None.
 
-    QoE1 and QoE2 average over requests, unserved ones included. ``qoe3_active_percent`` is the
-    share of the time open in which the user was attached. ``fairness`` is Jain's index of the
-    users' mean QoE1.
+    QoE1 and QoE2 are means over all requests, also those that were never served.
+    ``qoe3_active_percent`` is the share of the open time in which the user was attached to a
+    drone. ``fairness`` is Jain's index of the users' mean QoE1.
     """
     return Totals().add(requests).summary()
 
 
 def grouped(requests: pd.DataFrame, by: str) -> list[dict[str, Any]]:
-    """``summary`` of each group of requests, in order of ``by``, one of ``GROUPS``."""
+    """Return the ``summary`` of each group of requests, in the order of ``by`` (see ``GROUPS``)."""
     return Groups(by).add(requests).summaries()
 
 
 def fairness(requests: pd.DataFrame) -> float | None:
-    """Jain's index of the users' mean QoE1: 1 where all fare alike, 1/n where one has it all."""
+    """Return Jain's index of the users' mean QoE1.
+
+    It is 1 if all n users have the same QoE1, and 1/n if only one has any. It is None if no user
+    was served.
+    """
     return Fairness().add(requests).value()
 
 
 def gini(requests: pd.DataFrame) -> float | None:
-    """Gini's index of the users' mean QoE1: 0 where all fare alike, 1 - 1/n where one has it all.
+    """Return Gini's index of the users' mean QoE1.
 
-    Twice the area between the Lorenz curve and the diagonal.
+    It is 0 if all n users have the same QoE1, and 1 - 1/n if only one has any: twice the area
+    between the Lorenz curve and the diagonal.
     """
     curve = lorenz(requests)
     if len(curve) < 2 or np.isnan(curve).any():
@@ -104,7 +111,7 @@ def gini(requests: pd.DataFrame) -> float | None:
 
 
 def lorenz(requests: pd.DataFrame) -> NDArray[np.float64]:
-    """What share of all QoE1 the worst-off k of n users have, for k from 0 to n."""
+    """Return the share of all QoE1 that the worst-off k of n users have, for k from 0 to n."""
     rising = np.sort(of_each_user(requests))
     total = rising.sum()
     return np.append(0.0, np.cumsum(rising)) / (total if total > 0 else np.nan)
@@ -116,7 +123,7 @@ def of_each_user(requests: pd.DataFrame) -> NDArray[np.float64]:
 
 
 class Totals:
-    """The sums that ``summary`` is made of: requests are added as they come, and not kept."""
+    """Running sums of the measures of ``summary``; the added requests are not kept."""
 
     def __init__(self) -> None:
         self._count = 0
@@ -141,7 +148,7 @@ class Totals:
         return self
 
     def summary(self) -> dict[str, Any]:
-        """See ``summary``."""
+        """Return the measures of all added requests, as the function ``summary`` does."""
         open_s, attached_s = self._open_s, self._attached_s
         means = {name: mean.value() for name, mean in self._means.items()}
         return {
@@ -159,7 +166,7 @@ class Totals:
 
 
 class Groups:
-    """``Totals`` of each group of requests by ``by``, one of ``GROUPS``."""
+    """``Totals`` of each group of requests; ``by`` is one of ``GROUPS``."""
 
     def __init__(self, by: str) -> None:
         self.by = by
@@ -172,12 +179,12 @@ class Groups:
         return self
 
     def summaries(self) -> list[dict[str, Any]]:
-        """See ``grouped``."""
+        """Return the measures of each group, as ``grouped`` does."""
         return [{self.by: value} | self._totals[value].summary() for value in sorted(self._totals)]
 
 
 class Fairness:
-    """Jain's index (see ``fairness``) of requests that are added as they come."""
+    """A running computation of Jain's index (see ``fairness``)."""
 
     def __init__(self) -> None:
         self._of_users: dict[int, tuple[float, int]] = {}
@@ -197,14 +204,14 @@ class Fairness:
         return np.array([total / count for _, (total, count) in sorted(self._of_users.items())])
 
     def value(self) -> float | None:
-        """The index; None where nobody was served."""
+        """Return the index, or None if no user was served."""
         of_users = self.of_each_user()
         squares = float((of_users**2).sum())
         return float(of_users.sum() ** 2 / (len(of_users) * squares)) if squares > 0 else None
 
 
 class Mean:
-    """The mean of values that are added as they come; what is not a number does not count."""
+    """A running mean of values, of which NaN is left out."""
 
     def __init__(self) -> None:
         self._total, self._count = 0.0, 0
@@ -216,10 +223,10 @@ class Mean:
         self._count += len(there)
 
     def value(self) -> float | None:
-        """The mean; None of none."""
+        """Return the mean, or None if there are no values."""
         return self._total / self._count if self._count else None
 
 
 def _between(start_s: pd.Series, end_s: pd.Series | float) -> pd.Series:
-    """The time between: all times are whole microseconds, and so is their difference."""
+    """Return the time between in whole microseconds, as all times are."""
     return (end_s - start_s).round(6)

@@ -64,7 +64,7 @@ REQUESTS = Columns(
     qoe2_iterations=(FLOAT, "The time the request was open but not served, in steps."),
     attached_s=(FLOAT, "Seconds for which the user was attached to a drone while it was open."),
 )
-"""``attached_s``: the time attached while open, from which QoE3 of the active users follows."""
+"""The columns of requests. QoE3 of active users follows from ``attached_s``."""
 
 STEPS = Columns(
     "One row per step and drone: the state at the end of the step, before the next command.",
@@ -150,7 +150,7 @@ EVENTS = Columns(
     request_id=("Int64", "The request it concerns, if any."),
     station=("Int64", "The charging station it concerns, if any."),
 )
-"""Sorted by (t_us, phase, drone, user); what an event does not concern is null."""
+"""The columns of events, which are sorted by (t_us, phase, drone, user)."""
 
 LEGS = Columns(
     "One row per transit that a drone flew, and one of duration 0 for each place at which a drone "
@@ -196,7 +196,7 @@ TABLES = {
 
 
 def arrow_schema(columns: dict[str, str]) -> pa.Schema:
-    """The types of a table in its Parquet file, the same whatever its rows."""
+    """Return the types of a table in its Parquet file, which do not depend on its rows."""
     import pyarrow as pa
 
     types = {
@@ -211,7 +211,7 @@ def arrow_schema(columns: dict[str, str]) -> pa.Schema:
 
 
 def misfit(columns: dict[str, str], table: pa.Table) -> str | None:
-    """What keeps a table from being one of ``columns``: one that lacks, or holds something else."""
+    """Return why a table does not have these ``columns`` and types, or None if it has."""
     import pyarrow.compute as pc
     from pyarrow import types
 
@@ -238,7 +238,7 @@ def misfit(columns: dict[str, str], table: pa.Table) -> str | None:
 
 
 def to_frame(columns: dict[str, str], rows: Iterable[tuple[Any, ...]]) -> pd.DataFrame:
-    """A table from its rows, each value in the order of ``columns``; None is null."""
+    """Return a table made of rows, whose values are in the order of ``columns``; None is null."""
     import pandas as pd
 
     by_column = list(zip(*rows, strict=True)) or [()] * len(columns)

@@ -1,4 +1,4 @@
-"""The folder of a run: written whole or not at all, and read back."""
+"""Run folders, which are written completely or not at all, and read back."""
 
 from __future__ import annotations
 
@@ -36,14 +36,14 @@ with suppress(ImportError):
 
 
 class Draft:
-    """A run folder in the making, beside its place: nothing is seen of it until it is published."""
+    """A run folder that is being written, hidden beside its place until it is published."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
 
     @contextmanager
     def tables(self) -> Iterator[Callable[[str, pd.DataFrame], None]]:
-        """Write rows of ``TABLES`` as they come, by name; none is in memory after that."""
+        """Yield a function that appends rows to one of ``TABLES``; rows do not stay in memory."""
         with ExitStack() as files:
             writers: dict[str, pq.ParquetWriter] = {}
 
@@ -67,7 +67,7 @@ class Draft:
         self.write_text(name, json.dumps(content, indent=1, allow_nan=False) + "\n")
 
     def seal(self) -> None:
-        """Write the checksums of all that was written."""
+        """Write the checksums of all files that were written."""
         with self._complaining(SUMS):
             text = of_files(self.path.iterdir())
         self.write_text(SUMS, text)
@@ -91,9 +91,9 @@ class Draft:
 
 @contextmanager
 def held(folder: Path) -> Iterator[None]:
-    """Nobody else writes to a folder meanwhile, there or to come; the hold ends with its process.
+    """Lock a folder, which need not exist yet; the lock ends with its process.
 
-    Raises UsageError, naming who does.
+    Raises UsageError, which names the process, if another process holds the lock.
     """
     if fcntl is None:  # a system without such locks
         yield
@@ -133,7 +133,7 @@ def _locked(file: Path, folder: Path) -> Iterator[IO[str]]:
 
 
 def _is_still(file: Path, own: IO[str]) -> bool:
-    """Is it the one that was opened? Whoever held it before may have removed it since."""
+    """Return whether the lock file is still the one that was opened, and not removed since."""
     try:
         return file.stat().st_ino == os.fstat(own.fileno()).st_ino
     except FileNotFoundError:
@@ -141,10 +141,10 @@ def _is_still(file: Path, own: IO[str]) -> bool:
 
 
 class Place:
-    """Where a run will stand: ``--out``, or the first free ``runs/NAME``, ``runs/NAME-2`` …."""
+    """The place of a new run folder: ``--out``, or the first free ``runs/NAME``, ``NAME-2`` …."""
 
     def __init__(self, out: Path | None, name: str) -> None:
-        """Raises UsageError where no run can be put at ``out``."""
+        """Raise UsageError if no run folder can be made at ``out``."""
         self.out = out
         self.target = None if out is None else _vacant(out)
         self.parent = Path("runs") if self.target is None else self.target.parent
@@ -152,9 +152,9 @@ class Place:
 
     @contextmanager
     def draft(self) -> Iterator[Draft]:
-        """A draft beside the place; it is removed again unless it gets published.
+        """Yield a draft beside the place; it is removed afterwards unless it was published.
 
-        Raises UsageError where nothing can be written, or somebody is writing to ``out``.
+        Raises UsageError if nothing can be written there, or if another process writes to ``out``.
         """
         path, new = self.parent / f".unfinished-{uuid.uuid4().hex}", not self.parent.exists()
         try:
@@ -174,17 +174,17 @@ class Place:
                     self.parent.rmdir()
 
     def vacant(self) -> Path:
-        """A folder that is not there yet, or empty."""
+        """Return a folder that does not exist yet, or is empty."""
         if self.out is not None:
             return self.out
         return next(candidate for candidate in self._candidates() if not candidate.exists())
 
     def taken(self) -> list[Path]:
-        """The folders that stand where it could: the first, the second …."""
+        """Return the existing folders at the possible places: the first, the second, …."""
         return list(takewhile(Path.exists, self._candidates()))
 
     def publish(self, draft: Draft) -> Path:
-        """Seal a draft and move it to its place in one step; the place. Never overwrites."""
+        """Seal a draft, move it to its place, and return the place. Never overwrites."""
         draft.seal()
         candidates = self._candidates()
         while not self._moved(draft, candidate := next(candidates)):
@@ -193,7 +193,7 @@ class Place:
         return self.out or candidate
 
     def _moved(self, draft: Draft, candidate: Path) -> bool:
-        """Move a draft to a place, unless it is taken and there are others."""
+        """Move a draft to a place; return False if it is taken and there are others."""
         try:
             draft.path.rename(candidate)
         except OSError as error:
@@ -214,7 +214,7 @@ class Place:
 
 
 def parquet(name: str, frame: pd.DataFrame) -> bytes:
-    """One of ``TABLES`` as a Parquet file."""
+    """Return one of ``TABLES`` as the bytes of a Parquet file."""
     import pyarrow as pa
 
     file = pa.BufferOutputStream()
@@ -225,23 +225,23 @@ def parquet(name: str, frame: pd.DataFrame) -> bytes:
 
 
 def _writer(file: Any, schema: pa.Schema) -> pq.ParquetWriter:
-    """A bit that flips later on is noticed when the file is read."""
+    """Return a writer with page checksums, so that later damage is noticed."""
     import pyarrow.parquet as pq
 
     return pq.ParquetWriter(file, schema, write_page_checksum=True)
 
 
 def _table(name: str, frame: pd.DataFrame) -> pa.Table:
-    """In Arrow's terms, with what pandas wants to know when it reads it."""
+    """Return a frame as an Arrow table, with the metadata that pandas needs."""
     import pyarrow as pa
 
     return pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
 
 
 def write_whole(path: Path, content: bytes) -> None:
-    """Write a file, or leave what was there: beside it first, then in its place in one step.
+    """Write a file completely, or leave the old one: a new file replaces it in one step.
 
-    Raises DesimError where that fails.
+    Raises DesimError if the file cannot be written.
     """
     beside = path.with_name(f".{path.name}-{uuid.uuid4().hex}")
     try:
@@ -259,10 +259,10 @@ def write_whole(path: Path, content: bytes) -> None:
 
 
 def read_table(folder: Path, name: str, columns: dict[str, str]) -> pd.DataFrame:
-    """A table of a finished run.
+    """Read a table of a finished run.
 
-    Raises PolicyError, naming the file, where it is missing or unreadable, has changed since it was
-    written, or where a column is missing or of another type.
+    Raises PolicyError, which names the file, if it is missing or unreadable, has changed since it
+    was written, or if a column is missing or has another type.
     """
     import pandas as pd
 
@@ -270,7 +270,7 @@ def read_table(folder: Path, name: str, columns: dict[str, str]) -> pd.DataFrame
 
 
 def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.DataFrame]:
-    """The same, a row group at a time; at least one, if only of no rows."""
+    """Yield a table of a finished run by row groups, at least one. Raises as ``read_table``."""
     import pyarrow as pa
     import pyarrow.parquet as pq
 
@@ -296,7 +296,7 @@ def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.
 
 
 def _frame(table: pa.Table, columns: dict[str, str]) -> pd.DataFrame:
-    """For pandas, whatever the file says of it: that has no checksum, and adds nothing."""
+    """Return a frame; the file's own metadata for pandas, which has no checksum, is ignored."""
     import pandas as pd
 
     frame = table.to_pandas(ignore_metadata=True)
@@ -306,7 +306,7 @@ def _frame(table: pa.Table, columns: dict[str, str]) -> pd.DataFrame:
 
 
 def read_scenario(folder: Path) -> Scenario:
-    """The scenario as it was run. Raises PolicyError, naming the file, where it cannot be read."""
+    """Read the scenario of a run. Raises PolicyError, which names the file, if it cannot."""
     from desim_uav.scenario.load import load
 
     file = folder / "scenario.yaml"
@@ -318,9 +318,9 @@ def read_scenario(folder: Path) -> Scenario:
 
 
 def file_place(out: Path, option: str = "") -> Path:
-    """Where a file is to stand, links followed; ``option``: who says so. Nothing is made yet.
+    """Return the place of a file to be written, with links followed. Nothing is made yet.
 
-    Raises UsageError where no file can be written.
+    ``option`` names the option in messages. Raises UsageError if no file can be written there.
     """
     named = f"{option} {out}".strip()
     try:
@@ -335,9 +335,9 @@ def file_place(out: Path, option: str = "") -> Path:
 
 
 def write_at(place: Path, content: bytes) -> None:
-    """Write a file in its place, in new folders if need be; where that fails, none is left.
+    """Write a file in its place, and make its folders if they do not exist.
 
-    Raises DesimError.
+    Raises DesimError if that fails; then new folders are removed again.
     """
     new = [folder for folder in place.parents if not folder.exists()]
     try:
@@ -354,13 +354,13 @@ def write_at(place: Path, content: bytes) -> None:
 
 
 def try_writing(folder: Path) -> None:
-    """Raises OSError where no file can be made in a folder, whatever its permissions say."""
+    """Raise OSError if no file can be made in a folder, independently of its permissions."""
     with tempfile.TemporaryFile(dir=folder):
         pass
 
 
 def world_content(world: World) -> dict[str, Any]:
-    """What ``world.json`` says of a world."""
+    """Return the content of ``world.json`` for a world."""
     width, depth = world.area
     return {
         "size_m": [width, depth],
@@ -378,13 +378,13 @@ def world_content(world: World) -> dict[str, Any]:
 
 
 def world_hash(world: World) -> str:
-    """SHA-256 of all that was drawn of a world."""
+    """Return the SHA-256 of everything that was drawn for a world."""
     text = json.dumps(world_content(world), sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
 
 def _vacant(out: Path) -> Path:
-    """Where ``--out`` points, links followed. Raises UsageError where no run can be put there."""
+    """Return the target of ``--out``, with links followed. Raises UsageError if it is taken."""
     try:
         target = out.resolve()
         if target.exists():
@@ -393,14 +393,16 @@ def _vacant(out: Path) -> Path:
             if any(target.iterdir()):
                 raise UsageError(f"--out {out}: the folder is not empty")
             if target == Path.cwd() or target.is_mount():
-                raise UsageError(f"--out {out}: this folder must stay; name one in it")
+                raise UsageError(
+                    f"--out {out}: this folder cannot be replaced; name a folder in it"
+                )
     except (OSError, RuntimeError) as error:
         raise UsageError(f"--out {out}: {getattr(error, 'strerror', None) or error}") from error
     return target
 
 
 def _sync_folder(folder: Path) -> None:
-    """Make the new name last, where the system can."""
+    """Make the new name durable, if the system can."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:

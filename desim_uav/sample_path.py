@@ -1,4 +1,4 @@
-"""Every random draw of one episode, made before its first event."""
+"""Sample paths: all random draws of an episode, made before its first event."""
 
 from __future__ import annotations
 
@@ -16,18 +16,18 @@ from desim_uav.model.streams import Purpose, Streams, next_uniform, states_of
 from desim_uav.world import World
 
 MOST_AT_ONCE, AT_ONCE_FOR = 64, 3072
-"""How many episodes are worth drawing at once, at most, and for how many users in all."""
+"""The largest number of episodes that are drawn at once, and of users in all of them."""
 
 
 @dataclass(frozen=True, eq=False)
 class SamplePath(Unchanging):
-    """The walks, requests, position errors and respawn places of one episode.
+    """The walks, requests, position errors and respawn stations of one episode.
 
-    ``walking``: the walks; random ones are drawn when somebody asks for ``walks``.
+    ``walking``: the walks; random ones are drawn when ``walks`` is first used.
 
-    ``position_error`` (drones, steps + 1, 2): cells by which a drone mistakes its coordinates at
-    each decision epoch and at the episode's end; None without noise. ``respawn`` (drones,
-    steps + 1): the station of a drone's first, second … respawn.
+    ``position_error``: (drones, steps + 1, 2), the error of a drone's believed cell at each
+    decision epoch and at the end of the episode, in cells; None without noise. ``respawn``:
+    (drones, steps + 1), the station of a drone's first, second, … respawn.
     """
 
     episode: int
@@ -38,16 +38,16 @@ class SamplePath(Unchanging):
 
     @property
     def walks(self) -> Walks:
-        """The walks, drawn by now."""
+        """The walks, which are drawn on first use."""
         return self.walking.drawn()
 
 
 @dataclass(frozen=True, eq=False)
 class SamplePaths:
-    """Those of several episodes, drawn at once; each is put together when it is asked for.
+    """The sample paths of several episodes, drawn together.
 
-    ``walking`` and ``requests`` have an entry an episode, ``position_error`` and ``respawn``
-    another dimension.
+    ``walking`` and ``requests`` have one entry per episode; ``position_error`` and ``respawn``
+    have the episode as an additional first dimension.
     """
 
     episodes: Sequence[int]
@@ -58,7 +58,7 @@ class SamplePaths:
 
     @classmethod
     def of(cls, path: SamplePath) -> SamplePaths:
-        """Of one."""
+        """Return the sample path of one episode as a sequence of length one."""
         error = path.position_error
         errors = None if error is None else error[np.newaxis]
         return cls(
@@ -66,7 +66,7 @@ class SamplePaths:
         )
 
     def __getitem__(self, k: int) -> SamplePath:
-        """The one of this place, not number."""
+        """Return the sample path at index k, which need not be the number of its episode."""
         errors = self.position_error
         return SamplePath(
             self.episodes[k],
@@ -78,21 +78,21 @@ class SamplePaths:
 
 
 def draw(world: World, seed: int, episode: int) -> SamplePath:
-    """The sample path of an episode (negative: warm-up) under the run's seed.
+    """Draw the sample path of an episode under the run's seed.
 
-    Whatever the policy, the same world, seed and episode give the same sample path; another drone
-    or user changes nobody else's draws.
+    Warm-up episodes have negative numbers. The same world, seed and episode give the same sample
+    path under any policy. One more drone or user does not change the draws of the others.
     """
     return draw_all(world, seed, [episode])[0]
 
 
 def at_once(world: World) -> int:
-    """How many episodes are worth drawing at once."""
+    """Return the number of episodes that are best drawn at once."""
     return max(1, min(MOST_AT_ONCE, AT_ONCE_FOR // len(world.homes)))
 
 
 def draw_all(world: World, seed: int, episodes: Sequence[int]) -> SamplePaths:
-    """The sample paths of several episodes, sooner than one by one."""
+    """Draw the sample paths of several episodes, which is faster than one by one."""
     count, walks, requests = len(episodes), world.fixed_walks, world.fixed_requests
     return SamplePaths(
         episodes,
@@ -131,7 +131,7 @@ def _respawns(world: World, seed: int, episodes: Sequence[int]) -> NDArray[np.in
 
 @maker
 def _choices(states: NDArray[np.uint64], count: int, options: int) -> NDArray[np.int64]:
-    """``count`` uniform choices among 0 … options-1 from each stream."""
+    """Draw ``count`` uniform choices among 0 … options-1 from each stream."""
     chosen = np.empty((len(states), count), np.int64)
     for entity in range(len(states)):
         for k in range(count):

@@ -1,4 +1,4 @@
-"""What does not change in a run: map, buildings, stations, clusters, homes, drones' physics."""
+"""The world of a run, which never changes: map, buildings, stations, clusters, homes, physics."""
 
 from __future__ import annotations
 
@@ -33,7 +33,8 @@ PLACEMENTS = 10_000
 class World(Unchanging):
     """A drawn world, which copies of environments and engines share.
 
-    Cells are (ix, iy); ``clusters`` rows x, y, radius and ``homes`` rows x, y, z are in metres.
+    Cells are (ix, iy). ``clusters`` has rows of x, y and radius, and ``homes`` rows of x, y and z,
+    all in metres.
     """
 
     scenario: Scenario
@@ -46,36 +47,36 @@ class World(Unchanging):
 
     @cached_property
     def area(self) -> Area:
-        """The size of the map."""
+        """The size of the map in metres."""
         return Area(self.grid.width_m, self.grid.depth_m)
 
     @cached_property
     def actions(self) -> tuple[Action, ...]:
-        """What a drone can be told; a command is an index into it."""
+        """The actions of a drone. A command is an index into this tuple."""
         return actions(self.scenario.three_d, self.scenario.limited_battery)
 
     @cached_property
     def services(self) -> Catalogue:
-        """The services as arrays, with the shares of the demand's mix."""
+        """The services as arrays, with the probabilities of the demand's mix."""
         offered = self.scenario.services
         mix = getattr(self.scenario.demand, "mix", dict.fromkeys(offered, 1.0))
         return catalogue(offered, mix)
 
     def walks(self, seed: int, episode: int) -> Walks:
-        """How the users walk in an episode."""
+        """Draw the users' walks in an episode."""
         return self.walks_of(seed, [episode])[0].drawn()
 
     def walks_of(self, seed: int, episodes: Sequence[int]) -> Sequence[Walks | RandomWalks]:
-        """How they walk in several; random walks are not drawn before they are asked for."""
+        """Draw the users' walks in several episodes; random walks are drawn when needed."""
         mobility, homes = self.scenario.users.mobility, self._homes_on_map
         return walks_of(mobility, homes, seed, episodes, self.area, self.horizon_us)
 
     def requests(self, seed: int, episode: int) -> Requests:
-        """What the users ask for in an episode."""
+        """Draw the users' requests in an episode."""
         return self.requests_of(seed, [episode])[0]
 
     def requests_of(self, seed: int, episodes: Sequence[int]) -> Sequence[Requests]:
-        """What they ask for in several, drawn at once."""
+        """Draw the users' requests in several episodes at once."""
         demand, users = self.scenario.demand, len(self.homes)
         return requests_of(demand, users, self.services, seed, episodes, self.horizon_us)
 
@@ -85,17 +86,17 @@ class World(Unchanging):
 
     @cached_property
     def fixed_walks(self) -> Walks | None:
-        """The walks of every episode, where they are left to no chance."""
+        """The walks of every episode if they are not random, else None."""
         return None if getattr(self.scenario.users.mobility, "draws", True) else self.walks(0, 0)
 
     @cached_property
     def fixed_requests(self) -> Requests | None:
-        """The requests of every episode, where they are left to no chance."""
+        """The requests of every episode if they are not random, else None."""
         return None if getattr(self.scenario.demand, "draws", True) else self.requests(0, 0)
 
     @cached_property
     def facts(self) -> Facts:
-        """What rewards, observations and learners may use of the world."""
+        """The constants that rewards, observations and learners may use."""
         scenario, battery = self.scenario, self.scenario.drones.battery
         return Facts(
             self.grid,
@@ -113,52 +114,52 @@ class World(Unchanging):
 
     @cached_property
     def step_us(self) -> int:
-        """The time between decision epochs."""
+        """The time between decision epochs, in microseconds."""
         return round(self.scenario.episode.step_s * US)
 
     @cached_property
     def horizon_us(self) -> int:
-        """The length of an episode."""
+        """The length of an episode, in microseconds."""
         return self.step_us * self.scenario.episode.steps
 
     @cached_property
     def bandwidth_bps(self) -> float:
-        """The bandwidth of a drone in bit/s: a whole number, or inf."""
+        """The bandwidth of a drone in bit/s, a whole number or inf."""
         kbps = self.scenario.drones.bandwidth_kbps
         return math.inf if kbps is None else round(kbps * 1000)
 
     @cached_property
     def capacity_us(self) -> int:
-        """A full battery, in microseconds of autonomy; 0 where the battery is unlimited."""
+        """The capacity of a battery in microseconds of autonomy; 0 if it is unlimited."""
         battery = self.scenario.drones.battery
         return 0 if battery is None else round(battery.autonomy_min * 60 * US)
 
     @cached_property
     def full_charge_us(self) -> int:
-        """The time an empty battery charges."""
+        """The time to charge an empty battery, in microseconds."""
         return round(self.scenario.stations.full_charge_min * 60 * US)
 
     @cached_property
     def return_below_us(self) -> int:
-        """At or below this a drone may be told to return."""
+        """The battery level at or below which a drone may return, in microseconds."""
         battery = self.scenario.drones.battery
         return 0 if battery is None else round(battery.return_below * self.capacity_us)
 
     @cached_property
     def respawn_after_us(self) -> int:
-        """How long a crashed drone is down, at least."""
+        """The least time from a crash to the drone's replacement, in microseconds."""
         battery = self.scenario.drones.battery
         return 0 if battery is None else round(battery.respawn_after_min * 60 * US)
 
     @cached_property
     def on_crash(self) -> str:
-        """What becomes of a crashed drone: respawn, remove or end_episode."""
+        """What happens after a crash: respawn, remove or end_episode."""
         battery = self.scenario.drones.battery
         return "remove" if battery is None else battery.on_crash
 
     @cached_property
     def epoch_transits(self) -> dict[Action, Transit]:
-        """The transit each moving action commands."""
+        """The transit that each moving action commands."""
         motion, step_s = self.scenario.drones.motion, self.scenario.episode.step_s
         return {
             action: motion.epoch_transit(self._hop_m(move), step_s)
@@ -168,13 +169,13 @@ class World(Unchanging):
 
     @cached_property
     def fastest_transits(self) -> dict[Node, Transit]:
-        """The minimum-time transit of each hop (dx, dy, dlevel), as returns are flown."""
+        """The minimum-time transit of each hop (dx, dy, dlevel) of a return."""
         motion = self.scenario.drones.motion
         return {move: motion.fastest_transit(self._hop_m(move)) for move in MOVES.values()}
 
     @cached_property
     def planner(self) -> Planner:
-        """Plans returns to the stations."""
+        """The planner of returns to the stations."""
         hops = [self.fastest_transits[axis] for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
         hop_us = tuple(hop.duration_us for hop in hops)
         energy = self.scenario.drones.battery
@@ -196,7 +197,8 @@ class World(Unchanging):
 def build_world(scenario: Scenario, seed: int) -> World:
     """Draw the world of a scenario; ``seed`` is the world seed.
 
-    Raises ScenarioError where no drawn map leaves the free cells connected.
+    Raises ScenarioError if no drawn map leaves the free cells connected, or if a cluster does not
+    fit on the map.
     """
     stations, starts = station_cells(scenario), start_cells(scenario)
     height_m = _draw_buildings(scenario, seed, {*stations, *starts})
@@ -213,7 +215,7 @@ def build_world(scenario: Scenario, seed: int) -> World:
 
 
 def _draw_buildings(scenario: Scenario, seed: int, kept_free: set[Cell]) -> NDArray[np.float64]:
-    """The tallest building of each cell (nx, ny), redrawn until the free cells hang together."""
+    """Draw the tallest building of each cell (nx, ny) until the free cells are connected."""
     obstacles = scenario.map.obstacles
     height_m = np.zeros(scenario.map.cells)
     if obstacles is None or not scenario.three_d:
@@ -238,7 +240,7 @@ def _draw_buildings(scenario: Scenario, seed: int, kept_free: set[Cell]) -> NDAr
 def _draw_squares(
     scenario: Scenario, obstacles: DrawnObstacles, rng: np.random.Generator
 ) -> NDArray[np.float64]:
-    """Building squares without replacement on their own grid, painted onto the cells."""
+    """Draw building squares without replacement on their own grid, and map them to cells."""
     width_m, depth_m = scenario.map.size_m
     nx, ny = scenario.map.cells
     square_x = obstacles.square_m or width_m / nx
@@ -258,13 +260,13 @@ def _draw_squares(
 
 
 def _overlapped(low_m: float, high_m: float, cell_m: float, cells: int) -> slice:
-    """The cells along one axis that share more than an edge with [low, high]."""
+    """Return the cells along one axis that share more than an edge with [low, high]."""
     first = math.floor(low_m / cell_m + 1e-9)
     return slice(first, min(math.ceil(high_m / cell_m - 1e-9), cells))
 
 
 def _draw_clusters(scenario: Scenario, seed: int) -> NDArray[np.float64]:
-    """Centroids uniform over the map, one radius off the edge where it fits: rows x, y, radius."""
+    """Draw centroids uniformly on the map, if possible a radius from the edge: x, y, radius."""
     clusters = scenario.users.clusters
     if clusters is None:
         return np.empty((0, 3))
@@ -285,7 +287,7 @@ def _draw_clusters(scenario: Scenario, seed: int) -> NDArray[np.float64]:
 def _draw_homes(
     scenario: Scenario, seed: int, grid: Grid, clusters: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Users dealt round robin to clusters: truncated normal positions; a height in a built cell."""
+    """Draw the users' homes: clusters in turn, truncated normal positions, heights in buildings."""
     users = scenario.users
     streams = Streams(seed, Purpose.PLACEMENT)
     homes = np.zeros((users.count, 3))
@@ -304,7 +306,7 @@ def _draw_homes(
 def _truncated_normal(
     rng: np.random.Generator, cluster: Sequence[float] | NDArray[np.float64], grid: Grid
 ) -> tuple[float, float]:
-    """A normal around the centroid (σ = radius / 2 an axis), truncated to the disc and the map."""
+    """Draw from a normal around a centroid (σ = radius / 2), truncated to its disc and the map."""
     x, y, radius = cluster
     for _ in range(PLACEMENTS):
         dx, dy = rng.normal(0.0, radius / 2.0, size=2)

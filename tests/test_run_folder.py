@@ -171,13 +171,13 @@ class TestOut:
     def test_the_working_folder_itself(self, out, monkeypatch):
         Path("here").mkdir()
         monkeypatch.chdir("here")
-        with pytest.raises(UsageError, match="this folder must stay; name one in it"):
+        with pytest.raises(UsageError, match="this folder cannot be replaced; name a folder in it"):
             run(out=Path(out))
 
     def test_a_mount_point(self, monkeypatch):
         Path("disk").mkdir()
         monkeypatch.setattr(Path, "is_mount", lambda path: path.name == "disk")
-        with pytest.raises(UsageError, match="--out disk: this folder must stay"):
+        with pytest.raises(UsageError, match="--out disk: this folder cannot be replaced"):
             run(out=Path("disk"))
 
     def test_filled_by_another_in_the_meantime(self):

@@ -109,7 +109,7 @@ def compare_runs(
 
     Raises:
         PolicyError: a folder cannot be read, or the runs are not of one scenario and one length.
-        UsageError: ``against`` is none of the policies, or ``out`` cannot be written.
+        UsageError: ``against`` is not one of the policies, or ``out`` cannot be written.
     """
     place = None if out is None else file_place(Path(out), "--out")
     comparison = comparing.compare_runs([Path(folder) for folder in folders], against)

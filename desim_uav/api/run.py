@@ -146,7 +146,7 @@ class RunResult:
                 for a frame with a row per group.
 
         Raises:
-            UsageError: ``by`` is none of these.
+            UsageError: ``by`` is not one of these.
         """
         allowed = (*measures.GROUPS, "seed")
         if by is not None and by not in allowed:

@@ -160,7 +160,7 @@ def reproduce(
         progress: Show the progress.
 
     Raises:
-        UsageError: an option is none of those allowed, or ``out`` cannot be written.
+        UsageError: an option is not one of those allowed, or ``out`` cannot be written.
     """
     given = locals()
     if preset not in PRESETS:

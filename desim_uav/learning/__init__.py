@@ -1,4 +1,4 @@
-"""Learning: independent learners, an algorithm a file. Each file that registers one is found."""
+"""Independent learners, with one algorithm per file. Every file that registers one is found."""
 
 import sys
 

@@ -1,4 +1,4 @@
-"""A training set down between two episodes, to be taken up again as if nothing had happened."""
+"""Checkpoints: a training is saved between two episodes and continues exactly as without it."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ FORMAT = 2
 
 
 class Checkpoint(NamedTuple):
-    """What a training remembers, its rows so far, and which training it is."""
+    """The state of a training between two episodes, its rows so far, and its identity."""
 
     identity: str
     memory: Memory
@@ -27,7 +27,7 @@ class Checkpoint(NamedTuple):
 
 
 def to_bytes(checkpoint: Checkpoint) -> bytes:
-    """The file: arrays and text, no code."""
+    """Return the bytes of a checkpoint file, which holds arrays and text but no code."""
     memory = checkpoint.memory
     about = {
         "format": FORMAT,
@@ -42,11 +42,14 @@ def to_bytes(checkpoint: Checkpoint) -> bytes:
 
 
 def read(path: Path, q_shape: tuple[int, ...] | None = None) -> Checkpoint:
-    """Read a checkpoint, whose tables are to be of a shape. Raises PolicyError, naming the file."""
+    """Read a checkpoint whose Q-tables must have the shape ``q_shape``.
+
+    Raises PolicyError, which names the file, if it cannot be read or has another shape.
+    """
     stored = array_file.Stored(path, "checkpoint", ["q", "sums", "rows"], FORMAT)
     about, shape = stored.about, stored.forms["q"].shape
     if q_shape is not None and shape != q_shape:
-        raise PolicyError(f"{path}: a table of shape {shape}, not {q_shape}")
+        raise PolicyError(f"{path}: the table must have the shape {q_shape}, not {shape}")
     arrays = stored.arrays()
     try:
         carried = about["carried"]
@@ -63,13 +66,13 @@ def read(path: Path, q_shape: tuple[int, ...] | None = None) -> Checkpoint:
 
 
 def identity(path: Path) -> str:
-    """Which training a checkpoint is of. Raises PolicyError, naming the file."""
+    """Return the identity of a checkpoint's training. Raises PolicyError, which names the file."""
     stored = array_file.Stored(path, "checkpoint", ["q", "sums", "rows"], FORMAT)
     return str(stored.about.get("identity"))
 
 
 def _drone(values: list[Any]) -> CarriedDrone:
-    """JSON knows neither tuples nor modes."""
+    """Return a drone's state from JSON, which has neither tuples nor modes."""
     plain = dict(zip(CarriedDrone._fields, values, strict=True))
     tuples: dict[str, Any] = {
         "mode": Mode(plain["mode"]),
@@ -82,7 +85,7 @@ def _drone(values: list[Any]) -> CarriedDrone:
 
 
 def _progress(rows: NDArray[np.float64]) -> list[Progress]:
-    """The rows again; a measure there was none of is NaN in the file."""
+    """Return the rows of a file, in which a missing measure is NaN."""
     return [Progress(*map(_number, Progress._fields, row)) for row in rows.tolist()]
 
 

@@ -23,7 +23,10 @@ def update(
     alpha: float,
     coin: float,
 ) -> None:
-    """A coin names table A: A(s, a) moves by α to gained + discount · B(s', argmax A(s', ·))."""
+    """Update the table A that a coin chooses, with the values of the other table B.
+
+    A(s, a) += α (gained + discount · B(s', argmax A(s', ·)) - A(s, a)).
+    """
     learns = 0 if coin < 0.5 else 1
     best = -1
     for candidate in range(len(allowed)):
@@ -37,7 +40,7 @@ def update(
 
 @register("algorithm", "double_q")
 class DoubleQ:
-    """Double Q-learning; it acts on the sum of its two tables."""
+    """Double Q-learning, which chooses actions by the sum of its two tables."""
 
     tables = 2
     update = staticmethod(update)

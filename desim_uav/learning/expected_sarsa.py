@@ -1,4 +1,4 @@
-"""Expected SARSA (van Seijen et al., 2009): learn the mean value of what ε-greedy does next."""
+"""Expected SARSA (van Seijen et al., 2009): learns from the mean value of the ε-greedy choice."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ def update(
     alpha: float,
     coin: float,
 ) -> None:
-    """Q(s, a) += α (gained + discount · ((1 - ε) max Q(s', ·) + ε mean Q(s', ·)) - Q(s, a))."""
+    """Update a value by the expected value of the next ε-greedy choice.
+
+    Q(s, a) += α (gained + discount · ((1 - ε) max Q(s', ·) + ε mean Q(s', ·)) - Q(s, a)).
+    """
     best, total, count = -np.inf, 0.0, 0
     for candidate in range(len(allowed)):
         if allowed[candidate]:
@@ -37,7 +40,7 @@ def update(
 
 @register("algorithm", "expected_sarsa")
 class ExpectedSarsa:
-    """Expected SARSA."""
+    """Expected SARSA, with one table per drone."""
 
     tables = 1
     update = staticmethod(update)

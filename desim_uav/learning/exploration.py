@@ -1,4 +1,4 @@
-"""ε-greedy over the mask, from numbers drawn before the episode."""
+"""ε-greedy choice among the allowed actions, with numbers drawn before the episode."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ def epsilon_greedy(
     explore: float,
     which: float,
 ) -> int:
-    """An allowed action: with probability ε any, else the best by the sum of the tables.
+    """Return an allowed action: with probability ε a random one, else the best one.
 
-    ``q`` (tables, states, actions); ``explore`` and ``which`` are uniform in [0, 1). Of equally
-    good actions the first.
+    The best action has the largest sum over the tables ``q`` (tables, states, actions); of equally
+    good ones, it is the first. ``explore`` and ``which`` are uniform in [0, 1).
     """
     if explore < epsilon:
         nth = int(which * allowed.sum())
@@ -40,7 +40,7 @@ def epsilon_greedy(
 
 @part
 def value_of(q: NDArray[np.float32], state: int, action: int) -> float:
-    """What an action is worth: the sum of the tables (tables, states, actions)."""
+    """Return the value of an action: the sum over the tables ``q`` (tables, states, actions)."""
     value = 0.0
     for table in range(len(q)):
         value += q[table, state, action]

@@ -1,7 +1,7 @@
-"""Episodes of training without Python: the compiled engine, choices and updates in one.
+"""Compiled training: the compiled engine, choices of actions and updates in one kernel.
 
-The same numbers as ``Training`` with its readable learners, bit for bit: the same kernels choose
-and learn.
+It gives the same numbers as ``Training`` with its readable learners, bit for bit, because the same
+kernels choose and learn.
 """
 
 from __future__ import annotations
@@ -45,16 +45,16 @@ from desim_uav.learning.sarsa import update as sarsa
 from desim_uav.model.kernels import kernel
 
 ALGORITHMS = ("q_learning", "sarsa", "expected_sarsa", "double_q")
-"""Those that are compiled into an episode, by their number here."""
+"""The algorithms that are compiled into an episode; a kernel knows each by its index."""
 
 PENDING_STATE, PENDING_ACTION = range(2)
 GAINED, DISCOUNT, SUM = range(3)
-"""Columns of what a drone still has to learn from, and the sum of its values."""
+"""Columns of a drone's open decision, and of the sum of its values."""
 
 MINUTE_US = 60_000_000
 
 LEVELS_OF_STATE, MINUTES_OF_STATE = range(2)
-"""What a state of the table has beside the cell: how many levels, minutes; 0: none."""
+"""The numbers of levels and of minutes in a state of the table; 0 if it has none."""
 
 
 @kernel
@@ -79,13 +79,13 @@ def play(
 ) -> None:
     """Play episodes and learn in them.
 
-    ``paths`` begin at ``starts`` (see ``paths_of``); ``q`` (drones, tables, states, actions);
-    ``laws`` (episodes, 2) are ε and α; ``draws`` (episodes, drones, epochs, 3); ``pending``
-    (drones, 2) and ``due`` (drones, 3) are the decision each drone has not learned from yet: state
-    (-1: none), action, what it has gained, the discount so far, and (of the drone) the sum of its
-    values. ``restarts`` (episodes,): the next one begins at the starts. What happened goes into
-    ``told`` (episodes, drones, 5: reward, sum of values, QoE1-3) and ``crashes`` (episodes,
-    drones). ``commands`` (drones,) and ``allowed`` (actions,) are room to work in.
+    ``paths`` begin at ``starts`` (see ``paths_of``). ``q``: (drones, tables, states, actions).
+    ``laws``: (episodes, 2), ε and α. ``draws``: (episodes, drones, epochs, 3). ``pending``
+    (drones, 2) and ``due`` (drones, 3) hold each drone's open decision: state (-1: none), action,
+    its gain and its discount so far, and the sum of the drone's values. ``restarts`` (episodes,):
+    whether the next episode begins at the starts. The results are written into ``told`` (episodes,
+    drones, 5: reward, sum of values, QoE1-3) and ``crashes`` (episodes, drones). ``commands``
+    (drones,) and ``allowed`` (actions,) are buffers.
     """
     w, s = calls.world(world), calls.state(state)
     for episode in range(len(starts)):
@@ -130,7 +130,7 @@ def _decide(
     commands: Ints,
     allowed: NDArray[np.bool_],
 ) -> None:
-    """A command for each drone: its own where it decides, else the one it is forced to."""
+    """Write a command for each drone: its own choice, or the only one that is allowed."""
     for d in range(w.i[DRONES]):
         _look(s, d, allowed)
         if _decides(s, d):
@@ -155,7 +155,7 @@ def _close(
     due: Floats,
     allowed: NDArray[np.bool_],
 ) -> None:
-    """Learn from what an episode leaves open whose drones nobody carries over."""
+    """Learn from open decisions at the end of an episode whose drones are not carried over."""
     for d in range(w.i[DRONES]):
         _look(s, d, allowed)
         if s.i[TERMINATED] or _is_lost(w, s, d):
@@ -168,7 +168,7 @@ def _close(
 
 @inner
 def state_row(w: Fixed, s: State, d: int, sizes: Ints) -> int:
-    """The row of the paper's state in a table (see ``Position``)."""
+    """Return the row of the paper's state in a table (see ``Position``)."""
     seen = seen_of(s, d)
     row = s.i[seen + S_X] * w.i[NY] + s.i[seen + S_Y]
     if sizes[LEVELS_OF_STATE]:
@@ -187,7 +187,7 @@ def _look(s: State, d: int, allowed: NDArray[np.bool_]) -> None:
 
 @inner
 def _only(allowed: NDArray[np.bool_]) -> int:
-    """The first allowed action."""
+    """Return the first allowed action."""
     for k in range(len(allowed)):
         if allowed[k]:
             return k
@@ -202,7 +202,7 @@ def _decides(s: State, d: int) -> bool:
 
 @inner
 def _is_lost(w: Fixed, s: State, d: int) -> bool:
-    """Has this drone crashed for ever?"""
+    """Return whether this drone has crashed and will not be replaced."""
     return bool(s.i[seen_of(s, d) + S_MODE] == CRASHED and w.i[ON_CRASH] == ON_CRASH_REMOVE)
 
 
@@ -217,7 +217,7 @@ def _act(
     pending: Ints,
     due: Floats,
 ) -> int:
-    """Decide, and learn what the decision before was worth."""
+    """Choose an action, and learn from the previous decision."""
     action = epsilon_greedy(q, state, allowed, law[0], drawn[0], drawn[1])
     _learn(algorithm, q, state, allowed, action, law, drawn[2], pending, due)
     pending[PENDING_STATE], pending[PENDING_ACTION] = state, action
@@ -235,7 +235,7 @@ def _conclude(
     pending: Ints,
     due: Floats,
 ) -> None:
-    """Nothing comes after this."""
+    """Learn from the last decision of a drone, after which there is no state."""
     due[DISCOUNT] = 0.0
     _learn(algorithm, q, 0, allowed, _only(allowed), (0.0, law[1]), drawn[2], pending, due)
     _forget(pending, due)

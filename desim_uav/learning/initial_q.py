@@ -1,4 +1,4 @@
-"""What a drone believes of its actions before it has tried any."""
+"""Initial Q-values: a constant, random numbers, or prior knowledge of the users' clusters."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from desim_uav.model.rules import MOVES, Action
 from desim_uav.model.state import Facts
 
 MAX_REWARD = 1.0
-"""No step of R1, R2 or R3 is worth more."""
+"""The largest reward of a step under R1, R2 or R3."""
 
 
 def initial_q(
@@ -23,12 +23,12 @@ def initial_q(
     facts: Facts,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
-    """A table (states, actions) of one number, or random in [0, 1), or of prior knowledge.
+    """Return an initial table (states, actions): a constant, random numbers or prior values.
 
-    ``kind`` is that number, ``zero`` or ``max_reward``. A number above what a drone comes to earn
-    is optimistic: what it has not tried looks better than what it has, so it tries everything
-    (Sutton and Barto, 2018, section 2.6). Raises UsageError where there is nothing to know
-    beforehand.
+    ``kind`` is a number, ``zero``, ``max_reward``, random (in [0, 1)) or prior knowledge. A number
+    above the values that a drone can reach is optimistic: actions that it has not tried look better
+    than those it has tried, so it tries all of them (Sutton and Barto, 2018, section 2.6). Raises
+    UsageError if prior knowledge is asked for and the scenario has none.
     """
     sizes = table_sizes(features)
     shape = (math.prod(sizes), len(actions))
@@ -47,12 +47,12 @@ def _prior(
     actions: tuple[Action, ...],
     facts: Facts,
 ) -> NDArray[np.float32]:
-    """1 - distance from the next cell to the nearest cluster's cell, over the map's diagonal."""
+    """Return 1 minus the distance from the next cell to the nearest cluster over the diagonal."""
     names = [feature.name for feature in features]
     if not {"cell_x", "cell_y"} <= set(names) or len(facts.clusters) == 0:
         raise UsageError(
-            "learning.initial_q: prior knowledge is of clusters of users (users.clusters), and of "
-            "states that have a cell_x and a cell_y"
+            "learning.initial_q: prior knowledge needs clusters of users (users.clusters), and "
+            "states with a cell_x and a cell_y"
         )
     places = np.indices(sizes).reshape(len(sizes), -1)
     x, y = places[names.index("cell_x")], places[names.index("cell_y")]

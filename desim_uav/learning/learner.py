@@ -1,4 +1,4 @@
-"""One drone that learns by itself: its table, and the decision it is waiting to learn from."""
+"""One independent learner: a drone's Q-tables, and the decision it has still to learn from."""
 
 from __future__ import annotations
 
@@ -22,12 +22,13 @@ MOST_TABLES = 16
 
 
 class Algorithm(Protocol):
-    """How values are learned: in ``tables`` tables, by a kernel.
+    """A learning algorithm: the number of its ``tables``, and the kernel that updates them.
 
     ``update(q, state, action, gained, discount, next_state, allowed, next_action, epsilon, alpha,
-    coin)`` changes ``q`` (tables, states, actions) in place: ``action`` in ``state`` has gained so
-    much by the next decision, whose value counts times ``discount``; there ``next_action`` of the
-    ``allowed`` ones is taken. ``coin`` is uniform in [0, 1).
+    coin)`` changes ``q`` (tables, states, actions) in place. ``gained`` is the discounted reward
+    of ``action`` in ``state`` until the next decision, whose value is multiplied by ``discount``.
+    In ``next_state`` the actions ``allowed`` can be taken, and ``next_action`` is. ``coin`` is
+    uniform in [0, 1).
     """
 
     tables: int
@@ -35,7 +36,10 @@ class Algorithm(Protocol):
 
 
 def load_algorithm(name: str) -> Algorithm:
-    """A built-in, or a class ``"package.module:Class"``. Raises ScenarioError."""
+    """Return a built-in algorithm, or one of a class ``"package.module:Class"``.
+
+    Raises ScenarioError if there is no such algorithm, or if its ``update`` is unsuitable.
+    """
     try:
         algorithm: Any = resolve("algorithm", name)
     except ValueError as error:
@@ -43,8 +47,8 @@ def load_algorithm(name: str) -> Algorithm:
     tables, update = getattr(algorithm, "tables", 0), getattr(algorithm, "update", None)
     if type(tables) is not int or not 1 <= tables <= MOST_TABLES or not callable(update):
         raise ScenarioError(
-            f"learning.algorithm: {name!r} is no algorithm: it needs 'tables', their number (at "
-            f"most {MOST_TABLES}), and 'update', a function"
+            f"learning.algorithm: {name!r} is not an algorithm: it needs 'tables', their number "
+            f"(at most {MOST_TABLES}), and 'update', a function"
         )
     try:
         inspect.signature(update).bind(*UPDATE)
@@ -56,17 +60,18 @@ def load_algorithm(name: str) -> Algorithm:
 
 
 Decision = tuple[int, int, float, float]
-"""What is still to be learned from: state, action, what it has gained, the discount since."""
+"""A decision to learn from: state, action, discounted reward so far, and discount so far."""
 
 
 class Learner:
     """A drone's tables ``q`` (tables, states, actions), updated from decision to decision.
 
-    ``sum`` is that of all values, kept up to date by an update's own entry.
+    ``sum`` is the sum of all values, which each update keeps up to date.
 
-    What a drone is forced to do (return, queue, charge, lie crashed) belongs to the decision
-    before: its rewards are gained by it, discounted, and the value of the next decision, k steps
-    later, counts γ^k. So the value of going home is that of the full battery it leads to.
+    Steps in which a drone has no choice (it returns, queues, charges or has crashed) belong to the
+    decision before them: that decision gains their discounted rewards, and the value of the next
+    decision, k steps later, is multiplied by γ^k. The value of a return is thus that of the full
+    battery to which it leads.
     """
 
     def __init__(self, algorithm: Algorithm, gamma: float, q: NDArray[np.float32]) -> None:
@@ -77,19 +82,19 @@ class Learner:
         self.forget()
 
     def forget(self) -> None:
-        """There is no decision to learn from."""
+        """Forget the decision that is still to be learned from."""
         self.pending: tuple[int, int] | None = None
         self.gained = 0.0
         self.discount = 1.0
 
     def open_decision(self) -> Decision | None:
-        """The decision that is still to be learned from."""
+        """The decision that is still to be learned from, or None."""
         if self.pending is None:
             return None
         return (*self.pending, self.gained, self.discount)
 
     def reopen(self, decision: Decision | None) -> None:
-        """Wait to learn from this decision."""
+        """Take this decision as the one that is still to be learned from."""
         self.forget()
         if decision is not None:
             state, action, self.gained, self.discount = decision
@@ -103,7 +108,7 @@ class Learner:
         alpha: float,
         draws: Sequence[float],
     ) -> int:
-        """Decide, and learn what the decision before was worth; ``draws``: three in [0, 1)."""
+        """Choose an action, and learn from the previous decision; ``draws``: three in [0, 1)."""
         allowed = as_array(mask)
         explore, which, coin = draws
         action = epsilon_greedy(self.q, state, allowed, epsilon, explore, which)
@@ -114,7 +119,7 @@ class Learner:
         return action
 
     def gain(self, reward: float) -> None:
-        """A step has ended."""
+        """Add the reward of a step that has ended to the decision's gain."""
         self.gained += self.discount * reward
         self.discount *= self.gamma
 
@@ -126,12 +131,12 @@ class Learner:
         alpha: float,
         draws: Sequence[float],
     ) -> None:
-        """The episode is cut off here, with drones that start afresh: learn what is still open."""
+        """Learn from the open decision at a truncation, with the value of the last state."""
         self.act(state, mask, epsilon, alpha, draws)
         self.forget()
 
     def conclude(self, mask: Sequence[bool], alpha: float, coin: float) -> None:
-        """Nothing comes after this."""
+        """Learn from the open decision at a terminal state, which has no value."""
         self.discount = 0.0
         self._learn(0, as_array(mask), int(np.argmax(mask)), 0.0, alpha, coin)
         self.forget()
@@ -164,5 +169,5 @@ class Learner:
 
 @cache
 def as_array(mask: tuple[bool, ...]) -> NDArray[np.bool_]:
-    """A mask as a kernel takes it."""
+    """Return a mask as an array, for a kernel."""
     return np.array(mask)

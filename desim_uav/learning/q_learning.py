@@ -1,4 +1,4 @@
-"""Q-learning (Watkins, 1989): learn the value of the best next action, whatever is done next."""
+"""Q-learning (Watkins, 1989): learns from the value of the best next action."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ def update(
     alpha: float,
     coin: float,
 ) -> None:
-    """Q(s, a) += α (gained + discount · max over allowed a' of Q(s', a') - Q(s, a))."""
+    """Update a value by the largest value of the next state.
+
+    Q(s, a) += α (gained + discount · max over allowed a' of Q(s', a') - Q(s, a)).
+    """
     best = -np.inf
     for candidate in range(len(allowed)):
         if allowed[candidate]:
@@ -33,7 +36,7 @@ def update(
 
 @register("algorithm", "q_learning")
 class QLearning:
-    """Q-learning."""
+    """Q-learning, with one table per drone."""
 
     tables = 1
     update = staticmethod(update)

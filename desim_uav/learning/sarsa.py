@@ -1,4 +1,4 @@
-"""SARSA (Rummery and Niranjan, 1994): learn the value of the action that is taken next."""
+"""SARSA (Rummery and Niranjan, 1994): learns from the value of the action taken next."""
 
 from __future__ import annotations
 
@@ -23,14 +23,17 @@ def update(
     alpha: float,
     coin: float,
 ) -> None:
-    """Q(s, a) += α (gained + discount · Q(s', a') - Q(s, a)), with a' the next action taken."""
+    """Update a value by the value of the next action a' that is taken.
+
+    Q(s, a) += α (gained + discount · Q(s', a') - Q(s, a)).
+    """
     following = q[0, next_state, next_action]
     q[0, state, action] += alpha * (gained + discount * following - q[0, state, action])
 
 
 @register("algorithm", "sarsa")
 class Sarsa:
-    """SARSA."""
+    """SARSA, with one table per drone."""
 
     tables = 1
     update = staticmethod(update)

@@ -1,4 +1,4 @@
-"""Training: a scenario's drones learn, each by itself, episode after episode."""
+"""Training: the drones of a scenario learn independently, episode after episode."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ from desim_uav.sample_path import at_once, draw, draw_all
 from desim_uav.world import World
 
 FIRST_PATH = 2**24
-"""Training draws its sample paths from this number on: no run under the same seed meets them."""
+"""The first episode number of training. Runs with the same seed never reach these numbers."""
 
 LARGEST_TABLE = 2**29
 DRAWS = 3
 
 
 class Progress(NamedTuple):
-    """One drone in one episode of a training (see ``records.TRAINING``)."""
+    """The results of one drone in one episode of a training (see ``records.TRAINING``)."""
 
     episode: int
     drone: int
@@ -48,11 +48,11 @@ class Progress(NamedTuple):
 
 
 class Memory(NamedTuple):
-    """All that the rest of a training depends on, between two episodes.
+    """The state of a training between two episodes, on which all later episodes depend.
 
-    ``q`` (drones, tables, states, actions) and each drone's sum of them; ``pending`` holds for each
-    drone the decision it still has to learn from, if any: state, action, what it has gained, and
-    the discount so far.
+    ``q``: (drones, tables, states, actions), with each drone's sum of its values. ``pending``: the
+    decision that each drone has still to learn from, or None: state, action, discounted reward and
+    discount so far.
     """
 
     episode: int
@@ -63,9 +63,9 @@ class Memory(NamedTuple):
 
 
 class Training:
-    """Independent learners without communication, on one seed.
+    """A training of independent learners without communication, on one seed.
 
-    Raises UsageError where a table cannot hold what the scenario's observation says.
+    Raises UsageError if a table cannot have the states of the scenario's observation.
     """
 
     def __init__(self, world: World, seed: int, engine: str = "des") -> None:
@@ -102,7 +102,7 @@ class Training:
 
     @naming_plug_ins()
     def play(self, most: int = 1) -> list[Progress]:
-        """Learn in the next episode, or in up to ``most``; a row an episode and drone."""
+        """Learn in the next episode, or in up to ``most``; return a row per episode and drone."""
         if self.fuses:
             return self._play_fused(min(most, self.together))
         epsilon, alpha = self._law(self.episode)
@@ -125,7 +125,7 @@ class Training:
         return _rows([number - FIRST_PATH], [(epsilon, alpha)], [gained], [measures], [fallen])
 
     def _play_fused(self, count: int) -> list[Progress]:
-        """The same without Python in between, episode after episode."""
+        """Learn in ``count`` episodes in compiled code; return a row per episode and drone."""
         engine, drones = self.engine, len(self.learners)
         assert isinstance(engine, BatchSimulation)
         episodes = range(self.episode, self.episode + count)
@@ -171,22 +171,22 @@ class Training:
         return _rows(episodes, laws, gained, qoe, crashes.tolist())
 
     def _law(self, episode: int) -> tuple[float, float]:
-        """ε and α."""
+        """Return ε and α of an episode."""
         return self.settings.epsilon.at(episode), self.settings.alpha.at(episode)
 
     def _sizes(self) -> NDArray[np.int64]:
-        """How many levels and minutes the paper's state has (0: it does not have them)."""
+        """Return the numbers of levels and minutes in the paper's state, 0 if it has none."""
         sizes = {feature.name: int(feature.high) + 1 for feature in self.features}
         return np.array([sizes.get("level", 0), sizes.get("battery_min", 0)])
 
     def _goes_on(self, episode: int) -> bool:
-        """Does an episode begin with the drones of the one before?"""
+        """Return whether an episode begins with the drones where the previous one left them."""
         restart_every = self.settings.restart_every
         restarts = restart_every is not None and episode % restart_every == 0
         return self.carries_over and not restarts
 
     def remember(self) -> Memory:
-        """All that the episodes to come depend on."""
+        """Return the state on which all later episodes depend."""
         return Memory(
             self.episode,
             self.q.copy(),
@@ -196,16 +196,21 @@ class Training:
         )
 
     def recall(self, memory: Memory) -> None:
-        """Go on from what another training of the same world and seed remembers."""
+        """Continue from the state of another training in the same world on the same seed.
+
+        Raises ValueError if the state does not fit.
+        """
         learners = len(self.learners)
         if memory.q.shape != self.q.shape or {len(memory.pending), len(memory.sums)} != {learners}:
-            raise PolicyError(f"a table of shape {memory.q.shape}, not {self.q.shape}")
+            raise PolicyError(f"the table must have the shape {self.q.shape}, not {memory.q.shape}")
         states, actions = self.q.shape[2:]
         for decision in memory.pending:
             if decision is not None and not (
                 0 <= decision[0] < states and 0 <= decision[1] < actions
             ):
-                raise PolicyError(f"a decision {decision[:2]} that the table does not have")
+                raise PolicyError(
+                    f"the table does not have the state and action of the decision {decision[:2]}"
+                )
         self.episode = memory.episode
         self.q[:] = memory.q
         for learner, decision, total in zip(
@@ -218,7 +223,7 @@ class Training:
     def _decide(
         self, shown: Snapshot, draws: list[list[float]], epsilon: float, alpha: float
     ) -> list[int]:
-        """A command for each drone: its own where it decides, else the one it is forced to."""
+        """Return a command for each drone: its own choice, or the only one that is allowed."""
         commands = []
         for learner, seen, mask, drawn in zip(
             self.learners, shown.observations, shown.masks, draws, strict=True
@@ -233,16 +238,17 @@ class Training:
         return commands
 
     def _is_lost(self, seen: Observation) -> bool:
-        """Has this drone crashed for ever?"""
+        """Return whether this drone has crashed and will not be replaced."""
         return seen.mode is Mode.CRASHED and self.world.on_crash == "remove"
 
     def _close(
         self, shown: Snapshot, draws: list[list[float]], epsilon: float, alpha: float
     ) -> None:
-        """Learn from what an episode leaves open whose drones nobody carries over.
+        """Learn from open decisions at the end of an episode whose drones are not carried over.
 
-        A drone that decides is cut off where it is. Of one on its way home, on a pad or waiting to
-        be replaced nobody knows what its decision will have been worth: nothing is learned from it.
+        A drone that could choose an action now learns with the value of its last state. Nothing is
+        learned from the decision of a drone that returns, charges or waits to be replaced, because
+        its gain is not known.
         """
         for learner, seen, mask, drawn in zip(
             self.learners, shown.observations, shown.masks, draws, strict=True
@@ -258,12 +264,12 @@ class Training:
         return table_row(self.encode(seen, self.world.facts), self.sizes)
 
     def _draws(self, number: int) -> list[list[list[float]]]:
-        """What chance says at each decision epoch: (epochs, drones, 3), uniform in [0, 1)."""
+        """Draw the numbers of an episode's choices: (epochs, drones, 3), uniform in [0, 1)."""
         draws: list[list[list[float]]] = self._drawn([number])[0].swapaxes(0, 1).tolist()
         return draws
 
     def _drawn(self, numbers: Sequence[int]) -> NDArray[np.float64]:
-        """The same of several episodes: (episodes, drones, epochs, 3)."""
+        """Draw the numbers of several episodes' choices: (episodes, drones, epochs, 3)."""
         count, epochs = len(self.learners), self.world.scenario.episode.steps + 1
         drawn = uniforms_of(self.seed, Purpose.LEARNER, numbers, count, epochs * DRAWS)
         return drawn.reshape(-1, count, epochs, DRAWS)
@@ -280,7 +286,7 @@ def _rows(
     measures: Sequence[Sequence[float | None]],
     crashes: Sequence[Sequence[int]],
 ) -> list[Progress]:
-    """A row an episode and drone; ``gains`` (episodes, drones, 2): its reward, its mean of Q."""
+    """Return a row per episode and drone; ``gains`` (episodes, drones, 2): reward, mean of Q."""
     rows = []
     for episode, law, gained, qoe, fallen in zip(
         episodes, laws, gains, measures, crashes, strict=True
@@ -294,21 +300,22 @@ def _rows(
 
 
 def _known(measure: float | None) -> float | None:
-    """A measure of nan: there is none."""
+    """Return a measure, or None if it is NaN."""
     return None if measure is None or isnan(measure) else measure
 
 
 def table_features(world: World, tables: int = 1) -> tuple[Feature, ...]:
-    """The features of a scenario whose observations are states of a table. Raises UsageError.
+    """Return the features of an observation that can be the state of a Q-table.
 
-    ``tables`` of a drone are held in memory at once.
+    ``tables`` is the number of tables per drone. Raises UsageError if the observation has real
+    numbers, or if the tables would be too large.
     """
     features = world.scenario.observation.features(world.facts)
     kind = getattr(world.scenario.observation, "kind", "it")
     if not all(feature.whole and feature.low == 0 for feature in features):
         raise UsageError(
-            f"observation: {kind!r} is not made of whole numbers from 0, which a table of values "
-            "needs; use {kind: position}"
+            f"observation: {kind!r} does not consist of whole numbers from 0, as a Q-table needs; "
+            "use {kind: position}"
         )
     states = math.prod(table_sizes(features))
     entries = states * len(world.actions) * world.scenario.drones.count * tables

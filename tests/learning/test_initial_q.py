@@ -76,5 +76,5 @@ def test_prior_knowledge_of_the_nearest_cluster_at_every_battery_and_level(world
 
 def test_prior_knowledge_of_nothing():
     scenario = from_mapping({"users": {"positions_m": [[100, 100]]}})
-    with pytest.raises(UsageError, match=r"learning\.initial_q: prior knowledge is of clusters"):
+    with pytest.raises(UsageError, match=r"learning\.initial_q: prior knowledge needs clusters"):
         made("prior", build_world(scenario, 0))

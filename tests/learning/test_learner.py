@@ -105,7 +105,9 @@ def test_an_algorithm_of_ones_own(monkeypatch: pytest.MonkeyPatch):
     pupil.gain(3.0)
     greedy(pupil, 1)
     assert pupil.q[0, 0, 0] == 1.5
-    with pytest.raises(ScenarioError, match=r"learning\.algorithm: 'mine:Nothing' is no algorithm"):
+    with pytest.raises(
+        ScenarioError, match=r"learning\.algorithm: 'mine:Nothing' is not an algorithm"
+    ):
         load_algorithm("mine:Nothing")
     with pytest.raises(ScenarioError, match=r"learning\.algorithm: cannot import 'mine:Other'"):
         load_algorithm("mine:Other")

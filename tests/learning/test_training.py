@@ -244,7 +244,7 @@ def test_tables_are_small(case: str):
 
 def test_an_observation_that_is_no_state_of_a_table():
     scenario = from_mapping({"observation": {"kind": "local"}})
-    with pytest.raises(UsageError, match="'local' is not made of whole numbers"):
+    with pytest.raises(UsageError, match="'local' does not consist of whole numbers"):
         table_features(build_world(scenario, 0))
 
 

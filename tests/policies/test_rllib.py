@@ -474,13 +474,13 @@ def test_a_file_holds_what_was_put_in(tmp_path: Path):
         ({"connectors": [{"class": "MeanStdFilter", "settings": {}}] * 9}, "it has 9 connectors"),
         ({"pipelines": [["x" * 2**20], []]}, "its description is larger than 1 MiB"),
         ({"connectors": [{"class": "MeanStdFilter", "settings": {"clip_by_value": 10**400}}]},
-         "clip_by_value: 1000.* do no harm"),
+         "clip_by_value: 1000.* not among the allowed settings"),
         ({"agents": ["nobody"]}, "agents must name one of the modules"),
         ({"agents": [["all"]]}, "agents must name one of the modules"),
         ({"modules": {"all": None}}, "a module must be a mapping"),
         (with_module(**{"class": "os.system"}), "its module is os.system; must be one of"),
         (with_module(**{"class": ["MaskedModule"]}), "its module is "),
-        (with_module(settings={"fcnet_hiddens": [10**9]}), "fcnet_hiddens: .* do no harm"),
+        (with_module(settings={"fcnet_hiddens": [10**9]}), "fcnet_hiddens: .* not among the allowed"),
         (with_module(settings={"fcnet_hiddens": [8] * 33}), "fcnet_hiddens: "),
         (with_module(settings={"fcnet_hiddens": [True]}), "fcnet_hiddens: "),
         (with_module(settings={"fcnet_activation": "os.system"}), "fcnet_activation: os.system"),
@@ -509,10 +509,10 @@ def test_words_that_cannot_be_trusted(change: dict[str, Any], told: str, tmp_pat
 @pytest.mark.parametrize(
     ("arrays", "told"),
     [
-        ({"weights": np.ones(2)}, "weights is float64"),
-        ({"weights": np.ones((1, 2), np.float32)}, "weights is float32 of shape"),
+        ({"weights": np.ones(2)}, "not float64"),
+        ({"weights": np.ones((1, 2), np.float32)}, "not float32 of shape"),
         ({"weights": np.array([{}, {}], object)}, "not a readable network of RLlib"),
-        ({"more": np.ones(1)}, "it does not hold"),
+        ({"more": np.ones(1)}, "it must hold exactly"),
         ({"weights": np.ones(2**25, np.float32)}, "bytes become .* when unpacked"),
         ({"statistics": np.ones(2**24)}, "bytes become .* when unpacked"),
     ],
@@ -622,7 +622,7 @@ def test_what_cannot_decide_is_not_saved(
 
 def test_what_is_no_checkpoint(tmp_path: Path):
     refused(tmp_path / "nowhere", "not a checkpoint: no such folder")
-    refused(tmp_path, f"it has no {NAME}; .*desim_uav.policies.rllib.save")
+    refused(tmp_path, f"the folder has no {NAME}, .*desim_uav.policies.rllib.save")
     (tmp_path / "file").touch()
     refused(tmp_path / "file", "not a checkpoint: it is not a folder")
     for content in (b"", b"not a zip", put(tmp_path, handmade()).joinpath(NAME).read_bytes()[:-9]):
