@@ -1,4 +1,4 @@
-"""What ``desim-uav doctor`` looks at: what is installed, what fits, what can be written."""
+"""The checks of ``desim-uav doctor``: packages, their versions, and folders to write to."""
 
 from __future__ import annotations
 
@@ -29,15 +29,15 @@ CONFLICTS = {
     "ray": "RLlib wants gymnasium {wanted}, and {found} is installed: let it have an environment "
     "of its own",
 }
-"""Packages beside ours that ask for other versions than we use, and what is to be said then."""
+"""Packages that require other versions than this one does, each with the message about it."""
 
 ALONE = dict.fromkeys(("marl-test", "rllib"), " in an environment of its own")
-"""Extras that must not be installed beside others."""
+"""Extras that need an environment of their own."""
 
 
 @dataclass(frozen=True)
 class Finding:
-    """One thing that was looked at; a ``problem`` keeps something from working."""
+    """The result of one check; with a ``problem``, something does not work."""
 
     verdict: Verdict
     what: str
@@ -45,13 +45,13 @@ class Finding:
 
 
 def examine() -> list[Finding]:
-    """Everything, in the order in which it is told."""
+    """Make all checks and return their results in order."""
     looks = (_python, _required, _extras, _conflicts, _kernels, _processors, _places)
     return [finding for look in looks for finding in look()]
 
 
 def as_content(findings: list[Finding]) -> dict[str, Any]:
-    """For a program to read."""
+    """Return the results as plain data, for JSON."""
     return {
         "healthy": all(finding.verdict != "problem" for finding in findings),
         "findings": [asdict(finding) for finding in findings],
@@ -75,7 +75,7 @@ def _requires_python() -> str:
 
 
 def _requirements() -> list[Requirement]:
-    """What this package says it needs, its extras' among them."""
+    """Return the requirements of this package, including those of its extras."""
     try:
         return [Requirement(text) for text in requires(PACKAGE) or ()]
     except PackageNotFoundError:
@@ -83,7 +83,7 @@ def _requirements() -> list[Requirement]:
 
 
 def _of_extra(extra: str) -> list[Requirement]:
-    """The requirements of an extra; of "", those of the package itself."""
+    """Return the requirements of an extra; for "", those of the package itself."""
     return [
         one
         for one in _requirements()
@@ -106,25 +106,25 @@ def _required() -> Iterator[Finding]:
 
 
 def _misfit(wanted: Requirement) -> str | None:
-    """What is wrong with an installed package, if anything is."""
+    """Return why an installed package does not fit, or None if it does."""
     try:
         found = version(wanted.name)
     except PackageNotFoundError:
         return f"{wanted.name} is missing"
     if not wanted.specifier.contains(found, prereleases=True):
-        return f"{wanted.name} {found} is installed, {wanted.specifier} is needed"
+        return f"{wanted.name} {found} is installed, but {wanted.specifier} is needed"
     inner = (_misfit(one) for extra in wanted.extras for one in _with_extra(wanted.name, extra))
     return next(filter(None, inner), None)
 
 
 def _with_extra(package: str, extra: str) -> list[Requirement]:
-    """What an extra of another package needs."""
+    """Return the requirements of another package's extra."""
     asked = [Requirement(text) for text in requires(package) or ()]
     return [one for one in asked if one.marker and one.marker.evaluate({"extra": extra})]
 
 
 def _broken(names: Iterator[str]) -> Iterator[Finding]:
-    """Packages that are there and cannot be imported, as numba beside too new a numpy."""
+    """Yield the packages that are installed but cannot be imported, as numba with a newer numpy."""
     modules = {"pyyaml": "yaml", "annotated-types": "annotated_types", "pillow": "PIL"}
     for name in names:
         try:
@@ -217,7 +217,7 @@ def _places() -> Iterator[Finding]:
 
 
 def _unwritable(folder: Path) -> str | None:
-    """Why nothing can be written there, if so."""
+    """Return why no file can be written in a folder, or None if one can."""
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     try:

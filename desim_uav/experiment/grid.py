@@ -112,7 +112,7 @@ def _axis(override: str) -> Axis:
         # 1 and 1.0 are one value, 1 and true are two
         known = value.text if read(value.text).problems else _canonical(value.plain)
         if known in seen:
-            raise UsageError(f"-S {shortened(override)}: {value.text} stands there twice")
+            raise UsageError(f"-S {shortened(override)}: {value.text} is given twice")
         seen.add(known)
     return Axis(key, values)
 
@@ -161,7 +161,7 @@ def _values(piece: str, override: str) -> Iterator[str]:
     elif step == 0:
         problem = "the step is 0"
     elif (last - first) / step < 0:
-        problem = "holds no value"
+        problem = "it holds no value"
     elif (last - first) / step >= MOST:
         problem = f"more than {MOST} values"
     if problem:

@@ -48,7 +48,9 @@ class Stop:
         if not self._asked:
             self._asked = True
             if os.isatty(2):  # not by print: a signal may come in the middle of another one
-                os.write(2, f"\nending after {self._what}; once more ends it now\n".encode())
+                os.write(
+                    2, f"\nending after {self._what}; press Ctrl-C again to end now\n".encode()
+                )
         elif self._busy:
             self._now = True
         else:

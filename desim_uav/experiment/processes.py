@@ -1,4 +1,4 @@
-"""Many tasks, several at a time: each in a process of its own, and all of them end with ours."""
+"""Runs many tasks, several at a time, in processes that all end with this one."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ def _sent(worker: Connection, number: int) -> Connection:
 
 
 def _answer(worker: Connection) -> Any:
-    """What a worker made of its task, or ``DIED``."""
+    """Return the result of a worker's task, or ``DIED``."""
     try:
         return worker.recv()
     except (EOFError, ConnectionError):

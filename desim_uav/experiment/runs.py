@@ -13,12 +13,13 @@ from desim_uav.report.run import Run
 
 
 def read_runs(folders: Sequence[Path]) -> pd.DataFrame:
-    """The counted requests of runs that can be compared, one under the other.
+    """Return the counted requests of runs that can be compared, in one frame.
 
-    Beside the columns of ``requests.parquet``: ``policy``, ``seed`` and ``world_seed`` of the run,
-    the user's place as it asked, ``x_m``, ``y_m`` and ``cell`` as "ix, iy", its ``cluster``, and
-    ``from_centre_m``, how far from that cluster's centre it was; where the scenario has no
-    clusters both are missing. Raises PolicyError as ``compare_runs`` does.
+    In addition to the columns of ``requests.parquet`` it has ``policy``, ``seed`` and
+    ``world_seed`` of the run, the user's position at the time of the request (``x_m``, ``y_m``, and
+    ``cell`` as "ix, iy"), the user's ``cluster``, and the distance ``from_centre_m`` from that
+    cluster's centre; the last two are missing if the scenario has no clusters. Raises PolicyError
+    as ``compare_runs`` does.
     """
     frames = [
         _placed(Run(folder)).assign(policy=of.policy, seed=of.seed, world_seed=of.world_seed)

@@ -39,7 +39,7 @@ class Estimate:
 
     @property
     def excludes_zero(self) -> bool | None:
-        """Does zero lie outside the interval? None where there is no interval."""
+        """Whether zero lies outside the interval; None if there is no interval."""
         if self.low is None or self.high is None:
             return None
         return not self.low <= 0.0 <= self.high
@@ -58,7 +58,7 @@ class Estimate:
 
 
 def estimate(values: Iterable[float | None]) -> Estimate:
-    """Mean and t-interval of one value a replication; None and NaN are left out."""
+    """Return the mean and the t-interval of one value per replication, without None and NaN."""
     listed = np.array([value for value in values if value is not None], dtype=float)
     there = listed[~np.isnan(listed)]
     if len(there) == 0:
@@ -73,9 +73,9 @@ def estimate(values: Iterable[float | None]) -> Estimate:
 
 
 def paired(values: Sequence[float | None], reference: Sequence[float | None]) -> Estimate:
-    """The mean of ``values`` minus ``reference``, pair by pair.
+    """Return the mean of the paired differences ``values`` minus ``reference``, and its interval.
 
-    Both list the same replications in the same order. What both met alike drops out, so the
+    Both list the same replications in the same order. Randomness that both share cancels, so the
     interval is narrower than that of two separate means. Pairs that lack a value are left out.
     """
     pairs = zip(values, reference, strict=True)

@@ -66,11 +66,11 @@ class Asked:
         if not self.train:
             raise UsageError("--algorithm goes with --train")
         if any(override.startswith("learning.algorithm=") for override in self.overrides):
-            raise UsageError("-S learning.algorithm: --algorithm says that already")
+            raise UsageError("-S learning.algorithm: --algorithm sets this key already")
         found = [name.strip() for name in self.algorithms.split(",")]
         for name in found:
             if not name or found.count(name) > 1:
-                problem = f"{name!r} stands there twice" if name else "a name is empty"
+                problem = f"{name!r} is named twice" if name else "a name is empty"
                 raise UsageError(f"--algorithm {self.algorithms}: {problem}")
         return list(found)
 

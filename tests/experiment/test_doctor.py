@@ -61,7 +61,7 @@ def test_a_package_that_is_too_old_or_missing(monkeypatch, capsys):
     code, told = on_the_command_line(monkeypatch, capsys)
     assert (code, told["healthy"]) == (1, False)
     words = " ".join(finding["words"] for finding in told["findings"])
-    assert "numpy 1.26.4 is installed, <3,>=2.1 is needed" in words
+    assert "numpy 1.26.4 is installed, but <3,>=2.1 is needed" in words
     assert "simpy is missing" in words
 
 
@@ -107,7 +107,7 @@ def test_an_extra_of_another_packages_extra(monkeypatch):
     pretend(monkeypatch, {"ray": "2.60.0", "gymnasium": "1.4.0"})
     told = found(examine(), "extra sb3")
     assert told.verdict == "note"
-    assert told.words.startswith("gymnasium 1.4.0 is installed, ==1.2.2 is needed; pip install")
+    assert told.words.startswith("gymnasium 1.4.0 is installed, but ==1.2.2 is needed; pip install")
     pretend(monkeypatch, {"ray": "2.60.0", "gymnasium": "1.2.2"})
     assert found(examine(), "extra sb3").words == "installed"
 
