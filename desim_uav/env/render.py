@@ -45,7 +45,7 @@ class Screen:
         Raises ResetNeeded before the first episode.
         """
         if self.mode == "rgb_array":
-            return self._frame()
+            return self.frame()
         if self.mode is None:
             logger.warn("render() shows nothing without a render_mode, such as 'rgb_array'")
         self.refresh()
@@ -55,7 +55,7 @@ class Screen:
         """Show the present state in the window, if there is one."""
         if self.mode == "human":
             self.window = self.window or self._new_window()
-            self.window.show(self._frame())
+            self.window.show(self.frame())
 
     def close(self) -> None:
         """Close the window and release the pictures."""
@@ -63,7 +63,8 @@ class Screen:
             self.window.close()
         self.__dict__.pop("_painter", None)
 
-    def _frame(self) -> NDArray[np.uint8]:
+    def frame(self) -> NDArray[np.uint8]:
+        """The present frame, (height, width, 3), whatever the mode. Raises ResetNeeded."""
         session = self.session
         if self._painter.world is not session.world:
             self.__dict__.pop("_painter")

@@ -155,12 +155,12 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
             {**final, **_infos(compiled.info(), self._all)},
         )
 
-    def render(self) -> tuple[NDArray[np.uint8] | None, ...] | None:
+    def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return the frame of each environment, (height, width, 3), or None without render mode."""
         if self.render_mode is None:
             logger.warn("render() shows nothing without render_mode='rgb_array'")
             return None
-        return tuple(screen.render() for screen in self.screens)
+        return tuple(screen.frame() for screen in self.screens)
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the masks, bool (num_envs, drones * actions)."""

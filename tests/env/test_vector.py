@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from typing import Any
 
 import gymnasium
@@ -207,6 +208,17 @@ def test_frames_are_those_of_single_environments():
         one.step(actions)
         other.step(actions)
     other.close()
+
+
+def test_frames_of_a_copy_are_its_own():
+    env = UavVectorEnv("case8", 2, render_mode="rgb_array", world_seed=0)
+    env.reset(seed=0)
+    copied = copy.deepcopy(env)
+    before = env.render()
+    copied.step(np.zeros((2, 3), int))
+    for frame, same, other in zip(before, env.render(), copied.render(), strict=True):
+        assert np.array_equal(frame, same)
+        assert not np.array_equal(frame, other)
 
 
 def test_no_frames_unless_they_are_asked_for():
