@@ -316,7 +316,7 @@ def test_train_and_run_from_the_command_line(tmp_path: Path, monkeypatch: pytest
     table = np.load(tmp_path / summary["policy"])["q"]
     assert table.shape == (2, 4 * 4 * 8, 7)
 
-    run = run_cli("run", "small.yaml", "--policy", summary["policy"], "--json")
+    run = run_cli("run", "small.yaml", "--policy", summary["policy"], "--json", "-q")
     assert run.exit_code == 0, run.output
     manifest = json.loads(
         (tmp_path / json.loads(run.stdout)["run_dir"] / "manifest.json").read_text()
