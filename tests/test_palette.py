@@ -1,6 +1,6 @@
 """The colours of drones and users keep apart, and every picture has the same ones."""
 
-from itertools import combinations, pairwise
+from itertools import combinations, pairwise, product
 
 import numpy as np
 import pytest
@@ -8,7 +8,7 @@ import pytest
 from desim_uav.engine.base import UserState
 from desim_uav.env.sprites import dot, drone
 from desim_uav.palette import DRONES, USERS, drone_colour, ink_on, luminance
-from desim_uav.report.figures.style import drone_look
+from desim_uav.report.figures.style import COLOURS, drone_look
 
 VISIONS = {
     "full": np.eye(3),
@@ -75,6 +75,12 @@ class TestTellableApart:
     @pytest.mark.parametrize("vision", VISIONS)
     def test_users_by_state(self, vision):
         for one, other in combinations([look.colour for look in USERS.values()], 2):
+            assert np.linalg.norm(lab(one, vision) - lab(other, vision)) > ALIKE, (one, other)
+
+    @pytest.mark.parametrize("vision", VISIONS)
+    def test_series_from_each_other_and_from_drones(self, vision):
+        pairs = [*combinations(COLOURS, 2), *product(COLOURS, DRONES)]
+        for one, other in pairs:
             assert np.linalg.norm(lab(one, vision) - lab(other, vision)) > ALIKE, (one, other)
 
     def test_neighbouring_drones_in_grey(self):

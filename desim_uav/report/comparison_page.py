@@ -9,6 +9,14 @@ from typing import Any
 
 from desim_uav.report.figures import case_picture, intervals_figure
 from desim_uav.report.figures.style import NARROW
+from desim_uav.report.intervals import (
+    NONE_FROM_ONE,
+    have_interval,
+    have_single,
+    interval_words,
+    mean_words,
+    sentence,
+)
 from desim_uav.report.markup import Html, code, facts, folded, joined, paragraph, table, tag
 from desim_uav.report.page import (
     Picture,
@@ -69,9 +77,8 @@ def _policies(found: Compared) -> Html:
         [
             _estimates(found.content["policies"], "seeds"),
             paragraph(
-                "Mean over seeds and 95 % t-interval. A seed is a replication: its episodes are "
-                "averaged first. ",
-                _alone(found.content["policies"]),
+                f"{sentence(mean_words(found.content['policies']))} A seed is a replication: its episodes are "
+                "averaged first.",
                 class_="note",
             ),
         ]
@@ -84,24 +91,21 @@ def _differences(found: Compared) -> Html:
     if not rows:
         return Html("")
     apart = [row["policy"] for row in rows if not row["seeds"]]
+    bold = "Bold: the 95 % t-interval excludes zero. " if have_interval(rows) else None
+    alone = sentence(NONE_FROM_ONE) + " " if have_single(rows) else None
     return joined(
         [
             _estimates(rows, "pairs"),
             paragraph(
                 f"Difference from {found.content['against']} on the seeds (and worlds) that both "
-                "have, so on the same users and requests. Bold: the 95 % t-interval excludes "
-                "zero. ",
-                _alone(rows),
+                "have, so on the same users and requests. ",
+                bold,
+                alone,
                 f"No seed and world in common: {', '.join(apart)}." if apart else None,
                 class_="note",
             ),
         ]
     )
-
-
-def _alone(rows: Sequence[dict[str, Any]]) -> str | None:
-    single = any(found["n"] == 1 for row in rows for found in row["measures"].values())
-    return "No interval from a single seed. " if single else None
 
 
 def _estimates(rows: Sequence[dict[str, Any]], counted: str) -> Html:
@@ -129,18 +133,19 @@ def estimate_cell(found: dict[str, Any], form: str) -> Html:
 
 
 def _intervals(found: Compared) -> Html:
-    """The two tables as pictures."""
+    """Draw the two tables."""
     content, titles = found.content, {name: label for name, (label, _) in COMPARED.items()}
     pictures = [
         Picture(
             "Policies",
-            "Mean over seeds, 95 % t-interval.",
+            sentence(mean_words(content["policies"])),
             partial(intervals_figure, content["policies"], found.policies, titles, False),
         )
     ]
     if content["differences"]:
-        against = f"Minus {content['against']}, paired by seed, 95 % t-interval."
-        draw = partial(intervals_figure, content["differences"], found.policies, titles, True)
+        rows = content["differences"]
+        against = f"Minus {content['against']}, paired by seed, {interval_words(rows)}."
+        draw = partial(intervals_figure, rows, found.policies, titles, True)
         pictures.append(Picture("Differences", against, draw))
     return gallery(pictures, 0)
 
@@ -161,7 +166,7 @@ def _services(found: Compared) -> Html:
         ]
         for row in found.by_service
     )
-    note = "Of a run: mean over seeds ± half-width of the 95 % t-interval."
+    note = f"Per run: {mean_words(found.by_service)}."
     return joined([table(headings, rows, (0, 1)), paragraph(note, class_="note")])
 
 
@@ -233,7 +238,7 @@ def _scenario(found: Compared) -> Html:
 SECTIONS: tuple[tuple[str, Callable[[Compared], Html]], ...] = (
     ("Policies", _policies),
     ("Paired differences", _differences),
-    ("Intervals", _intervals),
+    ("Figures", _intervals),
     ("By service", _services),
     ("Maps", _maps),
     ("Worst requests", _worst),

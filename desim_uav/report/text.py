@@ -12,6 +12,7 @@ from rich.table import Table
 from rich.text import Text
 
 from desim_uav.errors import printable
+from desim_uav.report.intervals import NONE_FROM_ONE, have_single, mean_words
 
 PIPED_WIDTH = 200
 TRAINED = ("reward_mean", "qoe1_percent", "qoe2_iterations", "qoe3_percent")
@@ -146,11 +147,8 @@ def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
 
 def print_comparison(found: dict[str, Any]) -> None:
     """What each policy achieves, and what it differs from the one of reference."""
-    title = (
-        "{scenario}, {episodes} episode(s) after {warmup} of warm-up: mean over seeds, "
-        "{confidence:.0%} t-interval"
-    )
-    _print_estimates(title.format(**found), "seeds", found["policies"])
+    title = "{scenario}, {episodes} episode(s) after {warmup} of warm-up".format(**found)
+    _print_estimates(f"{title}: {mean_words(found['policies'])}", "seeds", found["policies"])
     if found["differences"]:
         title = f"difference from {found['against']}, paired by seed"
         _print_estimates(title, "pairs", found["differences"])
@@ -158,9 +156,8 @@ def print_comparison(found: dict[str, Any]) -> None:
         if not row["seeds"]:
             named = f"{row['policy']} and {row['against']}"
             print(f"{printable(named)} have no seed and world in common")
-    shown = found["policies"] + found["differences"]
-    if any(estimate["n"] == 1 for row in shown for estimate in row["measures"].values()):
-        print("no interval from a single seed")
+    if have_single(found["policies"] + found["differences"]):
+        print(NONE_FROM_ONE)
 
 
 def print_sweep(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

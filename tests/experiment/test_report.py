@@ -292,7 +292,8 @@ class TestSeveral:
 
     def test_of_one_seed_has_no_intervals(self, runs):
         page = Page(report([runs[0], runs[3]], None, None, None))
-        assert "No interval from a single seed" in page.text
+        assert "Values of one seed, which allows no interval." in page.text
+        assert "t-interval" not in page.text and "Mean over seeds" not in page.text
         assert "±" not in "".join(cell for row in page.of("policies")[0] for cell in row)
 
     def test_of_one_policy_has_no_differences(self, runs):

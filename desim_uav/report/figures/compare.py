@@ -1,4 +1,4 @@
-"""Policies beside each other: means over seeds with their intervals, and paired differences."""
+"""Policies side by side: means over seeds with their intervals, and paired differences."""
 
 from __future__ import annotations
 
@@ -9,22 +9,24 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from desim_uav.report.figures.style import COLOURS, NARROW, headed, marker, short, styled
+from desim_uav.report.intervals import interval_words, of_one_seed
 
 PANELS = {
     "qoe1_percent": "QoE1, %",
     "qoe2_iterations": "QoE2, steps",
     "qoe3_percent": "QoE3, %",
-    "crashes_per_drone_episode": "crashes a drone\nand episode",
-    "reward_mean": "reward of\nan episode",
+    "crashes_per_drone_episode": "crashes per drone\nand episode",
+    "reward_mean": "reward per\nepisode",
 }
 
 
 @styled
 def compare_figure(found: dict[str, Any]) -> Figure:
-    """A row of panels with a mean and interval a policy, and below it what they differ by.
+    """Draw a row of panels with each policy's mean and interval, and the differences below it.
 
     ``found`` is the plain content of a comparison: ``policies`` and ``differences``, each with
-    ``policy``, ``seeds`` and ``measures`` (mean, low, high; None where there is none).
+    ``policy``, ``seeds`` and ``measures`` (n, mean, half_width; None if there is none). From one
+    seed the values are drawn without intervals, and the heading says so.
     """
     policies, differences = found["policies"], found["differences"]
     names = [row["policy"] for row in policies]
@@ -40,9 +42,10 @@ def compare_figure(found: dict[str, Any]) -> Figure:
         panels[-1][column].set_xlabel(label)
         for row in panels[:, 1:]:
             row[column - 1].tick_params(labelleft=False)
-    panels[0][0].set_title("Mean over seeds")
+    panels[0][0].set_title("Values of one seed" if of_one_seed(policies) else "Mean over seeds")
     if differences:
-        panels[1][0].set_title(f"Difference from {found['against']}, paired by seed")
+        how = " on one seed" if of_one_seed(differences) else ", paired by seed"
+        panels[1][0].set_title(f"Difference from {found['against']}{how}")
     headed(figure, _title(found))
     return figure
 
@@ -51,10 +54,10 @@ def compare_figure(found: dict[str, Any]) -> Figure:
 def intervals_figure(
     rows: Sequence[dict[str, Any]], policies: Sequence[str], measures: Mapping[str, str], zero: bool
 ) -> Figure:
-    """The same of ``policies`` or of ``differences`` alone, one panel below the other.
+    """Draw the rows of policies or of differences alone, one panel below the other.
 
-    ``policies``: all, in the order of their colours; ``measures``: their titles; ``zero``: draw a
-    line there.
+    ``policies`` are all of them in the order of their colours, ``measures`` the titles of the
+    panels; ``zero`` asks for a line there.
     """
     figure = Figure(figsize=(NARROW, 0.3 + len(measures) * (0.55 + 0.22 * len(rows))))
     panels = figure.subplots(len(measures), 1, squeeze=False)[:, 0]
@@ -70,11 +73,11 @@ def _title(found: dict[str, Any]) -> str:
     counts = sorted({len(row["seeds"]) for row in found["policies"]})
     seeds = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
     told = f"{found['scenario']}, {seeds} seed(s) of {found['episodes']} episode(s)"
-    return f"{told}: {found['confidence']:.0%} t-intervals over seeds"
+    return f"{told}: {interval_words(found['policies'])}"
 
 
 def _draw(axes: Axes, rows: Sequence[dict[str, Any]], names: Sequence[str], measure: str) -> None:
-    """A point and its interval a policy, from top to bottom."""
+    """Draw a point and its interval for each policy, from top to bottom."""
     for place, row in enumerate(rows):
         found, number = row["measures"][measure], names.index(row["policy"])
         if found["mean"] is None:

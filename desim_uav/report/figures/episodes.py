@@ -7,7 +7,7 @@ from typing import Any
 
 from matplotlib.figure import Figure
 
-from desim_uav.report.figures.style import COLOURS, headed, styled
+from desim_uav.report.figures.style import BAD, COLOURS, headed, styled
 from desim_uav.report.run import Run, opened
 
 PANELS = {"qoe1_percent": "QoE1, %", "qoe2_iterations": "QoE2, steps", "qoe3_percent": "QoE3, %"}
@@ -27,7 +27,7 @@ def episodes_figure(run: Run | Path, width: float = 7.2) -> Figure:
     figure = Figure(figsize=(width, 4.4))
     panels = figure.subplots(len(PANELS), 1, sharex=True)
     dot: dict[str, Any] = {"marker": "." if len(numbers) <= MARKED else "", "color": COLOURS[0]}
-    cross: dict[str, Any] = {"linestyle": "none", "marker": "x", "color": COLOURS[3]}
+    cross: dict[str, Any] = {"linestyle": "none", "marker": "x", "color": BAD}
     for axes, (column, label) in zip(panels, PANELS.items(), strict=True):
         axes.plot(episodes["episode"], episodes[column], linestyle="-", **dot)
         axes.plot(crashed["episode"], crashed[column], label="a drone crashed", **cross)

@@ -18,8 +18,11 @@ from desim_uav.report.markup import visible
 
 STYLE = Path(__file__).parents[1] / "desim_uav.mplstyle"
 
-# Okabe and Ito's colours, told apart by the colour-blind. Neighbours differ in lightness, for grey.
-COLOURS = ("#0072B2", "#E69F00", "#000000", "#D55E00", "#56B4E9", "#CC79A7", "#009E73")
+COLOURS = ("#000000", "#56B4E9", "#332288", "#D55E00", "#470647", "#009E73", "#7A1F36")
+"""Of series (policies, algorithms, services). None of them looks like a drone's colour
+(`desim_uav.palette.DRONES`), whichever colours a reader can see, and neighbours differ in lightness
+for grey. Black, sky blue, vermillion and green are from Okabe and Ito, indigo is from Paul Tol."""
+
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
 HATCHES = ("", "////", "....", "xxxx", "\\\\\\\\", "----", "++++")

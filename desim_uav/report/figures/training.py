@@ -21,11 +21,11 @@ from desim_uav.run_folder import read_scenario, read_table
 from desim_uav.scenario.load import to_plain
 
 CURVES = {
-    "reward": "reward of an episode",
+    "reward": "reward per episode",
     "qoe1_percent": "QoE1, %",
     "qoe2_iterations": "QoE2, steps",
     "qoe3_percent": "QoE3, %",
-    "crashes": "crashes a drone and episode",
+    "crashes": "crashes per drone and episode",
 }
 """Each a mean over the drones; QoE is of all of them together."""
 
@@ -54,10 +54,11 @@ class Trained:
 
 @styled
 def training_figure(folders: Sequence[Path], window: int | None = None) -> Figure:
-    """Curves of trainings by algorithm: means over seeds, with bands of a standard deviation.
+    """Draw the curves of trainings by algorithm: means over seeds, with standard deviations.
 
-    Each is a running mean over ``window`` episodes (a fiftieth of them). Raises PolicyError for
-    folders that are no trainings or not of one scenario.
+    Each curve is a running mean over ``window`` episodes, by default a fiftieth of them. An
+    algorithm with one seed has no band, and the legend says so. Raises PolicyError for folders
+    that are no trainings or not of one scenario.
     """
     trainings = [read_training(folder) for folder in folders]
     check_alike(trainings)
@@ -81,8 +82,7 @@ def training_figure(folders: Sequence[Path], window: int | None = None) -> Figur
             axes.set_ylim(0, top)
         axes.set_xlabel("episode")
         axes.tick_params(labelbottom=True)
-    bands = any(len(of_seeds) > 1 for of_seeds in by_algorithm.values())
-    _explain(panels[-1], panels[0], window, bands)
+    _explain(panels[-1], panels[0], window, [len(found) for found in by_algorithm.values()])
     headed(figure, f"Training. {trainings[0].settings['name']}")
     return figure
 
@@ -106,11 +106,12 @@ def _draw(
     axes.plot(episodes, mean, label=label, **dressed)
 
 
-def _explain(axes: Axes, drawn: Axes, window: int, bands: bool) -> None:
-    """The panel that is left has the legend."""
+def _explain(axes: Axes, drawn: Axes, window: int, seeds: Sequence[int]) -> None:
+    """Write the legend into the panel that is left; ``seeds`` are the numbers of each curve."""
     axes.set_axis_off()
     told = f"running means over {window} episode(s)"
-    told += "\nbands: ± 1 standard deviation over seeds" if bands else ""
+    told += "\nbands: ± 1 standard deviation over seeds" if max(seeds) > 1 else ""
+    told += "\none seed allows no band" if min(seeds) == 1 else ""
     handles, names = drawn.get_legend_handles_labels()
     legend = axes.legend(handles, names, loc="center", title=told, fontsize=9, title_fontsize=8)
     legend.set_alignment("left")

@@ -27,7 +27,7 @@ from desim_uav.report.figures import (
 )
 from desim_uav.report.figures.battery import SPANS
 from desim_uav.report.figures.services import BARS
-from desim_uav.report.figures.style import COLOURS, DASHES, MARKERS
+from desim_uav.report.figures.style import COLOURS, DASHES, MARKERS, STYLE
 from desim_uav.report.figures.training import CURVES, smoothed
 from desim_uav.report.figures.visits import visit_minutes
 from desim_uav.report.playback import Playback
@@ -71,7 +71,16 @@ class TestTraining:
     def test_one_seed_has_no_band(self, trained):
         figure = training_figure(trained[:1])
         assert not any(axes.collections for axes in figure.axes)
-        assert "deviation" not in figure.axes[-1].get_legend().get_title().get_text()
+        told = figure.axes[-1].get_legend().get_title().get_text()
+        assert "deviation" not in told and "one seed allows no band" in told
+
+    def test_an_algorithm_with_one_seed_beside_one_with_two(self, trained):
+        figure = training_figure(trained[:3])
+        assert [len(axes.collections) for axes in figure.axes[:5]] == [1] * 5
+        told = figure.axes[-1].get_legend().get_title().get_text()
+        assert "standard deviation over seeds" in told and "one seed allows no band" in told
+        told = training_figure(trained).axes[-1].get_legend().get_title().get_text()
+        assert "no band" not in told
 
     def test_where_nobody_asked_nothing_is_counted(self):
         curve = pd.Series([1.0, np.nan, 3.0, np.nan, np.nan])
@@ -126,6 +135,24 @@ class TestCompare:
         assert len(compare_figure(compare_runs(seeds[:3]).content()).axes) == 5
         figure = compare_figure(compare_runs(seeds[:1]).content())
         assert interval(figure.axes[0], 0)[0] is None
+
+    def test_one_seed_has_no_interval_and_the_heading_says_so(self, seeds):
+        figure = compare_figure(compare_runs([seeds[0], seeds[3]]).content())
+        assert "one seed allows no interval" in figure.get_suptitle()
+        assert "t-interval" not in figure.get_suptitle()
+        assert [titles(figure)[k] for k in (0, 5)] == [
+            "Values of one seed",
+            "Difference from hover on one seed",
+        ]
+        for axes in figure.axes:
+            for point in axes.containers:
+                assert point.lines[1:] == ((), ()), "no caps and no bars"
+
+    def test_where_some_have_one_seed_the_heading_says_so(self, seeds):
+        figure = compare_figure(compare_runs(seeds[:4]).content())
+        told = "95 % t-intervals over seeds (none from a single seed)"
+        assert figure.get_suptitle().endswith(told)
+        assert compare_figure(compare_runs(seeds).content()).get_suptitle().endswith("over seeds")
 
     def test_alone_and_narrow_each_policy_keeps_its_colour(self):
         def row(policy, mean):
@@ -377,6 +404,11 @@ class TestGrey:
         first = [self.grey(colour) for colour in COLOURS[:4]]
         assert np.min(np.abs(np.subtract.outer(first, first)) + 9 * np.eye(4)) > 0.1
         assert len({str(dash) for dash in DASHES}) == len(set(MARKERS)) == len(COLOURS)
+
+    def test_figures_that_matplotlib_colours_have_the_same_sequence(self):
+        file = mpl.rc_params_from_file(STYLE, use_default_template=False)
+        found = [entry["color"].removeprefix("#") for entry in file["axes.prop_cycle"]]
+        assert found == [colour.removeprefix("#") for colour in COLOURS]
 
     def test_outcomes_differ_in_lightness_or_hatch(self):
         assert len({bar["hatch"] for bar in BARS.values()}) == 3
