@@ -65,7 +65,10 @@ def replay(
 
 def report(
     runs: Annotated[
-        list[Path], typer.Argument(metavar="RUN_DIR…", help="The folders of one run or several.")
+        list[Path],
+        typer.Argument(
+            metavar="RUN_DIR…", help="The folders of one run or several, or one of a sweep."
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -86,7 +89,10 @@ def report(
         ),
     ] = None,
 ) -> None:
-    """Write a page about a run, or a comparison of several; it needs no network and no server."""
+    """Write a page about a run, a sweep, or a comparison of several runs.
+
+    The page needs no network and no server.
+    """
     import desim_uav as du
 
     print(du.write_report(runs, out, title, against))
@@ -97,15 +103,16 @@ def plot(
         str,
         typer.Argument(
             metavar="KIND",
-            help="The kind of figure: training, compare, visits, policy, battery, episodes, "
-            "services or snapshot.",
+            help="The kind of figure: training, compare, sweep, visits, policy, battery, "
+            "episodes, services or snapshot.",
         ),
     ],
     runs: Annotated[
         list[Path],
         typer.Argument(
             metavar="RUN…",
-            help="The folder of a run or a training; for policy it may be the file of a table.",
+            help="The folder of a run, a training or a sweep; for policy it may be the file of a "
+            "table.",
         ),
     ],
     out: Annotated[
@@ -171,12 +178,29 @@ def plot(
             help="For compare: the policy that the others are compared with.",
         ),
     ] = None,
+    measure: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="For sweep: a measure to draw, such as qoe3_percent; it can be given several "
+            "times. By default QoE1 to QoE3 are drawn.",
+        ),
+    ] = None,
+    key: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="KEY[=VALUE]",
+            help="For sweep: a key to show, the first one along the axis, or to hold at VALUE; it "
+            "can be given several times.",
+        ),
+    ] = None,
 ) -> None:
-    """Draw a figure of runs, of trainings or of a learned policy."""
+    """Draw a figure of runs, of trainings, of a sweep or of a learned policy."""
     import desim_uav as du
 
     asked: dict[str, Any] = {"episode": episode, "minute": minute, "drone": drone, "window": window}
     asked |= {"battery_min": battery_min, "level": level, "against": against}
+    asked |= {"measure": measure or None, "key": key or None}
     print(du.plot(kind, runs, out, asked))
 
 

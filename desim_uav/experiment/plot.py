@@ -39,6 +39,12 @@ def _compare(folders: Sequence[Path], against: str | None = None) -> Figure:
     return compare_figure(compare_runs(folders, against).content())
 
 
+def _sweep(folder: Path, **options: Any) -> Figure:
+    from desim_uav.experiment.sweep_report import plot_sweep
+
+    return plot_sweep(folder, **options)
+
+
 def _policy(source: Path, **options: Any) -> Figure:
     """Of a table's file, a shipped one's name, or the folder of a training."""
     from desim_uav.report.figures import policy_figure
@@ -65,6 +71,7 @@ def _of_run(kind: str) -> Callable[..., Figure]:
 KINDS: Mapping[str, Kind] = {
     "training": Kind(_training, ("window",), several=True),
     "compare": Kind(_compare, ("against",), several=True),
+    "sweep": Kind(_sweep, ("measure", "key")),
     "visits": Kind(_of_run("visits"), ("episode", "drone")),
     "policy": Kind(_policy, ("battery_min", "level", "drone")),
     "battery": Kind(_of_run("battery"), ("episode", "drone")),

@@ -15,6 +15,8 @@ from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare import compare_runs
 from desim_uav.experiment.replay import playing_again
 from desim_uav.experiment.statistics import estimate
+from desim_uav.experiment.sweep_report import sweep_report
+from desim_uav.experiment.sweep_results import is_sweep
 from desim_uav.report.comparison_page import Compared, comparison_page
 from desim_uav.report.page import Reported
 from desim_uav.report.run_page import run_page
@@ -27,16 +29,18 @@ NAME = "report.html"
 def report(
     folders: Sequence[Path], out: Path | None, title: str | None, against: str | None
 ) -> Path:
-    """Write the report of a run, or of runs compared; where it stands.
+    """Write the report of a run, of a sweep, or of several runs compared; return its file.
 
-    It stands in the run's folder, that of several in the working folder, unless ``out`` says where.
-    ``against``: the policy of reference. Raises PolicyError for folders that cannot be read or
-    compared, and nothing is written.
+    Without ``out`` it is written into the folder of the run or sweep, and for several runs into the
+    working folder. ``against`` is the policy of reference. Raises PolicyError for folders that
+    cannot be read or compared; nothing is written then.
     """
     alone = len(folders) == 1
     if alone and against is not None:
         raise UsageError("--against goes with several runs")
     place = out if out is not None else folders[0] / NAME if alone else Path(NAME)
+    if alone and is_sweep(folders[0]):
+        return _write_sweep(folders[0], place, out, title)
     runs = [_read(folder, place) for folder in folders]
     content = None if alone else compare_runs(folders, against).content()
     file = file_place(place, "" if out is None else "--out")
@@ -51,6 +55,12 @@ def report(
             f"{type(error).__name__}: {error}"
         ) from error
     write_at(file, text.encode())
+    return place
+
+
+def _write_sweep(folder: Path, place: Path, out: Path | None, title: str | None) -> Path:
+    file = file_place(place, "" if out is None else "--out")
+    write_at(file, sweep_report(folder, title).encode())
     return place
 
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import UTC, datetime
 from pathlib import Path
@@ -80,7 +80,7 @@ class SweepFolder:
         """The rows of the jobs that have ended, by job. A damaged one is as if it had not."""
         found = {}
         for job in todo:
-            row = self._read(job)
+            row = read_row(self.out, self.columns, job.id)
             if row is not None:
                 found[job.id] = row
         return found
@@ -136,7 +136,7 @@ class SweepFolder:
 
     def _check(self, plan: dict[str, Any]) -> None:
         """Raises PolicyError where the folder is of a sweep that is no part of this one."""
-        there = _manifest(self.out / MANIFEST)
+        there = read_manifest(self.out / MANIFEST)
         for what, was, now in (
             ("by desim-uav", there["versions"]["desim-uav"], __version__),
             ("with columns", _typed(there["columns"]), _typed(plan["columns"])),
@@ -161,38 +161,42 @@ class SweepFolder:
     def _file(self, job: Job) -> Path:
         return self.out / RESULTS / f"{job.id}.parquet"
 
-    def _schema(self) -> pa.Schema:
-        import pyarrow as pa
-
-        return pa.schema([(name, pa.type_for_alias(of)) for name, of in self.columns.items()])
-
     def _parquet(self, row: Row) -> bytes:
         import pyarrow as pa
         import pyarrow.parquet as pq
 
         file = pa.BufferOutputStream()
-        schema = self._schema().with_metadata({DIGEST: of_row(row).encode()})
+        schema = _schema(self.columns).with_metadata({DIGEST: of_row(row).encode()})
         pq.write_table(pa.Table.from_pylist([row], schema), file, write_page_checksum=True)
         return bytes(file.getvalue())
 
-    def _read(self, job: Job) -> Row | None:
-        import pyarrow as pa
-        import pyarrow.parquet as pq
 
-        try:
-            content = pa.BufferReader(self._file(job).read_bytes())
-            with pq.ParquetFile(content, page_checksum_verification=True) as file:
-                table = file.read()
-        except (OSError, ValueError, pa.ArrowException):
-            return None
-        if not table.schema.equals(self._schema()) or table.column("job").to_pylist() != [job.id]:
-            return None
-        row, kept = dict(table.to_pylist()[0]), table.schema.metadata or {}
-        return row if kept.get(DIGEST) == of_row(row).encode() else None
+def read_row(out: Path, columns: Mapping[str, str], job: str) -> Row | None:
+    """Return the row of a job, or None if it has not ended or its file is damaged."""
+    import pyarrow as pa
+    import pyarrow.parquet as pq
+
+    try:
+        content = pa.BufferReader((out / RESULTS / f"{job}.parquet").read_bytes())
+        with pq.ParquetFile(content, page_checksum_verification=True) as file:
+            table = file.read()
+        schema = _schema(columns)
+    except (OSError, ValueError, pa.ArrowException):
+        return None
+    if not table.schema.equals(schema) or table.column("job").to_pylist() != [job]:
+        return None
+    row, kept = dict(table.to_pylist()[0]), table.schema.metadata or {}
+    return row if kept.get(DIGEST) == of_row(row).encode() else None
 
 
-def _manifest(file: Path) -> dict[str, Any]:
-    """What a folder says of its sweep. Raises PolicyError."""
+def _schema(columns: Mapping[str, str]) -> pa.Schema:
+    import pyarrow as pa
+
+    return pa.schema([(name, pa.type_for_alias(of)) for name, of in columns.items()])
+
+
+def read_manifest(file: Path) -> dict[str, Any]:
+    """Read the manifest of a sweep. Raises PolicyError."""
     try:
         found = json.loads(text_of(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:

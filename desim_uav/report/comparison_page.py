@@ -77,8 +77,8 @@ def _policies(found: Compared) -> Html:
         [
             _estimates(found.content["policies"], "seeds"),
             paragraph(
-                f"{sentence(mean_words(found.content['policies']))} A seed is a replication: its episodes are "
-                "averaged first.",
+                f"{sentence(mean_words(found.content['policies']))} A seed is a replication: its "
+                "episodes are averaged first.",
                 class_="note",
             ),
         ]

@@ -8,6 +8,7 @@ from desim_uav.report.figures.policy import policy_figure
 from desim_uav.report.figures.services import services_figure
 from desim_uav.report.figures.snapshot import snapshot_figure
 from desim_uav.report.figures.style import to_bytes
+from desim_uav.report.figures.sweep import sweep_figure
 from desim_uav.report.figures.training import training_figure
 from desim_uav.report.figures.visits import visits_figure
 
@@ -20,6 +21,7 @@ __all__ = [
     "policy_figure",
     "services_figure",
     "snapshot_figure",
+    "sweep_figure",
     "to_bytes",
     "training_figure",
     "visits_figure",

@@ -81,8 +81,9 @@ def headed(figure: Figure, text: str) -> None:
 
 
 def look(number: int) -> dict[str, Any]:
-    """Colour and dashes of the line of this number: any two neighbours differ in both."""
-    return {"color": COLOURS[number % len(COLOURS)], "linestyle": DASHES[number % len(DASHES)]}
+    """Return colour and dashes of a series: neighbours differ in both, and 49 series in one."""
+    dash = DASHES[(number + number // len(DASHES)) % len(DASHES)]
+    return {"color": COLOURS[number % len(COLOURS)], "linestyle": dash}
 
 
 def drone_look(drone: int) -> dict[str, Any]:

@@ -1,0 +1,89 @@
+"""Figures and the report of a sweep, made from its folder."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from desim_uav.errors import UsageError
+from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.sweep_results import (
+    MOST_KEYS,
+    chosen_keys,
+    content,
+    read_sweep,
+    word,
+)
+from desim_uav.registry import did_you_mean
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+DRAWN = ("qoe1_percent", "qoe2_iterations", "qoe3_percent")
+"""The measures of a figure unless --measure names others."""
+
+
+def plot_sweep(
+    folder: Path, measure: Sequence[str] | None = None, key: Sequence[str] | None = None
+) -> Figure:
+    """Draw measures of a sweep over one or two of its keys.
+
+    ``key`` has names of keys to show, the first along the axis, and KEY=VALUE for keys to hold at a
+    value. Raises PolicyError if the folder cannot be read, UsageError for a wrong name.
+    """
+    from desim_uav.report.figures import intervals_figure, sweep_figure
+    from desim_uav.report.text import COMPARED
+
+    for name in measure or ():
+        if name not in MEASURES:
+            hint = did_you_mean(name, MEASURES)
+            raise UsageError(f"--measure {name}{hint}; allowed: {', '.join(MEASURES)}")
+    measures = list(dict.fromkeys(measure or DRAWN))
+    results = read_sweep(folder)
+    if not results.keys and not key:
+        found = content(results, {})
+        titles = {name: COMPARED[name][0] for name in measures}
+        return intervals_figure(found["estimates"], found["policies"], titles, False)
+    wanted = _wanted(key or ())
+    held = {name: value for name, value in wanted.items() if value is not None}
+    return sweep_figure(content(chosen_keys(results, wanted), held), measures)
+
+
+def sweep_report(folder: Path, title: str | None) -> str:
+    """Return the page on a sweep. Raises PolicyError if the folder cannot be read."""
+    from desim_uav.report.sweep_page import Swept, sweep_page
+
+    results = read_sweep(folder)
+    held: dict[str, str | None] = {
+        key: word(values[0]) for key, values in list(results.keys.items())[MOST_KEYS:]
+    }
+    left_out, shown = "", {}
+    try:
+        chosen = chosen_keys(results, held) if results.keys else results
+        shown = content(chosen, held)
+    except UsageError as error:
+        left_out = f"There is no figure. {error}"
+    return sweep_page(
+        Swept(
+            folder,
+            results.manifest,
+            content(results, {}),
+            shown,
+            left_out,
+            len(results.rows),
+            results.failures,
+            word,
+        ),
+        title,
+    )
+
+
+def _wanted(keys: Sequence[str]) -> dict[str, str | None]:
+    wanted: dict[str, str | None] = {}
+    for said in keys:
+        name, equals, value = said.partition("=")
+        if name in wanted:
+            raise UsageError(f"--key {name}: given twice")
+        wanted[name] = value if equals else None
+    return wanted

@@ -1,0 +1,202 @@
+"""A finished sweep as figures and reports read it: its folder alone, without its scenario file."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from desim_uav.errors import PolicyError, UsageError
+from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.statistics import estimate
+from desim_uav.experiment.sweep import Row
+from desim_uav.experiment.sweep_folder import FAILED, MANIFEST, RESULTS, read_manifest, read_row
+from desim_uav.registry import did_you_mean
+from desim_uav.regular_file import text_of
+from desim_uav.report.json_file import MOST_BYTES
+
+MOST_KEYS = 2
+"""The most keys that a figure shows."""
+
+FIXED = ("job", "policy", "algorithm", "seed", "world_seed")
+"""The columns of a sweep that are neither keys of the scenario nor measures."""
+
+
+@dataclass(frozen=True)
+class SweepResults:
+    """The rows of a sweep, its manifest and its failures."""
+
+    folder: Path
+    manifest: dict[str, Any]
+    rows: Sequence[Row]
+    failures: Sequence[dict[str, Any]]
+    order: tuple[str, ...] = ()
+    """The keys to show and their order; none means all that vary, as the sweep has them."""
+
+    @property
+    def scenario(self) -> str:
+        """The name of the scenario that was swept."""
+        return str(self.manifest["scenario"].get("name", ""))
+
+    @cached_property
+    def keys(self) -> dict[str, list[Any]]:
+        """The keys that vary, each with its values: numbers ascending, others as first met."""
+        columns = [key for key in self.manifest["columns"] if key not in (*FIXED, *MEASURES)]
+        columns = list(self.order) or columns
+        values = {key: _ordered(row[key] for row in self.rows) for key in columns}
+        return {key: found for key, found in values.items() if len(found) > 1}
+
+    @cached_property
+    def policies(self) -> list[str]:
+        """The policies and algorithms, in the order in which they were asked for."""
+        said = [*self.manifest.get("policies", ()), *self.manifest.get("algorithms", ())]
+        there = list(dict.fromkeys(row["policy"] for row in self.rows))
+        known = [name for name in dict.fromkeys(said) if name in there]
+        return [*known, *(name for name in there if name not in known)]
+
+    def estimates(self) -> list[dict[str, Any]]:
+        """Return a row for each combination and policy: cells, ``policy`` and ``measures``.
+
+        A measure has ``n``, ``mean`` and ``half_width`` (None if there is none), over seeds.
+        """
+        return list(self._estimates())
+
+    def _estimates(self) -> Iterator[dict[str, Any]]:
+        places: dict[str, dict[Any, int]] = {
+            key: {value: k for k, value in enumerate(values)} for key, values in self.keys.items()
+        }
+        groups: dict[tuple[int, ...], list[Row]] = {}
+        for row in self.rows:
+            at = [places[key][row[key]] for key in self.keys]
+            groups.setdefault((*at, self.policies.index(row["policy"])), []).append(row)
+        for _, rows in sorted(groups.items(), key=lambda item: item[0]):
+            cells = {key: rows[0][key] for key in self.keys}
+            measures = {name: asdict(estimate(row[name] for row in rows)) for name in MEASURES}
+            yield cells | {"policy": rows[0]["policy"], "measures": measures}
+
+
+def read_sweep(folder: Path) -> SweepResults:
+    """Read the folder of a sweep. Raises PolicyError if it cannot be read or holds no row."""
+    if not folder.is_dir():
+        raise PolicyError(f"{folder}: no such sweep folder")
+    if not is_sweep(folder):
+        raise PolicyError(f"{folder}: not a sweep folder: no {RESULTS}/ beside a {MANIFEST}")
+    manifest = read_manifest(folder / MANIFEST)
+    columns = {str(name): str(of) for name, of in manifest["columns"].items()}
+    missing = [name for name in (*FIXED, *MEASURES) if name not in columns]
+    if missing:
+        raise PolicyError(f"{folder / MANIFEST}: not the manifest of a sweep: no {missing[0]}")
+    rows = [row for job in manifest["jobs"] for row in _rows(folder, columns, str(job))]
+    if not rows:
+        raise PolicyError(f"{folder}: no job of this sweep has ended")
+    return SweepResults(folder, manifest, rows, _failures(folder / FAILED))
+
+
+def is_sweep(folder: Path) -> bool:
+    """Tell whether a folder looks like that of a sweep."""
+    return (folder / RESULTS).is_dir() and (folder / MANIFEST).is_file()
+
+
+def content(results: SweepResults, held: Mapping[str, Any]) -> dict[str, Any]:
+    """Return what a figure of a sweep is drawn from, as plain data."""
+    return {
+        "scenario": results.scenario,
+        "episodes": results.manifest["episodes"],
+        "keys": results.keys,
+        "held": {key: word(value) for key, value in held.items()},
+        "policies": results.policies,
+        "estimates": results.estimates(),
+    }
+
+
+def chosen_keys(results: SweepResults, wanted: Mapping[str, str | None]) -> SweepResults:
+    """Keep the rows that a figure of at most two keys shows.
+
+    ``wanted`` has the keys to show (None) and those to hold at a value, in this order. Raises
+    UsageError if a key does not vary, has no such value, or more than two keys are left.
+    """
+    keys, rows = results.keys, results.rows
+    for key, text in wanted.items():
+        if key not in keys:
+            varied = ", ".join(keys) or "none"
+            hint = did_you_mean(key, keys)
+            raise UsageError(f"--key {key}: does not vary in this sweep{hint}; varied: {varied}")
+        if text is not None:
+            value = _named(key, text, keys[key])
+            rows = [row for row in rows if row[key] == value]
+    free = [key for key in keys if wanted.get(key) is None]
+    if len(free) > MOST_KEYS:
+        many = ", ".join(free)
+        example = f"--key {free[-1]}={word(keys[free[-1]][0])}"
+        raise UsageError(
+            f"{results.folder}: {len(free)} keys vary ({many}), and a figure shows at most "
+            f"{MOST_KEYS}; hold the others at a value, as in {example}"
+        )
+    if not rows:
+        raise PolicyError(f"{results.folder}: no job with these values has ended")
+    order = [*(key for key, text in wanted.items() if text is None), *free]
+    shown = replace(results, rows=rows, order=tuple(dict.fromkeys(order)))
+    if not shown.keys:
+        raise UsageError(f"{results.folder}: no key varies that a figure could show")
+    return shown
+
+
+def word(value: Any) -> str:
+    """Return a value of a key as it is written in a scenario."""
+    if value is None:
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else f"{value}"
+
+
+def _named(key: str, text: str, values: Sequence[Any]) -> Any:
+    for value in values:
+        if text == word(value) or (_is_number(value) and _number(text) == value):
+            return value
+    raise UsageError(f"--key {key}={text}: its values are {', '.join(map(word, values))}")
+
+
+def _number(text: str) -> float | None:
+    try:
+        return float(text)
+    except ValueError:
+        return None
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _ordered(column: Iterable[Any]) -> list[Any]:
+    found = list(dict.fromkeys(column))
+    return sorted(found) if all(map(_is_number, found)) else found
+
+
+def _rows(folder: Path, columns: Mapping[str, str], job: str) -> Iterator[Row]:
+    """The row of a job, if it has ended. Raises PolicyError if its file is damaged."""
+    file = folder / RESULTS / f"{job}.parquet"
+    if re.fullmatch("[0-9a-f]+", job) is None:
+        raise PolicyError(f"{folder / MANIFEST}: not the manifest of a sweep: job {job!r}")
+    if file.exists():
+        row = read_row(folder, columns, job)
+        if row is None:
+            raise PolicyError(
+                f"{file}: damaged, or of another sweep; desim-uav sweep with --resume makes it anew"
+            )
+        yield row
+
+
+def _failures(file: Path) -> list[dict[str, Any]]:
+    if not file.exists():
+        return []
+    try:
+        found = json.loads(text_of(file, MOST_BYTES))
+    except (OSError, ValueError, RecursionError) as error:
+        reason = getattr(error, "strerror", None) or error
+        raise PolicyError(f"{file}: not a readable list of failures: {reason}") from error
+    if not isinstance(found, list) or not all(isinstance(row, dict) for row in found):
+        raise PolicyError(f"{file}: not a list of failed jobs")
+    return found

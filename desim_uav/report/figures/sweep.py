@@ -1,0 +1,166 @@
+"""A measure over the values of one key of a sweep, or of two."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from desim_uav.errors import UsageError
+from desim_uav.palette import ink_on
+from desim_uav.report.figures.style import MOST_PANELS, headed, look, marker, short, styled
+from desim_uav.report.intervals import have_interval, interval_words
+from desim_uav.report.text import COMPARED
+
+APART = 0.015
+"""Series are moved sideways by this part of the axis, so that their intervals can be seen."""
+
+WRITTEN = 8
+"""Cells of a heat map in a row or column, at most, for its numbers to be written into them."""
+
+MOST_LINES = 12
+SHADES = "cividis"
+
+Content = dict[str, Any]
+
+
+@styled
+def sweep_figure(found: Content, measures: Sequence[str]) -> Figure:
+    """Draw measures of a sweep over one or two keys: means over seeds, with their intervals.
+
+    ``found`` has ``scenario``, ``episodes``, ``keys`` (one or two, each with its values), ``held``
+    (keys at one value), ``policies`` and ``estimates``: rows with a value of each key, ``policy``
+    and ``measures`` (n, mean, half_width). One key gives a panel per measure and a line per
+    policy. Two keys give a row of panels per policy: heat maps if both keys are numbers with at
+    least three values, else a line per value of the second key. Raises UsageError for too many
+    panels or lines.
+    """
+    heat = len(found["keys"]) == 2 and all(map(_is_scale, found["keys"].values()))
+    rows = found["policies"] if len(found["keys"]) == 2 else [None]
+    if len(rows) * len(measures) > MOST_PANELS:
+        raise UsageError(
+            f"{len(rows) * len(measures)} panels, at most {MOST_PANELS}: choose with --measure"
+        )
+    size = (3.5 * len(measures) + 0.6, 2.7 * len(rows) + 1.0)
+    figure = Figure(figsize=size)
+    panels = figure.subplots(len(rows), len(measures), squeeze=False)
+    for across, policies in zip(panels, rows, strict=True):
+        for axes, measure in zip(across, measures, strict=True):
+            if heat:
+                _draw_heat(figure, axes, found, measure, policies)
+            else:
+                _draw_lines(axes, found, measure, policies)
+            label = COMPARED[measure][0].replace(" %", ", %").replace(" it.", ", steps")
+            axes.set_title(label if policies is None else f"{short(policies)}: {label}")
+    if not heat:
+        handles, names = panels[0][0].get_legend_handles_labels()
+        title = "policy" if len(found["keys"]) == 1 else short([*found["keys"]][1])
+        columns = min(len(names), 3 * len(measures))
+        figure.legend(handles, names, loc="outside lower center", ncols=columns, title=title)
+    headed(figure, "\n".join(_heading(found, heat)))
+    return figure
+
+
+def _heading(found: Content, heat: bool) -> Iterator[str]:
+    counts = sorted({of["n"] for row in found["estimates"] for of in row["measures"].values()})
+    counts = [count for count in counts if count] or [0]
+    seeds = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
+    told = f"{short(found['scenario'])}, {seeds} seed(s) of {found['episodes']} episode(s)"
+    words = interval_words(found["estimates"])
+    half_widths = heat and have_interval(found["estimates"])
+    yield f"{told}: {f'means ± half-widths of {words}' if half_widths else words}"
+    if found["held"]:
+        yield ", ".join(f"{short(key)} = {short(value)}" for key, value in found["held"].items())
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+def _is_scale(values: Sequence[Any]) -> bool:
+    """Tell whether a key has so many numbers that it can be an axis of a heat map."""
+    return len(values) > 2 and all(map(_is_number, values))
+
+
+def _word(value: Any) -> str:
+    """Return a value of a key as a scenario has it."""
+    if value is None or isinstance(value, bool):
+        return {None: "null", True: "true", False: "false"}[value]
+    return short(f"{value:g}" if isinstance(value, float) else str(value))
+
+
+def _draw_lines(axes: Axes, found: Content, measure: str, policy: str | None) -> None:
+    """Draw a line with intervals per policy, or for one policy per value of the second key."""
+    first, *second = found["keys"]
+    values = found["keys"][first]
+    series = found["keys"][second[0]] if second else found["policies"]
+    if len(series) > MOST_LINES:
+        many = f"{len(series)} values of {second[0]}" if second else f"{len(series)} policies"
+        raise UsageError(f"{many}, and a panel shows at most {MOST_LINES} lines; choose with --key")
+    numbers = all(map(_is_number, values))
+    places = np.array(values if numbers else range(len(values)), dtype=float)
+    span = float(np.ptp(places)) if numbers else 8.0
+    for number, of in enumerate(series):
+        rows = {
+            row[first]: row["measures"][measure]
+            for row in found["estimates"]
+            if (row[second[0]] == of and row["policy"] == policy if second else row["policy"] == of)
+        }
+        there = [k for k, v in enumerate(values) if v in rows and rows[v]["mean"] is not None]
+        points = [rows[values[k]] for k in there]
+        dressed = look(number) | {"marker": marker(number)}
+        if not numbers:
+            dressed["linestyle"] = "none"
+        at = places[there] + APART * span * (number - (len(series) - 1) / 2)
+        axes.plot(at, [p["mean"] for p in points], label=_word(of), **dressed)
+        drawn = [k for k, p in enumerate(points) if p["half_width"]]
+        if drawn:
+            means = [points[k]["mean"] for k in drawn]
+            wide = [points[k]["half_width"] for k in drawn]
+            colour = dressed["color"]
+            axes.errorbar(at[drawn], means, wide, ls="none", capsize=3, color=colour, lw=1.1)
+    if not numbers:
+        axes.set_xticks(places, [_word(value) for value in values])
+        axes.set_xlim(-0.5, len(values) - 0.5)
+    elif len(values) <= 6:
+        axes.set_xticks(places, [_word(value) for value in values])
+    axes.set_xlabel(short(first))
+
+
+def _draw_heat(figure: Figure, axes: Axes, found: Content, measure: str, policy: str) -> None:
+    """Draw the means of a policy as shades, with the numbers where there is room."""
+    (across, columns), (up, rows) = found["keys"].items()
+    means = np.full((len(rows), len(columns)), np.nan)
+    estimates = {
+        (row[up], row[across]): row["measures"][measure]
+        for row in found["estimates"]
+        if row["policy"] == policy and row["measures"][measure]["mean"] is not None
+    }
+    for (y, x), of in estimates.items():
+        means[rows.index(y), columns.index(x)] = of["mean"]
+    every = [row["measures"][measure]["mean"] for row in found["estimates"]]
+    every = [mean for mean in every if mean is not None] or [0.0]
+    image = axes.imshow(
+        means, cmap=SHADES, vmin=min(every), vmax=max(every), origin="lower", aspect="auto"
+    )
+    figure.colorbar(image, ax=axes)
+    if len(rows) <= WRITTEN and len(columns) <= WRITTEN:
+        for (y, x), of in estimates.items():
+            _write(axes, image, columns.index(x), rows.index(y), of, COMPARED[measure][1])
+    axes.set_xticks(range(len(columns)), [_word(value) for value in columns])
+    axes.set_yticks(range(len(rows)), [_word(value) for value in rows])
+    axes.set(xlabel=short(across), ylabel=short(up))
+    axes.grid(visible=False)
+
+
+def _write(axes: Axes, image: Any, x: int, y: int, of: dict[str, Any], form: str) -> None:
+    """Write a mean, and its half-width if there is one, into a cell."""
+    form = {".2f": ".1f", ".3f": ".2f"}.get(form, form)
+    text = format(of["mean"], form)
+    text += f"\n±{of['half_width']:{form}}" if of["half_width"] is not None else ""
+    red, green, blue, _ = image.cmap(image.norm(of["mean"]), bytes=True)
+    ink = ink_on(f"#{red:02x}{green:02x}{blue:02x}")
+    axes.text(x, y, text, ha="center", va="center", fontsize=7, color=ink)

@@ -1,0 +1,134 @@
+"""The report of a sweep: its table, its figures, what failed, and where it comes from."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from desim_uav.report.comparison_page import estimate_cell
+from desim_uav.report.figures import intervals_figure, sweep_figure
+from desim_uav.report.intervals import mean_words, sentence
+from desim_uav.report.markup import Html, code, facts, joined, paragraph, table, tag
+from desim_uav.report.page import Picture, count, gallery, heading, page
+from desim_uav.report.text import COMPARED
+
+DRAWN = ("qoe1_percent", "qoe2_iterations", "qoe3_percent")
+MOST_FAILURES = 100
+
+
+@dataclass(frozen=True)
+class Swept:
+    """A sweep as a page tells of it.
+
+    ``content`` is what its table is made of and ``shown`` what its figures are drawn from (see
+    ``sweep_figure``), ``left_out`` says why there are none. ``words`` writes a value of a key.
+    """
+
+    folder: Path
+    manifest: dict[str, Any]
+    content: dict[str, Any]
+    shown: dict[str, Any]
+    left_out: str
+    ended: int
+    failures: Sequence[dict[str, Any]]
+    words: Callable[[Any], str]
+
+
+def sweep_page(found: Swept, title: str | None) -> str:
+    """Return the page as HTML."""
+    content = found.content
+    keys = ", ".join(content["keys"]) or ", ".join(content["policies"])
+    said = f"Sweep of {content['scenario']}: {keys}"
+    lead = (
+        f"{found.ended:,} of {count(len(found.manifest['jobs']), 'job')} ended, each of "
+        f"{count(found.manifest['episodes'], 'episode')} after "
+        f"{found.manifest['warmup']} of warm-up"
+    )
+    sections = ((name, section(found)) for name, section in SECTIONS)
+    return page(title or said, lead, sections)
+
+
+def _results(found: Swept) -> Html:
+    """Return the table: a row per combination and policy."""
+    keys, estimates = list(found.content["keys"]), found.content["estimates"]
+    headings = [*keys, "policy", "seeds", *(heading(label) for label, _ in COMPARED.values())]
+    rows = (
+        [
+            *(found.words(row[key]) for key in keys),
+            row["policy"],
+            max(of["n"] for of in row["measures"].values()),
+            *(estimate_cell(row["measures"][name], form) for name, (_, form) in COMPARED.items()),
+        ]
+        for row in estimates
+    )
+    note = f"{sentence(mean_words(estimates))} Each seed counts once: its episodes are averaged."
+    words = range(len(keys) + 1)
+    shown = tag("div", table(headings, rows, words), class_="tall", tabindex=0)
+    return joined([shown, paragraph(note, class_="note")])
+
+
+def _figures(found: Swept) -> Html:
+    shown = found.shown
+    titles = {name: COMPARED[name][0] for name in DRAWN}
+    if found.left_out:
+        return paragraph(found.left_out, class_="note")
+    if not shown["keys"]:
+        draw = partial(intervals_figure, shown["estimates"], shown["policies"], titles, False)
+        caption = sentence(mean_words(shown["estimates"]))
+        return gallery([Picture("Policies", caption, draw)], 0)
+    held = ", ".join(f"{key} = {value}" for key, value in shown["held"].items())
+    caption = f"Against {' and '.join(shown['keys'])}{f', with {held}' if held else ''}."
+    pictures = [
+        Picture(titles[name], caption, partial(sweep_figure, shown, [name])) for name in DRAWN
+    ]
+    more = "Other values are drawn by desim-uav plot sweep with --key KEY=VALUE." if held else None
+    return joined([gallery(pictures, 0), paragraph(more, class_="note") if more else None])
+
+
+def _failed(found: Swept) -> Html:
+    missing = len(found.manifest["jobs"]) - found.ended
+    if not missing:
+        return Html("")
+    told = f"{count(missing, 'job')} of {len(found.manifest['jobs']):,} have no row"
+    told += f", and {len(found.failures):,} of them failed." if found.failures else "."
+    told += " desim-uav sweep with --resume runs what is missing."
+    keys = [key for key in found.content["keys"] if all(key in row for row in found.failures)]
+    names = [*keys, "policy", "seed", "reason"]
+    rows = (
+        [found.words(row.get(name, "")) for name in names] for row in found.failures[:MOST_FAILURES]
+    )
+    listed = table(names, rows, range(len(names))) if found.failures else None
+    return joined([paragraph(told), listed])
+
+
+def _provenance(found: Swept) -> Html:
+    said, scenario = found.manifest, found.manifest["scenario"]
+    command, versions = said.get("command"), said.get("versions")
+    pairs: list[tuple[str, Any]] = [
+        ("folder", code(str(found.folder))),
+        ("scenario", scenario.get("name")),
+        ("scenario file", scenario.get("file")),
+        ("its SHA-256", scenario.get("sha256")),
+        *((key, ", ".join(map(found.words, of))) for key, of in found.content["keys"].items()),
+        ("policies", ", ".join(map(str, said.get("policies") or ()))),
+        ("trained", ", ".join(map(str, said.get("algorithms") or ()))),
+        ("seeds", ", ".join(map(str, said.get("seeds") or ()))),
+        ("episodes", said["episodes"]),
+        ("warm-up", said["warmup"]),
+        ("begun", said.get("started")),
+        ("command", code(shlex.join(map(str, command))) if isinstance(command, list) else None),
+        *(versions.items() if isinstance(versions, dict) else ()),
+    ]
+    return tag("div", facts(pairs), class_="facts")
+
+
+SECTIONS: tuple[tuple[str, Callable[[Swept], Html]], ...] = (
+    ("Results", _results),
+    ("Figures", _figures),
+    ("Failures", _failed),
+    ("Provenance", _provenance),
+)
