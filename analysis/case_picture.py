@@ -3,7 +3,8 @@
 import sys
 from pathlib import Path
 
-from desim_uav.report.figures import case_picture
+from desim_uav.report.figures import case_picture, to_bytes
 
 run_dir, picture, *when = sys.argv[1:]
-case_picture(Path(run_dir), *map(int, when)).savefig(picture, dpi=110)
+figure = case_picture(Path(run_dir), *map(int, when))
+Path(picture).write_bytes(to_bytes(figure, Path(picture).suffix.lower()))

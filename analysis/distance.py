@@ -54,14 +54,18 @@ def curve(curves):
     """QoE1 over the distance."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(6, 4), layout="constrained")
+    from desim_uav.report.figures.style import look, marker
+
+    figure = Figure(figsize=(6, 4))
     axes = figure.add_subplot(xlabel="distance from the cluster's centre, m", ylabel="QoE1, %")
     for shift, (policy, found) in enumerate(curves.items()):
         middle = [m + WIDTH_M / 2 + 3 * shift for m in found]
         means = [e.mean for e in found.values()]
-        axes.errorbar(middle, means, [e.half_width or 0 for e in found.values()], marker="o",
-                      capsize=3, label=policy)  # fmt: skip
-    axes.legend(frameon=False)
+        axes.plot(middle, means, label=policy, marker=marker(shift), **look(shift))
+        ends = [(m, e) for m, e in zip(middle, found.values(), strict=True) if e.half_width]
+        for m, e in ends:
+            axes.errorbar(m, e.mean, e.half_width, capsize=3, lw=1.1, color=look(shift)["color"])
+    axes.legend()
     return figure
 
 

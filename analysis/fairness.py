@@ -46,14 +46,16 @@ def lorenz_curves(curves):
     """The share of all QoE1 over the share of users, worst-off first."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(5, 4.6), layout="constrained")
+    from desim_uav.report.figures.style import look
+
+    figure = Figure(figsize=(5, 4.6))
     axes = figure.add_subplot(xlabel="share of users, worst-off first", ylabel="share of all QoE1")
     shares = np.linspace(0, 1, 101)
-    axes.plot(shares, shares, color="0.6", linewidth=0.8, label="all alike")
-    for (policy, found), style in zip(curves.items(), ("-", "--", ":", "-.") * 99, strict=False):
+    axes.plot(shares, shares, color="0.6", linestyle="-", linewidth=0.8, label="all alike")
+    for number, (policy, found) in enumerate(curves.items()):
         of_seeds = [np.interp(shares, np.linspace(0, 1, len(curve)), curve) for curve in found]
-        axes.plot(shares, np.mean(of_seeds, axis=0), style, label=policy)
-    axes.legend(frameon=False)
+        axes.plot(shares, np.mean(of_seeds, axis=0), label=policy, **look(number))
+    axes.legend()
     return figure
 
 

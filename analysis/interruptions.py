@@ -56,14 +56,18 @@ def bars(costs):
     """A panel a measure."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9, 1.4 + 0.28 * len(costs)), layout="constrained")
+    figure = Figure(figsize=(9, 1.4 + 0.28 * len(costs)))
     panels = figure.subplots(1, len(MEASURES), sharey=True)
     for number, (axes, label) in enumerate(zip(panels, MEASURES, strict=True)):
         names = [", ".join(group) for group in costs]
         means = [found[number].mean or 0 for found in costs.values()]
-        spread = [found[number].half_width or 0 for found in costs.values()]
-        axes.barh(names, means, xerr=spread, capsize=3, color="0.7")
-        axes.axvline(0, color="black", linewidth=0.8)
+        axes.barh(names, means, color="0.7")
+        for row, found in enumerate(costs.values()):
+            if found[number].half_width:
+                mean, half_width = found[number].mean, found[number].half_width
+                axes.errorbar(mean, row, xerr=half_width, capsize=3, color="k")
+        axes.axvline(0, color="0.3", linestyle="-", linewidth=0.9)
+        axes.grid(visible=False, axis="y")
         axes.set_xlabel(f"cost in {label}")
     panels[0].invert_yaxis()
     return figure

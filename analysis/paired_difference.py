@@ -47,17 +47,23 @@ def intervals(found, others, reference):
     """A panel a measure, a line a policy."""
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(9, 3 + 0.4 * len(others)), layout="constrained")
+    from desim_uav.report.figures.style import headed, look, marker
+
+    figure = Figure(figsize=(9, 3 + 0.4 * len(others)))
     for axes, label in zip(figure.subplots(2, 3, sharey=True).flat, MEASURES, strict=True):
         for row, policy in enumerate(others):
             minus = found[label, policy]
             if minus.mean is not None:
-                axes.errorbar(minus.mean, row, xerr=minus.half_width, fmt="o", capsize=3, color="k")
-        axes.axvline(0, color="0.6", linewidth=0.8)
+                dressed = {"color": look(row + 1)["color"], "marker": marker(row + 1)}
+                axes.errorbar(minus.mean, row, xerr=minus.half_width or None, capsize=3, **dressed)
+        axes.axvline(0, color="0.3", linestyle="-", linewidth=0.9, zorder=1)
+        axes.grid(visible=False, axis="y")
         axes.set_yticks(range(len(others)), others)
         axes.set_ylim(-0.6, len(others) - 0.4)
         axes.set_xlabel(label)
-    figure.suptitle(f"minus {reference}, paired by seed, 95 % t-intervals", fontsize=10)
+    several = any(minus.half_width is not None for minus in found.values())
+    words = "95 % t-intervals" if several else "one seed allows no interval"
+    headed(figure, f"minus {reference}, paired by seed, {words}")
     return figure
 
 

@@ -44,9 +44,10 @@ def wait_map(runs):
     often = runs.groupby("cell").filter(lambda requests: len(requests) >= 10)
     waits = often.groupby("cell")["wait_s"].mean()
     cells = [tuple(map(int, cell.split(", "))) for cell in waits.index]
-    figure = Figure(figsize=(5.6, 4.6), layout="constrained")
+    figure = Figure(figsize=(5.6, 4.6))
     axes = figure.add_subplot(xlabel="cell, ix", ylabel="cell, iy", aspect="equal")
     drawn = axes.scatter(*np.reshape(cells, (-1, 2)).T, c=waits, cmap="cividis", marker="s", s=200)
+    axes.grid(visible=False)
     figure.colorbar(drawn, label="mean wait for the first service, s")
     return figure
 

@@ -61,13 +61,12 @@ def _told(arguments: list[str]) -> tuple[list[Path], Path | None]:
 
 
 def _analyse(analysis: Analysis, runs: pd.DataFrame, picture: Path | None) -> None:
-    """Raises UsageError where the picture cannot be written."""
-    from matplotlib import rc_context
+    """Raises UsageError if the picture cannot be written."""
+    from desim_uav.report.figures.style import styled, to_bytes
 
-    with rc_context({"text.parse_math": False}):  # a policy's name is no formula
-        figure = analysis(runs, picture is not None)
-        try:
-            if picture is not None and figure is not None:
-                figure.savefig(picture, dpi=150)
-        except OSError as error:
-            raise UsageError(f"cannot write {picture}: {error.strerror or error}") from error
+    figure = styled(analysis)(runs, picture is not None)
+    try:
+        if picture is not None and figure is not None:
+            picture.write_bytes(to_bytes(figure, picture.suffix.lower()))
+    except OSError as error:
+        raise UsageError(f"cannot write {picture}: {error.strerror or error}") from error
