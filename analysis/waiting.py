@@ -48,6 +48,8 @@ def wait_map(runs):
     axes = figure.add_subplot(xlabel="cell, ix", ylabel="cell, iy", aspect="equal")
     drawn = axes.scatter(*np.reshape(cells, (-1, 2)).T, c=waits, cmap="cividis", marker="s", s=200)
     axes.grid(visible=False)
+    axes.margins(0.1)
+    axes.locator_params(integer=True)
     figure.colorbar(drawn, label="mean wait for the first service, s")
     return figure
 
