@@ -307,7 +307,8 @@ def test_the_command_line_runs_a_network(trained: Any, tmp_path: Path):
     folder = tmp_path / "out"
     changes = [f"{key}={json.dumps(value)}" for key, value in LOCAL.items()]
     start = "import sys; from desim_uav.cli import main; sys.exit(main())"
-    command = [sys.executable, "-c", start, "run", "case8", "--policy", f"sb3:{file}", "--json", "-q"]
+    command = [sys.executable, "-c", start, "run", "case8", "--json", "-q"]
+    command += ["--policy", f"sb3:{file}"]
     command += [part for change in changes for part in ("-S", change)]
     command += ["--episodes", "2", "--out", str(folder)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
