@@ -22,6 +22,7 @@ from desim_uav.experiment.sweep import Backend, Failure, Job, Row, estimates, jo
 from desim_uav.experiment.sweep_folder import FAILED, SweepFolder
 from desim_uav.experiment.sweep_plan import Arm, arms
 from desim_uav.report import notebook
+from desim_uav.report.intervals import mean_words, sentence
 from desim_uav.run_folder import write_whole
 
 BACKENDS = ("local", "ray")
@@ -139,10 +140,9 @@ class Done:
         rule = ["---" for _ in self.headings()]
         lines = [[cell.replace("|", "\\|") for cell in line] for line in self.lines()]
         table = ["| " + " | ".join(row) + " |" for row in (self.headings(), rule, *lines)]
-        about = (
-            f"{first.episodes} episode(s) after {first.warmup} of warm-up: means over seeds ± the "
-            f"half-width of the {LEVEL:.0%} t-interval."
-        )
+        rows = [{"measures": _measures(found)} for _, found in self._estimates()]
+        words = sentence(mean_words(rows)).removesuffix(".")
+        about = f"{words}, of {first.episodes} episode(s) after {first.warmup} of warm-up per seed."
         return "\n".join([f"`{' '.join(command)}`", "", about, "", *table]) + "\n"
 
     def complaint(self) -> str:
@@ -229,8 +229,11 @@ def _warnings(tried: Sequence[Arm], seeds: range) -> list[str]:
 
 
 def _plain(arm: Arm, found: dict[str, Estimate]) -> dict[str, Any]:
-    measures = {
+    return arm.combination.cells | {"policy": arm.policy, "measures": _measures(found)}
+
+
+def _measures(found: dict[str, Estimate]) -> dict[str, dict[str, Any]]:
+    return {
         name: {"n": of.n, "mean": of.mean, "half_width": of.half_width}
         for name, of in found.items()
     }
-    return arm.combination.cells | {"policy": arm.policy, "measures": measures}

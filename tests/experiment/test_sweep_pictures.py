@@ -209,6 +209,14 @@ class TestFolder:
         assert results.keys == {"episode.steps": [3, 4]} and len(results.rows) == 4
         assert ask("plot", "sweep", "o", "-o", "a.png").code == 0
 
+    def test_the_printed_table_of_one_seed_tells_no_interval(self, ask):
+        flags = ("--policies", "hover", "--episodes", 1, "--warmup", 0, "-S", "episode.steps=3,4")
+        assert ask("sweep", "tiny", *flags, "--seeds", 1, "--out", "o").code == 0
+        told = Path("o/table.md").read_text()
+        assert "Values of one seed, which allows no interval" in told and "±" not in told
+        assert ask("sweep", "tiny", *flags, "--seeds", 2, "--out", "two").code == 0
+        assert "Mean over seeds and 95 % t-interval" in Path("two/table.md").read_text()
+
 
 class TestReport:
     def test_the_table_has_means_and_half_widths(self, tmp_path):
