@@ -2,10 +2,11 @@
 
 python analysis/verification.py [--quick] [--markdown FILE] [PART…]
 
-A row a figure: ours, what theory or something independent says, how far apart they are, how far
-they may be, and of how many cases or independent replications. Exact figures have a tolerance,
-estimates 4 standard errors. Without --quick there are more replications; that takes some minutes.
-Exit code 6 where a figure does not hold. It needs pip install -e ".[test]" and a checkout.
+One row per figure: the simulator's figure, what theory or something independent says, how far apart
+they are, how far apart they may be, and the number of cases or independent replications. The limit
+is a tolerance for exact figures and 4 standard errors for estimates. Without --quick there are more
+replications, which takes some minutes. The exit code is 6 if a figure does not hold. The script
+needs a checkout and pip install -e ".[test]".
 """
 
 import argparse

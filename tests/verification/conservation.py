@@ -1,4 +1,4 @@
-"""Conservation after every event: what can never be, whatever the policy."""
+"""Conservation laws, checked after every event under random commands."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The whole engine against a simulator by fixed time steps that shares no code with it.
+"""The whole engine against a simulator with fixed time steps that shares no code with it.
 
 That is ``tests/reference/fixed_step.py``. What the two must have in common, and why the error goes
 with dt, stands in ``tests/engine/test_against_fixed_step.py``.

@@ -1,4 +1,4 @@
-"""Footprint crossings: stated times, and an independent sampler's."""
+"""Footprint crossings against known times and an independent sampler."""
 
 from __future__ import annotations
 

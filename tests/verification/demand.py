@@ -1,4 +1,4 @@
-"""Demand: the laws of requests, and the requests a drone loses."""
+"""Demand: distributions of requests, and blocking probabilities."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One seed, one run: in any process, under any hash seed, whatever the order of insertion."""
+"""Determinism: the same seed gives the same run in any process, hash seed and insertion order."""
 
 from __future__ import annotations
 

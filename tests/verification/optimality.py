@@ -1,4 +1,4 @@
-"""What is learned against what is best: value iteration, and all placements.
+"""Learned policies against the optimum: value iteration and all placements of the drones.
 
 Case 1 is a finite decision process of one drone.
 """

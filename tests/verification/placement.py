@@ -1,4 +1,4 @@
-"""Where users live: normal around a centroid, cut by the cluster's disc and by the map."""
+"""Users' homes: normal around a centroid, truncated by the cluster's disc and by the map."""
 
 from __future__ import annotations
 

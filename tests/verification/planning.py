@@ -1,4 +1,4 @@
-"""Returns by A* against Dijkstra's shortest paths of networkx."""
+"""Returns planned by A* against networkx's shortest paths (Dijkstra)."""
 
 from __future__ import annotations
 

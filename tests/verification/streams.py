@@ -1,4 +1,4 @@
-"""Random streams against NumPy's own generators, and nobody's draws against another's."""
+"""Random streams against NumPy's own generators, and their independence of each other."""
 
 from __future__ import annotations
 
