@@ -35,7 +35,14 @@ WORDS = {"by-hand", "defaults", "extra", "file", "output", "same-as-preset", "th
 DIRECTIVES = {"{code-cell}", "{eval-rst}", "{include}", "{toctree}"}
 """What the build of the site runs or resolves by itself."""
 
-NEEDED = {"ray": "ray", "rllib": "ray.rllib", "sb3": "sb3_contrib", "video": "imageio_ffmpeg"}
+NEEDED = {
+    "optuna": "optuna",
+    "ray": "ray",
+    "rllib": "ray.rllib",
+    "sb3": "sb3_contrib",
+    "tensorboard": "tensorboard",
+    "video": "imageio_ffmpeg",
+}
 """A module of each extra that blocks may ask for."""
 
 LINKED = ("analysis", "benchmarks", "policies", "scenarios")

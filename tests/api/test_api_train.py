@@ -223,3 +223,34 @@ def test_tensorboard_reads_what_the_callback_writes():
     rows = done.curve[done.curve["episode"] >= 30]
     assert last.tensor_proto.float_val[0] == pytest.approx(rows["reward"].mean(), rel=1e-5)
     assert len(events.Tensors("greedy/qoe3_percent")) == 2
+
+
+def test_a_study_of_optuna_prunes_through_the_callback():
+    optuna = pytest.importorskip("optuna")
+    optuna.logging.set_verbosity(optuna.logging.ERROR)
+    ended = []
+
+    def objective(trial):
+        gamma = trial.suggest_float("gamma", 0.5, 0.99)
+
+        def report(progress):
+            trial.report(-progress.episode if trial.number else progress.episode, progress.episode)
+            if trial.should_prune():
+                raise optuna.TrialPruned
+
+        learned = du.train(
+            SMALL, {"learning.gamma": gamma}, callback=report, callback_every=20, progress=False
+        )
+        ended.append(learned.episodes)
+        return learned.curve["reward"].mean()
+
+    study = optuna.create_study(
+        direction="maximize",
+        sampler=optuna.samplers.RandomSampler(seed=0),
+        pruner=optuna.pruners.MedianPruner(n_startup_trials=1),
+    )
+    study.optimize(objective, n_trials=2)
+    states = [trial.state for trial in study.trials]
+    assert states == [optuna.trial.TrialState.COMPLETE, optuna.trial.TrialState.PRUNED]
+    assert sorted(study.trials[1].intermediate_values) == [20]
+    assert ended == [60]

@@ -199,7 +199,7 @@ function addressOf(player) {
   const write = () => { // later, and once: browsers allow only so many changes
     clearTimeout(timer);
     timer = setTimeout(() => {
-      if (player.playing) return;
+      if (player.playing || location.protocol === "about:") return; // a notebook's frame has none
       const parts = [`episode=${player.episode.about.episode}`, `t=${player.tUs / US}`];
       if (player.selection) parts.push(`${player.selection.what}=${player.selection.index}`);
       history.replaceState(null, "", `#${parts.join("&")}`);
