@@ -22,6 +22,7 @@ from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.registry import naming_plug_ins
+from desim_uav.scenario.cost import check_cost
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.schema import DrawnObstacles, Scenario
 
@@ -197,9 +198,10 @@ class World(Unchanging):
 def build_world(scenario: Scenario, seed: int) -> World:
     """Draw the world of a scenario; ``seed`` is the world seed.
 
-    Raises ScenarioError if no drawn map leaves the free cells connected, or if a cluster does not
-    fit on the map.
+    Raises ScenarioError if an episode would cost more than any engine has on this machine, if no
+    drawn map leaves the free cells connected, or if a cluster does not fit on the map.
     """
+    check_cost(scenario)
     stations, starts = station_cells(scenario), start_cells(scenario)
     height_m = _draw_buildings(scenario, seed, {*stations, *starts})
     levels = scenario.map.levels
@@ -251,6 +253,9 @@ def _draw_squares(
     squares = rng.choice(columns * rows, size=count, replace=False)
     heights = rng.uniform(*obstacles.height_m, size=count)
     height_m = np.zeros((nx, ny))
+    if obstacles.square_m is None:  # a square is a cell
+        height_m[np.divmod(squares, rows)] = heights
+        return height_m
     for square, height in zip(squares.tolist(), heights.tolist(), strict=True):
         column, row = divmod(square, rows)
         xs = _overlapped(column * square_x, (column + 1) * square_x, width_m / nx, nx)

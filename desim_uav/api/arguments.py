@@ -13,6 +13,7 @@ from typing import Any
 from desim_uav.api.invocation import command_line
 from desim_uav.errors import DesimWarning, UsageError, located
 from desim_uav.policies.base import policy_name
+from desim_uav.scenario.checks import warn_of
 from desim_uav.scenario.load import Overrides, from_mapping, load, override_texts, to_plain
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_scenario
@@ -54,7 +55,9 @@ def opened(
     settings += override_texts({key: value for key, value in keys.items() if value is not None})
     if isinstance(scenario, str | Path):
         path = find_scenario(str(scenario))
-        return Opened(load(path, settings), path)
+        loaded = load(path, settings)
+        warn_of(loaded)
+        return Opened(loaded, path)
     if isinstance(scenario, Scenario):
         if not settings:
             return Opened(scenario, None)

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 from desim_uav.errors import ScenarioError, UsageError
 from desim_uav.notices import notice
+from desim_uav.scenario.cost import check_cost
 
 if TYPE_CHECKING:
     from desim_uav.engine.base import Engine, RunSettings
@@ -37,6 +38,7 @@ def check_engine(name: str, world: World) -> None:
     problems = _lacking(world) if name == "batch" else []
     if problems:
         raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
+    check_cost(world.scenario, name)
 
 
 def engine_for(world: World, say: Callable[[str], None] = notice) -> str:

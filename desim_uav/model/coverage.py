@@ -30,6 +30,9 @@ leg comes near (NEAR, of the drone looked at last)."""
 FEWEST_BUCKETS = 48
 """With fewer than these a drone's reach is a good part of the map, and buckets save nothing."""
 
+MOST_BUCKETS = 128
+"""With more along an axis, emptying them costs more than they save."""
+
 GRAZE_M = 1e-13
 """A distance that turns this close to the radius touches it: that is no crossing."""
 
@@ -245,8 +248,14 @@ def bucket_of(place: float, side: float, count: int) -> int:
 
 
 def bucket_grid(width_m: float, depth_m: float, radius_m: float) -> tuple[int, int]:
-    """How many buckets a map is worth, of about a radius; (0, 0): none, where it is small."""
-    shape = int(width_m // radius_m), int(depth_m // radius_m)
+    """How many buckets a map is worth along x and y; (0, 0) if it is small.
+
+    Each is about a radius wide, but there are at most ``MOST_BUCKETS`` along an axis.
+    """
+    shape = (
+        min(int(width_m // radius_m), MOST_BUCKETS),
+        min(int(depth_m // radius_m), MOST_BUCKETS),
+    )
     return shape if shape[0] * shape[1] >= FEWEST_BUCKETS else (0, 0)
 
 

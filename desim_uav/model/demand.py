@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
-from annotated_types import Ge, Gt, Le, Lt
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from desim_uav.model.kernels import kernel
@@ -78,6 +78,12 @@ class Demand(Protocol):
 
 
 Weight = Annotated[float, Ge(0)]
+Nothing = Annotated[float, Ge(0), Le(0.999)]
+"""The probability that a draw asks for nothing: rarely enough that the draws come to an end."""
+
+SHORTEST_S, LONGEST_S = 0.001, 1e9
+"""Think times are at least a millisecond on average, so that time passes from draw to draw."""
+
 PAPER_MIX = {"throughput": 0.5, "edge_computing": 0.25, "data_gathering": 0.15}
 
 
@@ -100,6 +106,10 @@ class Continuous:
         rows[:, REQUIRED_US] = horizon_us
         return Requests(rows, np.arange(users + 1), after_previous=True)
 
+    def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
+        """The number of requests of all users in an episode."""
+        return users
+
 
 class _Drawn(ABC):
     """A demand that a compiled loop draws, with one random stream per user."""
@@ -115,6 +125,17 @@ class _Drawn(ABC):
         states = streams.states(users)[np.newaxis]
         drawn: Requests = _drawn(services, states, *self.law(), horizon_us)[0]
         return drawn
+
+    def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
+        """How often all users draw in an episode, for a request of ``required_s`` or for nothing.
+
+        A drawn request may never be made: users wait until the one before has been served.
+        """
+        process, none, mean_s = self.law()
+        if process == _ONCE:
+            return users
+        each_s = mean_s if process == _ARRIVALS else mean_s + (1.0 - none) * required_s
+        return users * (1.0 + horizon_s / each_s)
 
 
 @register("demand", "static")
@@ -146,11 +167,11 @@ class Dynamic(_Drawn):
     think time.
     """
 
-    think_time_s: Annotated[float, Gt(0)] = 300.0
+    think_time_s: Annotated[float, Ge(SHORTEST_S), Le(LONGEST_S)] = 300.0
     """The mean of the exponential time between the end of a request and the next one, in
     seconds.
     """
-    none: Annotated[float, Ge(0), Lt(1)] = 0.0
+    none: Nothing = 0.0
     """The probability that a draw is no request but another think time."""
     mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
     """The weight of each service. Weights are normalised; a service that is not named has
@@ -172,7 +193,7 @@ class Poisson(_Drawn):
 
     rate_per_hour: Annotated[float, Ge(1e-6), Le(1e6)]
     """The mean number of arrivals per user and hour."""
-    none: Annotated[float, Ge(0), Lt(1)] = 0.0
+    none: Nothing = 0.0
     """The probability that an arrival is no request."""
     mix: dict[str, Weight] = field(default_factory=PAPER_MIX.copy)
     """The weight of each service. Weights are normalised; a service that is not named has
@@ -212,6 +233,10 @@ class Trace:
                     f"allowed: {', '.join(services)}"
                 )
         return found
+
+    def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
+        """The number of recorded requests."""
+        return len(self._table())
 
     def requests(
         self, users: int, services: Catalogue, streams: Streams, horizon_us: int

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
-from desim_uav.model.kernels import kernel
+from desim_uav.model.kernels import kernel, maker
 
 Cell = tuple[int, int]
 
@@ -65,13 +65,14 @@ class Grid(Unchanging):
         return on_map and self._free[level][ix][iy]
 
     @cached_property
-    def _centres(self) -> list[list[tuple[float, float]]]:
+    def _centres(self) -> tuple[list[float], list[float]]:
         (nx, ny), (dx, dy) = self.cells, self.cell_m
-        return [[((ix + 0.5) * dx, (iy + 0.5) * dy) for iy in range(ny)] for ix in range(nx)]
+        return [(ix + 0.5) * dx for ix in range(nx)], [(iy + 0.5) * dy for iy in range(ny)]
 
     def centre(self, ix: int, iy: int) -> tuple[float, float]:
         """Return the centre of a cell, x and y in metres."""
-        return self._centres[ix][iy]
+        xs, ys = self._centres
+        return xs[ix], ys[iy]
 
     def cell_of(self, x_m: float, y_m: float) -> Cell:
         """Return the cell that holds a point; a point off the map belongs to the nearest cell."""
@@ -114,16 +115,30 @@ def altitudes(
 
 def reachable(blocked: NDArray[np.bool_], start: Cell) -> NDArray[np.bool_]:
     """Return which cells of one level (nx, ny) can be reached from ``start`` along x and y."""
-    reached = np.zeros_like(blocked)
-    reached[start] = True
-    frontier = [start]
+    return _flooded(np.ascontiguousarray(blocked), int(start[0]), int(start[1]))
+
+
+@maker
+def _flooded(blocked: NDArray[np.bool_], start_x: int, start_y: int) -> NDArray[np.bool_]:
     nx, ny = blocked.shape
-    while frontier:
-        ix, iy = frontier.pop()
-        for jx, jy in ((ix + 1, iy), (ix - 1, iy), (ix, iy + 1), (ix, iy - 1)):
+    reached = np.zeros((nx, ny), np.bool_)
+    frontier = np.empty((nx * ny, 2), np.int64)
+    reached[start_x, start_y] = True
+    frontier[0, 0], frontier[0, 1] = start_x, start_y
+    waiting = 1
+    while waiting > 0:
+        waiting -= 1
+        ix, iy = frontier[waiting, 0], frontier[waiting, 1]
+        for direction in range(4):
+            jx, jy = ix, iy
+            if direction < 2:
+                jx += 1 - 2 * direction
+            else:
+                jy += 5 - 2 * direction
             if 0 <= jx < nx and 0 <= jy < ny and not blocked[jx, jy] and not reached[jx, jy]:
                 reached[jx, jy] = True
-                frontier.append((jx, jy))
+                frontier[waiting, 0], frontier[waiting, 1] = jx, jy
+                waiting += 1
     return reached
 
 

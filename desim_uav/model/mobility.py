@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -15,6 +16,7 @@ from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
+from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.kernels import kernel, part
 from desim_uav.model.rules import US
@@ -77,6 +79,10 @@ class Static:
         legs[:, X0 : Y0 + 1] = homes
         return Walks(legs, np.arange(len(homes) + 1))
 
+    def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
+        """The number of legs of all users in an episode."""
+        return users
+
 
 Law = tuple[float, int, int, float, float]
 """The parameters of a random walk: speed, time per leg, horizon, width and depth of the map."""
@@ -102,6 +108,14 @@ class RandomWalk:
     def law(self, area: Area, horizon_us: int) -> Law:
         """Return the parameters of the compiled loop."""
         return self.speed_mps, round(self.leg_s * US), horizon_us, *area
+
+    def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
+        """The number of legs of all users in an episode: turns, and walls that are met.
+
+        The mean speed along an axis is 2/π of the speed; a wall is met once per side of the map.
+        """
+        walls = 2.0 / math.pi * self.speed_mps * horizon_s * sum(1.0 / side for side in area)
+        return users * (math.ceil(horizon_s / self.leg_s) + walls)
 
 
 @dataclass(frozen=True, eq=False)
@@ -182,6 +196,10 @@ class Trace:
                     )
         return found
 
+    def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
+        """The number of legs of all users in an episode."""
+        return 2 * users + sum(len(points) for points in self._way_points().values())
+
     def walks(
         self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
     ) -> Walks:
@@ -223,7 +241,53 @@ def walks_of(
         states = states_of(seed, Purpose.MOBILITY, episodes, len(homes))
         return ManyRandomWalks(homes, states, mobility.law(area, horizon_us))
     streams = [Streams(seed, Purpose.MOBILITY, episode) for episode in episodes]
-    return [mobility.walks(homes, each, area, horizon_us) for each in streams]
+    walking = [mobility.walks(homes, each, area, horizon_us) for each in streams]
+    for walks in walking:
+        problem = misshapen(walks, len(homes)) or leaves_the_map(walks, area, horizon_us)
+        if problem:
+            kind = f"{type(mobility).__module__}:{type(mobility).__qualname__}"
+            raise SimulationError(f"users.mobility: {kind!r}: {problem}")
+    return walking
+
+
+STRAY_M = 1e-4
+"""How far a walk may be off the map: rounding, which the model allows for everywhere."""
+
+
+def misshapen(walks: Walks, users: int) -> str:
+    """Say so if these are not legs of five columns, one at least for each user."""
+    legs, offsets = (np.asarray(part) for part in walks)
+    if legs.ndim == 2 and legs.shape[1] == 5 and offsets.shape == (users + 1,):
+        bounds = offsets[0] == 0 and offsets[-1] == len(legs)
+        if bounds and (np.diff(offsets) >= 1).all():
+            return ""
+    return f"walks() must return legs of five columns, one at least for each of {users} users"
+
+
+def leaves_the_map(walks: Walks, area: Area, horizon_us: int) -> str:
+    """Say which user is off the map first and when; nothing if all walks stay on it."""
+    legs, offsets = walks
+    begins = legs[:, T0_US]
+    ends = np.append(begins[1:], 0.0)
+    ends[offsets[1:] - 1] = horizon_us  # the last leg of each user goes on
+    seconds = np.maximum(np.minimum(ends, horizon_us) - begins, 0.0) / US
+    found = []
+    for t_us, shift_s in ((begins, 0.0), (begins + seconds * US, seconds)):
+        x, y = legs[:, X0] + legs[:, VX] * shift_s, legs[:, Y0] + legs[:, VY] * shift_s
+        on_map = (x >= -STRAY_M) & (x <= area.width_m + STRAY_M)
+        on_map &= (y >= -STRAY_M) & (y <= area.depth_m + STRAY_M)
+        off = np.flatnonzero(~on_map & (t_us <= horizon_us))
+        if len(off):
+            first = off[np.argmin(t_us[off])]
+            user = int(np.searchsorted(offsets, first, side="right")) - 1
+            found.append((t_us[first] / US, user, x[first], y[first]))
+    if not found:
+        return ""
+    t_s, user, x_m, y_m = min(found)
+    return (
+        f"user {user} is off the map of {area.width_m:g} x {area.depth_m:g} m "
+        f"at {t_s:g} s: ({x_m:g}, {y_m:g}) m"
+    )
 
 
 Walker = tuple[float, float, float, float, int, int]

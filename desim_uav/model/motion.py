@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal, NamedTuple, Protocol
 
 import numpy as np
-from annotated_types import Gt
+from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
 from desim_uav.model.kernels import kernel
@@ -53,9 +53,9 @@ class BangCoastBang:
     hovers.
     """
 
-    max_speed_mps: Annotated[float, Gt(0)] = 8.3
+    max_speed_mps: Annotated[float, Ge(0.001), Le(1000)] = 8.3
     """The highest speed, in metres per second."""
-    max_acceleration_mps2: Annotated[float, Gt(0)] = 4.0
+    max_acceleration_mps2: Annotated[float, Ge(0.001), Le(10_000)] = 4.0
     """The highest acceleration, in metres per second squared."""
     timing: Literal["fill_epoch", "minimum_time"] = "fill_epoch"
     """`fill_epoch`: a move lasts exactly one step. `minimum_time`: it is as quick as possible,

@@ -15,6 +15,12 @@ Node = tuple[int, int, int]
 """(cell x, cell y, level)."""
 
 
+HOPS: dict[Node, Node] = {
+    hop: hop for hop in ((1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1))
+}
+"""The hops there are: all plans share these, since a large map has millions of hops."""
+
+
 @dataclass(frozen=True)
 class Return:
     """A return flight: the station's index, time, battery use, and hops (dx, dy, dlevel)."""
@@ -47,11 +53,14 @@ class Planner:
         """
         key = (start, ceiling)
         if key not in self._plans:
-            self._plans[key] = self._search(start, ceiling)
+            self._plans[key] = self.search(start, ceiling)
         return self._plans[key]
 
-    def _search(self, start: Node, ceiling: bool) -> Return | None:
-        """Search all stations; skip those that would be too far even on a map without buildings."""
+    def search(self, start: Node, ceiling: bool = True) -> Return | None:
+        """Plan without keeping the plan.
+
+        Search all stations; skip those that would be too far even on a map without buildings.
+        """
         best: Return | None = None
         blocked = self.grid.blocked[: self.grid.levels(ceiling)]
         for at_least, station in sorted(self._bounds(start)):
@@ -61,7 +70,7 @@ class Planner:
             path = shortest_path(blocked, np.array(self.hop_us), np.array(start), goal)
             if len(path) == 0:
                 continue
-            hops = tuple((int(dx), int(dy), int(dz)) for dx, dy, dz in np.diff(path, axis=0))
+            hops = tuple(HOPS[dx, dy, dz] for dx, dy, dz in np.diff(path, axis=0).tolist())
             duration = sum(self.hop_us[_axis(hop)] for hop in hops)
             if best is None or (duration, station) < (best.duration_us, best.station):
                 drained = sum((self.drain_us or self.hop_us)[_axis(hop)] for hop in hops)

@@ -8,26 +8,37 @@ import math
 from collections.abc import Callable, Mapping
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from desim_uav.regular_file import content_of
 
 MAX_BYTES = 256 * 2**20
 
 
+N = TypeVar("N", int, float)
+
+LARGEST = 10**9
+"""No number of a table is larger: times in microseconds then stay whole 64-bit numbers."""
+
+
 def index(text: str) -> int:
-    """Parse a whole number from 0."""
-    number = int(text)
-    if number < 0:
-        raise ValueError("must be at least 0")
-    return number
+    """Parse a whole number from 0 to ``LARGEST``."""
+    return _bounded(int(text))
 
 
 def quantity(text: str) -> float:
-    """Parse a finite number from 0."""
+    """Parse a number from 0 to ``LARGEST``."""
     number = float(text)
-    if not math.isfinite(number) or number < 0:
+    if not math.isfinite(number):
         raise ValueError("must be a finite number, at least 0")
+    return _bounded(number)
+
+
+def _bounded(number: N) -> N:
+    if number < 0:
+        raise ValueError("must be at least 0")
+    if number > LARGEST:
+        raise ValueError(f"must be at most {LARGEST:,}")
     return number
 
 

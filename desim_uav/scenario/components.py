@@ -194,7 +194,8 @@ def _refuse_huge(given: Mapping[str, Any]) -> None:
         elif isinstance(value, list):
             pending += [((*path, index), item) for index, item in enumerate(value)]
         elif isinstance(value, int | float) and abs(value) > LARGEST:
-            problems.append((path, f"must be at most {LARGEST:g}", value))
+            bound = f"at most {LARGEST:,.0f}" if value > 0 else f"at least {-LARGEST:,.0f}"
+            problems.append((path, f"must be {bound}", value))
     if problems:
         raise errors(problems)
 

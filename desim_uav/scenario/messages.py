@@ -179,4 +179,6 @@ def _items(bound: str, count: int) -> str:
 
 
 def _plain(bound: float) -> str:
-    return str(bound) if isinstance(bound, int) else f"{bound:g}"
+    if isinstance(bound, int):
+        return str(bound)
+    return f"{bound:,.0f}" if bound.is_integer() and abs(bound) >= 1e4 else f"{bound:g}"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal, Self, cast
 
 from pydantic import (
     AfterValidator,
@@ -52,15 +52,17 @@ def _ascending(values: tuple[float, float]) -> tuple[float, float]:
     return values
 
 
-Metres = Annotated[float, Field(gt=0, le=1e6)]
+Metres = Annotated[float, Field(ge=0.001, le=1e6)]
 Length = Annotated[float, Field(ge=0, le=1e6)]
 Fraction = Annotated[float, Field(ge=0, le=1)]
-Height = Annotated[float, Field(gt=0, le=1e4)]
+Height = Annotated[float, Field(ge=0.001, le=1e4)]
 Point = tuple[Length, Length]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 Index = Annotated[int, Field(ge=0, lt=1000)]
 CellCount = Annotated[int, Field(ge=1, le=1000)]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$")]
+
+Side = Annotated[float, Field(ge=1, le=1e6)]
 
 FractionRange = Annotated[tuple[Fraction, Fraction], AfterValidator(_ascending)]
 HeightRange = Annotated[tuple[Height, Height], AfterValidator(_ascending)]
@@ -76,6 +78,12 @@ class Section(BaseModel):
         """Set what follows from other keys; ``model_fields_set`` still says what was given."""
         self.__dict__.update(values)
 
+    def _with(self, **values: object) -> Self:
+        """A copy in which some values follow from other keys."""
+        copied = self.model_copy()
+        copied._settle(**values)
+        return copied
+
     @classmethod
     def __get_pydantic_json_schema__(
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -84,6 +92,10 @@ class Section(BaseModel):
         made = handler(schema)
         with_meanings(handler.resolve_ref_schema(made), cls)
         return made
+
+
+SIDE_M = 2400.0
+"""The side of the paper's map: radii that are not given are scaled to the shorter side of a map."""
 
 
 class Levels(Section):
@@ -127,7 +139,7 @@ Obstacles = Annotated[DrawnObstacles | ListedObstacles, BeforeValidator(_obstacl
 class Map(Section):
     """The map: its size, its cells, and in 3D its levels and obstacles."""
 
-    size_m: tuple[Metres, Metres] = (2400.0, 2400.0)
+    size_m: tuple[Side, Side] = (SIDE_M, SIDE_M)
     """The width (to the east) and depth (to the north) of the map, in metres."""
     cells: tuple[CellCount, CellCount] = (10, 10)
     """The number of cells along x and along y. Drones fly from cell centre to cell centre."""
@@ -161,7 +173,7 @@ class Drones(Section):
     """
     footprint_radius_m: Metres = 600.0
     """The radius of the disc on the ground that a drone covers, in metres."""
-    bandwidth_kbps: Annotated[float, Field(gt=0, le=1e9)] | None = 5000.0
+    bandwidth_kbps: Annotated[float, Field(ge=0.001, le=1e9)] | None = 5000.0
     """The bandwidth of each drone, in kbit/s; null means unlimited."""
     motion: Annotated[Motion, MOTION] = BangCoastBang()
     """How drones fly from one cell to the next."""
@@ -177,7 +189,9 @@ class Stations(Section):
     count: Annotated[int, Field(ge=0, le=1000)] = 3
     """The number of charging stations."""
     radius_m: Length = 960.0
-    """The radius of the circle around the middle of the map on which they stand, in metres."""
+    """The radius of the circle around the middle of the map on which they stand, in metres. The
+    default is for a map of 2400 m; it is scaled with the shorter side of the map.
+    """
     pads: Annotated[int, Field(ge=1, le=10_000)] = 1
     """The number of drones that a station can charge at the same time."""
     full_charge_min: Annotated[float, Field(ge=1e-6, le=1e6)] = 5.0
@@ -190,7 +204,9 @@ class Clusters(Section):
     count: Annotated[int, Field(ge=1, le=10_000)] = 4
     """The number of clusters."""
     radius_m: RadiusRange = (240.0, 480.0)
-    """The range from which the radius of each cluster is drawn, in metres."""
+    """The range from which the radius of each cluster is drawn, in metres. The default is for a
+    map of 2400 m; it is scaled with the shorter side of the map.
+    """
 
 
 class Users(Section):
@@ -372,6 +388,18 @@ class Scenario(Section):
     """What a learner sees of its drone."""
     learning: Learning = Learning()
     """How drones learn."""
+
+    @model_validator(mode="after")
+    def _circles_follow_the_map(self) -> Scenario:
+        share = min(self.map.size_m) / SIDE_M
+        stations, clusters = self.stations, self.users.clusters
+        if "radius_m" not in stations.model_fields_set:
+            self._settle(stations=stations._with(radius_m=share * stations.radius_m))
+        if clusters is not None and "radius_m" not in clusters.model_fields_set:
+            low, high = clusters.radius_m
+            scaled = clusters._with(radius_m=(share * low, share * high))
+            self._settle(users=self.users._with(clusters=scaled))
+        return self
 
     @property
     def three_d(self) -> bool:

@@ -216,6 +216,7 @@ def test_room_is_made_for_everything_that_may_happen(
     timing: str, keep_events: bool, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(simulation, "ROOM", 1)
+    monkeypatch.setattr(simulation, "REQUESTS_A_USER", 0)
     monkeypatch.setattr(simulation, "CROSSINGS_A_USER", 0)
     users = [(120 + 20 * k, 120) for k in range(24)]
     world = strip(starts=[(0, 0), (2, 0)], users=users, steps=4, timing=timing)

@@ -138,8 +138,9 @@ def test_a_cluster_far_wider_than_the_map():
     scenario = from_mapping(
         {
             "name": "seam",
-            "map": {"size_m": [0.1, 0.1], "cells": [1, 1], "dimensions": 2},
+            "map": {"size_m": [1, 1], "cells": [1, 1], "dimensions": 2},
             "stations": {"count": 1, "radius_m": 0},
+            "users": {"clusters": {"radius_m": [10_000, 10_000]}},
         }
     )
     with pytest.raises(ScenarioError, match="radius_m: none of 10000 places"):

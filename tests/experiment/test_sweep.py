@@ -400,7 +400,7 @@ class TestRefused:
         lines = [line.removeprefix("desim-uav: ") for line in ended.err.splitlines()]
         assert len(lines) == len(set(lines)) == 5
         radius, unknown, cells, two, three = lines
-        assert radius.startswith("-S drones.footprint_radius_m=0: must be above 0")
+        assert radius.startswith("-S drones.footprint_radius_m=0: must be at least 0.001")
         assert radius.endswith("(with drones.footprint_radius_m=0)")
         assert unknown.startswith("-S nope=1: unknown key") and "(with" not in unknown
         assert "map.cells.0: 0: must be at least 1 (with map.cells=[0,3])" in cells

@@ -42,6 +42,8 @@ def test_a_file_that_has_changed_is_read_again(tmp_path: Path):
         (b'user,t_s\n1,"2"3\n', ": ',' expected after '\"'"),
         (b"user,t_s\n-1,0\n", ":2: user"),
         (b"user,t_s\n1,nan\n", ":2: t_s"),
+        (b"user,t_s\n1,1e300\n", ":2: t_s: '1e300': must be at most 1,000,000,000"),
+        (b"user,t_s\n9999999999,0\n", ":2: user: '9999999999': must be at most 1,000,000,000"),
     ],
 )
 def test_what_is_wrong_is_told_with_its_file(tmp_path: Path, content: bytes, words: str):

@@ -225,7 +225,7 @@ def test_an_override_replaces_what_was_wrong() -> None:
     [
         ("users.count=-1", "-S users.count=-1: must be at least 1"),
         ("users.cuont=1", "-S users.cuont=1: unknown key (did you mean 'count'?); allowed: count,"),
-        ("map.size_m.1=0", "-S map.size_m.1=0: must be above 0"),
+        ("map.size_m.1=0", "-S map.size_m.1=0: must be at least 1"),
         (
             "map.size_m.2=1",
             "-S map.size_m.2=1: '2' is not an index of this list, which has 2 items",

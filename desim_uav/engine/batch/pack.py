@@ -53,11 +53,36 @@ def lacking(world: World) -> list[str]:
         "drones.admission": (scenario.drones.admission, (FirstCome,)),
         "reward": (scenario.reward, tuple(REWARDS)),
     }
-    return [
+    lacks = [
         f"{key}: {type(component).__name__!r} has no kernel"
         for key, (component, known) in chosen.items()
         if type(component) not in known
     ]
+    return lacks + _too_large(world)
+
+
+MOST_PLANNING = 4 * 10**9
+"""Places times places for which ways back are planned, at most: some minutes of work."""
+
+
+def _too_large(world: World) -> list[str]:
+    """What its 64-bit sums cannot hold, and the ways back that it would plan for too long."""
+    problems = []
+    scenario, grid = world.scenario, world.grid
+    users, most_us = len(world.homes), 2**62 // world.horizon_us
+    if users > most_us:
+        problems.append("users.count, episode: the time of all users together is too long")
+    widest = int(world.services.bandwidths_bps.max())
+    carried = users * widest
+    if not math.isinf(world.bandwidth_bps):
+        carried = min(carried, scenario.drones.count * int(world.bandwidth_bps))
+    if carried > most_us:
+        problems.append("services, drones.bandwidth_kbps: the bandwidth in use is too large")
+    nx, ny = grid.cells
+    places = len(grid.levels_m) * nx * ny
+    if scenario.limited_battery and places * places > MOST_PLANNING:
+        problems.append(f"map.cells, map.levels: ways back from {places:,} places take too long")
+    return problems
 
 
 def term_names(world: World) -> tuple[str, ...]:
@@ -182,16 +207,19 @@ def _plans(world: World, settings: RunSettings) -> tuple[Ints, Ints]:
     """The way back from every node, under the ceiling and without one, where it is needed."""
     nx, ny = world.grid.cells
     plans = np.full((2, len(world.grid.levels_m) * nx * ny, 5), -1, np.int64)
-    hops: list[tuple[int, int, int]] = []
+    hops = np.empty((1024, 3), np.int64)
+    used = 0
     if world.scenario.limited_battery:
         for ceiling in set(settings.ceilings):
             for level, x, y in np.ndindex(world.grid.levels(ceiling), nx, ny):
-                back = world.planner.plan((x, y, level), ceiling)
+                back = world.planner.search((x, y, level), ceiling)
                 if back is not None:
-                    first = len(hops)
-                    hops += back.hops
+                    first, used = used, used + len(back.hops)
+                    if used > len(hops):
+                        hops = np.concatenate((hops, np.empty((used, 3), np.int64)))
+                    hops[first:used] = np.array(back.hops, np.int64).reshape(-1, 3)
                     plans[int(ceiling), (level * nx + x) * ny + y] = (
                         *(back.station, back.duration_us, back.drained_us),
-                        *(first, len(hops)),
+                        *(first, used),
                     )
-    return plans, np.array(hops, np.int64).reshape(-1, 3)
+    return plans, hops[:used]

@@ -96,7 +96,7 @@ from desim_uav.world import World
 MODES = tuple(Mode)
 PHASES = (None, *Phase)
 STATES = tuple(UserState)
-ROOM, CROSSINGS_A_USER = 256, 2
+ROOM, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
 """Rows for what is kept of a step, and for a leg's crossings; there is more where needed."""
 
 
@@ -142,7 +142,8 @@ class BatchSimulation(Independent):
         self._name_plans()
         self.shown: Snapshot | None = None
         self.log = EpisodeLog(0)
-        self.room, self.crossing_room = ROOM, CROSSINGS_A_USER * len(world.homes) + 16
+        self.room = ROOM + REQUESTS_A_USER * len(world.homes)
+        self.crossing_room = CROSSINGS_A_USER * len(world.homes) + 16
         self.leg_room = legs_of_step(world)
         self._make_room()
         self._carried: Carried | None = None

@@ -1,0 +1,212 @@
+"""What an episode will cost, foreseen from the scenario alone: its events and its memory.
+
+The formulas are expectations, without a draw. They are meant to tell a scenario that fits a machine
+from one that cannot; tests hold them within a factor of 4 of what engines have used.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from desim_uav.available import available_bytes
+from desim_uav.errors import ScenarioError
+from desim_uav.model.mobility import Area
+from desim_uav.scenario.schema import DrawnObstacles, Scenario
+
+MOST_EVENTS = 1e10
+"""An episode of more events than this would take the fastest engine more than an hour."""
+
+PROGRAM = 100e6
+"""The bytes of memory that a command takes however small its scenario is, more or less."""
+
+_LEVELS = ("map.cells", "map.levels.step_m", "map.obstacles")
+_WALKS = ("users.count", "episode.steps", "episode.step_s", "users.mobility")
+_REQUESTS = ("users.count", "episode.steps", "episode.step_s", "demand")
+_STEPS = ("episode.steps", "drones.count")
+_PAIRS = ("users.count", "drones.count")
+
+
+class Part(NamedTuple):
+    """A part of a cost: what it is of, how much, and the keys that cause it."""
+
+    what: str
+    amount: float
+    keys: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Cost:
+    """The cost of an episode, in parts: events, and bytes of memory."""
+
+    events: tuple[Part, ...]
+    memory: tuple[Part, ...]
+
+    @property
+    def event_count(self) -> float:
+        """The number of events."""
+        return math.fsum(part.amount for part in self.events)
+
+    @property
+    def memory_bytes(self) -> float:
+        """The bytes of memory that it takes at once."""
+        return math.fsum(part.amount for part in self.memory)
+
+
+@dataclass(frozen=True)
+class _Counts:
+    """How many there are of what an episode is made of."""
+
+    drones: int
+    users: int
+    cells: int
+    places: float
+    steps: int
+    legs: float
+    draws: float
+    requests: float
+    crossings: float
+
+
+def cost(scenario: Scenario, engine: str = "des") -> Cost:
+    """Foresee an episode on an engine, des or batch."""
+    n = _counts(scenario)
+    events = (
+        Part("commands and steps of drones", 3.0 * n.drones * n.steps, _STEPS),
+        Part("legs of users", n.legs, _WALKS),
+        Part("draws of requests", n.draws, _REQUESTS),
+        Part("requests that begin, are served and end", 4.0 * n.requests, _REQUESTS),
+        Part(
+            "users who enter or leave a footprint",
+            2.0 * n.crossings,
+            ("users.count", "drones.count", "episode.steps", "episode.step_s"),
+        ),
+    )
+    memory = (
+        Part("the map", 80.0 * n.cells + 12.0 * n.places, _LEVELS),
+        Part("users", 400.0 * n.users, ("users.count",)),
+        Part("the walks of users", 210.0 * n.legs, _WALKS),
+        Part("requests", 32.0 * max(16.0 * n.users, n.draws) + 600.0 * n.requests, _REQUESTS),
+        Part("the log of steps", 900.0 * n.drones * n.steps, _STEPS),
+        *(_of_batch(scenario, n) if engine == "batch" else _of_des(n)),
+    )
+    return Cost(events, memory)
+
+
+def check_cost(scenario: Scenario, engine: str | None = None) -> None:
+    """Raise ScenarioError, with figures and keys, if an episode would be too long or too large.
+
+    ``engine``: des or batch; None: whichever takes less.
+    """
+    engines = (engine,) if engine else ("des", "batch")
+    least = min((cost(scenario, name) for name in engines), key=lambda found: found.memory_bytes)
+    there = available_bytes()
+    problems = []
+    if least.event_count > MOST_EVENTS:
+        problems.append(
+            f"an episode would have about {least.event_count:.2g} events; at most "
+            f"{MOST_EVENTS:.0e} can be simulated: {_named(least.events, _in_numbers)}"
+        )
+    if PROGRAM < least.memory_bytes > there:
+        problems.append(
+            f"an episode would take about {_in_bytes(least.memory_bytes)} of memory, but "
+            f"{_in_bytes(there)} are available: {_named(least.memory, _in_bytes)}"
+        )
+    if problems:
+        raise ScenarioError(*problems)
+
+
+def _counts(scenario: Scenario) -> _Counts:
+    users, drones = scenario.users.count, scenario.drones.count
+    steps, horizon_s = scenario.episode.steps, scenario.episode.steps * scenario.episode.step_s
+    nx, ny = scenario.map.cells
+    legs_of = getattr(scenario.users.mobility, "expected_legs", None)
+    area = Area(*scenario.map.size_m)
+    legs = legs_of(users, area, horizon_s) if legs_of else float(users * steps)
+    draws_of = getattr(scenario.demand, "expected_draws", None)
+    draws = draws_of(users, _required_s(scenario), horizon_s) if draws_of else users * steps
+    asks = 1.0 - getattr(scenario.demand, "none", 0.0)
+    return _Counts(
+        drones,
+        users,
+        nx * ny,
+        nx * ny * _levels(scenario),
+        steps,
+        legs,
+        draws,
+        asks * draws,
+        _crossings(scenario, horizon_s),
+    )
+
+
+def _of_des(n: _Counts) -> Iterable[Part]:
+    """The SimPy engine: objects of Python's for users, drones and what is due."""
+    yield Part("users in the engine", 700.0 * n.users, ("users.count",))
+    yield Part("drones in the engine", 6000.0 * n.drones, ("drones.count",))
+
+
+def _of_batch(scenario: Scenario, n: _Counts) -> Iterable[Part]:
+    """The compiled engine: tables of users by drones, and the ways back from every place."""
+    yield Part("users in footprints", 8.0 * n.users * (10.0 * n.drones + 110.0), _PAIRS)
+    yield Part("commands so far", 16.0 * n.drones * n.steps, _STEPS)
+    if scenario.limited_battery:
+        nx, ny = scenario.map.cells
+        hops = (nx + ny) / (2.0 * math.sqrt(scenario.stations.count)) + n.places / n.cells / 2.0
+        yield Part("ways back to the stations", n.places * (80.0 + 72.0 * hops), _LEVELS)
+
+
+def _levels(scenario: Scenario) -> float:
+    """How many levels there are, up to the tallest building."""
+    obstacles, levels = scenario.map.obstacles, scenario.map.levels
+    if not scenario.three_d or obstacles is None:
+        return 1.0
+    if isinstance(obstacles, DrawnObstacles):
+        tallest = obstacles.height_m[1]
+    else:
+        tallest = max((height for *_, height in obstacles.cells), default=0.0)
+    return 2.0 + max(0.0, (tallest - levels.min_altitude_m) / levels.step_m)
+
+
+def _required_s(scenario: Scenario) -> float:
+    """The mean service time of a request, over the mix."""
+    mix = getattr(scenario.demand, "mix", None) or dict.fromkeys(scenario.services, 1.0)
+    means = {name: float(np.mean(s.durations_us())) for name, s in scenario.services.items()}
+    total = math.fsum(mix.values())
+    return math.fsum(mix[name] / total * means[name] for name in mix) / 1e6
+
+
+def _crossings(scenario: Scenario, horizon_s: float) -> float:
+    """How often users enter or leave footprints.
+
+    A disc of radius R that moves at a speed v among users of an even density is entered at a rate
+    of 2 R v times the density, and left as often. Drones move at the speed of a commanded hop.
+    """
+    width, depth = scenario.map.size_m
+    hop = max(scenario.map.cell_m) / scenario.episode.step_s
+    walk = getattr(scenario.users.mobility, "speed_mps", 0.0)
+    speed = math.hypot(min(hop, max(width, depth) / scenario.episode.step_s), walk)
+    across = min(2.0 * scenario.drones.footprint_radius_m, width + depth)
+    rate = 2.0 * across * speed * scenario.users.count / (width * depth)
+    return scenario.drones.count * (scenario.users.count + rate * horizon_s)
+
+
+def _named(parts: Iterable[Part], shown: Callable[[float], str]) -> str:
+    """The parts that make up most of a cost, the largest first, with their keys."""
+    largest = sorted(parts, key=lambda part: -part.amount)
+    most = [part for part in largest if part.amount > 0.1 * math.fsum(p.amount for p in largest)]
+    return "; ".join(f"{shown(p.amount)} for {p.what} ({', '.join(p.keys)})" for p in most)
+
+
+def _in_numbers(amount: float) -> str:
+    return f"{amount:.2g}"
+
+
+def _in_bytes(amount: float) -> str:
+    for unit, size in (("TB", 1e12), ("GB", 1e9)):
+        if amount >= size:
+            return f"{amount / size:.3g} {unit}"
+    return f"{amount / 1e6:.3g} MB"

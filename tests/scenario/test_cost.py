@@ -1,0 +1,171 @@
+"""What an episode costs is foreseen within a factor of 4, and what is too much is refused."""
+
+import math
+import tracemalloc
+from pathlib import Path
+
+import pytest
+
+from desim_uav import available
+from desim_uav.engine.batch.pack import lacking
+from desim_uav.engine.choose import check_engine
+from desim_uav.errors import ScenarioError
+from desim_uav.experiment.run import run
+from desim_uav.model.coverage import MOST_BUCKETS, bucket_grid
+from desim_uav.policies import load_policy
+from desim_uav.scenario import cost as costs
+from desim_uav.scenario.cost import check_cost, cost
+from desim_uav.scenario.load import load, loads
+from desim_uav.shipped import scenario_path
+from desim_uav.world import build_world
+
+FACTOR = 4.0
+
+LARGE = {
+    "a long episode": ("des", "episode.steps=1000"),
+    "many users": ("des", "users.count=5000", "episode.steps=2"),
+    "short legs": ("des", "users.mobility.leg_s=1"),
+    "many requests": ("des", "demand.think_time_s=1", "users.count=400"),
+    "users and drones": ("batch", "users.count=2000", "drones.count=60", "episode.steps=2"),
+    "many cells": ("batch", "map.cells=[60,60]", "map.dimensions=2", "episode.steps=2"),
+}
+
+
+def case8(*overrides):
+    return load(scenario_path("case8"), overrides)
+
+
+def played(scenario, engine, **options):
+    world = build_world(scenario, 0)
+    return run(world, load_policy("baseline"), "baseline", 0, engine=engine, **options)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("name", LARGE)
+def test_memory(name):
+    engine, *overrides = LARGE[name]
+    played(case8("episode.steps=2"), engine)  # what is compiled first is no cost of the scenario
+    scenario = case8(*overrides)
+    tracemalloc.start()
+    try:
+        played(scenario, engine)
+        used = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    foreseen = cost(scenario, engine).memory_bytes
+    assert used / FACTOR < foreseen < used * FACTOR, (used, foreseen)
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        (),
+        ("users.count=300",),
+        ("drones.count=12",),
+        ("users.mobility={kind: static}", "drones.battery=null"),
+        ("demand={kind: poisson, rate_per_hour: 60}",),
+        ("demand={kind: continuous}", "users.mobility.leg_s=2"),
+        ("drones.footprint_radius_m=100", "users.count=300"),
+    ],
+)
+def test_events(overrides):
+    """Rows of the event log, and the legs of users, which no log has."""
+    scenario = case8(*overrides)
+    results = played(scenario, "des", keep_events=True)
+    happened = len(results.events) + len(results.users) + len(results.legs)
+    foreseen = cost(scenario).event_count
+    assert happened / FACTOR < foreseen < happened * FACTOR, (happened, foreseen)
+
+
+class TestRefused:
+    def test_too_many_events(self):
+        with pytest.raises(ScenarioError) as caught:
+            check_cost(
+                case8("users.count=1000000", "demand.think_time_s=0.001", "episode.steps=100000")
+            )
+        message = str(caught.value)
+        assert "events; at most 1e+10 can be simulated" in message
+        assert "users.count, episode.steps, episode.step_s, demand" in message
+        assert caught.value.exit_code == 3
+
+    def test_too_much_memory(self, monkeypatch):
+        """An episode of a million steps fits no machine of some gigabytes."""
+        monkeypatch.setattr(costs, "available_bytes", lambda: 4e9)
+        with pytest.raises(ScenarioError) as caught:
+            build_world(case8("episode.steps=1000000"), 0)
+        message = str(caught.value)
+        assert "GB of memory, but 4 GB are available" in message
+        assert "for the walks of users (users.count, episode.steps" in message
+        build_world(case8("episode.steps=10000"), 0)
+
+    def test_by_one_engine_alone(self, monkeypatch):
+        """Tables of users by drones are the compiled engine's."""
+        monkeypatch.setattr(costs, "available_bytes", lambda: 2e9)
+        scenario = case8("users.count=20000", "drones.count=5000", "episode.steps=2")
+        check_cost(scenario)
+        check_cost(scenario, "des")
+        with pytest.raises(ScenarioError, match=r"users in footprints \(users.count, drones.count"):
+            check_cost(scenario, "batch")
+
+    def test_the_nine_cases_are_not(self, monkeypatch):
+        monkeypatch.setattr(costs, "available_bytes", lambda: 1e8)
+        for number in range(1, 10):
+            check_cost(load(scenario_path(f"case{number}")), "batch")
+            check_cost(load(scenario_path(f"case{number}")), "des")
+
+    def test_ways_back_from_very_many_places(self):
+        world = build_world(case8("map.cells=[300,300]", "map.dimensions=2"), 0)
+        problem = "map.cells, map.levels: ways back from 90,000 places take too long"
+        assert lacking(world) == [problem]
+        with pytest.raises(ScenarioError, match="--engine des runs it"):
+            check_engine("batch", world)
+        check_engine("des", world)
+
+    def test_sums_that_64_bits_cannot_hold(self):
+        settings = ("users.count=5000", "drones.bandwidth_kbps=null", "episode.step_s=3600")
+        at_rest = ("users.mobility={kind: static}", "demand={kind: static}")
+        (problem,) = lacking(build_world(case8(*settings, *at_rest), 0))
+        assert problem.startswith("services, drones.bandwidth_kbps: the bandwidth in use")
+
+
+class TestAvailable:
+    def test_is_some_of_this_machine(self):
+        assert 1e6 < available.available_bytes() < 1e15
+
+    def test_a_control_group_limits_it(self, tmp_path: Path, monkeypatch):
+        limit, used = tmp_path / "memory.max", tmp_path / "memory.current"
+        monkeypatch.setattr(available, "CGROUPS", ((str(limit), str(used)),))
+        whole = available.available_bytes()
+        assert math.isfinite(whole)
+        limit.write_text("max\n")
+        used.write_text("1000\n")
+        assert available.available_bytes() > 1e6
+        limit.write_text("501000\n")
+        assert available.available_bytes() == 500_000
+
+
+def test_a_tiny_footprint_takes_no_more_memory_than_another():
+    """Users were sorted into as many buckets as footprints fit the map: 42 TiB of them."""
+    assert bucket_grid(2400.0, 2400.0, 1e-3) == (MOST_BUCKETS, MOST_BUCKETS)
+    assert bucket_grid(2400.0, 2400.0, 100.0) == (24, 24)
+    assert bucket_grid(2400.0, 2400.0, 600.0) == (0, 0)
+
+
+@pytest.mark.parametrize(
+    ("key", "value", "problem"),
+    [
+        ("drones.bandwidth_kbps", "1e-6", "must be at least 0.001"),
+        ("map.size_m.0", "5e-324", "must be at least 1"),
+        ("drones.footprint_radius_m", "1e-9", "must be at least 0.001"),
+        ("demand.think_time_s", "5e-324", "must be at least 0.001"),
+        ("demand.none", "0.999999999999", "must be at most 0.999"),
+        ("drones.motion.max_speed_mps", "5e-324", "must be at least 0.001"),
+        ("drones.motion.max_acceleration_mps2", "1e9", "must be at most 10,000"),
+        ("map.levels.step_m", "1e-9", "must be at least 0.001"),
+        ("users.mobility.speed_mps", "201", "must be at most 200"),
+    ],
+)
+def test_a_number_has_bounds(key, value, problem):
+    with pytest.raises(ScenarioError) as caught:
+        loads("name: x", overrides=[f"{key}={value}"])
+    assert str(caught.value) == f"-S {key}={value}: {problem}"
