@@ -376,5 +376,7 @@ def test_rows_of_a_table_count_as_numbers_do():
 
 @pytest.mark.parametrize("code", [(2, 0), (0, -1)])
 def test_a_state_that_a_table_does_not_have(code: tuple[int, int]):
-    with pytest.raises(SimulationError, match=r"outside the bounds of its features, which have \(2, 3\) values"):
+    with pytest.raises(
+        SimulationError, match=r"outside the bounds of its features, which have \(2, 3\) values"
+    ):
         table_row(code, (2, 3))
