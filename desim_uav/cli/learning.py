@@ -62,7 +62,7 @@ def train(
         bool,
         typer.Option(
             "--resume",
-            help="Go on from the checkpoint of the folder, if it has one.",
+            help="Continue from the checkpoint of the folder, if it has one.",
             rich_help_panel=OUTPUT,
         ),
     ] = False,
@@ -78,7 +78,7 @@ def train(
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Let the drones of a scenario learn; the folder's policy.npz is what `run --policy` takes."""
+    """Train the drones of a scenario; `run --policy` takes the policy.npz that this writes."""
     import desim_uav as du
 
     try:
@@ -203,7 +203,7 @@ def reproduce(
     ] = False,
     quiet: Quiet = False,
 ) -> None:
-    """Train and evaluate in the paper's nine cases, and set the results beside what it printed."""
+    """Train and evaluate in the paper's nine cases, and compare with the numbers in the paper."""
     import desim_uav as du
     from desim_uav.experiment.paper_table import HEADINGS, cells
     from desim_uav.report.paper import print_claims, print_paper_table

@@ -81,7 +81,7 @@ Seed = Annotated[
     typer.Option(
         metavar="N",
         callback=within(0, 2**63 - 1),
-        help="The seed that everything random is drawn from. By default it is the scenario's.",
+        help="The seed of all random draws. By default it is the scenario's.",
         rich_help_panel=SCENARIO,
     ),
 ]
@@ -109,7 +109,7 @@ Warmup = Annotated[
     typer.Option(
         metavar="N",
         callback=within(0, 10**6),
-        help="The number of episodes before them that count in no measure.",
+        help="The number of warm-up episodes before them, which count in no measure.",
         rich_help_panel=MAKING,
     ),
 ]

@@ -40,7 +40,7 @@ def run(
         str,
         typer.Option(
             metavar="POLICY",
-            help="What flies the drones: baseline, random, hover, a learned table (case8.npz), "
+            help="The policy: baseline, random, hover, a learned table (case8.npz), "
             "commands from a file (script:FILE.csv), a network (sb3:FILE.zip, rllib:DIR), or a "
             'class of your own ("package.module:Class").',
             autocompletion=_policies,
@@ -76,8 +76,8 @@ def run(
     """Run a policy in a scenario, log every request, and print the quality of experience.
 
     The log is a folder of Parquet tables. QoE1 is the share of the requested time that was served,
-    QoE2 how long a request stood open without being served, in steps (iterations), and QoE3 the
-    share of time in which users were attached to a drone.
+    QoE2 the time for which a request was open but not served, in steps (iterations), and QoE3 the
+    share of users that were attached to a drone, averaged over time.
     """
     import desim_uav as du
 
@@ -283,7 +283,7 @@ def sweep(
         bool,
         typer.Option(
             "--train",
-            help="Train on each seed, too, and evaluate what was learned.",
+            help="Train on each seed as well, and evaluate the learned policies.",
             rich_help_panel=MAKING,
         ),
     ] = False,
@@ -333,14 +333,14 @@ def sweep(
         bool,
         typer.Option(
             "--resume",
-            help="Go on with the sweep of the folder: run only the jobs that it has no row of.",
+            help="Continue the sweep of the folder: run only the jobs without a row in results/.",
             rich_help_panel=OUTPUT,
         ),
     ] = False,
     as_json: Json = False,
     quiet: Quiet = False,
 ) -> None:
-    """Run policies, or train, in every combination of some keys' values, on common seeds."""
+    """Run or train policies for every combination of values of some keys, on common seeds."""
     import desim_uav as du
     from desim_uav.experiment.sweep_command import BACKENDS
 
