@@ -27,8 +27,8 @@ class Footprints:
         mobility = world.scenario.users.mobility
         if type(mobility) is not Static:
             raise UsageError(
-                f"users.mobility: the best places are known of static users only, "
-                f"not of {type(mobility).kind!r}"  # type: ignore[attr-defined]
+                f"users.mobility: the best cells can be computed for static users only, "
+                f"not for {type(mobility).kind!r}"  # type: ignore[attr-defined]
             )
         self.world = world
         self.legs, self.offsets = world.walks(world.seed, 0)

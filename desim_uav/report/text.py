@@ -77,7 +77,7 @@ def print_optimum(found: dict[str, Any]) -> None:
         title_justify="left",
     )
     table.add_column("the best", no_wrap=True)
-    for heading in ("QoE3\n%", "reward\na step", "proven\nat most"):
+    for heading in ("QoE3\n%", "reward\nper step", "proven\nat most"):
         table.add_column(heading, justify="right")
     table.add_column("cells")
     for name, qoe3, reward, at_most, cells, _ in rows:
@@ -121,7 +121,7 @@ def _itinerary(policy: dict[str, Any]) -> str:
     if again_from is None:
         return _words(steps)
     begin = f"{_words(steps[:again_from])}; then " if again_from else ""
-    return f"{begin}for ever: {_words(steps[again_from:])}"
+    return f"{begin}forever: {_words(steps[again_from:])}"
 
 
 def _words(steps: list[dict[str, Any]]) -> str:
