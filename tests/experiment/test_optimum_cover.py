@@ -240,7 +240,7 @@ def test_nobody_holds_more_at_any_instant(seed, drones, radius_m):
 
 def test_users_that_walk():
     world = build_world(load(scenario_path("case8"), ["world_seed=0"]), 0)
-    with pytest.raises(UsageError, match=r"^users\.mobility: .* not of 'random_walk'"):
+    with pytest.raises(UsageError, match=r"^users\.mobility: .* not for 'random_walk'"):
         Places(world)
 
 
