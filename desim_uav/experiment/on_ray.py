@@ -12,9 +12,10 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, redirect_stdout, suppress
+from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from functools import partial
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 from desim_uav.errors import MissingExtraError, UsageError
@@ -34,16 +35,19 @@ ray.init(sys.argv[1], log_to_driver=False, logging_level="ERROR")
 
 
 @contextmanager
-def ray_backend(jobs: int | None, address: str | None) -> Iterator[Callable[..., None]]:
+def ray_backend(
+    jobs: int | None, address: str | None, quiet: bool = False
+) -> Iterator[Callable[..., None]]:
     """Connect to Ray and yield a function that runs tasks on it, as ``run_each`` does.
 
     ``jobs``: the largest number of tasks at a time. ``address``: of a cluster; None is this machine
-    alone. Raises MissingExtraError, and UsageError if there is no such cluster.
+    alone. ``quiet``: what Ray says of its nodes is not shown. Raises MissingExtraError, and
+    UsageError if there is no such cluster.
     """
     ray = import_ray()
     if address not in (None, "auto"):
         _require_cluster(address)
-    with _connected(ray, address):
+    with _connected(ray, address, quiet):
         yield partial(_run_each, ray, jobs)
 
 
@@ -119,8 +123,8 @@ def import_ray() -> Any:
 
 
 @contextmanager
-def _connected(ray: Any, address: str | None) -> Iterator[None]:
-    """Ray until the end of what is done in here, which hears signals as it did before."""
+def _connected(ray: Any, address: str | None, quiet: bool) -> Iterator[None]:
+    """Connect to Ray while the block runs; signals are handled as they were before."""
     before = signal.getsignal(signal.SIGTERM)
     quietly: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     if address is None:
@@ -133,10 +137,21 @@ def _connected(ray: Any, address: str | None) -> Iterator[None]:
     try:
         with suppress(ValueError, TypeError):  # only the main thread may, and only what it knows
             signal.signal(signal.SIGTERM, before)
-        with redirect_stdout(sys.stderr):  # where Ray tells of dead workers, and stdout is data's
+        with _rays_words(quiet):
             yield
     finally:
         ray.shutdown()
+
+
+@contextmanager
+def _rays_words(quiet: bool) -> Iterator[None]:
+    """Send what Ray prints of its nodes and workers to stderr, or nowhere; stdout is for data."""
+    if not quiet:
+        with redirect_stdout(sys.stderr):
+            yield
+        return
+    with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
+        yield
 
 
 def _first_line(error: Exception) -> str:

@@ -185,7 +185,7 @@ def sweep_to_folder(
     for warning in _warnings(tried, asked.seeds):
         say(warning)
     folder = SweepFolder(out, swept)
-    with _backend(backend, workers, address) as run, folder.held():
+    with _backend(backend, workers, address, not show_progress) as run, folder.held():
         folder.open(path, todo, resume, list(command))
         finished = folder.rows(todo)
         left = [job for job in todo if job.id not in finished]
@@ -212,10 +212,10 @@ def _check_backend(name: str, address: str | None) -> None:
 
 
 @contextmanager
-def _backend(name: str, workers: int | None, address: str | None) -> Iterator[Backend]:
+def _backend(name: str, workers: int | None, address: str | None, quiet: bool) -> Iterator[Backend]:
     """Yield what runs the jobs; a cluster that cannot be joined leaves no folder behind."""
     if name == "ray":
-        with ray_backend(workers, address) as run:
+        with ray_backend(workers, address, quiet) as run:
             yield run
     else:
         yield partial(run_each, jobs=workers or 1)
