@@ -29,8 +29,9 @@ def test_what_has_no_kernel():
     said: list[str] = []
     assert engine_for(world, said.append) == "des"
     assert said == [
-        "the SimPy engine (des) is used, which is slower: drones.admission: 'Loss' has no kernel; "
-        "reward: 'Flat' has no kernel"
+        "the SimPy engine (des) is used, which is slower: "
+        "drones.admission: 'Loss' is not compiled; "
+        "reward: 'Flat' is not compiled"
     ]
     assert type(make_engine("des", world, SETTINGS)) is Simulation
     with pytest.raises(ScenarioError) as told:

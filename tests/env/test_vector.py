@@ -342,9 +342,9 @@ class Shown:
 def test_components_without_a_kernel_are_refused_by_name(key: str, name: str):
     changes = {key: {"kind": f"{__name__}:{name}"}}
     UavEnv("case1", changes)
-    with pytest.raises(ScenarioError, match=f"{key}: .*{name}.* no kernel"):
+    with pytest.raises(ScenarioError, match=f"{key}: .*{name}.* is not compiled"):
         UavVectorEnv("case1", 2, changes)
-    with pytest.raises(ScenarioError, match=f"{key}: .*{name}.* no kernel"):
+    with pytest.raises(ScenarioError, match=f"{key}: .*{name}.* is not compiled"):
         UavEnv("case1", changes, engine="batch")
 
 

@@ -117,7 +117,7 @@ class TestDataset:
         own = ("-S", "drones.admission.kind=first_come,swept:Own", "--seeds", 1)
         done = swept(*own, "--policies", "hover,random")
         assert done.code == 0
-        assert done.err.count("has no kernel") == 1, "once for all combinations and policies"
+        assert done.err.count("is not compiled") == 1, "once for all combinations and policies"
         assert (
             "the SimPy engine (des) is used, which is slower: drones.admission: 'Own'" in done.err
         )

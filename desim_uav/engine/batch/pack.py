@@ -54,7 +54,7 @@ def lacking(world: World) -> list[str]:
         "reward": (scenario.reward, tuple(REWARDS)),
     }
     lacks = [
-        f"{key}: {type(component).__name__!r} has no kernel"
+        f"{key}: {type(component).__name__!r} is not compiled"
         for key, (component, known) in chosen.items()
         if type(component) not in known
     ]

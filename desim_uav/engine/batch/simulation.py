@@ -200,7 +200,7 @@ class BatchSimulation(Independent):
         observation = self.world.scenario.observation
         if self.fixed.i[OBSERVATION] == OBSERVATION_NONE:
             raise ScenarioError(
-                f"observation: {type(observation).__name__!r} has no kernel; engine des has it"
+                f"observation: {type(observation).__name__!r} is not compiled; engine='des' runs it"
             )
 
     # ---- episodes
