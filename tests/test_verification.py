@@ -42,7 +42,7 @@ def test_a_table_a_part(ask, tmp_path):
     assert (code, err) == (0, f"{len(rows(out))} of {len(rows(out))} figures hold\n")
     assert re.findall("^### .*", out, re.MULTILINE) == [
         "### Transits against their closed forms",
-        "### Random streams against NumPy's own generators, and nobody's draws against another's",
+        "### Random streams against NumPy's own generators, and their independence of each other",
     ]
     first = rows(out)[0]
     assert first[0] == "240 m in minimum time, s" and float(first[1]) == 30.990662650602406

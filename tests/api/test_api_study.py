@@ -3,6 +3,7 @@
 import inspect
 import subprocess
 import sys
+from importlib.util import find_spec
 from pathlib import Path
 
 import numpy as np
@@ -103,7 +104,8 @@ def test_options_have_the_names_and_defaults_of_the_command_line(command, functi
 
 
 def test_every_public_name_is_there_and_documented():
-    for name in du.__all__:
+    needs_sb3 = {"UavVecEnv"} if find_spec("stable_baselines3") is None else set()
+    for name in sorted(set(du.__all__) - needs_sb3):
         assert getattr(du, name) is not None
         if name not in ("__version__", "Scenario"):
             assert inspect.getdoc(getattr(du, name)), name

@@ -460,7 +460,7 @@ class Single:
 def test_components_of_ones_own_that_go_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "wrong", sys.modules[__name__])
     astray = small(observation={"kind": "wrong:Astray"})
-    with pytest.raises(SimulationError, match="outside its features"):
+    with pytest.raises(SimulationError, match="outside the bounds of its features"):
         trained(tmp_path / "a", astray)
     endless = small(learning={**SMALL["learning"], "algorithm": "wrong:Endless"})
     with pytest.raises(SimulationError, match="not finite"):
