@@ -192,7 +192,7 @@ class TestMp4:
 
         monkeypatch.delitem(sys.modules, "imageio_ffmpeg", raising=False)
         monkeypatch.setattr(builtins, "__import__", without)
-        with pytest.raises(MissingExtraError, match=r'pip install -e "\.\[video\]"\'):
+        with pytest.raises(MissingExtraError, match=r'pip install -e "\.\[video\]"'):
             write_mp4(Film(playback), tmp_path / "film.mp4")
         assert not (tmp_path / "film.mp4").exists()
 
