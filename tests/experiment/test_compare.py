@@ -528,7 +528,7 @@ class TestInterrupted:
         flags = ("--policies", "hover,compared:Endless", "--seeds", "4", "-j", "2", *SMALL)
         program = [sys.executable, "-c", START, "compare", "case8", *flags, *map(str, SHORT)]
         process = subprocess.Popen(
-            [*program, "--json"],
+            [*program, "--json", "-q"],
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,
