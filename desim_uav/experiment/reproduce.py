@@ -201,7 +201,7 @@ def run_job(job: Job, folder: Path, engine: str = "batch") -> dict[str, Any]:
 
 @cache
 def best_cover(case: int, seed: int) -> dict[str, float | None]:
-    """The QoE3 that hovering for ever over the best cells would give, where users stand still.
+    """The QoE3 that hovering forever over the best cells would give, where users stand still.
 
     No policy does better; with a battery none can do as well. ``fair``: the most that hovering
     drones are rewarded by R1 for, over the steps of an episode, and the range of QoE3 it leaves.

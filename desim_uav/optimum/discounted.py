@@ -89,7 +89,7 @@ class _Places:
         self.indices = [node if three_d else node[:2] for node in self.nodes]
 
     def scale(self, gamma: float) -> float:
-        """What the largest reward would be worth for ever."""
+        """What the largest reward would be worth forever."""
         return float(np.abs(self.reward).max()) / (1.0 - gamma)
 
     def values(self, policy: Commands, gamma: float) -> Array:

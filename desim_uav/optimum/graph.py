@@ -3,7 +3,7 @@
 A serving drone's battery falls with every step, so between two full batteries nothing comes twice:
 a sweep over the states by battery, the emptiest first, settles them all. A sweep ends in a
 *renewal*: a full battery on a station (charged), or at the start (after a crash that ends the
-episode), or nothing for ever (a crash after which nobody comes). A drone that is replaced begins
+episode), or nothing forever (a crash after which nobody comes). A drone that is replaced begins
 on any of the stations, each as likely: the *lottery*.
 """
 
@@ -192,7 +192,7 @@ class _Explorer:
             flight = self.process.flight(node, action)
             if flight.drained_us <= 0:
                 raise UsageError(
-                    "drones.battery: a step that drains nothing goes on for ever; the best policy "
+                    "drones.battery: a step that drains nothing goes on forever; the best policy "
                     "is known exactly only where the battery falls with every step"
                 )
             self.flights[node, action] = flight

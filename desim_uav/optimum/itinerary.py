@@ -17,7 +17,7 @@ from desim_uav.optimum.process import DroneProcess, State, Step
 
 @dataclass(frozen=True)
 class Itinerary:
-    """Rows, one a step; from row ``again_from`` on they repeat for ever (None: they do not)."""
+    """Rows, one a step; from row ``again_from`` on they repeat forever (None: they do not)."""
 
     rows: list[dict[str, Any]]
     again_from: int | None

@@ -29,7 +29,7 @@ def of_a_row(**changes):
 
 
 def test_by_hand():
-    """From cell 0 on: nothing, a third, nothing, two thirds for ever; nearer from cell 1 on."""
+    """From cell 0 on: nothing, a third, nothing, two thirds forever; nearer from cell 1 on."""
     values, commands = optimal_return(of_a_row(), GAMMA)
     at_4 = 2 / 3 / (1 - GAMMA)
     at_3 = at_4

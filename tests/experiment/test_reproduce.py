@@ -303,7 +303,7 @@ def test_the_best_cover_is_known_of_users_that_stand_still():
     assert 0 < known["cover_qoe3_percent"] <= 100
     assert known["fair_least_qoe3_percent"] <= known["fair_qoe3_percent"]
     assert known["fair_qoe3_percent"] <= known["cover_qoe3_percent"]
-    assert best_cover(4, 0)["fair_reward"] is None, "with a battery nobody hovers for ever"
+    assert best_cover(4, 0)["fair_reward"] is None, "with a battery nobody hovers forever"
     assert set(best_cover(8, 0).values()) == {None}
 
 

@@ -39,7 +39,7 @@ def position(legs, t_us):
     return leg[[X, Y]] + leg[[VX, VY]] * (t_us - leg[T0]) * 1e-6
 
 
-# The random walk again: NumPy's generator, straight on for ever, and the plane folded onto the map.
+# The random walk again: NumPy's generator, straight on forever, and the plane folded onto the map.
 
 
 def headings(generator, count):
