@@ -16,7 +16,12 @@ signal.signal(signal.SIGTERM, signal.SIG_DFL)
 
 @pytest.hookimpl(optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
-    """A file's tests to one process: its runs and trainings are made once, not in each process."""
-    from xdist.scheduler import LoadFileScheduling
+    """Give each process a run of neighbouring files, and half of what is left to whoever is done.
 
-    return LoadFileScheduling(config, log) if config.getoption("dist") == "load" else None
+    A file's runs and trainings are made once, in all but the few files that are divided so, and no
+    process waits for another. The processes begin with different files, so they hardly ever compile
+    the same at the same time.
+    """
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log) if config.getoption("dist") == "load" else None

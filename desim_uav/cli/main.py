@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
-from typing import Annotated, NoReturn
+from functools import cache
+from typing import Annotated, Any, NoReturn
 
 import typer
 
@@ -59,7 +60,7 @@ def _main() -> NoReturn:
     sys.path.append("")  # the working folder, where users keep their "module:Class" components
     try:
         try:
-            app(prog_name="desim-uav")
+            _program()(prog_name="desim-uav")
         finally:
             print(end="", flush=True)
     except DesimError as error:
@@ -107,6 +108,12 @@ def _check_environment() -> None:
         raise UsageError(
             "NUMBA_DISABLE_JIT is set: nothing runs without compiled kernels; unset it"
         )
+
+
+@cache
+def _program() -> Any:
+    """Build the commands with their options, once per process: it takes longer than most errors."""
+    return typer.main.get_command(app)
 
 
 def _drop_output() -> None:

@@ -1,9 +1,11 @@
 """Comparisons: what they measure, that seeds pair, what they refuse, how they are printed."""
 
+import copy
 import csv
 import json
 import math
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -64,26 +66,45 @@ def cli_run(capsys, monkeypatch):
     return runner(capsys, monkeypatch)
 
 
+@pytest.fixture(scope="module")
+def said():
+    """What comparisons printed that several tests look at."""
+    return {}
+
+
 @pytest.fixture
-def compared(cli_run):
-    """Compare policies in a small case 8, as JSON."""
+def compared(cli_run, said):
+    """Compare policies in a small case 8, as JSON; the same comparison is made once."""
 
     def run(policies, *arguments, seeds=3, code=0):
-        flags = ("--policies", policies, "--seeds", seeds, *SMALL, *SHORT, "--json")
-        ended = cli_run("compare", "case8", *flags, *arguments)
-        assert ended.code == code, ended.err
-        return ended.json
+        asked = (policies, *arguments, seeds, code)
+        if asked not in said or "--out" in arguments:
+            flags = ("--policies", policies, "--seeds", seeds, *SMALL, *SHORT, "--json")
+            ended = cli_run("compare", "case8", *flags, *arguments)
+            assert ended.code == code, ended.err
+            said[asked] = ended.json
+        return copy.deepcopy(said[asked])
 
     return run
 
 
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A folder for runs that several tests look at."""
+    return tmp_path_factory.mktemp("kept")
+
+
 @pytest.fixture
-def played(cli_run):
-    """Run a policy in a small case 8; its folder."""
+def played(cli_run, kept):
+    """Run a policy in a small case 8; a copy of its folder. The same run is made once."""
 
     def run(policy, seed, *arguments):
-        flags = ("--policy", policy, "--seed", seed, *SMALL, *SHORT, "--json")
-        return cli_run("run", "case8", *flags, *arguments).json["run_dir"]
+        name = "_".join(map(str, (policy, seed, *arguments)))
+        flags = ("--policy", policy, "--seed", seed, *SMALL, *SHORT, "--out", kept / name)
+        if not (kept / name).exists():
+            assert cli_run("run", "case8", *flags, *arguments).code == 0
+        copies = len(list(Path().glob("runs/*")))
+        return str(shutil.copytree(kept / name, Path("runs", f"{copies}_{name}")))
 
     return run
 

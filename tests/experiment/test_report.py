@@ -19,7 +19,9 @@ from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.compare import compare_runs
 from desim_uav.experiment.report import report
 from desim_uav.experiment.statistics import estimate
+from desim_uav.report import page as page_module
 from desim_uav.report import run_page
+from desim_uav.report.markup import Html
 from desim_uav.report.text import COMPARED, MEASURES
 from desim_uav.run_folder import parquet
 from desim_uav.scenario.load import load
@@ -123,6 +125,21 @@ def page(kept, tmp_path_factory):
         return Page(place / report(folders, None, "Three policies", None))
 
 
+@pytest.fixture(scope="module")
+def one_page(kept, tmp_path_factory):
+    """The page of the first run alone, under the name that it has in ``runs``."""
+    place = tmp_path_factory.mktemp("one")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(place)
+        return Page(place / report(copied(kept[:1], place), None, None, None))
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures are left empty, because a test looks at everything but them."""
+    monkeypatch.setattr(page_module, "drawn", lambda draw, label, number: Html("<svg></svg>"))
+
+
 @pytest.fixture
 def command(capsys, monkeypatch):
     def run(*arguments):
@@ -143,10 +160,9 @@ def formatted(rows, by, looks):
 
 
 class TestOneRun:
-    def test_holds_the_measures(self, runs):
-        page = Page(report(runs[:1], None, None, None))
+    def test_holds_the_measures(self, one_page, runs):
         summary, requests = read_counted(runs[0])
-        by_service, by_episode = page.of("quality-of-experience")
+        by_service, by_episode = one_page.of("quality-of-experience")
         every = [{"service": "all"} | summary, *qoe.grouped(requests, "service")]
         assert by_service[1:] == formatted(every, "service", MEASURES)
         episodes = pd.read_parquet(runs[0] / "episodes.parquet").tail(2)
@@ -155,13 +171,12 @@ class TestOneRun:
             assert told["QoE1\u00a0%"] == f"{said.qoe1_percent:.1f}"
             assert told["QoE3\u00a0%"] == f"{said.qoe3_percent:.1f}"
             assert (told["requests"], told["reward"]) == (str(said.requests), f"{said.reward:.2f}")
-        assert f"{summary['qoe3_percent']:.1f} %" in page.text
-        assert f"{summary['completed']} of {summary['requests']}" in page.text
+        assert f"{summary['qoe3_percent']:.1f} %" in one_page.text
+        assert f"{summary['completed']} of {summary['requests']}" in one_page.text
 
-    def test_holds_the_worst_requests_with_their_moments(self, runs):
-        page = Page(report(runs[:1], None, None, None))
+    def test_holds_the_worst_requests_with_their_moments(self, one_page, runs):
         _, requests = read_counted(runs[0])
-        lowest, longest = page.of("worst-requests")
+        lowest, longest = one_page.of("worst-requests")
         order = requests.sort_values(["qoe1", "wait_s"], ascending=[True, False], kind="stable")
         waited = requests[requests["outcome"] != "never_served"]
         waited = waited.sort_values("wait_s", ascending=False, kind="stable")
@@ -170,7 +185,7 @@ class TestOneRun:
                 [str(r.episode), str(r.request_id)] for r in said.itertuples()
             ]
             assert [row[5] for row in shown[1:]] == [f"{w:.0f}" for w in said["wait_s"]]
-        links = page.links("replay.html")
+        links = one_page.links("replay.html")
         assert len(links) == 16
         first = order.iloc[0]
         told = dict(pair.split("=") for pair in urlsplit(links[0]).fragment.split("&"))
@@ -178,13 +193,13 @@ class TestOneRun:
         assert (int(told["episode"]), int(told["request"])) == (first.episode, first.request_id)
         assert float(told["t"]) == pytest.approx(first.t_request_s, abs=1e-6)
 
-    def test_says_how_to_make_a_missing_replay(self, runs):
-        assert f"desim-uav replay {runs[0]}" in Page(report(runs[:1], None, None, None)).text
+    def test_says_how_to_make_a_missing_replay(self, one_page, runs, undrawn):
+        assert f"desim-uav replay {runs[0]}" in one_page.text
         (runs[0] / "replay.html").touch()
         assert "desim-uav replay" not in Page(report(runs[:1], None, None, None)).text
 
-    def test_holds_where_it_comes_from(self, runs):
-        text = Page(report(runs[:1], None, None, None)).text
+    def test_holds_where_it_comes_from(self, one_page, runs):
+        text = one_page.text
         manifest = json.loads((runs[0] / "manifest.json").read_text())
         assert "desim-uav run 'a b'" in text
         assert (runs[0] / "scenario.yaml").read_text() in text
@@ -192,11 +207,10 @@ class TestOneRun:
             assert said in text
         assert "2400 × 2400 m, 10 × 10 cells, 3D" in text
 
-    def test_draws_its_figures(self, runs):
-        page = Page(report(runs[:1], None, None, None))
-        figures = [a["aria-label"] for tag, a in page.elements if tag == "svg"]
+    def test_draws_its_figures(self, one_page):
+        figures = [a["aria-label"] for tag, a in one_page.elements if tag == "svg"]
         assert figures == ["Map", "QoE over episodes", "Services", "Battery"]
-        assert "building height, m" in page.text and "drone 2" in page.text
+        assert "building height, m" in one_page.text and "drone 2" in one_page.text
 
     def test_its_figures_are_of_the_first_counted_episode(self, runs, monkeypatch):
         asked = {}
@@ -285,7 +299,7 @@ class TestSeveral:
     def test_has_a_title(self, page):
         assert page.text.count("Three policies") == 2
 
-    def test_against_another(self, runs):
+    def test_against_another(self, runs, undrawn):
         page = Page(report(runs, None, None, "hover"))
         (shown,) = page.of("paired-differences")
         assert [row[0] for row in shown[1:]] == ["baseline", "random"]
@@ -296,30 +310,30 @@ class TestSeveral:
         assert "t-interval" not in page.text and "Mean over seeds" not in page.text
         assert "±" not in "".join(cell for row in page.of("policies")[0] for cell in row)
 
-    def test_of_one_policy_has_no_differences(self, runs):
+    def test_of_one_policy_has_no_differences(self, runs, undrawn):
         page = Page(report(runs[:3], None, None, None))
         assert page.of("policies") and page.of("paired-differences") == []
 
-    def test_without_a_common_seed_says_so(self, runs):
+    def test_without_a_common_seed_says_so(self, runs, undrawn):
         page = Page(report([runs[0], runs[4]], None, None, None))
         assert "No seed and world in common: random." in page.text
 
 
 class TestPlace:
-    def test_is_in_the_folder_of_one_run(self, runs, command):
+    def test_is_in_the_folder_of_one_run(self, runs, command, undrawn):
         assert command(runs[0]) == (0, f"{runs[0]}/report.html\n", "")
         assert (runs[0] / "report.html").is_file()
 
-    def test_is_the_working_folder_for_several(self, runs, command):
+    def test_is_the_working_folder_for_several(self, runs, command, undrawn):
         assert command(*runs[:4]) == (0, "report.html\n", "")
         assert Path("report.html").is_file()
 
-    def test_is_where_one_says(self, runs, command):
+    def test_is_where_one_says(self, runs, command, undrawn):
         assert command(runs[0], "--out", "pages/one.html")[:2] == (0, "pages/one.html\n")
         links = Page(Path("pages/one.html")).links("replay.html")
         assert links and all(link.startswith(f"../{runs[0]}/replay.html#") for link in links)
 
-    def test_links_to_any_name(self, runs, command):
+    def test_links_to_any_name(self, runs, command, undrawn):
         odd = runs[0].rename("javascript:alert(1)#?%41 é")
         code, _, err = command(odd, "--out", "one.html")
         assert (code, err) == (0, "")
@@ -327,7 +341,7 @@ class TestPlace:
         assert urlsplit(link).scheme == ""
         assert unquote(urlsplit(link).path) == f"{odd}/replay.html"
 
-    def test_is_written_whole_or_not_at_all(self, runs, command, monkeypatch):
+    def test_is_written_whole_or_not_at_all(self, runs, command, monkeypatch, undrawn):
         Path("old.html").write_text("old")
         monkeypatch.setattr(os, "fsync", lambda _: (_ for _ in ()).throw(OSError(28, "full")))
         code, out, err = command(runs[0], "--out", "old.html")
@@ -430,11 +444,10 @@ class TestHostile:
         assert "\u202e" not in page.source and "\\u202e" in page.text
         assert "alert(1)" in page.text
 
-    def test_policy_of_the_page_allows_no_script(self, runs):
-        page = Page(report(runs[:1], None, None, None))
-        (policy,) = [a["content"] for _, a in page.elements if "http-equiv" in a]
+    def test_policy_of_the_page_allows_no_script(self, one_page):
+        (policy,) = [a["content"] for _, a in one_page.elements if "http-equiv" in a]
         assert "default-src 'none'" in policy and "script-src" not in policy
-        assert "http://" not in page.source and "https://" not in page.source
+        assert "http://" not in one_page.source and "https://" not in one_page.source
 
 
 def test_an_own_mistake_is_not_hidden(runs, monkeypatch):

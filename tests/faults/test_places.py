@@ -10,8 +10,9 @@ import pytest
 from desim_uav.errors import PolicyError
 from desim_uav.experiment import replay
 from tests.command_line import runner
+from tests.report.helpers import make_run
 
-SMALL = ("-S", "users.count=12", "-S", "episode.steps=8")
+SMALL = ("users.count=12", "episode.steps=8")
 LONG = ("--episodes", 10**6)
 ENDLESS = {
     "run": ("run", "case8", *LONG, "--out"),
@@ -57,10 +58,17 @@ def command(capsys, monkeypatch):
     return runner(capsys, monkeypatch)
 
 
+@pytest.fixture(scope="module")
+def kept(tmp_path_factory):
+    """A run without events; not to be written to."""
+    folder = tmp_path_factory.mktemp("kept") / "flown"
+    return make_run(folder, "case8", "baseline", SMALL, events=False)
+
+
 @pytest.fixture
-def flown(command, monkeypatch):
-    """A run without events, of which nothing may be played again."""
-    command("run", "case8", *SMALL, "-q", "--out", "flown")
+def flown(kept, monkeypatch):
+    """A copy in the working folder, of which nothing may be played again."""
+    shutil.copytree(kept, "flown")
     monkeypatch.setattr(replay, "play", lambda *_: pytest.fail("played again"))
     return Path("flown")
 
@@ -115,7 +123,9 @@ def test_a_table_that_was_begun_on_a_disk_now_read_only(command, read_only):
 
 def test_a_training_that_was_begun_on_a_disk_now_read_only(command, here):
     words = ("train", "tiny", "--checkpoint-every", 5, "--out", "disk/t", "-q")
+    signal.alarm(0)  # the first training may have to be compiled
     assert command(*words, "--episodes", 10).code == 0
+    signal.alarm(60)
     mounted(here / "disk")
     try:
         ended = command(*words, *LONG, "--resume")
@@ -160,7 +170,7 @@ def test_a_drawing_that_fails_leaves_no_folder(name, flown, command, here, monke
 
 @pytest.mark.parametrize("words", [("report", "flown", "--out"), ("compare", "flown", "--out")])
 def test_a_drawing_in_new_folders(words, command, here):
-    command("run", "case8", *SMALL, "-q", "--events", "--out", "flown")
+    make_run(here / "flown", "case8", "baseline", SMALL)
     assert command(*words, "new/deep/page").code == 0
     assert [path.name for path in Path("new/deep").iterdir()] == ["page"]
     Path("new/file").touch()
