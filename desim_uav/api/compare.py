@@ -32,6 +32,7 @@ def compare(
     policies: Sequence[PolicyLike] | Mapping[str, PolicyLike],
     seeds: int | Sequence[int] = 10,
     first_seed: int = 0,
+    world_seed: int | None = None,
     episodes: int = 20,
     warmup: int = 2,
     jobs: int = 1,
@@ -43,14 +44,15 @@ def compare(
     """Compare policies on common seeds: means, 95 % intervals and paired differences.
 
     This is ``desim-uav compare SCENARIO``. On a seed all policies meet the same world, users, walks
-    and requests. A seed draws the world too, unless the scenario names one (``world_seed``).
+    and requests. A seed draws the world too, unless there is a ``world_seed``.
 
     Args:
         scenario: A shipped name such as ``"case8"``, a file, its content, or a loaded scenario.
-        overrides: Values for keys of it, such as ``{"world_seed": 0}``.
+        overrides: Values for keys of it, such as ``{"users.count": 60}``.
         policies: As ``run`` takes them: a list, or a mapping that gives each a name.
         seeds: How many seeds, or which.
         first_seed: The first of so many; the others follow it.
+        world_seed: What the world alone is drawn from. Default: the scenario's, or else each seed.
         episodes: Episodes that count, per policy and seed.
         warmup: Episodes before them that count in no measure.
         jobs: Runs at a time, each in a process of its own. A script that asks for more than one
@@ -71,7 +73,7 @@ def compare(
     whole("jobs", jobs, 1, MOST_JOBS)
     if any(override.startswith("seed=") for override in override_texts(overrides or ())):
         raise UsageError("-S seed: each replication has its own; say --first-seed and --seeds")
-    found = opened(scenario, overrides)
+    found = opened(scenario, overrides, world_seed=world_seed)
     named = comparing.policies_by_name(policies)
     drawn = seeds_of(seeds, first_seed)
     for warning in comparing.out_of_place(found.scenario, named, drawn):

@@ -181,6 +181,7 @@ def compare(
     ] = 1,
     engine: Engine = "des",
     overrides: Override = None,
+    world_seed: WorldSeed = None,
     against: Annotated[
         str | None,
         typer.Option(
@@ -217,6 +218,7 @@ def compare(
                 policies=policy_names(policies),
                 seeds=seeds,
                 first_seed=first_seed,
+                world_seed=world_seed,
                 episodes=episodes,
                 warmup=warmup,
                 jobs=jobs,
@@ -241,9 +243,15 @@ def compare(
         raise typer.Exit(130)
 
 
+HOW_TO_RUN = (
+    *("seeds", "first_seed", "world_seed", "episodes", "warmup", "overrides", "jobs", "engine"),
+)
+"""The options of a comparison that are about runs to come."""
+
+
 def _refuse_how_to_run(context: typer.Context) -> None:
     """Finished runs are as they are. Raises UsageError for an option that says how to run."""
-    for option in ("seeds", "first_seed", "episodes", "warmup", "overrides", "jobs", "engine"):
+    for option in HOW_TO_RUN:
         source = context.get_parameter_source(option)
         if source is not None and source.name == "COMMANDLINE":
             flag = {"overrides": "-S", "jobs": "-j"}.get(option, "--" + option.replace("_", "-"))

@@ -294,7 +294,7 @@ def out_of_place(
             where = f"world {min(worlds)}" if len(worlds) == 1 else "a world for each seed"
             warnings.append(
                 f"{name} was learned in world {known} and is compared in {where}; "
-                f"-S world_seed={known} compares it there"
+                f"set the world seed to {known} to compare it there"
             )
     return warnings
 

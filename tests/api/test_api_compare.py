@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import desim_uav as du
-from desim_uav.errors import PolicyError, UsageError
+from desim_uav.errors import PolicyError, ScenarioError, UsageError
 from desim_uav.policies.hover import Hover
 
 
@@ -69,8 +69,9 @@ class TestPolicies:
     def test_a_training_is_compared(self):
         trained = du.train("tiny", episodes=3)
         how = {"policies": [trained, "hover"], "seeds": 2, "episodes": 1}
-        found = du.compare("tiny", {"world_seed": 1}, **how)
+        found = du.compare("tiny", world_seed=1, **how)
         assert found.policies == ["q_learning-s1", "hover"]
+        assert found.frame["world_seed"].tolist() == [1] * 4
         with pytest.warns(du.DesimWarning, match="learned in world 1") as caught:
             du.compare("tiny", **how)
         assert caught[0].filename == __file__
@@ -90,6 +91,7 @@ class TestPolicies:
             (["hover", "hoover"], {}, PolicyError, "hoover"),
             ({"mine": lambda o, m: 0}, {"jobs": 2}, UsageError, "cannot be sent"),
             (["hover"], {"jobs": 0}, UsageError, "jobs: 0"),
+            (["hover"], {"world_seed": -1}, ScenarioError, "world_seed=-1: must be at least 0"),
             (["hover"], {"against": "random"}, UsageError, "--against random"),
             (["hover"], {"overrides": {"seed": 3}}, UsageError, "each replication has its own"),
         ],

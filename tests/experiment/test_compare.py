@@ -261,8 +261,9 @@ class TestComparison:
         )
 
     def test_a_world_for_all_seeds(self, compared):
-        found = compared("hover", "-S", "world_seed=9")
+        found = compared("hover", "--world-seed", 9)
         assert values(found, "hover", "world_seed") == [9, 9, 9]
+        assert compared("hover", "-S", "world_seed=9") == found
 
     def test_the_number_of_processes_changes_nothing(self, compared):
         policies = "baseline,random,compared:Same"
@@ -372,9 +373,9 @@ class TestRuns:
 
     def test_runs_are_as_they_are(self, played, cli_run):
         folder = played("hover", 0)
-        for flag, value in (("--seeds", 10), ("--first-seed", 0), ("--episodes", 20)):
-            cli_run("compare", folder, flag, value).failed(2, f"{flag} goes with a scenario")
-        for flag, value in (("--warmup", 2), ("-S", "seed=1"), ("-j", 1), ("--engine", "des")):
+        numbers = ("--seeds", "--first-seed", "--world-seed", "--episodes", "--warmup", "-j")
+        given = [*((flag, 2) for flag in numbers), ("-S", "seed=1"), ("--engine", "des")]
+        for flag, value in given:
             cli_run("compare", folder, flag, value).failed(2, f"{flag} goes with a scenario")
 
 
@@ -445,7 +446,7 @@ class TestAnotherWorld:
         ended = cli_run("compare", "case8", *flags)
         assert ended.err == (
             "desim-uav: compared:Trained was learned in world 7 and is compared in a world for "
-            "each seed; -S world_seed=7 compares it there\n"
+            "each seed; set the world seed to 7 to compare it there\n"
         )
         assert len(ended.json["replications"]) == 6
         ended = cli_run("compare", "case8", *flags, "-S", "world_seed=5")
@@ -453,7 +454,7 @@ class TestAnotherWorld:
 
     def test_its_own_is_not(self, cli_run):
         flags = ("--policies", "hover,compared:Trained", "--seeds", 2, *SMALL, *SHORT)
-        assert cli_run("compare", "case8", *flags, "-S", "world_seed=7").err == ""
+        assert cli_run("compare", "case8", *flags, "--world-seed", 7).err == ""
 
 
 class TestOut:
