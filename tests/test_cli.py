@@ -459,8 +459,8 @@ class TestRunRefused:
             (("tiny", "--warmup"), ["--warmup", "requires an argument"]),
             (("tiny", "--jsn"), ["No such option: --jsn"]),
             (("tiny", "-S"), ["-S", "requires an argument"]),
-            (("tiny", "-S", "seed"), ["-S seed: must be key.path=value"]),
-            (("tiny", "-S", "=3"), ["-S =3"]),
+            (("tiny", "-S", "seed"), ["override seed: must be key.path=value"]),
+            (("tiny", "-S", "=3"), ["override =3"]),
             (("tiny", "-S", ""), ["must be key.path=value"]),
         ],
     )
@@ -477,9 +477,9 @@ class TestRunRefused:
             (("",), ["neither a file nor a shipped scenario"]),
             ((".",), ["."]),
             (("x" * 300,), ["cannot be read"]),
-            (("tiny", "-S", "sede=1"), ["-S sede=1: unknown key (did you mean 'seed'?)"]),
-            (("tiny", "-S", "seed=abc"), ["-S seed=abc: must be a whole number"]),
-            (("tiny", "-S", "drones.count=[1"), ["-S drones.count=[1"]),
+            (("tiny", "-S", "sede=1"), ["override sede=1: unknown key (did you mean 'seed'?)"]),
+            (("tiny", "-S", "seed=abc"), ["override seed=abc: must be a whole number"]),
+            (("tiny", "-S", "drones.count=[1"), ["override drones.count=[1"]),
             (("tiny", "-S", "drones.count=0"), ["must be at least 1"]),
         ],
     )

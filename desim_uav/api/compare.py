@@ -20,6 +20,7 @@ from desim_uav.experiment.compare import Comparison
 from desim_uav.experiment.progress import progress as shown
 from desim_uav.policies.base import PolicyLike
 from desim_uav.run_folder import file_place
+from desim_uav.scenario.draft import named_override
 from desim_uav.scenario.load import Overrides, override_texts
 
 __all__ = ["Comparison", "compare", "compare_runs"]
@@ -72,7 +73,10 @@ def compare(
     whole("warmup", warmup, 0, MOST_EPISODES)
     whole("jobs", jobs, 1, MOST_JOBS)
     if any(override.startswith("seed=") for override in override_texts(overrides or ())):
-        raise UsageError("-S seed: each replication has its own; say --first-seed and --seeds")
+        raise UsageError(
+            f"{named_override('seed')}: each replication has its own; choose the first and "
+            "their number"
+        )
     found = opened(scenario, overrides, world_seed=world_seed)
     named = comparing.policies_by_name(policies)
     drawn = seeds_of(seeds, first_seed)

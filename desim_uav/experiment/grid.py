@@ -1,4 +1,4 @@
-"""The grid of a sweep: the values that ``-S`` gives each key, and their combinations."""
+"""The grid of a sweep: the values that overrides give each key, and their combinations."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from itertools import product
 from typing import Any, NamedTuple
 
 from desim_uav.errors import UsageError
-from desim_uav.scenario.draft import override_path
-from desim_uav.scenario.yaml12 import read, shortened
+from desim_uav.scenario.draft import named_override, override_path
+from desim_uav.scenario.yaml12 import read
 
 MOST = 10**6
 """Values of a key, and jobs of a sweep, at most."""
@@ -79,9 +79,13 @@ def axes(overrides: Sequence[str]) -> list[Axis]:
     keys = [axis.key for axis in found]
     for key in keys:
         if keys.count(key) > 1:
-            raise UsageError(f"-S {key}: given twice; its values are separated by commas")
+            raise UsageError(
+                f"{named_override(key)}: given twice; its values are separated by commas"
+            )
     if "seed" in keys:
-        raise UsageError("-S seed: each job has its own; say --first-seed and --seeds")
+        raise UsageError(
+            f"{named_override('seed')}: each job has its own; choose the first and their number"
+        )
     return found
 
 
@@ -101,18 +105,18 @@ def _axis(override: str) -> Axis:
     texts: list[str] = []
     pieces = list(_pieces(override.partition("=")[2]))
     if len(pieces) > 1 and "" in pieces:
-        raise UsageError(f"-S {shortened(override)}: a value is empty; write null for none")
+        raise UsageError(f"{named_override(override)}: a value is empty; write null for none")
     for piece in pieces:
         texts += _values(piece, override)
         if len(texts) > MOST:
-            raise UsageError(f"-S {shortened(override)}: more than {MOST} values")
+            raise UsageError(f"{named_override(override)}: more than {MOST} values")
     values = tuple(Value(text, read(text).data) for text in texts)
     seen: set[str] = set()
     for value in values:
         # 1 and 1.0 are one value, 1 and true are two
         known = value.text if read(value.text).problems else _canonical(value.plain)
         if known in seen:
-            raise UsageError(f"-S {shortened(override)}: {value.text} is given twice")
+            raise UsageError(f"{named_override(override)}: {value.text} is given twice")
         seen.add(known)
     return Axis(key, values)
 
@@ -165,6 +169,6 @@ def _values(piece: str, override: str) -> Iterator[str]:
     elif (last - first) / step >= MOST:
         problem = f"more than {MOST} values"
     if problem:
-        raise UsageError(f"-S {shortened(override)}: range {piece}: {problem}")
+        raise UsageError(f"{named_override(override)}: range {piece}: {problem}")
     for number in range(int((last - first) / step) + 1):
         yield format(first + number * step, "f")

@@ -24,6 +24,7 @@ from desim_uav.experiment.sweep_plan import Arm, arms
 from desim_uav.report import notebook
 from desim_uav.report.intervals import mean_words, sentence
 from desim_uav.run_folder import write_whole
+from desim_uav.scenario.draft import named_override
 
 BACKENDS = ("local", "ray")
 SHOWN_FAILURES = 10
@@ -67,7 +68,9 @@ class Asked:
         if not self.train:
             raise UsageError("--algorithm goes with --train")
         if any(override.startswith("learning.algorithm=") for override in self.overrides):
-            raise UsageError("-S learning.algorithm: --algorithm sets this key already")
+            raise UsageError(
+                f"{named_override('learning.algorithm')}: --algorithm sets this key already"
+            )
         found = [name.strip() for name in self.algorithms.split(",")]
         for name in found:
             if not name or found.count(name) > 1:

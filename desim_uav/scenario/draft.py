@@ -18,7 +18,7 @@ MAX_PROBLEMS = 100
 
 
 class Origin(NamedTuple):
-    """An override that set a value: its number on the command line and its text."""
+    """An override that set a value: its number among the overrides and its text."""
 
     number: int
     text: str
@@ -79,7 +79,7 @@ class Draft:
         origin = self._origin(where)
         if origin:
             aside = subject if path != origin.path else ""
-            parts = [f"-S {shortened(origin.text)}", aside, message]
+            parts = [named_override(origin.text), aside, message]
             self._note(": ".join(filter(None, parts)), (1, (origin.number, 0)))
             return
         mark = self._mark(where, key)
@@ -123,14 +123,14 @@ class Draft:
         path = override_path(text)
         document = yaml12.read(text.partition("=")[2])
         for _, message in document.problems:
-            self._note(f"-S {shortened(text)}: {message}", (1, (number, 0)))
+            self._note(f"{named_override(text)}: {message}", (1, (number, 0)))
         if document.problems:
             self.doubtful.append(path)
             return
         try:
             container, path = self._reach(path, defaults)
         except LookupError as error:
-            self._note(f"-S {shortened(text)}: {error.args[0]}", (1, (number, 0)))
+            self._note(f"{named_override(text)}: {error.args[0]}", (1, (number, 0)))
             return
         container[path[-1]] = document.data
         beneath = [p for p in self.origins if p[: len(path)] == path]
@@ -217,9 +217,14 @@ def override_path(text: str) -> KeyPath:
     left, equals, _ = text.partition("=")
     path = tuple(part.strip() for part in left.split("."))
     if not equals or not all(path) or unprintable_in(left):
-        override = printable(shortened(text))
-        raise UsageError(f"-S {override}: must be key.path=value, as in users.count=20")
+        override = printable(named_override(text))
+        raise UsageError(f"{override}: must be key.path=value, as in users.count=20")
     return path
+
+
+def named_override(text: str) -> str:
+    """Return what a message calls an override, whether the command line or Python gave it."""
+    return f"override {shortened(text)}"
 
 
 def _problem_of(value: Any) -> str:

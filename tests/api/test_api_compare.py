@@ -93,7 +93,7 @@ class TestPolicies:
             (["hover"], {"jobs": 0}, UsageError, "jobs: 0"),
             (["hover"], {"world_seed": -1}, ScenarioError, "world_seed=-1: must be at least 0"),
             (["hover"], {"against": "random"}, UsageError, "--against random"),
-            (["hover"], {"overrides": {"seed": 3}}, UsageError, "each replication has its own"),
+            (["hover"], {"overrides": {"seed": 3}}, UsageError, "override seed: each replication"),
         ],
     )
     def test_what_cannot_be_compared(self, policies, options, error, part):

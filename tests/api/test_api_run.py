@@ -11,7 +11,7 @@ import pytest
 
 import desim_uav as du
 from desim_uav import cli
-from desim_uav.errors import NoEventsError, PolicyError, ScenarioError, UsageError
+from desim_uav.errors import DesimError, NoEventsError, PolicyError, ScenarioError, UsageError
 from desim_uav.model.rules import Action
 from desim_uav.policies.hover import Hover
 from desim_uav.scenario.load import from_mapping
@@ -254,6 +254,22 @@ class TestScenarios:
 class Own:
     def scan(self, waiting, free_bps):
         return ()
+
+
+class TestOverrides:
+    @pytest.mark.parametrize(
+        ("call", "overrides", "said"),
+        [
+            (du.run, {"users.count": 0}, "override users.count=0: must be at least 1"),
+            (du.run, ["users.count"], "override users.count: must be key.path=value"),
+            (du.load, {"users.cuont": 1}, "override users.cuont=1: unknown key"),
+            (du.UavEnv, {"users": {"count": 0}}, "override users.count=0: must be at least 1"),
+        ],
+    )
+    def test_a_message_names_no_option_of_the_command_line(self, call, overrides, said):
+        with pytest.raises(DesimError) as caught:
+            call("tiny", overrides)
+        assert str(caught.value).startswith(said)
 
 
 class TestFolders:

@@ -72,7 +72,7 @@ def test_ranges_hold_both_ends(values, meant):
         ("k=1,,2", "a value is empty"),
         ("k=1,", "a value is empty"),
         ("k", "must be key.path=value"),
-        ("seed=1,2", "--first-seed and --seeds"),
+        ("seed=1,2", "choose the first and their number"),
     ],
 )
 def test_what_is_no_grid_is_refused(override, said):
@@ -82,7 +82,7 @@ def test_what_is_no_grid_is_refused(override, said):
 
 
 def test_a_key_is_given_once():
-    with pytest.raises(UsageError, match=r"-S a\.b: given twice"):
+    with pytest.raises(UsageError, match=r"override a\.b: given twice"):
         axes(["a.b=1", "c=2", "a.b=3"])
 
 

@@ -400,9 +400,9 @@ class TestRefused:
         lines = [line.removeprefix("desim-uav: ") for line in ended.err.splitlines()]
         assert len(lines) == len(set(lines)) == 5
         radius, unknown, cells, two, three = lines
-        assert radius.startswith("-S drones.footprint_radius_m=0: must be at least 0.001")
+        assert radius.startswith("override drones.footprint_radius_m=0: must be at least 0.001")
         assert radius.endswith("(with drones.footprint_radius_m=0)")
-        assert unknown.startswith("-S nope=1: unknown key") and "(with" not in unknown
+        assert unknown.startswith("override nope=1: unknown key") and "(with" not in unknown
         assert "map.cells.0: 0: must be at least 1 (with map.cells=[0,3])" in cells
         assert "2, not 1 (with drones.count=2)" in two and "tiny.yaml:12:" in two
         assert "3, not 1 (with drones.count=3)" in three
@@ -431,7 +431,7 @@ class TestRefused:
     @pytest.mark.parametrize(
         ("flags", "code", "said"),
         [
-            (("-S", "seed=1,2"), 2, "--first-seed and --seeds"),
+            (("-S", "seed=1,2"), 2, "choose the first and their number"),
             (("-S", "episode.steps"), 2, "must be key.path=value"),
             (("-S", "episode.steps=3", "-S", "episode.steps=4"), 2, "given twice"),
             (("-S", "episode.steps=5:3"), 2, "holds no value"),

@@ -168,4 +168,4 @@ def test_a_tiny_footprint_takes_no_more_memory_than_another():
 def test_a_number_has_bounds(key, value, problem):
     with pytest.raises(ScenarioError) as caught:
         loads("name: x", overrides=[f"{key}={value}"])
-    assert str(caught.value) == f"-S {key}={value}: {problem}"
+    assert str(caught.value) == f"override {key}={value}: {problem}"

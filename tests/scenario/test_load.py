@@ -223,22 +223,28 @@ def test_an_override_replaces_what_was_wrong() -> None:
 @pytest.mark.parametrize(
     ("override", "message"),
     [
-        ("users.count=-1", "-S users.count=-1: must be at least 1"),
-        ("users.cuont=1", "-S users.cuont=1: unknown key (did you mean 'count'?); allowed: count,"),
-        ("map.size_m.1=0", "-S map.size_m.1=0: must be at least 1"),
+        ("users.count=-1", "override users.count=-1: must be at least 1"),
+        (
+            "users.cuont=1",
+            "override users.cuont=1: unknown key (did you mean 'count'?); allowed: count,",
+        ),
+        ("map.size_m.1=0", "override map.size_m.1=0: must be at least 1"),
         (
             "map.size_m.2=1",
-            "-S map.size_m.2=1: '2' is not an index of this list, which has 2 items",
+            "override map.size_m.2=1: '2' is not an index of this list, which has 2 items",
         ),
         (
             "map.size_m.x=1",
-            "-S map.size_m.x=1: 'x' is not an index of this list, which has 2 items",
+            "override map.size_m.x=1: 'x' is not an index of this list, which has 2 items",
         ),
-        ("map={cells: [0, 1]}", "-S map={cells: [0, 1]}: map.cells.0: 0: must be at least 1"),
-        ("seed=[1", "-S seed=[1: invalid YAML: expected ',' or ']'"),
-        ("stations.count=0", "-S stations.count=0: a limited battery needs a charging station"),
-        ("demand={kind: trace}", "-S demand={kind: trace}: demand.file: missing"),
-        ("seed=&a 1", "-S seed=&a 1: anchor &a: anchors are not allowed"),
+        ("map={cells: [0, 1]}", "override map={cells: [0, 1]}: map.cells.0: 0: must be at least 1"),
+        ("seed=[1", "override seed=[1: invalid YAML: expected ',' or ']'"),
+        (
+            "stations.count=0",
+            "override stations.count=0: a limited battery needs a charging station",
+        ),
+        ("demand={kind: trace}", "override demand={kind: trace}: demand.file: missing"),
+        ("seed=&a 1", "override seed=&a 1: anchor &a: anchors are not allowed"),
     ],
 )
 def test_a_wrong_override_is_located_at_itself(override: str, message: str) -> None:
@@ -256,7 +262,7 @@ def test_an_override_of_another_form_is_a_usage_error(override: str) -> None:
 def test_errors_of_file_and_overrides_come_together() -> None:
     problems = refusal("seed: -1\nusers: {count: 0}", "users.count=-1").splitlines()
     assert problems[0].startswith("<string>:1:7: seed: -1: ")
-    assert problems[1].startswith("-S users.count=-1: ")
+    assert problems[1].startswith("override users.count=-1: ")
     assert len(problems) == 2
 
 
