@@ -391,7 +391,9 @@ def _vacant(out: Path) -> Path:
             if not target.is_dir():
                 raise UsageError(f"--out {out}: exists and is not a folder")
             if any(target.iterdir()):
-                raise UsageError(f"--out {out}: the folder is not empty")
+                raise UsageError(
+                    f"--out {out}: the folder is not empty; name another one, or delete it first"
+                )
             if target == Path.cwd() or target.is_mount():
                 raise UsageError(
                     f"--out {out}: this folder cannot be replaced; name a folder in it"

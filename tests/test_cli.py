@@ -529,7 +529,9 @@ class TestRunRefused:
     def test_out_is_not_empty(self, cli_run):
         Path("mine").mkdir()
         Path("mine/file").touch()
-        cli_run("run", "tiny", "--out", "mine").failed(2, "--out mine: the folder is not empty")
+        cli_run("run", "tiny", "--out", "mine").failed(
+            2, "--out mine: the folder is not empty; name another one, or delete it first"
+        )
 
     def test_nothing_is_simulated_without_a_place(self, cli_run, monkeypatch):
         monkeypatch.setattr(command, "play", lambda *_: pytest.fail("simulated"))

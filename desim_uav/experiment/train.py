@@ -187,7 +187,7 @@ def train_to_folder(
     now = clock()
     course = begin(scenario, engine)
     course.started, course.command = now(), command
-    folder = _resumable(scenario, out) if resume else _new(scenario, out)
+    folder = _resumable(scenario, out) if resume else _not_begun(scenario, out)
 
     def save(course: Course) -> bool:
         _save(course, folder)
@@ -248,6 +248,17 @@ def _new(scenario: Scenario, out: Path | None) -> Path:
     except OSError as error:
         raise UsageError(f"cannot write to {folder}: {error.strerror}") from error
     return folder
+
+
+def _not_begun(scenario: Scenario, out: Path | None) -> Path:
+    """A new folder. Raises UsageError, which names ``--resume`` if there is a training in it."""
+    with suppress(OSError):  # of what cannot be read, ``_new`` says more
+        if out is not None and _is_begun(out):
+            raise UsageError(
+                f"--out {out}: the folder is not empty: it holds a training; continue it with "
+                "--resume, or name another folder"
+            )
+    return _new(scenario, out)
 
 
 def _resumable(scenario: Scenario, out: Path | None) -> Path:

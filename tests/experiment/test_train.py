@@ -113,8 +113,10 @@ def test_it_is_the_training_without_a_folder(tmp_path: Path):
 
 def test_a_folder_in_use_is_not_overwritten(tmp_path: Path):
     trained(tmp_path / "t")
-    with pytest.raises(UsageError, match="not empty"):
+    before = (tmp_path / "t" / "manifest.json").read_bytes()
+    with pytest.raises(UsageError, match=r"holds a training; continue it with --resume"):
         trained(tmp_path / "t")
+    assert (tmp_path / "t" / "manifest.json").read_bytes() == before
     (tmp_path / "file").write_text("mine")
     with pytest.raises(DesimError, match="file"):
         trained(tmp_path / "file", resume=True)
