@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -15,7 +16,7 @@ from desim_uav import qoe
 from desim_uav.checksums import verify
 from desim_uav.errors import DesimError, NoEventsError
 from desim_uav.experiment.command import Done, Recorded, place_of, read_summary
-from desim_uav.experiment.replay import Made, make_replay
+from desim_uav.experiment.replay import Source
 from desim_uav.experiment.run import counted
 from desim_uav.records import REQUESTS, TABLES
 from desim_uav.report.manifest import read_manifest
@@ -53,8 +54,8 @@ class Kept(Protocol):
     def save(self, place: Place) -> Path:
         """Write the run folder."""
 
-    def replay(self, episodes: str | None, show_progress: bool = True) -> Made:
-        """Make the page that plays the run."""
+    def source(self) -> AbstractContextManager[Source]:
+        """Have the run in a folder while a page that plays it is made."""
 
 
 class Tables:
@@ -121,13 +122,12 @@ class InMemory:
             self.recorded.write(draft)
             return place.publish(draft)
 
-    def replay(self, episodes: str | None, show_progress: bool = True) -> Made:
+    @contextmanager
+    def source(self) -> Iterator[Source]:
         """See ``Kept``."""
         with TemporaryDirectory(prefix="desim-uav-") as scratch:
-            folder = self.save(Place(Path(scratch) / "run", ""))
-            return make_replay(
-                folder, episodes, show_progress, policy=self.recorded.prepared.policy
-            )
+            folder = self.save(Place(Path(scratch) / default_place(self, None).name, ""))
+            yield Source(folder, self.recorded.prepared.policy)
 
 
 class InFolder:
@@ -183,9 +183,10 @@ class InFolder:
                     _copy(file, draft.path / file.name)
             return place.publish(draft)
 
-    def replay(self, episodes: str | None, show_progress: bool = True) -> Made:
+    @contextmanager
+    def source(self) -> Iterator[Source]:
         """See ``Kept``."""
-        return make_replay(self._folder, episodes, show_progress)
+        yield Source(self._folder)
 
 
 def default_place(run: Kept, out: Path | None) -> Place:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from functools import cached_property
 from pathlib import Path
 from typing import Any, overload
@@ -32,6 +33,7 @@ from desim_uav.experiment.command import (
     write_run,
 )
 from desim_uav.experiment.progress import progress as shown
+from desim_uav.experiment.replay import make_replay
 from desim_uav.experiment.statistics import estimate
 from desim_uav.policies.base import PolicyLike
 from desim_uav.registry import did_you_mean
@@ -204,6 +206,7 @@ class RunResult:
         self,
         file: str | Path | None = None,
         *,
+        beside: RunResult | str | Path | None = None,
         seed: int | None = None,
         episodes: str | None = None,
         progress: bool = True,
@@ -212,6 +215,8 @@ class RunResult:
 
         Args:
             file: Where to write the page, if anywhere.
+            beside: A second run of the same scenario, seed and world, or its folder. The page plays
+                both in step, side by side.
             seed: The seed to play. Default: the first.
             episodes: The episodes to show, such as ``"0-3,8"``. Default: the counted ones, as many
                 as 25 MiB hold.
@@ -220,14 +225,25 @@ class RunResult:
         Raises:
             UsageError: there is no such seed or episode, or the file cannot be written.
             NoEventsError: the run has not kept its events, and cannot be played again.
+            PolicyError: the two runs differ in scenario, world or episodes.
         """
         seed = self.seeds[0] if seed is None else seed
-        if seed not in self.seeds:
-            raise UsageError(f"seed: {seed}: the run has the seeds {self.seeds}")
-        page = Replay(self._runs[self.seeds.index(seed)].replay(episodes, progress))
+        shown = [self._of_seed(seed, "seed")]
+        if beside is not None:
+            second = beside if isinstance(beside, RunResult) else read_run(beside)
+            shown.append(second._of_seed(seed, "beside"))
+        with ExitStack() as open_until:
+            sources = [open_until.enter_context(run.source()) for run in shown]
+            page = Replay(make_replay(sources, episodes, progress))
         if file is not None:
             page.save(file)
         return page
+
+    def _of_seed(self, seed: int, argument: str) -> Kept:
+        """Return the run on a seed. Raises UsageError, which names the argument."""
+        if seed not in self.seeds:
+            raise UsageError(f"{argument}: the run has the seeds {self.seeds}, not {seed}")
+        return self._runs[self.seeds.index(seed)]
 
     # ---- what it looks like
 

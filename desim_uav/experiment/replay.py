@@ -36,6 +36,17 @@ BASE64 = 4 / 3
 
 
 @dataclass(frozen=True)
+class Source:
+    """A run to be shown: its folder, and the policy that plays it again if it kept no events.
+
+    Without ``policy``, the one that the run's manifest names is loaded.
+    """
+
+    folder: Path
+    policy: Policy | None = None
+
+
+@dataclass(frozen=True)
 class Made:
     """The page of one run or two: what it shows, and the episodes for which there was no room."""
 
@@ -82,43 +93,39 @@ def write_replay(
     name = f"replay-{beside.resolve().name}.html" if beside else "replay.html"
     file = run_dir / name if html is None else html
     place = file_place(file, "" if html is None else "--html")
-    made = make_replay(run_dir, episodes, show_progress, most_bytes, beside=beside)
+    sources = [Source(folder) for folder in (run_dir, beside) if folder is not None]
+    made = make_replay(sources, episodes, show_progress, most_bytes)
     write_at(place, made.content)
     return Written(file, len(made.content), made.episodes, made.left_out, made.played_again)
 
 
 def make_replay(
-    run_dir: Path,
+    sources: Sequence[Source],
     episodes: str | None = None,
     show_progress: bool = True,
     most_bytes: int | None = None,
-    policy: Policy | None = None,
-    beside: Path | None = None,
 ) -> Made:
     """Make the page of a run, or of two that are played in step.
 
-    ``episodes``: such as ``0-9``; without it, the counted ones, as many as fit. ``policy``: what
-    plays a run again that kept no events; without it, what its manifest names. ``beside``: the
-    folder of a second run on the same seeds. Raises PolicyError if a folder is unreadable, does not
-    fit together or cannot be played again, or if the two runs are not on common seeds.
+    ``episodes``: such as ``0-9``; without it, the counted ones, as many as fit. Raises PolicyError
+    if a folder is unreadable, does not fit together or cannot be played again, or if two runs are
+    not on common seeds.
     """
-    runs, policies = [Run(run_dir)], [policy]
+    runs = [Run(source.folder) for source in sources]
     wanted = runs[0].chosen(episodes)
-    if beside is not None:
-        runs.append(Run(beside))
-        policies.append(None)
-        wanted = common_episodes(runs[0], runs[1], episodes)
+    for second in runs[1:]:
+        wanted = common_episodes(runs[0], second, episodes)
     encoders = [Encoder(run) for run in runs]
     blocks: list[tuple[bytes, ...]] = []
     size, limit = 0.0, MOST_BYTES if most_bytes is None else most_bytes
     total = sum(_to_play(run, wanted) for run in runs)
     compiled = "batch" if any(run.settings.engine == "batch" for run in runs) else "des"
     with progress(show_progress, total, engine=compiled) as advance, ExitStack() as open_until:
-        sources = [
-            open_until.enter_context(closing(_tables(run, wanted, advance, plays)))
-            for run, plays in zip(runs, policies, strict=True)
+        tables_of = [
+            open_until.enter_context(closing(_tables(run, wanted, advance, source.policy)))
+            for run, source in zip(runs, sources, strict=True)
         ]
-        for each in zip(*sources, strict=True):
+        for each in zip(*tables_of, strict=True):
             made = tuple(
                 encoder.episode(number, tables)
                 for encoder, (number, tables) in zip(encoders, each, strict=True)

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 from pathlib import Path
 
@@ -320,6 +321,29 @@ class TestReplay:
         assert '"seed":"1"' in result.replay(seed=1).html
         with pytest.raises(UsageError, match="the run has the seeds"):
             result.replay(seed=5)
+
+    def test_beside_a_second_run(self):
+        """Each policy is the object that flew: neither can be loaded by its name."""
+        moving = du.run("tiny", policy=lambda o, m: "right", episodes=2)
+        hovering = du.run("tiny", policy=lambda o, m: "hover", episodes=2)
+        page = moving.replay("both.html", beside=hovering, episodes="1")
+        assert page.episodes == [1]
+        assert re.findall(r'id="(episode-\d-\d)"', page.html) == ["episode-0-0", "episode-1-0"]
+        assert os.listdir() == ["both.html"]  # noqa: PTH208
+
+    def test_beside_the_folder_of_a_second_run(self):
+        du.run("tiny", policy="hover", out="hovering", events=True)
+        page = du.run("tiny", events=True).replay(beside="hovering")
+        written = du.write_replay(*du.run("tiny", out="base").folders, beside=Path("hovering"))
+        assert page.html == written.file.read_text(encoding="utf-8")
+
+    def test_beside_what_is_not_on_its_seeds(self):
+        runs = du.run("tiny", seeds=2, events=True)
+        with pytest.raises(UsageError, match=r"beside: the run has the seeds \[5\], not 1"):
+            runs.replay(seed=1, beside=du.run("tiny", seed=5, events=True))
+        other = du.run("tiny", {"episode.steps": 3}, seed=1, policy="hover", events=True)
+        with pytest.raises(PolicyError, match=r"tiny-hover-s1 cannot.*episode.steps: 5 and 3"):
+            runs.replay(seed=1, beside=other)
 
     def test_a_notebook_shows_it_in_a_frame(self):
         shown = du.run("tiny", events=True).replay()._repr_html_()
