@@ -338,7 +338,7 @@ def run(
     drawn = [found.scenario.seed] if seeds is None else seeds_of(seeds, first_seed)
     scenarios = [found.scenario.model_copy(update={"seed": one}) for one in drawn]
     with found.located():
-        first = prepare(scenarios[0], policy, engine)
+        first = prepare(scenarios[0], policy, engine, events)
     places = [_place(one, policy, out, seeds is not None) for one in scenarios]
     if first.notice:
         warn(first.notice)
@@ -348,7 +348,7 @@ def run(
         for one, place in zip(scenarios, places, strict=True):
             try:
                 with found.located():
-                    prepared = prepare(one, policy, engine) if kept else first
+                    prepared = prepare(one, policy, engine, events) if kept else first
                     kept.append(_run_one(prepared, how, place, advance))
             except KeyboardInterrupt:
                 if not kept:

@@ -18,7 +18,7 @@ ENGINES = ("des", "batch")
 
 def make_engine(name: str, world: World, settings: RunSettings) -> Engine:
     """The engine of this name. Raises the errors of ``check_engine``."""
-    check_engine(name, world)
+    check_engine(name, world, settings.keep_events)
     if name == "batch":
         from desim_uav.engine.batch import BatchSimulation
 
@@ -28,17 +28,18 @@ def make_engine(name: str, world: World, settings: RunSettings) -> Engine:
     return Simulation(world, settings)
 
 
-def check_engine(name: str, world: World) -> None:
-    """Raises ScenarioError if this engine has no kernel for a component of the scenario.
+def check_engine(name: str, world: World, keep_events: bool = False) -> None:
+    """Raise ScenarioError if this engine cannot run an episode of the scenario.
 
-    UsageError if there is no such engine.
+    Either it has no kernel for a component, or the episode would be too long or too large;
+    ``keep_events``: with its event log. Raises UsageError if there is no such engine.
     """
     if name not in ENGINES:
         raise UsageError(f"--engine {name}: allowed: {', '.join(ENGINES)}")
     problems = _lacking(world) if name == "batch" else []
     if problems:
         raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
-    check_cost(world.scenario, name)
+    check_cost(world.scenario, name, keep_events)
 
 
 def engine_for(world: World, say: Callable[[str], None] = notice) -> str:

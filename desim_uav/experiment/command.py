@@ -110,17 +110,19 @@ class Done:
     interrupted: bool
 
 
-def prepare(scenario: Scenario, policy: PolicyLike, engine: str = "des") -> Prepared:
+def prepare(
+    scenario: Scenario, policy: PolicyLike, engine: str = "des", keep_events: bool = False
+) -> Prepared:
     """Load a policy, and build the world in which it is run on the scenario's seed.
 
     A policy that was trained in a world of its own is run there, unless the scenario names a world.
-    Raises PolicyError for a policy that cannot be loaded, and ScenarioError where the engine cannot
-    run a component of the scenario.
+    ``keep_events``: its episodes keep their event logs, which takes memory. Raises PolicyError for
+    a policy that cannot be loaded, and ScenarioError if the engine cannot run the scenario.
     """
     loaded = load_policy(policy)
     scenario = _where_it_learned(scenario, loaded)
     world = build_world(scenario, scenario.effective_world_seed)
-    check_engine(engine, world)
+    check_engine(engine, world, keep_events)
     return Prepared(scenario, world, loaded, policy_name(policy))
 
 
@@ -147,7 +149,7 @@ def run_to_folder(
     ``engine``: des or batch. Ctrl-C ends it after the episode under way, a second one at once; what
     has ended is kept. Where no counted episode has, nothing is, and a KeyboardInterrupt is raised.
     """
-    prepared = prepare(scenario, policy, engine)
+    prepared = prepare(scenario, policy, engine, keep_events)
     place = place_of(scenario, policy, out)
     if prepared.notice:
         say(prepared.notice)

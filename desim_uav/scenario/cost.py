@@ -7,7 +7,7 @@ from one that cannot; tests hold them within a factor of 4 of what engines have 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -72,19 +72,22 @@ class _Counts:
     crossings: float
 
 
-def cost(scenario: Scenario, engine: str = "des") -> Cost:
-    """Foresee an episode on an engine, des or batch."""
+def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> Cost:
+    """Foresee an episode on an engine, des or batch; ``keep_events``: with its event log."""
     n = _counts(scenario)
-    events = (
+    logged = (
         Part("commands and steps of drones", 3.0 * n.drones * n.steps, _STEPS),
-        Part("legs of users", n.legs, _WALKS),
-        Part("draws of requests", n.draws, _REQUESTS),
         Part("requests that begin, are served and end", 4.0 * n.requests, _REQUESTS),
         Part(
             "users who enter or leave a footprint",
             2.0 * n.crossings,
             ("users.count", "drones.count", "episode.steps", "episode.step_s"),
         ),
+    )
+    events = (
+        *logged,
+        Part("legs of users", n.legs, _WALKS),
+        Part("draws of requests", n.draws, _REQUESTS),
     )
     memory = (
         Part("the map", 80.0 * n.cells + 12.0 * n.places, _LEVELS),
@@ -93,17 +96,19 @@ def cost(scenario: Scenario, engine: str = "des") -> Cost:
         Part("requests", 32.0 * max(16.0 * n.users, n.draws) + 600.0 * n.requests, _REQUESTS),
         Part("the log of steps", 900.0 * n.drones * n.steps, _STEPS),
         *(_of_batch(scenario, n) if engine == "batch" else _of_des(n)),
+        *([_event_log(logged, n)] if keep_events else []),
     )
     return Cost(events, memory)
 
 
-def check_cost(scenario: Scenario, engine: str | None = None) -> None:
+def check_cost(scenario: Scenario, engine: str | None = None, keep_events: bool = False) -> None:
     """Raise ScenarioError, with figures and keys, if an episode would be too long or too large.
 
-    ``engine``: des or batch; None: whichever takes less.
+    ``engine``: des or batch; None: whichever takes less. ``keep_events``: with its event log.
     """
     engines = (engine,) if engine else ("des", "batch")
-    least = min((cost(scenario, name) for name in engines), key=lambda found: found.memory_bytes)
+    costs = (cost(scenario, name, keep_events) for name in engines)
+    least = min(costs, key=lambda found: found.memory_bytes)
     there = available_bytes()
     problems = []
     if least.event_count > MOST_EVENTS:
@@ -157,6 +162,13 @@ def _of_batch(scenario: Scenario, n: _Counts) -> Iterable[Part]:
         nx, ny = scenario.map.cells
         hops = (nx + ny) / (2.0 * math.sqrt(scenario.stations.count)) + n.places / n.cells / 2.0
         yield Part("ways back to the stations", n.places * (80.0 + 72.0 * hops), _LEVELS)
+
+
+def _event_log(logged: Sequence[Part], n: _Counts) -> Part:
+    """The rows of the event log and the flights of drones, while they are put into tables."""
+    rows = math.fsum(part.amount for part in logged)
+    keys = tuple(dict.fromkeys(key for part in logged for key in part.keys))
+    return Part("the event log that is kept", 330.0 * rows + 700.0 * n.drones * n.steps, keys)
 
 
 def _levels(scenario: Scenario) -> float:

@@ -10,6 +10,7 @@ from desim_uav import available
 from desim_uav.engine.batch.pack import lacking
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import ScenarioError
+from desim_uav.experiment.command import prepare
 from desim_uav.experiment.run import run
 from desim_uav.model.coverage import MOST_BUCKETS, bucket_grid
 from desim_uav.policies import load_policy
@@ -54,6 +55,24 @@ def test_memory(name):
         tracemalloc.stop()
     foreseen = cost(scenario, engine).memory_bytes
     assert used / FACTOR < foreseen < used * FACTOR, (used, foreseen)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("engine", ["des", "batch"])
+def test_memory_of_the_event_log(engine):
+    scenario = case8("users.count=1500", "drones.count=12", "episode.steps=10")
+    used = {}
+    for kept in (False, True):
+        played(case8("episode.steps=2"), engine, keep_events=kept)
+        tracemalloc.start()
+        try:
+            played(scenario, engine, keep_events=kept)
+            used[kept] = tracemalloc.get_traced_memory()[1]
+        finally:
+            tracemalloc.stop()
+    whole, without = (cost(scenario, engine, kept).memory_bytes for kept in (True, False))
+    foreseen, measured = whole - without, used[True] - used[False]
+    assert measured / FACTOR < foreseen < measured * FACTOR, (measured, foreseen)
 
 
 @pytest.mark.parametrize(
@@ -106,6 +125,17 @@ class TestRefused:
         check_cost(scenario, "des")
         with pytest.raises(ScenarioError, match=r"users in footprints \(users.count, drones.count"):
             check_cost(scenario, "batch")
+
+    @pytest.mark.parametrize("engine", ["des", "batch"])
+    def test_with_its_event_log_alone(self, monkeypatch, engine):
+        """The same run fits without the log, which is asked for by an option and not by a key."""
+        scenario = case8("users.count=500", "drones.count=10", "episode.steps=100")
+        without, whole = (cost(scenario, engine, kept).memory_bytes for kept in (False, True))
+        monkeypatch.setattr(costs, "PROGRAM", 0)
+        monkeypatch.setattr(costs, "available_bytes", lambda: (without + whole) / 2)
+        prepare(scenario, "baseline", engine)
+        with pytest.raises(ScenarioError, match=r"for the event log that is kept \(episode.steps"):
+            prepare(scenario, "baseline", engine, keep_events=True)
 
     def test_the_nine_cases_are_not(self, monkeypatch):
         monkeypatch.setattr(costs, "available_bytes", lambda: 1e8)
