@@ -47,7 +47,7 @@ COMMANDS: list[Callable[..., None]] = [
 
 
 def main() -> NoReturn:
-    """Run the command line, and end at once even if work that was left is in machine code."""
+    """Run the command line; after an interruption, end the process without freeing its memory."""
     try:
         _main()
     except SystemExit as end:

@@ -22,6 +22,9 @@ T = TypeVar("T")
 
 NAMES = ("SIGINT", "SIGTERM", "SIGHUP")
 
+INTERRUPTED = 130
+"""The exit code of a process that was interrupted."""
+
 LISTEN_S = 0.1
 """How long a signal waits at most that the system has handed to another thread."""
 
@@ -114,14 +117,20 @@ def at_once(work: Callable[..., T], *arguments: Any) -> T:
 
 
 def leave(code: int) -> None:
-    """End the process now if work that was left is still in machine code; else do nothing."""
+    """End the process now if it was interrupted, or has left work in machine code.
+
+    Python would wait for such work. It would also free the memory of a large run object by object,
+    which takes seconds, whereas the system takes it back at once.
+    """
     until = time.monotonic() + LEAVE_S
     for worker in _left:
         worker.join(max(0.0, until - time.monotonic()))
-    if any(worker.is_alive() for worker in _left):
-        sys.stdout.flush()
-        sys.stderr.flush()
-        os._exit(code)
+    if code != INTERRUPTED and not any(worker.is_alive() for worker in _left):
+        return
+    for stream in (sys.stdout, sys.stderr):
+        with suppress(OSError, ValueError):  # nobody reads it any more, or it is closed
+            stream.flush()
+    os._exit(code)
 
 
 _END: Any = object()

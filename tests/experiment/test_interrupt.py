@@ -15,6 +15,7 @@ from desim_uav.experiment.interrupt import at_once, interruptible
 from tests.command_line import program, with_plug_ins
 
 PLUG_INS = '''
+import time
 from pathlib import Path
 
 import numba
@@ -46,6 +47,25 @@ class Stuck(Hover):
         self.episode = getattr(self, "episode", -1) + 1
         if self.episode == 2:
             get_stuck()
+
+
+class Large:
+    """Its memory takes long to free, as that of millions of objects does."""
+
+    def __del__(self, sleep=time.sleep):  # at Python's end the module has no names any more
+        sleep(600)
+
+
+class LargeAndStuck(Hover):
+    """Is at work in Python code, without an end, in its third episode."""
+
+    def begin(self, world, streams, carried=False):
+        self.episode = getattr(self, "episode", -1) + 1
+        if self.episode == 2:
+            LargeAndStuck.large = Large()
+            Path("reached").touch()
+            while True:
+                time.sleep(0.01)
 
 
 class StuckOnSeedTwo(Hover):
@@ -84,7 +104,11 @@ def stopped(number, signals, *arguments):
     for _ in range(signals):
         time.sleep(1.0)
         process.send_signal(number)
-    out, err = process.communicate(timeout=60)
+    try:
+        out, err = process.communicate(timeout=60)
+    finally:
+        process.kill()
+        process.wait()
     return process.returncode, out, err
 
 
@@ -99,6 +123,16 @@ def test_a_run_keeps_its_finished_episodes():
     folder = Path(json.loads(out)["run_dir"])
     assert [path.name for path in folder.parent.iterdir()] == [folder.name]
     assert set(pd.read_parquet(folder / "requests.parquet")["episode"]) == {0, 1}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_memory_of_a_run_is_not_waited_for(number):
+    """The work that was left ends by itself here; only its memory would keep the process."""
+    code, out, err = stopped(
+        number, 2, "run", "tiny", "--policy", "stuck:LargeAndStuck", "--episodes", 9, "--json"
+    )
+    assert (code, json.loads(out)["episodes"]) == (130, 2), err
 
 
 @pytest.mark.thorough
