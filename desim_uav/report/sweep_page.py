@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -9,11 +10,10 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from desim_uav.report.comparison_page import estimate_cell
 from desim_uav.report.figures import intervals_figure, sweep_figure
-from desim_uav.report.intervals import mean_words, sentence
-from desim_uav.report.markup import Html, code, facts, joined, paragraph, table, tag
-from desim_uav.report.page import Picture, count, gallery, heading, page
+from desim_uav.report.intervals import have_interval, mean_words, sentence
+from desim_uav.report.markup import Html, code, facts, html, joined, paragraph, table, tag
+from desim_uav.report.page import Picture, count, gallery, heading, number, page
 from desim_uav.report.text import COMPARED
 
 DRAWN = ("qoe1_percent", "qoe2_iterations", "qoe3_percent")
@@ -55,20 +55,35 @@ def sweep_page(found: Swept, title: str | None) -> str:
 def _results(found: Swept) -> Html:
     """Return the table: a row per combination and policy."""
     keys, estimates = list(found.content["keys"]), found.content["estimates"]
-    headings = [*keys, "policy", "seeds", *(heading(label) for label, _ in COMPARED.values())]
+    headings = [*map(_key_heading, keys), "policy", "seeds"]
+    headings += [heading(label) for label, _ in COMPARED.values()]
     rows = (
         [
             *(found.words(row[key]) for key in keys),
             row["policy"],
             max(of["n"] for of in row["measures"].values()),
-            *(estimate_cell(row["measures"][name], form) for name, (_, form) in COMPARED.items()),
+            *(_estimate(row["measures"][name], form) for name, (_, form) in COMPARED.items()),
         ]
         for row in estimates
     )
-    note = f"{sentence(mean_words(estimates))} Each seed counts once: its episodes are averaged."
+    note = sentence(mean_words(estimates))
+    if have_interval(estimates):
+        note += " The number after ± is half the width of the interval."
+    note += " Each seed counts once: its episodes are averaged."
     words = range(len(keys) + 1)
     shown = tag("div", table(headings, rows, words), class_="tall", tabindex=0)
     return joined([shown, paragraph(note, class_="note")])
+
+
+def _key_heading(key: str) -> Html:
+    """Return a key, which may be broken where its words end: a table has a column per key."""
+    return Html(re.sub(r"([._])", r"\1<wbr>", html(key)))
+
+
+def _estimate(found: dict[str, Any], form: str) -> Html:
+    """Return a mean with its half-width below it, because so many columns must fit a page."""
+    mean, half_width = number(found["mean"], form), found["half_width"]
+    return joined([mean, None if half_width is None else tag("small", f"± {half_width:{form}}")])
 
 
 def _figures(found: Swept) -> Html:

@@ -222,7 +222,9 @@ class TestReport:
     def test_the_table_has_means_and_half_widths(self, tmp_path):
         page = sweep_report(make_sweep(tmp_path / "s", [COUNTS]), None)
         found = estimate(value({"n": 8}, "random", seed) for seed in (0, 1))
-        assert f"{found.mean:.2f} ± {found.half_width:.2f}" in page
+        assert f"{found.mean:.2f}<small>± {found.half_width:.2f}</small>" in page
+        assert "The number after ± is half the width of the interval." in page
+        assert "users.<wbr>count</th>" in page
         assert "12 of 12 jobs ended" in page and "Failures" not in page
         assert page.count("<svg") == 3 and "Against users.count." in page
         assert "desim-uav sweep case8 &#x27;a b&#x27;" in page and "f" * 64 in page
