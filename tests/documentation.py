@@ -36,14 +36,14 @@ DIRECTIVES = {"{code-cell}", "{eval-rst}", "{include}", "{toctree}"}
 """What the build of the site runs or resolves by itself."""
 
 NEEDED = {
-    "optuna": "optuna",
-    "ray": "ray",
-    "rllib": "ray.rllib",
-    "sb3": "sb3_contrib",
-    "tensorboard": "tensorboard",
-    "video": "imageio_ffmpeg",
+    "optuna": ("optuna",),
+    "ray": ("ray",),
+    "rllib": ("ray.rllib", "tree", "torch"),  # Ray alone has the first of them
+    "sb3": ("sb3_contrib",),
+    "tensorboard": ("tensorboard",),
+    "video": ("imageio_ffmpeg",),
 }
-"""A module of each extra that blocks may ask for."""
+"""Modules of each extra that blocks may ask for."""
 
 LINKED = ("analysis", "benchmarks", "policies", "scenarios")
 """Folders of the checkout that commands name; they are linked, ``docs`` is not."""
@@ -62,6 +62,12 @@ class Block:
     def runs(self) -> bool:
         """Does anything come of it in a run?"""
         return "by-hand" not in self.words
+
+    @property
+    def missing(self) -> str:
+        """The extra without which it cannot be run here, or nothing."""
+        extra = self.words.get("extra", "")
+        return extra if extra and not installed(extra) else ""
 
 
 def pages() -> list[Path]:
@@ -108,9 +114,7 @@ class Page:
 
     def wanted(self, block: Block) -> bool:
         """Is it run this time?"""
-        extra = block.words.get("extra")
-        missing = extra is not None and not installed(extra)
-        return not missing and (self.thorough or "thorough" not in block.words)
+        return not block.missing and (self.thorough or "thorough" not in block.words)
 
     def run_block(self, block: Block) -> None:
         if "file" in block.words:
@@ -193,7 +197,7 @@ def as_words(text: str) -> str:
 def installed(extra: str) -> bool:
     """Are the packages of an extra here?"""
     try:
-        return find_spec(NEEDED[extra]) is not None
+        return all(find_spec(module) is not None for module in NEEDED[extra])
     except ModuleNotFoundError:
         return False
 

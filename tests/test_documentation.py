@@ -61,15 +61,35 @@ def run(page: Path, folder: Path, *options: str) -> None:
     assert done.returncode == 0, done.stdout[-3000:] + done.stderr[-3000:]
 
 
+def tell_what_was_left_out(name: str, *, thorough: bool) -> None:
+    """Skip the rest of a test whose page has blocks of extras that are not installed."""
+    left_out = [
+        f"line {block.line}, which needs the extra {block.missing}"
+        for block in blocks_of(name)
+        if block.missing and (thorough or "thorough" not in block.words)
+    ]
+    if left_out:
+        pytest.skip(f"all blocks ran but those of {'; '.join(left_out)}")
+
+
 @pytest.mark.parametrize("name", [name for name in PAGES if any_block(name, thorough=False)])
 def test_the_code_blocks_of_a_page_run(name: str, tmp_path: Path) -> None:
     run(PAGES[name], tmp_path)
+    tell_what_was_left_out(name, thorough=False)
 
 
 @pytest.mark.thorough
 @pytest.mark.parametrize("name", [name for name in PAGES if any_block(name, thorough=True)])
 def test_all_code_blocks_of_a_page_run(name: str, tmp_path: Path) -> None:
     run(PAGES[name], tmp_path, "--thorough")
+    tell_what_was_left_out(name, thorough=True)
+
+
+def test_a_block_that_was_left_out_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(NEEDED, "rllib", ("no_such_module",))
+    tell_what_was_left_out("docs/howto/policies.md", thorough=False)
+    with pytest.raises(pytest.skip.Exception, match=r"line \d+, which needs the extra rllib"):
+        tell_what_was_left_out("docs/howto/policies.md", thorough=True)
 
 
 def test_a_page_whose_block_fails_is_noticed(tmp_path: Path) -> None:
