@@ -22,6 +22,7 @@ from desim_uav.report.figures.training import read_training
 from desim_uav.report.run import Run
 from tests.command_line import runner
 from tests.report.helpers import make_run, make_training
+from tests.selection import by_default
 
 SMALL = ("users.count=6", "episode.steps=4")
 LEARNING = (*SMALL, "learning.episodes=8")
@@ -85,12 +86,13 @@ def test_a_file_of_a_run(name, damage, flown, tmp_path):
 
 @pytest.mark.parametrize("damage", [flipped, cut])
 @pytest.mark.parametrize("name", RUN_FILES)
-def test_a_file_of_a_run_without_checksums(name, damage, flown, tmp_path):
+@pytest.mark.parametrize("times", by_default([100], [100, FLIPS]))
+def test_a_file_of_a_run_without_checksums(name, damage, times, flown, tmp_path):
     """A table is refused or as it was, wherever the bit is: in a page, a footer, a name."""
     folder, chance = shutil.copytree(flown, tmp_path / "run"), np.random.default_rng(1)
     (folder / SUMS).unlink()
     content, whole, refused = (folder / name).read_bytes(), read_run(folder, name), 0
-    for _ in range(FLIPS):
+    for _ in range(times):
         (folder / name).write_bytes(damage(content, chance))
         try:
             found = read_run(folder, name)
@@ -100,7 +102,7 @@ def test_a_file_of_a_run_without_checksums(name, damage, flown, tmp_path):
         else:
             if name.endswith(".parquet"):
                 pd.testing.assert_frame_equal(found, whole, check_exact=True)
-    assert refused > FLIPS / 3
+    assert refused > times / 3
 
 
 def listed(content: bytes) -> list[tuple[bytes, bytes]]:
@@ -110,12 +112,13 @@ def listed(content: bytes) -> list[tuple[bytes, bytes]]:
 
 
 @pytest.mark.parametrize("damage", [flipped, cut])
-def test_the_checksums_of_a_run(damage, flown, tmp_path):
+@pytest.mark.parametrize("times", by_default([100], [100, FLIPS]))
+def test_the_checksums_of_a_run(damage, times, flown, tmp_path):
     """Whatever is wrong with them, some file no longer fits."""
     folder, chance = shutil.copytree(flown, tmp_path / "run"), np.random.default_rng(1)
     content = (folder / SUMS).read_bytes()
     assert all(f"  {name}\n".encode() in content for name in RUN_FILES)
-    for _ in range(FLIPS):
+    for _ in range(times):
         damaged = damage(content, chance)
         (folder / SUMS).write_bytes(damaged)
         if listed(damaged) == listed(content):  # it says the same in other letters
