@@ -1,10 +1,10 @@
-"""What is the simulator checked against, and does it hold?
+"""Checks the simulator against theory and independent programs, and prints tables of the results.
 
 python analysis/verification.py [--quick] [--markdown FILE] [PART…]
 
-One row per figure: the simulator's figure, what theory or something independent says, how far apart
-they are, how far apart they may be, and the number of cases or independent replications. The limit
-is a tolerance for exact figures and 4 standard errors for estimates. Without --quick there are more
+Each row has the simulator's figure, that of theory or an independent program, their difference, the
+largest allowed difference, and the number of cases or independent replications. The limit is a
+tolerance for exact figures and 4 standard errors for estimates. Without --quick there are more
 replications, which takes some minutes. The exit code is 6 if a figure does not hold. The script
 needs a checkout and pip install -e ".[test]".
 """
@@ -25,13 +25,13 @@ PARTS = (
     *("transit", "crossings", "planning", "queueing", "demand", "placement", "streams"),
     *("determinism", "conservation", "identities", "convergence", "engines", "optimality"),
 )
-COLUMNS = ("", "ours", "theory", "apart", "limit", "n", "holds")
+COLUMNS = ("", "ours", "theory", "difference", "limit", "n", "holds")
 PACKAGES = ("desim-uav", "numpy", "numba", "simpy", "scipy", "networkx")
 DOES_NOT_HOLD = 6
 
 
 def main() -> int:
-    """Print the tables; the exit code."""
+    """Print the tables and return the exit code."""
     told = arguments()
     tables, failed, total = [], 0, 0
     with progress(True, len(told.parts), "parts") as advance:
@@ -50,13 +50,15 @@ def main() -> int:
 
 
 def arguments() -> argparse.Namespace:
-    """The command line."""
+    """Return the options of the command line."""
     about, _, rest = (__doc__ or "").partition("\n\n")
     parser = argparse.ArgumentParser(
         description=about, epilog=rest.partition("\n\n")[2], allow_abbrev=False
     )
     parser.add_argument("--quick", action="store_true", help="fewer replications: under a minute")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the tables there too")
+    parser.add_argument(
+        "--markdown", type=Path, metavar="FILE", help="also write the tables to FILE"
+    )
     parser.add_argument("parts", nargs="*", metavar="PART", help=", ".join(PARTS))
     told = parser.parse_args()
     unknown = [part for part in told.parts if part not in PARTS]
@@ -67,7 +69,7 @@ def arguments() -> argparse.Namespace:
 
 
 def examined(part: str, quick: bool) -> tuple[str, list[tuple[str, ...]]]:
-    """What a part is held against, and its rows; where it cannot be examined that does not hold."""
+    """Return the title and the rows of a part; a part that fails has a row that does not hold."""
     try:
         module = import_module(f"tests.verification.{part}")
     except ModuleNotFoundError as error:
@@ -77,7 +79,7 @@ def examined(part: str, quick: bool) -> tuple[str, list[tuple[str, ...]]]:
 
 
 def rows_of(figures: Iterator) -> Iterator[tuple[str, ...]]:
-    """The rows of figures."""
+    """Yield the rows of figures."""
     try:
         for figure in figures:
             yield (*figure.cells(), "yes" if figure.holds else "NO")
@@ -86,7 +88,7 @@ def rows_of(figures: Iterator) -> Iterator[tuple[str, ...]]:
 
 
 def drawn(rows: list[tuple[str, ...]]) -> str:
-    """A Markdown table that can be read as it stands."""
+    """Return an aligned Markdown table."""
     table = [COLUMNS, *(tuple(cell.replace("|", "\\|") for cell in row) for row in rows)]
     widths = [max(3, *map(len, column)) for column in zip(*table, strict=True)]
     rule = tuple("-" * width for width in widths)
@@ -97,7 +99,7 @@ def drawn(rows: list[tuple[str, ...]]) -> str:
 
 
 def provenance(told: argparse.Namespace) -> str:
-    """The command, when, and with what."""
+    """Return the command, the date and the versions."""
     options = ["--quick"] * told.quick + list(told.parts if told.parts != PARTS else ())
     command = " ".join(["python analysis/verification.py", *options])
     packages = ", ".join(f"{name} {version(name)}" for name in PACKAGES)
@@ -106,7 +108,7 @@ def provenance(told: argparse.Namespace) -> str:
 
 
 def write(file: Path, text: str) -> None:
-    """Raises UsageError where it cannot be written."""
+    """Write a file. Raises UsageError if it cannot be written."""
     try:
         file.write_text(text, encoding="utf-8")
     except OSError as error:

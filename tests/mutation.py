@@ -1,10 +1,11 @@
-"""Would the tests notice? Spoils the simulator, one thing at a time, and runs the tests on it.
+"""Would the tests notice an error? Makes one error at a time in the simulator and runs tests.
 
 python tests/mutation.py [--only TEXT] [--list] [--markdown FILE]
 
-Each mutation is made in a copy of the tree, in which the named tests have passed before; the first
-test that fails has noticed it. Run by hand: most of them make the kernels be compiled anew, so all
-take about half an hour. Exit code 6: one is not noticed; 1: the tests fail on the tree as it is.
+Each error is made in a copy of the source tree, in which the named tests have passed before. The
+first test that fails has noticed it. The script is run by hand: most errors require the kernels to
+be compiled again, so all of them take about half an hour. The exit code is 6 if an error is not
+noticed, and 1 if the tests fail in the unchanged tree.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ NOT_NOTICED = 6
 
 @dataclass(frozen=True)
 class Mutation:
-    """In ``file`` of ``desim_uav``, ``old`` (which stands there once) is ``new``."""
+    """An error: ``old``, which occurs once in ``file`` of ``desim_uav``, becomes ``new``."""
 
     what: str
     file: str
@@ -37,10 +38,12 @@ class Mutation:
     tests: tuple[str, ...]
 
     def applied(self, source: str) -> str:
-        """The file's text, spoiled. Raises ValueError where ``old`` is not there, or twice."""
+        """Return the changed text. Raises ValueError unless ``old`` occurs exactly once."""
         if source.count(self.old) != 1:
             times = source.count(self.old)
-            raise ValueError(f"{self.what}: {self.file} has {times} times {self.old!r}, not once")
+            raise ValueError(
+                f"{self.what}: {self.file} contains {self.old!r} {times} times, not once"
+            )
         return source.replace(self.old, self.new)
 
 
@@ -61,28 +64,28 @@ MUTATIONS = (
         ("engine/test_batch.py",),
     ),
     Mutation(
-        "no deceleration before arrival",
+        "no deceleration before a drone arrives",
         "model/motion.py",
         "(duration - ramp, distance - ramp_distance, speed, -acceleration),",
         "(duration - ramp, distance - ramp_distance, speed, 0.0),",
         ("model/test_motion.py",),
     ),
     Mutation(
-        "crossing times rounded half up, not half even",
+        "crossing times rounded half up instead of half to even",
         "model/coverage.py",
         "int(np.rint((at + root) * 1e6))",
         "int(np.floor((at + root) * 1e6 + 0.5))",
         ("model/test_coverage.py",),
     ),
     Mutation(
-        "durations of transits cut off, not rounded",
+        "durations of transits truncated instead of rounded",
         "model/motion.py",
         "return Transit(profile, round(duration * US), distance)",
         "return Transit(profile, int(duration * US), distance)",
         ("model/test_motion.py",),
     ),
     Mutation(
-        "A* with an estimate that is too high",
+        "A* with an overestimate of the remaining time",
         "model/planner.py",
         "estimate = through + hop_us[0] * abs(jx - goal[0])",
         "estimate = through + 2 * hop_us[0] * abs(jx - goal[0])",
@@ -90,21 +93,21 @@ MUTATIONS = (
     ),
     # ---- draws and order
     Mutation(
-        "walks drawn from the stream of demand",
+        "users' walks drawn from the random stream of the demand",
         "model/mobility.py",
         "states = states_of(seed, Purpose.MOBILITY, episodes, len(homes))",
         "states = states_of(seed, Purpose.DEMAND, episodes, len(homes))",
         ("model/test_streams.py",),
     ),
     Mutation(
-        "entries one phase before exits, SimPy engine",
+        "footprint entries processed before exits, SimPy engine",
         "model/rules.py",
         "    EXIT = 2\n    ARRIVAL = 3\n    ENTRY = 4\n",
         "    ENTRY = 2\n    ARRIVAL = 3\n    EXIT = 4\n",
         ("engine/test_attachment.py", "engine/test_batch.py"),
     ),
     Mutation(
-        "depletions one phase before arrivals, compiled engine",
+        "depletions processed before arrivals, compiled engine",
         "engine/batch/queue.py",
         "COMPLETION, EXIT, ARRIVAL, ENTRY, REQUEST, DEPLETION = range(1, 7)",
         "COMPLETION, EXIT, DEPLETION, ARRIVAL, ENTRY, REQUEST = range(1, 7)",
@@ -112,21 +115,21 @@ MUTATIONS = (
     ),
     # ---- service
     Mutation(
-        "served time lost where a user loses its drone",
+        "the served time of a request is lost at a handover",
         "engine/des/request.py",
         "self.served_us += elapsed_us",
         "self.served_us = elapsed_us",
         ("engine/test_attachment.py",),
     ),
     Mutation(
-        "an interruption of 0 µs counts, SimPy engine",
+        "an interruption of 0 µs is counted, SimPy engine",
         "engine/des/request.py",
         "self.interruptions += resumed_us > self.stopped_us",
         "self.interruptions += resumed_us >= self.stopped_us",
         ("engine/test_requests.py", "engine/test_attachment.py", "engine/test_measures.py"),
     ),
     Mutation(
-        "an interruption of 0 µs counts, compiled engine",
+        "an interruption of 0 µs is counted, compiled engine",
         "engine/batch/airlink.py",
         "elif s.i[u + STARTED_US] > s.i[u + STOPPED_US]:",
         "else:",
@@ -140,14 +143,14 @@ MUTATIONS = (
         ("engine/test_admission.py",),
     ),
     Mutation(
-        "a user attaches to the lowest drone, not to the one it entered first",
+        "a user attaches to the drone with the lowest number instead of the first one entered",
         "engine/des/airlink.py",
         "key=lambda drone: (covering[drone], drone)",
         "key=lambda drone: drone",
         ("engine/test_attachment.py",),
     ),
     Mutation(
-        "a drone on its way home serves on",
+        "a drone that returns to a station goes on serving",
         "engine/des/drone.py",
         "(RETURNING)\n        self.airlink.silence(self.radio, COVERAGE)\n",
         "(RETURNING)\n",
@@ -155,7 +158,7 @@ MUTATIONS = (
     ),
     # ---- batteries, stations, episodes
     Mutation(
-        "the last drone that landed is charged first",
+        "the drone that landed last is charged first",
         "engine/des/station.py",
         "        self.pads = simpy.Resource(agenda, capacity=pads)\n",
         "        self.pads = simpy.Resource(agenda, capacity=pads)\n"
@@ -164,28 +167,28 @@ MUTATIONS = (
         ("engine/test_charging_queue.py",),
     ),
     Mutation(
-        "the end of a charge rounded down",
+        "the end of charging rounded down instead of up",
         "model/battery.py",
         "return takes_us + (1 if rest > 0 else 0)",
         "return takes_us",
         ("model/test_battery.py",),
     ),
     Mutation(
-        "a battery that is empty 1 µs late",
+        "a battery runs empty 1 µs too late",
         "engine/des/drone.py",
         "depleted_us = self.since_us + lasts_us",
         "depleted_us = self.since_us + lasts_us + 1",
         ("engine/test_crashes.py",),
     ),
     Mutation(
-        "a return allowed at any battery",
+        "a return is allowed at any charge of the battery",
         "engine/des/drone.py",
         "return self.mode, battery_us <= world.return_below_us, may_charge",
         "return self.mode, True, may_charge",
         ("engine/test_masks.py",),
     ),
     Mutation(
-        "drones not carried over",
+        "drones are not carried over to the next episode",
         "engine/des/simulation.py",
         "if self.truncated and not self.terminated and self.settings.carry_over:",
         "if self.truncated and not self.terminated and False:",
@@ -201,28 +204,28 @@ MUTATIONS = (
         ("test_qoe.py",),
     ),
     Mutation(
-        "QoE2 without what comes after the first service",
+        "QoE2 counts the wait before the first service only",
         "qoe.py",
         '_between(requests["served_s"], open_s) / step_s',
         'derived["wait_s"] / step_s',
         ("test_qoe.py",),
     ),
     Mutation(
-        "R1 above 1",
+        "R1 not limited to 1, SimPy engine",
         "model/rewards.py",
         "return share if share < 1.0 else 1.0",
         "return share",
         ("model/test_rewards.py",),
     ),
     Mutation(
-        "R1 above 1, compiled engine",
+        "R1 not limited to 1, compiled engine",
         "engine/batch/rewards.py",
         "share = share if share < 1.0 else 1.0",
         "share = share + 0.0",
         ("engine/test_batch.py",),
     ),
     Mutation(
-        "danger paid where it should cost",
+        "the cost of a risky return has the wrong sign",
         "model/rewards.py",
         '"return": self.cost_sign * cost * return_cost(drone),',
         '"return": -self.cost_sign * cost * return_cost(drone),',
@@ -230,21 +233,21 @@ MUTATIONS = (
     ),
     # ---- learning
     Mutation(
-        "the greedy action not of the allowed ones",
+        "the greedy action may be a forbidden one",
         "learning/exploration.py",
         "    for action in range(len(allowed)):\n        if allowed[action]:\n            value =",
         "    for action in range(len(allowed)):\n        if True:\n            value =",
         ("learning/test_algorithms.py",),
     ),
     Mutation(
-        "the steps of a return not discounted",
+        "the steps of a return are not discounted",
         "learning/learner.py",
         "self.discount *= self.gamma",
         "self.discount = self.gamma",
         ("learning/test_learner.py",),
     ),
     Mutation(
-        "Q-learning from a forbidden next action",
+        "Q-learning bootstraps from a forbidden action",
         "learning/q_learning.py",
         "        if allowed[candidate]:\n",
         "        if True:\n",
@@ -254,16 +257,16 @@ MUTATIONS = (
 
 
 def main() -> int:
-    """Spoil, run, tell; the exit code."""
-    told = _arguments()
-    chosen = [m for m in MUTATIONS if told.only in m.what]
+    """Make the errors, run the tests, print the table, and return the exit code."""
+    options = _arguments()
+    chosen = [m for m in MUTATIONS if options.only in m.what]
     try:
         for mutation in chosen:
             mutation.applied(_source(ROOT, mutation).read_text(encoding="utf-8"))
     except ValueError as error:
         print(f"mutation.py: {error}", file=sys.stderr)
         return 2
-    if told.list or not chosen:
+    if options.list or not chosen:
         print(*(m.what for m in chosen), sep="\n")
         return 0 if chosen else 2
     with tempfile.TemporaryDirectory() as folder:
@@ -272,11 +275,11 @@ def main() -> int:
         if not _passes(tree, chosen):
             return 1
         rows = list(_rows(tree, chosen))
-    table = ["| spoiled | in `desim_uav/` | noticed by | s |", "| --- | --- | --- | --- |"]
+    table = ["| error | file in `desim_uav/` | noticed by | seconds |", "| --- | --- | --- | --- |"]
     table += [f"| {' | '.join(row)} |" for row in rows]
     print(*table, sep="\n")
-    if told.markdown is not None:
-        told.markdown.write_text("\n".join(table) + "\n", encoding="utf-8")
+    if options.markdown is not None:
+        options.markdown.write_text("\n".join(table) + "\n", encoding="utf-8")
     missed = sum(noticed == "NOT NOTICED" for _, _, noticed, _ in rows)
     print(f"{len(rows) - missed} of {len(rows)} noticed", file=sys.stderr)
     return NOT_NOTICED if missed else 0
@@ -287,9 +290,13 @@ def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(
         description=summary, epilog=rest.partition("\n\n")[2], allow_abbrev=False
     )
-    parser.add_argument("--only", default="", metavar="TEXT", help="those whose name holds it")
-    parser.add_argument("--list", action="store_true", help="only say which there are")
-    parser.add_argument("--markdown", type=Path, metavar="FILE", help="write the table there too")
+    parser.add_argument(
+        "--only", default="", metavar="TEXT", help="only errors whose name contains TEXT"
+    )
+    parser.add_argument("--list", action="store_true", help="only list the errors")
+    parser.add_argument(
+        "--markdown", type=Path, metavar="FILE", help="also write the table to FILE"
+    )
     return parser.parse_args()
 
 
@@ -298,7 +305,7 @@ def _source(tree: Path, mutation: Mutation) -> Path:
 
 
 def _copy(tree: Path) -> None:
-    """The tree with its machine code on disk, so that only what is spoiled is compiled anew."""
+    """Copy the tree with its compiled code, so that only changed files are compiled again."""
     tree.mkdir()
     for name in COPIED:
         source = ROOT / name
@@ -307,12 +314,12 @@ def _copy(tree: Path) -> None:
 
 
 def _passes(tree: Path, chosen: Sequence[Mutation]) -> bool:
-    """Do all their tests pass where nothing is spoiled? Else nothing can be noticed."""
+    """Return whether all tests pass in the unchanged tree, without which nothing can be noticed."""
     tests = sorted({test for mutation in chosen for test in mutation.tests})
-    print(f"unspoiled: {len(tests)} files of tests", file=sys.stderr)
+    print(f"unchanged tree: {len(tests)} test files", file=sys.stderr)
     failed = _first_failure(tree, tests)
     if failed:
-        print(f"mutation.py: {failed} fails on the tree as it is", file=sys.stderr)
+        print(f"mutation.py: {failed} fails in the unchanged tree", file=sys.stderr)
     return not failed
 
 
@@ -333,7 +340,7 @@ def _rows(tree: Path, chosen: Sequence[Mutation]) -> Iterator[tuple[str, str, st
 
 
 def _first_failure(tree: Path, tests: Sequence[str]) -> str:
-    """The first test that fails (files of ``tests/``, in this order), or "" if all pass."""
+    """Return the first test that fails in these files of ``tests/``, or "" if all pass."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-rfE", "-p", "no:cacheprovider"]
     paths = os.pathsep.join([str(tree), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(

@@ -261,7 +261,7 @@ class TestEach:
         assert code == 0 and f"analysis/{question}.py RUN_DIR…" in out
         other = played(tmp_path, "hover", 0, "stations.pads=2")
         code, out, err = ask(question, folders[0], other)
-        assert (code, out) == (4, "") and "another scenario" in err
+        assert (code, out) == (4, "") and "its scenario is not that of" in err
 
     def test_a_name_is_no_formula(self, question, folders, ask, tmp_path):
         renamed = []

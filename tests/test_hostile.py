@@ -612,7 +612,7 @@ WORDS: list[tuple[str, int, str]] = [
     ("compare", 2, "Missing argument"),
     ("compare tiny", 4, "tiny"),
     ("compare tiny --policies ,", 2, "a name is empty"),
-    ("compare tiny --policies hover,hover", 2, "stands there twice"),
+    ("compare tiny --policies hover,hover", 2, "is given twice"),
     ("compare tiny --policies hover --seeds 0", 2, "--seeds"),
     ("compare nothing nothing", 4, "no such run folder"),
     ("compare nothing --seeds 3", 2, "--seeds goes with a scenario"),

@@ -118,11 +118,11 @@ class TestFigures:
 
 
 class TestMutations:
-    @pytest.mark.parametrize("spoiled", MUTATIONS, ids=lambda m: m.what)
-    def test_the_source_is_as_it_says(self, spoiled: Mutation):
-        source = (ROOT / "desim_uav" / spoiled.file).read_text(encoding="utf-8")
-        assert spoiled.applied(source) != source
-        assert all((ROOT / "tests" / test).is_file() for test in spoiled.tests)
+    @pytest.mark.parametrize("mutated", MUTATIONS, ids=lambda m: m.what)
+    def test_the_source_is_as_it_says(self, mutated: Mutation):
+        source = (ROOT / "desim_uav" / mutated.file).read_text(encoding="utf-8")
+        assert mutated.applied(source) != source
+        assert all((ROOT / "tests" / test).is_file() for test in mutated.tests)
 
     def test_what_is_not_noticed_is_said(self, monkeypatch, capsys):
         first = MUTATIONS[0]
@@ -138,10 +138,10 @@ class TestMutations:
 
 
 def copied(tree, mutations):
-    for spoiled in mutations:
-        file = tree / "desim_uav" / spoiled.file
+    for mutated in mutations:
+        file = tree / "desim_uav" / mutated.file
         file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_bytes((ROOT / "desim_uav" / spoiled.file).read_bytes())
+        file.write_bytes((ROOT / "desim_uav" / mutated.file).read_bytes())
 
 
 def test_the_document_has_every_figure_and_mutation():

@@ -1,4 +1,4 @@
-"""What surrounds a run: the world of the policy, the tables, the folder and the summary."""
+"""A run with everything around it: the policy's world, the tables, the folder and the summary."""
 
 from __future__ import annotations
 
@@ -40,19 +40,19 @@ from desim_uav.world import World, build_world
 PACKAGES = ("numba", "numpy", "pandas", "pyarrow", "pydantic", "simpy")
 
 NAMED = ("scenario", "policy", "seed")
-"""What a summary says of a run beside its measures, as its manifest does."""
+"""The entries of a manifest that a summary repeats."""
 
 ALWAYS_CALLED = ("policy.npz", "desim_uav.npz")
-"""What a policy's file is called in whatever folder: the folder's name says more."""
+"""File names of policies that are the same in every folder; the folder's name tells more."""
 
 
 Write = Callable[[str, pd.DataFrame], None]
-"""Takes rows of one of ``run_folder.TABLES``, by its name."""
+"""Writes rows of a table; called with the table's name (see ``run_folder.TABLES``) and the rows."""
 
 
 @dataclass(frozen=True)
 class How:
-    """How a policy is run, whatever the scenario and the seed."""
+    """The options of a run that depend on neither the scenario nor the seed."""
 
     episodes: int = 1
     warmup: int = 0
@@ -63,7 +63,7 @@ class How:
 
 @dataclass(frozen=True)
 class Prepared:
-    """A policy in the world in which it is going to be run."""
+    """A policy and the world in which it will be run."""
 
     scenario: Scenario
     world: World
@@ -72,16 +72,16 @@ class Prepared:
 
     @property
     def notice(self) -> str:
-        """What to warn of before the policy acts in this world, or nothing."""
-        found: str = getattr(self.policy, "notice", lambda world: "")(self.world)
-        return found
+        """The policy's warning about this world, or "" if it has none."""
+        text: str = getattr(self.policy, "notice", lambda world: "")(self.world)
+        return text
 
 
 @dataclass(frozen=True)
 class Recorded:
-    """A run that has ended, or was interrupted: what it says of itself, beside its tables.
+    """A run that has ended or was interrupted, without its tables.
 
-    ``summary`` is of all counted requests and episodes, ``by_service`` of the requests alone.
+    ``summary`` covers all counted requests and episodes, ``by_service`` the requests per service.
     """
 
     prepared: Prepared
@@ -91,11 +91,11 @@ class Recorded:
 
     @property
     def interrupted(self) -> bool:
-        """Has Ctrl-C ended it before its last episode?"""
+        """Whether Ctrl-C ended the run before its last episode."""
         return bool(self.manifest["interrupted"])
 
     def write(self, draft: Draft) -> None:
-        """Write everything but the tables into a run folder."""
+        """Write everything except the tables into a run folder."""
         draft.write_text("scenario.yaml", dump(self.prepared.scenario))
         draft.write_json("world.json", world_content(self.prepared.world))
         draft.write_json("manifest.json", self.manifest)
@@ -103,7 +103,7 @@ class Recorded:
 
 @dataclass
 class Done:
-    """A finished run: where it stands and what it says of itself."""
+    """A finished run: its summary, which includes its folder, and the summary by service."""
 
     summary: dict[str, Any]
     by_service: list[dict[str, Any]]
@@ -113,11 +113,11 @@ class Done:
 def prepare(
     scenario: Scenario, policy: PolicyLike, engine: str = "des", keep_events: bool = False
 ) -> Prepared:
-    """Load a policy, and build the world in which it is run on the scenario's seed.
+    """Load a policy and build the world in which it is run on the scenario's seed.
 
-    A policy that was trained in a world of its own is run there, unless the scenario names a world.
-    ``keep_events``: its episodes keep their event logs, which takes memory. Raises PolicyError for
-    a policy that cannot be loaded, and ScenarioError if the engine cannot run the scenario.
+    A trained policy is run in the world of its training, unless the scenario names a world.
+    ``keep_events`` says that episodes keep their event logs, which takes memory. Raises PolicyError
+    if the policy cannot be loaded, and ScenarioError if the engine cannot run the scenario.
     """
     loaded = load_policy(policy)
     scenario = _where_it_learned(scenario, loaded)
@@ -127,7 +127,7 @@ def prepare(
 
 
 def place_of(scenario: Scenario, policy: PolicyLike, out: Path | None) -> Place:
-    """Return where a run stands: ``out``, or ``runs/<scenario>-<policy>-s<seed>``."""
+    """Return the folder of a run: ``out``, or ``runs/<scenario>-<policy>-s<seed>``."""
     return Place(out, f"{scenario.name}-{_label(policy_name(policy))}-s{scenario.seed}")
 
 
@@ -144,10 +144,12 @@ def run_to_folder(
     say: Callable[[str], None] = lambda notice: None,
     advance: Callable[[], None] = lambda: None,
 ) -> Done:
-    """Run and write the run folder. Raises the errors of its parts before anything is written.
+    """Run a policy and write the run folder.
 
-    ``engine``: des or batch. Ctrl-C ends it after the episode under way, a second one at once; what
-    has ended is kept. Where no counted episode has, nothing is, and a KeyboardInterrupt is raised.
+    ``engine`` is des or batch. Errors in the scenario, the policy or ``out`` are raised before
+    anything is written. The first Ctrl-C ends the run after the current episode, a second one at
+    once; finished episodes are kept. Raises KeyboardInterrupt, and keeps nothing, if no counted
+    episode has ended.
     """
     prepared = prepare(scenario, policy, engine, keep_events)
     place = place_of(scenario, policy, out)
@@ -160,10 +162,10 @@ def run_to_folder(
 def write_run(
     prepared: Prepared, how: How, place: Place, advance: Callable[[], None] = lambda: None
 ) -> Done:
-    """Run, and write the tables into the run folder as they come.
+    """Run a policy and write the tables into the run folder while it runs.
 
-    Raises KeyboardInterrupt if Ctrl-C comes before the first counted episode has ended; then
-    nothing is written.
+    Raises KeyboardInterrupt, and writes nothing, if Ctrl-C is pressed before the first counted
+    episode has ended.
     """
     with place.draft() as draft:
         with draft.tables() as write:
@@ -178,9 +180,9 @@ def write_run(
 def record(
     prepared: Prepared, how: How, write: Write, advance: Callable[[], None] = lambda: None
 ) -> Recorded:
-    """Run a policy; ``write`` is given the tables of episodes as they end.
+    """Run a policy; ``write`` is called with the tables of episodes when they have ended.
 
-    Raises KeyboardInterrupt if Ctrl-C comes before the first counted episode has ended.
+    Raises KeyboardInterrupt if Ctrl-C is pressed before the first counted episode has ended.
     """
     world, policy, seed = prepared.world, prepared.policy, prepared.scenario.seed
     now = clock()
@@ -228,9 +230,10 @@ def _write_tables(
     write: Write,
     advance: Callable[[], None],
 ) -> tuple[Tally, qoe.Groups]:
-    """Write the tables of episodes as they end: of all that happened, one batch is in memory.
+    """Write the tables of episodes when they have ended, with one batch in memory at a time.
 
-    What is said of the counted ones, and of their requests by service. It ends when it is asked to.
+    Return the measures of the counted episodes, and those of their requests by service. A signal
+    ends the run after the current episode.
     """
     tally, by_service = Tally(), qoe.Groups("service")
     played: list[Played] = []
@@ -254,7 +257,7 @@ def _write_tables(
                     put_down()
                 if stop():
                     break
-        with suppress(KeyboardInterrupt):  # one more: it comes once all is put down
+        with suppress(KeyboardInterrupt):  # a further one is raised when everything is written
             if played:
                 put_down()
     return tally, by_service
@@ -263,10 +266,10 @@ def _write_tables(
 def read_summary(
     folder: Path, by: str | None = None
 ) -> tuple[dict[str, Any], list[dict[str, Any]] | None]:
-    """The summary of a finished run, and of its requests in groups.
+    """Return the summary of a finished run, and those of its requests grouped by a column.
 
-    One row group is in memory at a time. Raises PolicyError for tables that are unreadable, or that
-    no run has written so.
+    One row group is in memory at a time. Raises PolicyError if the tables are unreadable or
+    contradict each other.
     """
     tally, groups = Tally(), None if by is None else qoe.Groups(by)
     no_episodes = to_frame(EPISODES, [])
@@ -288,8 +291,8 @@ def read_summary(
         raise _of_two_runs(folder, episode)
     manifest = read_manifest(folder)
     named = {key: manifest[key] for key in NAMED}
-    told = None if groups is None else groups.summaries()
-    return named | tally.headline() | {"run_dir": str(folder)}, told
+    by_group = None if groups is None else groups.summaries()
+    return named | tally.headline() | {"run_dir": str(folder)}, by_group
 
 
 def _of_two_runs(folder: Path, episode: int) -> PolicyError:
@@ -300,7 +303,7 @@ def _of_two_runs(folder: Path, episode: int) -> PolicyError:
 
 
 def _where_it_learned(scenario: Scenario, policy: Policy) -> Scenario:
-    """The scenario in the world a policy was trained in, unless it asks for one itself."""
+    """Return the scenario with the world of the policy's training, unless it names a world."""
     world_seed = getattr(policy, "world_seed", None)
     if scenario.world_seed is not None or world_seed is None:
         return scenario
@@ -308,7 +311,7 @@ def _where_it_learned(scenario: Scenario, policy: Policy) -> Scenario:
 
 
 def _label(name: str) -> str:
-    """A policy's part of a folder's name: a file without its path, or the folder it stands in."""
+    """Return a policy's part of a folder's name: the name of its file or of the file's folder."""
     file = file_of(name)
     if file is None:
         return name
@@ -317,7 +320,7 @@ def _label(name: str) -> str:
 
 
 def clock() -> Callable[[], str]:
-    """What tells the time from now on; if the clock is set back, the time does not go back."""
+    """Return a clock that never runs backwards, even if the system's clock is set back."""
     last, since_s = datetime.now(UTC), time.monotonic()
 
     def now() -> str:
@@ -330,6 +333,6 @@ def clock() -> Callable[[], str]:
 
 
 def versions() -> dict[str, str]:
-    """Of Python, this package and those its figures hang on."""
-    found = {"desim-uav": __version__, "python": platform.python_version()}
-    return found | {name: version(name) for name in PACKAGES} | {"platform": platform.platform()}
+    """Return the versions of Python, this package and the packages that its results depend on."""
+    own = {"desim-uav": __version__, "python": platform.python_version()}
+    return own | {name: version(name) for name in PACKAGES} | {"platform": platform.platform()}

@@ -1,4 +1,4 @@
-"""Policies compared on common seeds: means and intervals, and what each differs from a reference.
+"""Policies compared on common seeds: means, intervals, and differences from a reference policy.
 
 A seed is a replication. On one seed all policies meet the same world, users, walks and requests,
 so differences are taken seed by seed.
@@ -40,7 +40,7 @@ Measures = dict[str, float | None]
 
 @dataclass(frozen=True)
 class Replication:
-    """What a policy achieved on a seed."""
+    """The measures that a policy achieved on one seed."""
 
     policy: str
     seed: int
@@ -49,13 +49,13 @@ class Replication:
 
     @property
     def sample_paths(self) -> tuple[int, int]:
-        """What was drawn: replications that agree here met the same users and requests."""
+        """The seeds of what was drawn; replications that share them met the same requests."""
         return self.seed, self.world_seed
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """Policies compared in one scenario on common seeds; ``against`` is the policy of reference."""
+    """Policies compared in one scenario on common seeds; ``against`` is the reference policy."""
 
     scenario: str
     episodes: int
@@ -66,7 +66,7 @@ class Comparison:
     interrupted: bool = False
 
     def content(self) -> dict[str, Any]:
-        """Everything as plain data: replications, estimates by policy, differences."""
+        """Return everything as plain data: replications, estimates by policy, and differences."""
         others = [policy for policy in self.policies if policy != self.against]
         return {
             "scenario": self.scenario,
@@ -81,7 +81,7 @@ class Comparison:
         }
 
     def rows(self) -> list[dict[str, Any]]:
-        """A row a replication, by policy and seed."""
+        """Return one row per replication, ordered by policy and seed."""
         return [
             {"policy": r.policy, "seed": r.seed, "world_seed": r.world_seed} | r.measures
             for policy in self.policies
@@ -89,7 +89,7 @@ class Comparison:
         ]
 
     def as_csv(self) -> str:
-        """The rows, with what all of them have in common."""
+        """Return the rows as CSV, each with the scenario and the numbers of episodes."""
         common = {"scenario": self.scenario, "episodes": self.episodes, "warmup": self.warmup}
         columns = [*common, "policy", "seed", "world_seed", *MEASURES]
         text = io.StringIO()
@@ -100,7 +100,7 @@ class Comparison:
 
     @cached_property
     def frame(self) -> pd.DataFrame:
-        """One row per policy and seed: what it achieved."""
+        """One row per policy and seed, with its measures."""
         return pd.DataFrame(self.rows(), columns=["policy", "seed", "world_seed", *MEASURES])
 
     @cached_property
@@ -110,11 +110,11 @@ class Comparison:
 
     @cached_property
     def differences(self) -> pd.DataFrame:
-        """One row per measure and policy: what it differs from ``against``, paired by seed."""
+        """One row per measure and policy: the difference from ``against``, paired by seed."""
         return _estimates_frame(self.content()["differences"])
 
     def save(self, file: str | Path) -> Path:
-        """Write the values of each seed as CSV. Raises UsageError where that fails."""
+        """Write the values of each seed as CSV. Raises UsageError if the file cannot be written."""
         write_at(file_place(Path(file)), self.as_csv().encode())
         return Path(file)
 
@@ -129,20 +129,19 @@ class Comparison:
             f"{self.scenario}, {self.episodes} episode(s) after {self.warmup} of warm-up: mean "
             f"over seeds, {LEVEL:.0%} interval"
         )
-        shown = notebook.heading(title) + _html(content["policies"])
+        html = notebook.heading(title) + _html(content["policies"])
         if content["differences"]:
             title = f"difference from {self.against}, paired by seed"
-            shown += notebook.heading(title) + _html(content["differences"])
-        return shown
+            html += notebook.heading(title) + _html(content["differences"])
+        return html
 
     def _estimates(self, policy: str) -> dict[str, Any]:
-        found = self._of(policy)
+        runs = self._of(policy).values()
         return {
             "policy": policy,
-            "seeds": [r.seed for r in found.values()],
+            "seeds": [r.seed for r in runs],
             "measures": {
-                name: _plain(estimate(r.measures[name] for r in found.values()))
-                for name in MEASURES
+                name: _plain(estimate(r.measures[name] for r in runs)) for name in MEASURES
             },
         }
 
@@ -181,10 +180,10 @@ def compare_policies(
     engine: str = "des",
     on_replication: Callable[[], None] = lambda: None,
 ) -> Comparison:
-    """Run each policy on each seed. A seed draws the world too, unless the scenario gives one.
+    """Run each policy on each seed; the seed draws the world, too, unless the scenario names one.
 
-    ``policies`` are known by their names here. ``engine``: des or batch. Ctrl-C keeps the
-    replications that have ended; where none has, the KeyboardInterrupt goes on.
+    ``policies`` maps names to policies; ``engine`` is des or batch. After Ctrl-C the finished
+    replications are returned. Raises KeyboardInterrupt if there is none.
     """
     reference = _reference(list(policies), against)
     if jobs > 1:
@@ -209,37 +208,39 @@ def compare_policies(
 
 
 def _check_portable(policies: Mapping[str, PolicyLike]) -> None:
-    """Raises UsageError for a policy that cannot be sent to another process."""
+    """Raise UsageError if a policy cannot be sent to another process."""
     for name, policy in policies.items():
         try:
             pickle.dumps(policy)
         except Exception as error:  # whatever a user's object raises
             raise UsageError(
-                f"-j, jobs: policy {name!r} cannot be sent to another process ({error}); one at a "
-                "time, jobs=1, runs it"
+                f"-j, jobs: policy {name!r} cannot be sent to another process ({error}); use jobs=1"
             ) from error
 
 
 def policy_names(text: str) -> list[str]:
-    """The policies of a list with commas. Raises UsageError, and PolicyError as they are loaded."""
-    found = [name.strip() for name in text.split(",")]
-    for name in found:
+    """Return the policies of a list that is separated by commas.
+
+    Raises UsageError if a name is empty or given twice, and PolicyError if one cannot be loaded.
+    """
+    names = [name.strip() for name in text.split(",")]
+    for name in names:
         if not name:
             raise UsageError(
                 f"--policies {text}: a name is empty (names are separated by commas, "
-                "so none can hold a comma)"
+                "so none can contain a comma)"
             )
-        if found.count(name) > 1:
-            raise UsageError(f"--policies {text}: {name!r} stands there twice")
-    for name in found:
+        if names.count(name) > 1:
+            raise UsageError(f"--policies {text}: {name!r} is given twice")
+    for name in names:
         load_policy(name)
-    return found
+    return names
 
 
 def policies_by_name(
     policies: Sequence[PolicyLike] | Mapping[str, PolicyLike],
 ) -> dict[str, PolicyLike]:
-    """Return policies by the names that tables call them. Raises UsageError for a name twice."""
+    """Return policies by their names in tables. Raises UsageError if a name is given twice."""
     if isinstance(policies, Mapping):
         named = dict(policies)
     else:
@@ -249,20 +250,20 @@ def policies_by_name(
         for name in names:
             if names.count(name) > 1:
                 raise UsageError(
-                    f"policies: {name!r} stands there twice; a mapping gives each a name of its own"
+                    f"policies: {name!r} is given twice; use a mapping to give each a name"
                 )
         named = dict(zip(names, policies, strict=True))
     if not named:
-        raise UsageError("policies: there is none to compare")
+        raise UsageError("policies: the list is empty")
     for policy in named.values():
         load_policy(policy)
     return named
 
 
 def the_scenario(arguments: Sequence[str]) -> str:
-    """The one scenario to run policies in. Raises UsageError."""
+    """Return the one scenario to run policies in. Raises UsageError for any other number."""
     if len(arguments) != 1:
-        raise UsageError(f"--policies: one scenario, not {len(arguments)}")
+        raise UsageError(f"--policies: give one scenario, not {len(arguments)}")
     return arguments[0]
 
 
@@ -272,9 +273,10 @@ def try_on(
     seeds: Sequence[int],
     engine: str = "des",
 ) -> None:
-    """Let each policy begin once, before anything is run. Raises PolicyError for a misfit.
+    """Let each policy begin once, before anything is run.
 
-    ScenarioError where the engine has no kernel for a component.
+    Raises PolicyError if a policy does not fit the scenario, and ScenarioError if the engine cannot
+    run a component.
     """
     world = build_world(scenario, _world_seed(scenario, seeds[0]))
     check_engine(engine, world)
@@ -285,7 +287,7 @@ def try_on(
 def out_of_place(
     scenario: Scenario, policies: Mapping[str, PolicyLike], seeds: Sequence[int]
 ) -> list[str]:
-    """What to warn of: policies that know a world other than those they are compared in."""
+    """Return a warning for each policy that was learned in a world other than the compared ones."""
     worlds = {_world_seed(scenario, seed) for seed in seeds}
     warnings = []
     for name, policy in policies.items():
@@ -294,16 +296,16 @@ def out_of_place(
             where = f"world {min(worlds)}" if len(worlds) == 1 else "a world for each seed"
             warnings.append(
                 f"{name} was learned in world {known} and is compared in {where}; "
-                f"set the world seed to {known} to compare it there"
+                f"set the world seed to {known} to compare it in its own world"
             )
     return warnings
 
 
 def compare_runs(folders: Sequence[Path], against: str | None = None) -> Comparison:
-    """Compare finished runs: each is the replication of its policy on its seed.
+    """Compare finished runs; each is the replication of its policy on its seed.
 
-    Raises PolicyError for folders that cannot be read, and for runs that are not of one scenario
-    and one length, or of one policy and seed.
+    Raises PolicyError if a folder cannot be read, if the runs differ in scenario or length, or if
+    two runs have the same policy and seed.
     """
     runs = [_read(folder) for folder in folders]
     first = runs[0]
@@ -313,8 +315,8 @@ def compare_runs(folders: Sequence[Path], against: str | None = None) -> Compari
         policy, seed = run.replication.policy, run.replication.seed
         if (policy, seed) in of_seed:
             raise PolicyError(
-                f"{run.folder}: {policy} on seed {seed} once more; "
-                f"{of_seed[policy, seed]} is that already"
+                f"{run.folder}: {policy} on seed {seed} is given twice; "
+                f"{of_seed[policy, seed]} has the same policy and seed"
             )
         of_seed[policy, seed] = run.folder
     policies = list(dict.fromkeys(policy for policy, _ in of_seed))
@@ -330,7 +332,7 @@ def compare_runs(folders: Sequence[Path], against: str | None = None) -> Compari
 
 @dataclass(frozen=True)
 class _Run:
-    """A finished run; ``scenario`` is without its seeds."""
+    """A finished run; ``scenario`` has no seeds."""
 
     folder: Path
     scenario: Scenario
@@ -342,13 +344,13 @@ class _Run:
 def _read(folder: Path) -> _Run:
     if not folder.is_dir():
         raise PolicyError(
-            f"{folder}: no such run folder (for a scenario, say which policies: --policies)"
+            f"{folder}: no such run folder (to compare policies in a scenario, use --policies)"
         )
     summary, _ = read_summary(folder)
     numbers = read_table(folder, "episodes", EPISODES)["episode"]
     scenario = read_scenario(folder)
     if not summary["episodes"]:
-        raise PolicyError(f"{folder}: no episode was counted")
+        raise PolicyError(f"{folder}: the run has no counted episode")
     policy, seed = summary["policy"], summary["seed"]
     summary["crashes_per_drone_episode"] = summary["crashes"] / (
         summary["episodes"] * scenario.drones.count
@@ -367,7 +369,7 @@ def _read(folder: Path) -> _Run:
 def _fits(run: _Run, first: _Run) -> None:
     if scenario_hash(run.scenario) != scenario_hash(first.scenario):
         where = _difference(to_plain(run.scenario), to_plain(first.scenario)) or "a file it names"
-        raise PolicyError(f"{run.folder}: another scenario than {first.folder}: {where}")
+        raise PolicyError(f"{run.folder}: its scenario is not that of {first.folder}: {where}")
     if (run.episodes, run.warmup) != (first.episodes, first.warmup):
         raise PolicyError(
             f"{run.folder}: {run.episodes} episode(s) after {run.warmup} of warm-up, "
@@ -376,7 +378,7 @@ def _fits(run: _Run, first: _Run) -> None:
 
 
 def _difference(one: Any, other: Any, path: tuple[str, ...] = ()) -> str | None:
-    """The first key in which two scenarios differ, their names apart."""
+    """Return the first key other than ``name`` in which two scenarios differ, with both values."""
     if isinstance(one, dict) and isinstance(other, dict):
         for key in [*one, *(key for key in other if key not in one)]:
             found = _difference(one.get(key), other.get(key), (*path, key))
@@ -391,7 +393,8 @@ def _reference(policies: Sequence[str], against: str | None) -> str:
         return policies[0]
     if against not in policies:
         raise UsageError(
-            f"--against {against}: not one of the policies{did_you_mean(against, policies)}: "
+            f"--against {against}: this is not one of the policies"
+            f"{did_you_mean(against, policies)}: "
             f"{', '.join(policies)}"
         )
     return against
@@ -402,14 +405,14 @@ def _world_seed(scenario: Scenario, seed: int) -> int:
 
 
 def _estimates_frame(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
-    found = [
+    records = [
         {"measure": name, "policy": row["policy"]} | row["measures"][name]
         for name in MEASURES
         for row in rows
     ]
     columns = ["n", "mean", "half_width", "low", "high"]
-    columns += ["excludes_zero"] if rows and "excludes_zero" in found[0] else []
-    frame = pd.DataFrame(found, columns=["measure", "policy", *columns])
+    columns += ["excludes_zero"] if rows and "excludes_zero" in records[0] else []
+    frame = pd.DataFrame(records, columns=["measure", "policy", *columns])
     numbers = dict.fromkeys(["mean", "half_width", "low", "high"], "float64")
     return frame.astype(numbers).set_index(["measure", "policy"])
 

@@ -1,4 +1,4 @@
-"""How far long work has come: a bar on a terminal, one line in a notebook, else a line at times."""
+"""Progress of long work: a bar on a terminal, a line in a notebook, else a line now and then."""
 
 from __future__ import annotations
 
@@ -14,45 +14,45 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 
 COMPILING = "compiling the engine for the first time; this takes about a minute"
 LINES_EVERY_S = 10.0
-"""How often a line is printed at most, where no terminal can show a bar."""
+"""The least time between two printed lines, if there is no terminal to show a bar."""
 
 NOTEBOOK_EVERY_S = 0.5
 TERMINAL_EVERY_S = 0.1
 
 Text = Callable[[], str]
-"""Says what the work is like now; asked only if it is going to be shown."""
+"""Returns the text beside the progress; called only if it will be shown."""
 
 
-class Shown(Protocol):
-    """What is told that work has gone on: by ``advance``, or to where it is ``completed``."""
+class Update(Protocol):
+    """Takes the progress of work: ``advance`` more units, or ``completed`` units in total."""
 
     def __call__(self, text: Text, advance: int = 1, completed: int | None = None) -> None:
-        """Show it, unless something was shown a moment ago."""
+        """Show the progress, unless it was shown a moment ago."""
 
 
 @contextmanager
-def display(show: bool, total: int, unit: str, compiling: bool) -> Iterator[Shown]:
-    """Show how far work of ``total`` units has come, on stderr or in a notebook.
+def display(show: bool, total: int, unit: str, compiling: bool) -> Iterator[Update]:
+    """Show the progress of work of ``total`` units, on stderr or in a notebook.
 
-    ``compiling``: it begins with machine code being made, which has to be waited for.
+    ``compiling`` says whether the work begins with compiling the engine.
     """
     console = Console(stderr=True)
     if not show:
         yield lambda text, advance=1, completed=None: None
     elif console.is_jupyter:
-        with _in_notebook(total, unit, compiling) as shown:
-            yield shown
+        with _in_notebook(total, unit, compiling) as update:
+            yield update
     elif console.is_terminal:
-        with _on_terminal(console, total, unit, compiling) as shown:
-            yield shown
+        with _on_terminal(console, total, unit, compiling) as update:
+            yield update
     else:
         if compiling:
             _print(COMPILING)
-        yield _Paced(total, LINES_EVERY_S, lambda done, text: _print(_told(done, total, unit)))
+        yield _Paced(total, LINES_EVERY_S, lambda done, text: _print(_share(done, total, unit)))
 
 
 class _Paced:
-    """Counts what has been done, and shows it now and then."""
+    """Counts the units done and shows them at most once per interval."""
 
     def __init__(self, total: int, every_s: float, show: Callable[[int, Text], None]) -> None:
         self.done = 0
@@ -60,7 +60,7 @@ class _Paced:
         self._shown_s = time.monotonic()
 
     def __call__(self, text: Text, advance: int = 1, completed: int | None = None) -> None:
-        """See ``Shown``."""
+        """See ``Update``."""
         self.done = self.done + advance if completed is None else completed
         now_s = time.monotonic()
         if now_s - self._shown_s >= self._every_s:
@@ -69,8 +69,8 @@ class _Paced:
 
 
 @contextmanager
-def _on_terminal(console: Console, total: int, unit: str, compiling: bool) -> Iterator[Shown]:
-    """Show a bar, which goes when the work has ended."""
+def _on_terminal(console: Console, total: int, unit: str, compiling: bool) -> Iterator[Update]:
+    """Show a bar, which disappears when the work has ended."""
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn())
     with Progress(*columns, TimeRemainingColumn(), console=console, transient=True) as progress:
         task = progress.add_task(COMPILING if compiling else unit, total=total)
@@ -85,23 +85,23 @@ def _on_terminal(console: Console, total: int, unit: str, compiling: bool) -> It
 
 
 @contextmanager
-def _in_notebook(total: int, unit: str, compiling: bool) -> Iterator[Shown]:
-    """Show a line under the cell, which goes when the work has ended."""
+def _in_notebook(total: int, unit: str, compiling: bool) -> Iterator[Update]:
+    """Show a line under the cell, which disappears when the work has ended."""
     from desim_uav.report.markup import tag
 
     ipython: Any = importlib.import_module("IPython.display")
 
     def line(text: str) -> dict[str, str]:
-        shown = tag("div", text, style="color: gray; font-family: monospace") if text else ""
-        return {"text/plain": text, "text/html": shown}
+        html = tag("div", text, style="color: gray; font-family: monospace") if text else ""
+        return {"text/plain": text, "text/html": html}
 
-    first = COMPILING if compiling else _told(0, total, unit)
+    first = COMPILING if compiling else _share(0, total, unit)
     handle = ipython.display(line(first), raw=True, display_id=True)
 
     def show(done: int, text: Text) -> None:
-        said = text()
-        told = _told(done, total, unit) + ("" if said == unit else f"  {said}")
-        handle.update(line(told), raw=True)
+        words = text()
+        progress = _share(done, total, unit) + ("" if words == unit else f"  {words}")
+        handle.update(line(progress), raw=True)
 
     try:
         yield _Paced(total, NOTEBOOK_EVERY_S, show)
@@ -109,7 +109,7 @@ def _in_notebook(total: int, unit: str, compiling: bool) -> Iterator[Shown]:
         handle.update(line(""), raw=True)
 
 
-def _told(done: int, total: int, unit: str) -> str:
+def _share(done: int, total: int, unit: str) -> str:
     return f"{done:,} of {total:,} {unit}"
 
 

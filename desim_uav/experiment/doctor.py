@@ -26,8 +26,8 @@ PACKAGE = "desim-uav"
 SHORT_OF_DISK = 2**30
 
 CONFLICTS = {
-    "ray": "RLlib wants gymnasium {wanted}, and {found} is installed: let it have an environment "
-    "of its own",
+    "ray": "RLlib needs gymnasium {wanted}, but {found} is installed; install RLlib in an "
+    "environment of its own",
 }
 """Packages that require other versions than this one does, each with the message about it."""
 
@@ -64,7 +64,9 @@ def _python() -> Iterator[Finding]:
     found = platform.python_version()
     fits = wanted.contains(found, prereleases=True)
     words = f"{found}, {platform.platform()}"
-    yield Finding("ok" if fits else "problem", "Python", words if fits else f"{words}; {wanted}")
+    yield Finding(
+        "ok" if fits else "problem", "Python", words if fits else f"{words}; {wanted} is needed"
+    )
 
 
 def _requires_python() -> str:
@@ -95,13 +97,13 @@ def _of_extra(extra: str) -> list[Requirement]:
 def _required() -> Iterator[Finding]:
     needed = _of_extra("")
     if not needed:
-        yield Finding("note", "packages", "not installed by pip: their versions are not checked")
+        yield Finding("note", "packages", "not installed by pip, so versions are not checked")
     wrong = [words for one in needed if (words := _misfit(one))]
     for words in wrong:
         yield Finding("problem", "package", f"{words}; pip install --upgrade {PACKAGE}")
     if needed and not wrong:
-        shown = ", ".join(f"{name} {version(name)}" for name in ("simpy", "numpy", "numba"))
-        yield Finding("ok", "packages", f"all {len(needed)} fit ({shown}, …)")
+        some = ", ".join(f"{name} {version(name)}" for name in ("simpy", "numpy", "numba"))
+        yield Finding("ok", "packages", f"all {len(needed)} have suitable versions ({some}, …)")
     yield from _broken(one.name for one in needed)
 
 
@@ -156,14 +158,14 @@ def _conflicts() -> Iterator[Finding]:
             continue
         for one in asked:
             if one.name == "gymnasium" and not one.specifier.contains(found, prereleases=True):
-                told = words.format(wanted=one.specifier, found=found)
-                yield Finding("note", f"{name} {version(name)}", told)
+                message = words.format(wanted=one.specifier, found=found)
+                yield Finding("note", f"{name} {version(name)}", message)
                 break
 
 
 def _kernels() -> Iterator[Finding]:
     if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
-        yield Finding("problem", "kernels", "NUMBA_DISABLE_JIT is set: everything is very slow")
+        yield Finding("problem", "kernels", "NUMBA_DISABLE_JIT is set, so everything is very slow")
         return
     from desim_uav.engine.batch import calls
     from desim_uav.learning import fused
@@ -183,9 +185,9 @@ def _kernels() -> Iterator[Finding]:
         yield Finding("problem", "compiled code", words)
     kinds = {"run": crossings, "the compiled engine": calls.step, "training": fused.play}
     waiting = [name for name, kernel in kinds.items() if not compiled_before(kernel)]
-    said = f"of {', '.join(waiting)}: made on first use, which takes up to a minute"
-    words = f"{said if waiting else 'ready'}; kept in {folder}"
-    words += "" if problem else ", which can be written"
+    missing = f"{', '.join(waiting)}: compiled on first use, which takes up to a minute"
+    words = f"{missing if waiting else 'ready'}; kept in {folder}"
+    words += "" if problem else ", which is writable"
     yield Finding("note" if waiting else "ok", "compiled code", words)
 
 
@@ -199,7 +201,7 @@ def _processors() -> Iterator[Finding]:
         for name in ("NUMBA_NUM_THREADS", "OMP_NUM_THREADS")
         if name in os.environ
     ]
-    words = f"{usable} to use (-j {usable})" + (f"; {', '.join(limits)}" if limits else "")
+    words = f"{usable} usable (-j {usable})" + (f"; {', '.join(limits)}" if limits else "")
     yield Finding("ok", "processors", words)
 
 
@@ -213,7 +215,8 @@ def _places() -> Iterator[Finding]:
         verdict: Verdict = "problem" if problem else "note" if few else "ok"
         yield Finding(verdict, name, words)
     if not sys.stderr.isatty():
-        yield Finding("note", "terminal", "stderr is none: no progress is shown")
+        words = "stderr is not a terminal, so progress is a line every 10 s instead of a bar"
+        yield Finding("note", "terminal", words)
 
 
 def _unwritable(folder: Path) -> str | None:

@@ -1,4 +1,4 @@
-"""One replication: a policy, a scenario, a seed, and the measures that come out."""
+"""One replication: the measures of a policy in a scenario on one seed."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ def evaluate(
     engine: str = "des",
     on_episode: Callable[[], None] = lambda: None,
 ) -> dict[str, float | None]:
-    """The measures of ``episodes`` episodes after ``warmup``, in the world of the seed.
+    """Return the measures of ``episodes`` episodes after ``warmup``, in the world of the seed.
 
-    QoE1 and QoE2 are means over all requests, QoE3 and the reward over episodes. ``engine``: des or
-    batch.
+    QoE1 and QoE2 are means over all requests, QoE3 and the reward over episodes. ``engine`` is des
+    or batch.
     """
     scenario = scenario.model_copy(update={"seed": seed})
     world = build_world(scenario, scenario.effective_world_seed)

@@ -15,7 +15,7 @@ from desim_uav.scenario.draft import named_override, override_path
 from desim_uav.scenario.yaml12 import read
 
 MOST = 10**6
-"""Values of a key, and jobs of a sweep, at most."""
+"""The largest number of values of a key, and of jobs of a sweep."""
 
 _NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 _RANGE = re.compile(rf"({_NUMBER}):({_NUMBER})(?::({_NUMBER}))?")
@@ -23,7 +23,7 @@ _CLOSING = {"[": "]", "{": "}"}
 
 
 class Value(NamedTuple):
-    """A value as ``-S`` has it, and what that means in YAML."""
+    """A value: its text after ``-S``, and the YAML value of that text."""
 
     text: str
     plain: Any
@@ -38,9 +38,9 @@ class Axis:
 
     @property
     def dtype(self) -> str:
-        """The type of its column: bool, int64, float64, else a string.
+        """The type of the key's column: bool, int64, float64, or else string.
 
-        Lists, mappings and values of several types are written as JSON. No value is null.
+        Lists, mappings and values of mixed types are written as JSON. An empty cell means null.
         """
         types = {type(value.plain) for value in self.values} - {type(None)}
         whole = all(abs(v.plain) < 2**63 for v in self.values if type(v.plain) is int)
@@ -50,7 +50,7 @@ class Axis:
         return "string"
 
     def cell(self, value: Any) -> Any:
-        """A value as its column holds it."""
+        """Return a value as it is stored in the column."""
         if value is None or self.dtype != "string":
             return float(value) if self.dtype == "float64" and value is not None else value
         return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False)
@@ -58,9 +58,9 @@ class Axis:
 
 @dataclass(frozen=True)
 class Combination:
-    """One value for each key: ``settings`` as the scenario is loaded with, ``cells`` as shown.
+    """One value for each key: ``settings`` for loading the scenario, ``cells`` for tables.
 
-    ``varied``: the settings of the keys that have other values elsewhere.
+    ``varied`` has the settings of the keys that take more than one value in the sweep.
     """
 
     settings: tuple[str, ...]
@@ -69,30 +69,31 @@ class Combination:
 
     @property
     def name(self) -> str:
-        """What a message calls it."""
+        """The name of the combination in messages."""
         return ", ".join(self.varied)
 
 
 def axes(overrides: Sequence[str]) -> list[Axis]:
-    """What ``-S`` asks for, a key each. Raises UsageError."""
+    """Return the keys and values of ``-S`` options. Raises UsageError if they are not valid."""
     found = [_axis(override) for override in overrides]
     keys = [axis.key for axis in found]
     for key in keys:
         if keys.count(key) > 1:
             raise UsageError(
-                f"{named_override(key)}: given twice; its values are separated by commas"
+                f"{named_override(key)}: given twice; separate the values of a key by commas"
             )
     if "seed" in keys:
         raise UsageError(
-            f"{named_override('seed')}: each job has its own; choose the first and their number"
+            f"{named_override('seed')}: each job has its own seed; choose the first seed and the "
+            "number of seeds"
         )
     return found
 
 
-def combinations(found: Sequence[Axis]) -> Iterator[Combination]:
-    """Every combination, the last key's values changing first."""
-    for values in product(*(axis.values for axis in found)):
-        chosen = list(zip(found, values, strict=True))
+def combinations(swept: Sequence[Axis]) -> Iterator[Combination]:
+    """Yield every combination; the values of the last key change first."""
+    for values in product(*(axis.values for axis in swept)):
+        chosen = list(zip(swept, values, strict=True))
         yield Combination(
             tuple(f"{axis.key}={value.text}" for axis, value in chosen),
             {axis.key: axis.cell(value.plain) for axis, value in chosen},
@@ -113,7 +114,7 @@ def _axis(override: str) -> Axis:
     values = tuple(Value(text, read(text).data) for text in texts)
     seen: set[str] = set()
     for value in values:
-        # 1 and 1.0 are one value, 1 and true are two
+        # 1 and 1.0 are the same value; 1 and true are not
         known = value.text if read(value.text).problems else _canonical(value.plain)
         if known in seen:
             raise UsageError(f"{named_override(override)}: {value.text} is given twice")
@@ -128,7 +129,7 @@ def _canonical(value: Any) -> str:
 
 
 def _pieces(text: str) -> Iterator[str]:
-    """The parts between commas, those in brackets and quotes apart."""
+    """Split a text at its commas, except for those within brackets or quotes."""
     open_until: list[str] = []
     begin, position, quote, fresh = 0, 0, "", True
     while position < len(text):
@@ -136,7 +137,7 @@ def _pieces(text: str) -> Iterator[str]:
         if quote:
             position += letter == "\\" and quote == '"'
             quote = "" if letter == quote else quote
-        elif fresh and letter in "'\"":  # elsewhere it is a letter: it's
+        elif fresh and letter in "'\"":  # within a word it is an apostrophe, as in "it's"
             quote = letter
         elif letter in _CLOSING and (fresh or open_until):
             open_until.append(_CLOSING[letter])
@@ -151,7 +152,7 @@ def _pieces(text: str) -> Iterator[str]:
 
 
 def _values(piece: str, override: str) -> Iterator[str]:
-    """A piece itself, or the values of a range."""
+    """Yield the values of a range, or the piece itself if it is not a range."""
     found = _RANGE.fullmatch(piece)
     if found is None:
         yield piece
@@ -161,11 +162,11 @@ def _values(piece: str, override: str) -> Iterator[str]:
     step = Decimal(found[3] or 1)
     problem = ""
     if found[3] is None and not whole:
-        problem = "a range of numbers that are not whole needs its step, as in 0.1:0.5:0.1"
+        problem = "a range of decimal numbers needs a step, as in 0.1:0.5:0.1"
     elif step == 0:
         problem = "the step is 0"
     elif (last - first) / step < 0:
-        problem = "it holds no value"
+        problem = "it contains no value"
     elif (last - first) / step >= MOST:
         problem = f"more than {MOST} values"
     if problem:

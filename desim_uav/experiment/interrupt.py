@@ -1,7 +1,8 @@
-"""Ctrl-C asks for an end at the next good place; a second one ends at once, machine code or not.
+"""Ctrl-C ends work at the next suitable point; a second Ctrl-C ends it at once.
 
-Python hears signals in its main thread, between two lines of Python. Long work therefore runs in a
-thread of its own (``interruptible``) while the main thread waits for it and can leave it.
+Python handles signals in its main thread, between two byte codes, so not while compiled code runs.
+Long work therefore runs in a thread of its own (``interruptible``), while the main thread waits for
+it and can abandon it.
 """
 
 from __future__ import annotations
@@ -26,31 +27,31 @@ INTERRUPTED = 130
 """The exit code of a process that was interrupted."""
 
 LISTEN_S = 0.1
-"""How long a signal waits at most that the system has handed to another thread."""
+"""The longest delay of a signal that the system has delivered to another thread."""
 
 LEAVE_S = 0.5
-"""How long work that was left is given to end by itself before the process ends without it."""
+"""The time that abandoned work has to end by itself before the process ends without it."""
 
 _left: list[_Worker] = []
-"""The threads whose work was left before it had ended."""
+"""The threads whose work was abandoned before it had ended."""
 
 
 class Stop:
-    """Whether a signal has asked for the end: ``stop()``."""
+    """Notes signals; ``stop()`` tells whether one has asked for the end."""
 
     def __init__(self, what: str) -> None:
         self._what = what
         self._asked = self._now = self._busy = False
 
     def __call__(self) -> bool:
-        """Has a signal asked for the end?"""
+        """Return whether a signal has asked for the end."""
         return self._asked
 
     def note(self, number: int, frame: FrameType | None) -> None:
         """Note a signal; the second one raises KeyboardInterrupt."""
         if not self._asked:
             self._asked = True
-            if os.isatty(2):  # not by print: a signal may come in the middle of another one
+            if os.isatty(2):  # without print, as a signal may interrupt another print
                 os.write(
                     2, f"\nending after {self._what}; press Ctrl-C again to end now\n".encode()
                 )
@@ -61,7 +62,7 @@ class Stop:
 
     @contextmanager
     def undisturbed(self) -> Iterator[None]:
-        """Do what is in here as a whole: a KeyboardInterrupt comes after it."""
+        """Run the block without interruption; a KeyboardInterrupt is raised after it."""
         self._busy = True
         try:
             yield
@@ -74,9 +75,10 @@ class Stop:
 
 @contextmanager
 def asked_to_stop(what: str) -> Iterator[Stop]:
-    """Listen for signals that ask for the end, and tell a terminal that it comes after ``what``.
+    """Handle signals that ask for the end, and say on a terminal that it follows ``what``.
 
-    Signals that are ignored stay ignored. Outside the main thread, which gets them, none is heard.
+    Ignored signals stay ignored. Outside the main thread, which receives signals, this has no
+    effect.
     """
     stop = Stop(what)
     before: dict[int, Any] = {}
@@ -94,10 +96,10 @@ def asked_to_stop(what: str) -> Iterator[Stop]:
 
 
 def interruptible(items: Iterable[T]) -> Iterator[T]:
-    """Yield items that take long to make; a KeyboardInterrupt leaves even machine code at once.
+    """Yield items that take long to make; a KeyboardInterrupt abandons even compiled code at once.
 
-    Each item is made when it is asked for, in another thread. Work that was left goes on until it
-    comes back to Python; ``leave`` ends a process that must not wait for that.
+    Each item is made on demand in another thread. Abandoned work goes on until it returns to
+    Python; ``leave`` ends a process that must not wait for that.
     """
     if threading.current_thread() is not threading.main_thread():
         yield from items
@@ -112,15 +114,15 @@ def interruptible(items: Iterable[T]) -> Iterator[T]:
 
 
 def at_once(work: Callable[..., T], *arguments: Any) -> T:
-    """Return what ``work`` returns; a KeyboardInterrupt leaves even machine code at once."""
+    """Return what ``work`` returns; a KeyboardInterrupt abandons even compiled code at once."""
     return next(interruptible(work(*arguments) for _ in range(1)))
 
 
 def leave(code: int) -> None:
-    """End the process now if it was interrupted, or has left work in machine code.
+    """End the process now if it was interrupted, or if abandoned work is still in compiled code.
 
     Python would wait for such work. It would also free the memory of a large run object by object,
-    which takes seconds, whereas the system takes it back at once.
+    which takes seconds, whereas the operating system reclaims it at once.
     """
     until = time.monotonic() + LEAVE_S
     for worker in _left:
@@ -137,7 +139,7 @@ _END: Any = object()
 
 
 class _Worker(threading.Thread):
-    """Makes items one by one, each when it is asked for one."""
+    """Makes items one by one, on demand."""
 
     def __init__(self, items: Iterator[Any]) -> None:
         super().__init__(daemon=True)
@@ -147,23 +149,23 @@ class _Worker(threading.Thread):
         self._busy = False
 
     def run(self) -> None:
-        """Make items until no more is asked for."""
-        with suppress(KeyboardInterrupt):  # of ``end``, if it comes between two items
+        """Make items on demand until ``end`` is called."""
+        with suppress(KeyboardInterrupt):  # raised by ``end``, perhaps between two items
             while self._asked.get():
                 try:
                     made: tuple[Any, BaseException | None] = next(self._items, _END), None
-                except BaseException as error:  # whatever it is, the main thread raises it
+                except BaseException as error:  # the main thread raises it again
                     made = _END, error
                 self._made.put(made)
 
     def next(self) -> Any:
-        """The next item, or ``_END``. Raises what making it has raised, and KeyboardInterrupt."""
+        """Return the next item, or ``_END``. Raises what making it raised, or KeyboardInterrupt."""
         self._busy = True
         self._asked.put(True)
         while True:
             try:
                 item, error = self._made.get(timeout=LISTEN_S)
-            except Empty:  # Python looks for signals here, too
+            except Empty:  # Python can handle signals here
                 continue
             self._busy = False
             if error is not None:
@@ -171,7 +173,7 @@ class _Worker(threading.Thread):
             return item
 
     def end(self) -> None:
-        """Ask for no more; Python code that is still at work gets a KeyboardInterrupt, too."""
+        """End the thread; if it is still busy, its Python code gets a KeyboardInterrupt."""
         if self._busy:
             _left.append(self)
             ctypes.pythonapi.PyThreadState_SetAsyncExc(

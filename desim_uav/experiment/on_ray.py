@@ -1,7 +1,7 @@
-"""Many tasks on a Ray cluster, or on this machine as one: each a task of Ray's, on one core.
+"""Runs many tasks on a Ray cluster, or with Ray on this machine, each on one core.
 
-Ray runs a task again whose process or machine has died, so a task must be a function of its
-arguments.
+Ray repeats a task whose process or machine has died, so the result of a task must depend on its
+arguments only.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ from desim_uav.errors import MissingExtraError, UsageError
 
 RETRIES = 3
 AT_A_TIME = 1000
-"""Tasks that Ray is given together, unless told: enough for its cluster to know what to start."""
+"""The default number of tasks submitted at a time: enough for a cluster to start more machines."""
 
 CONNECT_S, ANSWER_S = 5.0, 20.0
-"""The seconds that a machine has to take a connection, and a cluster to let us join it."""
+"""Time limits in seconds: for connecting to a machine, and for joining its cluster."""
 
 JOIN = """
 import sys, ray
@@ -40,9 +40,9 @@ def ray_backend(
 ) -> Iterator[Callable[..., None]]:
     """Connect to Ray and yield a function that runs tasks on it, as ``run_each`` does.
 
-    ``jobs``: the largest number of tasks at a time. ``address``: of a cluster; None is this machine
-    alone. ``quiet``: what Ray says of its nodes is not shown. Raises MissingExtraError, and
-    UsageError if there is no such cluster.
+    ``jobs`` is the largest number of tasks at a time, ``address`` that of a cluster (None: this
+    machine alone). ``quiet`` hides what Ray prints about its nodes. Raises MissingExtraError if Ray
+    is not installed, and UsageError if there is no such cluster.
     """
     ray = import_ray()
     if address not in (None, "auto"):
@@ -62,8 +62,8 @@ def _run_each(
 ) -> None:
     """Call ``function`` with the arguments of each task, on as many cores as Ray has.
 
-    ``on_end`` gets a task's number and its result as it ends, ``on_death`` the number of a task
-    that Ray has given up, and why.
+    ``on_end`` gets the number and the result of a task that has ended, ``on_death`` the number of a
+    task that Ray has given up, and the reason.
     """
     numbers = iter(range(len(tasks)))
     remote = ray.remote(function).options(num_cpus=1, max_retries=RETRIES)
@@ -78,16 +78,16 @@ def _run_each(
             try:
                 result = ray.get(ended)
             except ray.exceptions.RayError as error:
-                on_death(number, f"given up by Ray: {_first_line(error)}")
+                on_death(number, f"Ray has given it up: {_first_line(error)}")
             else:
                 on_end(number, result)
 
 
 def _require_cluster(address: str) -> None:
-    """Raise UsageError, soon, if no cluster can be joined at HOST:PORT.
+    """Raise UsageError within half a minute if no cluster can be joined at HOST:PORT.
 
-    Ray itself tries for a quarter of an hour and hears no Ctrl-C meanwhile, so a process that can
-    be killed joins the cluster first.
+    Ray itself would try for a quarter of an hour and ignore Ctrl-C meanwhile. Therefore a process
+    that can be killed joins the cluster first.
     """
     host, _, port = address.rpartition("://")[2].rpartition(":")
     if not host or not port.isdecimal() or int(port) > 65535:
@@ -102,7 +102,7 @@ def _require_cluster(address: str) -> None:
     ) as joining:
         try:
             assert joining.stdout is not None
-            joining.stdout.readline()  # importing Ray may take long and is no answer's fault
+            joining.stdout.readline()  # importing Ray may take long; the time limit begins after it
             code = joining.wait(ANSWER_S)
         except subprocess.TimeoutExpired:
             raise UsageError(f"{complaint} within {ANSWER_S:.0f} s") from None
@@ -113,8 +113,8 @@ def _require_cluster(address: str) -> None:
 
 
 def import_ray() -> Any:
-    """Ray. Raises MissingExtraError."""
-    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # nobody is told of what is run
+    """Import and return Ray. Raises MissingExtraError if it is not installed."""
+    os.environ.setdefault("RAY_USAGE_STATS_ENABLED", "0")  # send no usage statistics
     try:
         import ray
     except ImportError as error:
@@ -124,7 +124,7 @@ def import_ray() -> Any:
 
 @contextmanager
 def _connected(ray: Any, address: str | None, quiet: bool) -> Iterator[None]:
-    """Connect to Ray while the block runs; signals are handled as they were before."""
+    """Connect to Ray while the block runs; the handling of signals stays as it was."""
     before = signal.getsignal(signal.SIGTERM)
     quietly: dict[str, Any] = {"log_to_driver": False, "logging_level": "ERROR"}
     if address is None:
@@ -135,7 +135,7 @@ def _connected(ray: Any, address: str | None, quiet: bool) -> Iterator[None]:
         where = "on this machine" if address is None else f"--address {address}"
         raise UsageError(f"--backend ray: {where}: {_first_line(error)}") from error
     try:
-        with suppress(ValueError, TypeError):  # only the main thread may, and only what it knows
+        with suppress(ValueError, TypeError):  # outside the main thread, or for a foreign handler
             signal.signal(signal.SIGTERM, before)
         with _rays_words(quiet):
             yield
@@ -145,7 +145,7 @@ def _connected(ray: Any, address: str | None, quiet: bool) -> Iterator[None]:
 
 @contextmanager
 def _rays_words(quiet: bool) -> Iterator[None]:
-    """Send what Ray prints of its nodes and workers to stderr, or nowhere; stdout is for data."""
+    """Send what Ray prints about its nodes to stderr, or nowhere; stdout is for data only."""
     if not quiet:
         with redirect_stdout(sys.stderr):
             yield

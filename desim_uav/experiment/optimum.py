@@ -1,4 +1,4 @@
-"""What ``desim-uav optimum`` says: how well any policy could do in a scenario."""
+"""The work of ``desim-uav optimum``: how well any policy could do in a scenario."""
 
 from __future__ import annotations
 
@@ -26,16 +26,16 @@ from desim_uav.world import World, build_world
 
 Array = NDArray[np.float64]
 Brought = tuple[Array, list[Forced]]
-"""What actions bring, and which of them bring it over several steps."""
+"""The gain of each action, and the actions whose gain is spread over several steps."""
 
 LARGEST = 2 * 10**7
-"""States by steps of an episode that are looked at, at most."""
+"""The largest number of states times steps of an episode that is searched."""
 
 
 def optimum(scenario: Scenario) -> dict[str, Any]:
-    """All that is known of the best policies, as one JSON object.
+    """Return everything that can be computed about the best policies, as one JSON object.
 
-    Raises UsageError, naming the key, where the scenario is none that can be solved.
+    Raises UsageError, with the key, if the scenario cannot be solved.
     """
     world = build_world(scenario, scenario.effective_world_seed)
     lone = scenario.drones.count == 1
@@ -58,7 +58,7 @@ def optimum(scenario: Scenario) -> dict[str, Any]:
 
 
 def _covers(world: World) -> dict[str, Any]:
-    """The best cells for drones that hover, by QoE3 and, where that is the reward, by R1."""
+    """Return the best cells for drones that hover, by QoE3 and, if it is the reward, by R1."""
     places, users = Places(world), len(world.homes)
     best = cover(places)
     fair = fair_cover(places) if type(world.scenario.reward) is Coverage else None
@@ -88,40 +88,40 @@ def _fair(fair: FairCover, users: int, drones: int) -> dict[str, Any]:
 
 
 def _discounted(world: World, process: DroneProcess) -> dict[str, Any]:
-    """One drone, no battery: the best discounted return, and how it is flown."""
+    """Return the best discounted return of one drone without a battery, and its policy."""
     gamma, three_d = world.scenario.learning.gamma, world.scenario.three_d
     values, commands = optimal_return(world, gamma)
     start = process.start[0]
     best = float(values[start if three_d else start[:2]])
-    told = without_battery(
+    itinerary = without_battery(
         process, lambda node: world.actions[commands[node if three_d else node[:2]]]
     )
     return {
         "gamma": gamma,
         "return": best,
         "reward_per_step": (1 - gamma) * best,
-        "policy": _told(told),
+        "policy": _plain(itinerary),
     }
 
 
 class Solved(NamedTuple):
-    """The best of one measure, by a step, with bounds; ``beside``: the other one's value."""
+    """The best value of one measure per step, with bounds; ``beside`` is the other measure."""
 
     best: float
     low: float
     high: float
     beside: float
-    told: Itinerary
+    itinerary: Itinerary
 
 
 def _one_drone(world: World, process: DroneProcess) -> dict[str, Any]:
-    """The best reward and the best QoE3 of one drone."""
+    """Return the best reward and the best QoE3 of one drone."""
     episode = world.scenario.episode
     limited = world.scenario.limited_battery
     if limited and not episode.carry_over and world.on_crash == "end_episode":
         raise UsageError(
-            "drones.battery.on_crash: the best episode is known exactly of episodes that run their "
-            "time, not with 'end_episode', unless episode.carry_over is true"
+            "drones.battery.on_crash: the best episode cannot be computed with 'end_episode', "
+            "unless episode.carry_over is true"
         )
     graph = explore(process) if limited else unlimited(process)
     covered = graph.attached_us * (100.0 / (world.step_us * len(world.homes)))
@@ -139,14 +139,14 @@ def _one_drone(world: World, process: DroneProcess) -> dict[str, Any]:
             "low": earning.low,
             "high": earning.high,
             "qoe3_percent": earning.beside,
-            "policy": _told(earning.told),
+            "policy": _plain(earning.itinerary),
         },
         "best_qoe3": {
             "qoe3_percent": covering.best,
             "low": covering.low,
             "high": covering.high,
             "reward_per_step": covering.beside,
-            "policy": _told(covering.told),
+            "policy": _plain(covering.itinerary),
         },
     }
 
@@ -154,8 +154,8 @@ def _one_drone(world: World, process: DroneProcess) -> dict[str, Any]:
 def _long_run(process: DroneProcess, graph: Graph, goal: Array, other: Array) -> Solved:
     best = best_policy(graph, goal)
     beside = long_run(graph, other, best.choice)
-    told = in_the_long_run(process, graph, best.choice)
-    return Solved(best.gain, best.low, best.high, beside, told)
+    itinerary = in_the_long_run(process, graph, best.choice)
+    return Solved(best.gain, best.low, best.high, beside, itinerary)
 
 
 def _episode(process: DroneProcess, graph: Graph, goal: Brought, other: Brought) -> Solved:
@@ -163,13 +163,13 @@ def _episode(process: DroneProcess, graph: Graph, goal: Brought, other: Brought)
     if steps * len(graph.states) > LARGEST:
         raise UsageError(
             f"episode.steps: {steps} steps by {len(graph.states)} states are more than {LARGEST}; "
-            f"with episode.carry_over the long run can be solved"
+            f"set episode.carry_over to solve the long run instead"
         )
     best = best_episode(graph, *goal, steps)
     beside = episode_total(graph, *other, best.choices)
-    told = in_an_episode(process, graph, best.choices, steps)
-    return Solved(best.total / steps, best.low / steps, best.high / steps, beside / steps, told)
+    plan = in_an_episode(process, graph, best.choices, steps)
+    return Solved(best.total / steps, best.low / steps, best.high / steps, beside / steps, plan)
 
 
-def _told(told: Itinerary) -> dict[str, Any]:
-    return {"steps": told.rows, "again_from": told.again_from}
+def _plain(itinerary: Itinerary) -> dict[str, Any]:
+    return {"steps": itinerary.rows, "again_from": itinerary.again_from}

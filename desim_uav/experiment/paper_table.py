@@ -1,4 +1,4 @@
-"""The paper's table made of the rows of ``reproduce``: estimates, claims, CSV and Markdown."""
+"""Makes the paper's table from the rows of ``reproduce``: estimates, claims, CSV and Markdown."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ NOISY_CASE = 9
 
 
 class Line(NamedTuple):
-    """A policy in a case: its estimates over the seeds, and what the paper printed."""
+    """A policy in a case: its estimates over the seeds, and the values that the paper printed."""
 
     case: int
     preset: str
@@ -33,9 +33,9 @@ class Line(NamedTuple):
 
 
 class Claim(NamedTuple):
-    """Something said of the results: what, how it came out, and whether it holds.
+    """A claim about the results, the value that was found, and whether the claim holds.
 
-    A ``gate`` must hold; what the paper claims is reported as it comes out.
+    A ``gate`` must hold. The paper's own claims are only reported.
     """
 
     text: str
@@ -45,7 +45,7 @@ class Claim(NamedTuple):
 
 
 def lines(rows: Sequence[Row]) -> list[Line]:
-    """A line for each case, preset and policy there are rows of."""
+    """Return a line for each case, preset and policy that has rows."""
     groups: dict[tuple[int, str, int], list[Row]] = {}
     for row in rows:
         key = row["case"], row["preset"], POLICIES.index(row["policy"])
@@ -65,7 +65,7 @@ def lines(rows: Sequence[Row]) -> list[Line]:
 
 
 def claims(rows: Sequence[Row]) -> list[Claim]:
-    """What is to hold of our own training (not of the paper's preset), for the cases there are."""
+    """Return the claims about our own training (without the paper's preset) in these cases."""
     ours = [row for row in rows if row["preset"] == "default"]
     cases = sorted({row["case"] for row in ours})
     found = [claim for case in cases for claim in _claims_of(case, ours)]
@@ -82,26 +82,26 @@ def _claims_of(case: int, rows: Sequence[Row]) -> list[Claim]:
         least = LEAST_OF_BEST_COVER[case]
         reached = estimate(share)
         text = f"case {case}: Q-learning's QoE3 is at least {least:g} of the best cover"
-        found.append(Claim(text, _shown(reached, 3), _at_least(reached.mean, least)))
+        found.append(Claim(text, _words(reached, 3), _at_least(reached.mean, least)))
         return found
     baseline = _values(rows, case, "baseline")
     qoe1 = "qoe1_feasible_percent" if case >= 8 else "qoe1_percent"
     for name, label in ((qoe1, "QoE1" if case < 8 else "feasible QoE1"), ("qoe3_percent", "QoE3")):
         more = paired([r[name] for r in learned], [r[name] for r in baseline])
         text = f"case {case}: Q-learning beats the baseline on {label}"
-        found.append(Claim(text, f"{_shown(more, 1)} points", (more.low or 0.0) > 0.0))
+        found.append(Claim(text, f"{_words(more, 1)} points", (more.low or 0.0) > 0.0))
     reached = estimate(r["qoe3_percent"] for r in learned)
     text = f"case {case}: Q-learning reaches the best published QoE3, {best_qoe3(case):g} %"
-    found.append(Claim(text, f"{_shown(reached, 1)} %", _at_least(reached.mean, best_qoe3(case))))
+    found.append(Claim(text, f"{_words(reached, 1)} %", _at_least(reached.mean, best_qoe3(case))))
     crashes = estimate(r["crashes_per_drone_episode"] for r in learned)
     most = MOST_CRASHES_WITH_NOISE if case == NOISY_CASE else MOST_CRASHES
-    text = f"case {case}: at most {most:g} crashes a drone and episode"
-    found.append(Claim(text, _shown(crashes, 3), crashes.mean is not None and crashes.mean <= most))
+    text = f"case {case}: at most {most:g} crashes per drone and episode"
+    found.append(Claim(text, _words(crashes, 3), crashes.mean is not None and crashes.mean <= most))
     return found
 
 
 def _claims_of_the_paper(rows: Sequence[Row]) -> list[Claim]:
-    """Crashes rise with the position error; the baseline is the worst in QoE and the safest."""
+    """Return the paper's claims: on crashes with position error, and on the baseline."""
     found = []
     for policy in LEARNED:
         more = paired(
@@ -109,7 +109,7 @@ def _claims_of_the_paper(rows: Sequence[Row]) -> list[Claim]:
             [r["crashes_per_drone_episode"] for r in _values(rows, 8, policy)],
         )
         text = f"the paper: crashes rise with the position error (case 9 against 8, {policy})"
-        found.append(Claim(text, _shown(more, 3), (more.low or 0.0) > 0.0, gate=False))
+        found.append(Claim(text, _words(more, 3), (more.low or 0.0) > 0.0, gate=False))
     for name, label, cases in (
         ("qoe1_percent", "the baseline's QoE1 is the worst", range(1, 10)),
         ("qoe3_percent", "the baseline's QoE3 is the worst", range(1, 10)),
@@ -120,12 +120,12 @@ def _claims_of_the_paper(rows: Sequence[Row]) -> list[Claim]:
             more = paired(_over_cases(among, policy, name), _over_cases(among, "baseline", name))
             where = f"mean over cases {cases[0]}-{cases[-1]}"
             text = f"the paper: {label} ({where}, against {policy})"
-            found.append(Claim(text, _shown(more, 3), (more.low or 0.0) > 0.0, gate=False))
+            found.append(Claim(text, _words(more, 3), (more.low or 0.0) > 0.0, gate=False))
     return found
 
 
 def _over_cases(rows: Sequence[Row], policy: str, name: str) -> list[float]:
-    """A policy's mean over all cases, seed by seed: the seed is the replication, not the case."""
+    """Return a policy's mean over all cases for each seed; the seed is the replication."""
     by_seed: dict[int, list[float]] = {}
     for row in rows:
         if row["policy"] == policy:
@@ -134,7 +134,7 @@ def _over_cases(rows: Sequence[Row], policy: str, name: str) -> list[float]:
 
 
 def _values(rows: Sequence[Row], case: int, policy: str) -> list[Row]:
-    """The rows of a policy in a case, by seed."""
+    """Return the rows of a policy in a case, ordered by seed."""
     of_policy = [row for row in rows if row["case"] == case and row["policy"] == policy]
     return sorted(of_policy, key=lambda row: int(row["seed"]))
 
@@ -143,15 +143,15 @@ def _at_least(value: float | None, least: float) -> bool:
     return value is not None and value >= least
 
 
-def _shown(found: Estimate, digits: int) -> str:
-    if found.mean is None:
+def _words(value: Estimate, digits: int) -> str:
+    if value.mean is None:
         return "-"
-    half = "" if found.half_width is None else f" ± {found.half_width:.{digits}f}"
-    return f"{found.mean:.{digits}f}{half}"
+    half = "" if value.half_width is None else f" ± {value.half_width:.{digits}f}"
+    return f"{value.mean:.{digits}f}{half}"
 
 
 def rows_csv(rows: Sequence[Row]) -> str:
-    """A row a job, by preset, case, policy and seed."""
+    """Return the rows as CSV, one per job, ordered by preset, case, policy and seed."""
     ordered = sorted(
         rows, key=lambda r: (r["preset"], r["case"], POLICIES.index(r["policy"]), r["seed"])
     )
@@ -160,7 +160,7 @@ def rows_csv(rows: Sequence[Row]) -> str:
 
 
 def table_csv(table: Sequence[Line]) -> str:
-    """A line for each case, preset and policy: means, half-widths, and what was published."""
+    """Return the table as CSV: means, half-widths and the published values of each line."""
     measures = list(table[0].estimates)
     columns = ["case", "preset", "policy", "seeds"]
     columns += [f"{name}{part}" for name in measures for part in ("", "_half_width")]
@@ -190,19 +190,19 @@ HEADINGS = (
 
 
 def cells(line: Line) -> list[str]:
-    """A line as text, under ``HEADINGS``."""
+    """Return a line as text, one cell for each of ``HEADINGS``."""
     found = line.estimates
     cover = found.get("cover_qoe3_percent", Estimate(0, None, None))
     last = [mean for mean in (found[name].mean for name in LAST) if mean is not None]
     return [
         str(line.case),
         line.policy.replace("_", "-") + (" (paper)" if line.preset == "paper" else ""),
-        _shown(found["qoe1_percent"], 1),
-        _shown(found["qoe1_feasible_percent"], 1),
-        _shown(found["qoe2_iterations"], 2),
-        _shown(found["qoe3_percent"], 1),
+        _words(found["qoe1_percent"], 1),
+        _words(found["qoe1_feasible_percent"], 1),
+        _words(found["qoe2_iterations"], 2),
+        _words(found["qoe3_percent"], 1),
         "" if cover.mean is None else f"{cover.mean:.1f}",
-        _shown(found["crashes_per_drone_episode"], 3),
+        _words(found["crashes_per_drone_episode"], 3),
         "{:.0f}, {:.1f}, {:.0f}".format(*last) if len(last) == len(LAST) else "",
         "{:g}, {:g}, {:g}".format(*line.published),
     ]
@@ -211,7 +211,7 @@ def cells(line: Line) -> list[str]:
 def markdown(
     table: Sequence[Line], found: Sequence[Claim], seeds: Collection[int], command: str
 ) -> str:
-    """Write the table and the claims as Markdown, with the seeds and the command behind them."""
+    """Return the table and the claims as Markdown, with the seeds and the command."""
     parts = [
         f"`{command}`",
         "",

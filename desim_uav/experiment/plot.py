@@ -1,4 +1,4 @@
-"""What ``desim-uav plot`` and ``desim-uav video`` do around a drawing: which folder, which file."""
+"""The work of ``desim-uav plot`` and ``video`` around a drawing: the folders and the file."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of figure: how it is drawn, of how many folders, and the options it has."""
+    """A kind of figure: how it is drawn, its options, and whether it takes several folders."""
 
     draw: Callable[..., Figure]
     options: Sequence[str] = ()
@@ -46,17 +46,17 @@ def _sweep(folder: Path, **options: Any) -> Figure:
 
 
 def _policy(source: Path, **options: Any) -> Figure:
-    """Of a table's file, a shipped one's name, or the folder of a training."""
+    """Draw the table in a file, in the folder of a training, or of a shipped name."""
     from desim_uav.report.figures import policy_figure
 
     if source.is_dir() and not (source / "policy.npz").exists():
-        raise PolicyError(f"{source}: not a training folder: no policy.npz")
+        raise PolicyError(f"{source}: not a training folder: it has no policy.npz")
     file = source / "policy.npz" if source.is_dir() else find_table(str(source))
     return policy_figure(read_table(file), str(source), **options)
 
 
 def _of_run(kind: str) -> Callable[..., Figure]:
-    """A run that kept no events is played again for them."""
+    """Return a function that draws a run, which is played again if it kept no events."""
 
     def draw(folder: Path, **options: Any) -> Figure:
         from desim_uav.experiment.replay import playable
@@ -82,9 +82,9 @@ KINDS: Mapping[str, Kind] = {
 
 
 def plot(kind: str, sources: Sequence[Path], out: Path | None, options: Mapping[str, Any]) -> Path:
-    """Draw a figure and write it whole; its file. Options that are None are not asked for.
+    """Draw a figure, write it in one step and return its file. Options that are None are ignored.
 
-    Raises UsageError for what cannot be asked for, PolicyError for what cannot be read.
+    Raises UsageError for wrong arguments, and PolicyError if a folder cannot be read.
     """
     from desim_uav.report.figures.style import ending, to_bytes
 
@@ -95,10 +95,11 @@ def plot(kind: str, sources: Sequence[Path], out: Path | None, options: Mapping[
         if key not in chosen.options:
             of = [name for name, other in KINDS.items() if key in other.options]
             raise UsageError(
-                f"--{key.replace('_', '-')} goes with {', '.join(of)}, not with {kind}"
+                f"--{key.replace('_', '-')} is an option of {', '.join(of)}, not of {kind}"
             )
     if len(sources) > 1 and not chosen.several:
-        raise UsageError(f"{kind}: one folder, not {len(sources)}: {', '.join(map(str, sources))}")
+        many = ", ".join(map(str, sources))
+        raise UsageError(f"{kind}: give one folder, not {len(sources)}: {many}")
     place = _default(kind, sources) if out is None else out
     suffix = ending(place)
     target = file_place(place, "" if out is None else "--out")
@@ -108,7 +109,7 @@ def plot(kind: str, sources: Sequence[Path], out: Path | None, options: Mapping[
 
 
 def _default(kind: str, sources: Sequence[Path]) -> Path:
-    """In the one folder, else in the working folder, for a table's file under its name."""
+    """Return the default file: in the one folder, or else in the working folder."""
     if len(sources) == 1 and sources[0].is_dir():
         return sources[0] / f"{kind}.png"
     if kind == "policy":
@@ -127,7 +128,11 @@ def film(
     width: int,
     show_progress: bool,
 ) -> list[Path]:
-    """Write an episode as a GIF, an MP4, or both; the files. Raises the errors of its parts."""
+    """Write an episode as a GIF, an MP4, or both, and return the files.
+
+    Raises UsageError for wrong arguments, PolicyError if the folder cannot be read, NoEventsError
+    if the run cannot be played again, and MissingExtraError for an MP4 without imageio-ffmpeg.
+    """
     from desim_uav.experiment.progress import progress
     from desim_uav.experiment.replay import playable
     from desim_uav.report import video
@@ -136,10 +141,10 @@ def film(
     asked = [(gif, ".gif", video.write_gif), (mp4, ".mp4", video.write_mp4)]
     wanted = [(out, end, write) for out, end, write in asked if out is not None]
     if not wanted:
-        raise UsageError("say where to: --gif FILE.gif or --mp4 FILE.mp4")
+        raise UsageError("name the file to write: --gif FILE.gif or --mp4 FILE.mp4")
     for out, end, _ in wanted:
         if out.suffix.lower() != end:
-            raise UsageError(f"--{end[1:]} {out}: a file that ends in {end}")
+            raise UsageError(f"--{end[1:]} {out}: the file's name must end in {end}")
     if mp4 is not None:
         video.need_ffmpeg()
     places = [file_place(out, f"--{end[1:]}") for out, end, _ in wanted]

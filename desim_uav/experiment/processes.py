@@ -30,9 +30,9 @@ def run_each(
 ) -> None:
     """Call ``function`` with the arguments of each task, ``jobs`` at a time.
 
-    ``on_end`` gets a task's number and its result as it ends. The first error ends them all. So
-    does a process that dies, unless there is ``on_death``, which gets the number of its task and
-    what to say of it; another process then goes on with the others.
+    ``on_end`` gets the number and the result of a task that has ended. The first error ends all
+    tasks, and so does a process that dies. With ``on_death``, which gets the number of the dead
+    process's task and the reason, a new process continues with the other tasks instead.
     """
     if jobs == 1 or len(tasks) < 2:
         for number, task in enumerate(tasks):
@@ -57,7 +57,7 @@ def run_each(
 
 
 def _sent(worker: Connection, number: int) -> Connection:
-    """The worker, which was given a task; if it is dead, its answer will say so."""
+    """Send a task to a worker and return the worker; ``_answer`` tells if it is dead."""
     with suppress(ConnectionError):
         worker.send(number)
     return worker
@@ -75,7 +75,7 @@ def _answer(worker: Connection) -> Any:
 def _workers(
     function: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]
 ) -> Iterator[Callable[[], Connection]]:
-    """What starts a process that takes numbers of tasks, and answers with them and the results."""
+    """Yield a function that starts a process, which takes numbers of tasks and returns results."""
     spawn = mp.get_context("spawn")
     processes = []
 
@@ -83,7 +83,7 @@ def _workers(
         ours, theirs = spawn.Pipe()
         process = spawn.Process(target=_work, args=(theirs, function, tasks))
         processes.append(process)
-        with _deaf_to_signals():
+        with _signals_blocked():
             process.start()
         theirs.close()
         return ours
@@ -101,7 +101,7 @@ def _work(
     connection: Connection, function: Callable[..., Any], tasks: Sequence[tuple[Any, ...]]
 ) -> None:
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    with suppress(EOFError, ConnectionError):  # the parent has gone
+    with suppress(EOFError, ConnectionError):  # the parent has ended
         while True:
             number = connection.recv()
             try:
@@ -119,7 +119,7 @@ def _end_with_parent() -> None:
 
 
 def _portable(error: BaseException) -> Exception:
-    """An error as it is; or what it says, if it cannot be sent, or would end its receiver."""
+    """Return an error, or its message as a SimulationError if it cannot be sent to the parent."""
     if not isinstance(error, Exception):
         return SimulationError(what_failed(error))
     try:
@@ -130,14 +130,14 @@ def _portable(error: BaseException) -> Exception:
 
 
 @contextmanager
-def _deaf_to_signals() -> Iterator[None]:
-    """Processes started meanwhile never hear Ctrl-C and its like, which are for their parent."""
+def _signals_blocked() -> Iterator[None]:
+    """Let processes that are started in the block ignore Ctrl-C, which is for their parent."""
     if not hasattr(signal, "pthread_sigmask"):
         yield
         return
-    resource_tracker.ensure_running()  # started later, it would make us hear again
-    heard = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
+    resource_tracker.ensure_running()  # its start unblocks signals, so it must not come later
+    mask = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM, signal.SIGHUP})
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, heard)
+        signal.pthread_sigmask(signal.SIG_SETMASK, mask)

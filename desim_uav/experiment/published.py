@@ -1,4 +1,4 @@
-"""What the paper printed (its table of results): one scenario a case, the last training episode."""
+"""The paper's table of results: the last training episode of one scenario per case."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ PUBLISHED: dict[int, dict[str, tuple[float, float, float]]] = {
     8: {"baseline": (68, 10708, 13), "q_learning": (100, 50, 55), "sarsa": (98, 30, 30)},
     9: {"baseline": (52, 215184, 9), "q_learning": (97, 25, 45), "sarsa": (97, 35, 25)},
 }
-"""By case and policy: QoE1 in percent, QoE2 in iterations, QoE3 in percent."""
+"""QoE1 in percent, QoE2 in iterations and QoE3 in percent, by case and policy."""
 
 
 def best_qoe3(case: int) -> float:
-    """The best QoE3 the paper printed for a case, in percent."""
+    """Return the best QoE3 that the paper printed for a case, in percent."""
     return max(qoe3 for _, _, qoe3 in PUBLISHED[case].values())

@@ -1,7 +1,7 @@
-"""What ``desim-uav replay`` does: one or two run folders in, one page out; and runs played again.
+"""The work of ``desim-uav replay``: makes one page from one or two run folders.
 
-Those that kept no events are played again from what their folder says of them, and held against
-what it holds.
+A run that kept no events is played again with the settings in its folder, and the result is
+compared with the tables in the folder.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ from desim_uav.sample_path import SamplePath
 from desim_uav.world import World, build_world
 
 MOST_BYTES = 25 * 2**20
-"""Of a page, unless more is asked for."""
+"""The default limit on the size of a page."""
 
 BASE64 = 4 / 3
 
@@ -48,7 +48,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Made:
-    """The page of one run or two: what it shows, and the episodes for which there was no room."""
+    """The page of one run or two, its episodes, and those left out because of its size limit."""
 
     content: bytes
     episodes: list[int]
@@ -58,7 +58,7 @@ class Made:
 
 @dataclass
 class Written:
-    """The page of one run or two: where it is, its episodes, and those there was no room for."""
+    """The file of a page, its episodes, and those left out because of its size limit."""
 
     file: Path
     size: int
@@ -67,7 +67,7 @@ class Written:
     played_again: bool
 
     def summary(self) -> dict[str, Any]:
-        """For a program to read."""
+        """Return the result as plain data, for JSON."""
         return {
             "html": str(self.file),
             "bytes": self.size,
@@ -107,9 +107,9 @@ def make_replay(
 ) -> Made:
     """Make the page of a run, or of two that are played in step.
 
-    ``episodes``: such as ``0-9``; without it, the counted ones, as many as fit. Raises PolicyError
-    if a folder is unreadable, does not fit together or cannot be played again, or if two runs are
-    not on common seeds.
+    ``episodes`` is a text such as ``0-9``; by default as many of the counted episodes as fit.
+    Raises PolicyError if a folder is unreadable or contradicts itself, or if two runs are not on
+    common seeds, and NoEventsError if a run cannot be played again.
     """
     runs = [Run(source.folder) for source in sources]
     wanted = runs[0].chosen(episodes)
@@ -134,15 +134,15 @@ def make_replay(
             if episodes is None and blocks and size > limit:
                 break
             blocks.append(made)
-    shown = wanted[: len(blocks)]
+    encoded = wanted[: len(blocks)]
     columns = zip(encoders, zip(*blocks, strict=True), strict=True)
-    content = page(*((encoder.common(shown), column) for encoder, column in columns))
+    content = page(*((encoder.common(encoded), column) for encoder, column in columns))
     again = not all(run.keeps_events for run in runs)
-    return Made(content, shown, wanted[len(blocks) :], again)
+    return Made(content, encoded, wanted[len(blocks) :], again)
 
 
 def _to_play(run: Run, wanted: Sequence[int]) -> int:
-    """Return how many episodes are read or played to have those that are wanted."""
+    """Return how many episodes must be read or played to obtain those that are wanted."""
     return len(wanted) if run.keeps_events else wanted[-1] - run.episodes[0] + 1
 
 
@@ -164,19 +164,22 @@ def _stored(
 
 
 def playable(run_dir: Path, show_progress: bool = True) -> Run:
-    """A run whose events and legs are there even if it kept none: it is played again for them."""
+    """Return a run with events and legs; if it kept none, it is played again on demand."""
     return Run(run_dir, playing_again(show_progress))
 
 
 def playing_again(show_progress: bool = True) -> Again:
-    """What makes the events and legs that a run has not kept. Raises NoEventsError."""
+    """Return a function that makes the events and legs that a run did not keep.
+
+    The function raises NoEventsError if the run cannot be played again.
+    """
 
     def again(run: Run, wanted: Sequence[int]) -> Tables:
         total = max(wanted) - run.episodes[0] + 1
         try:
             engine = run.settings.engine
         except PolicyError as error:
-            raise NoEventsError(f"{run.folder}: it has no events, and {error}") from error
+            raise NoEventsError(f"{run.folder}: the run kept no events, and {error}") from error
         with progress(show_progress, total, engine=engine) as advance:
             made = [tables for _, tables in played_again(run, wanted, advance)]
         return {name: pd.concat([of[name] for of in made], ignore_index=True) for name in IN_TIME}
@@ -190,9 +193,9 @@ def played_again(
     advance: Callable[[], None] = lambda: None,
     policy: Policy | None = None,
 ) -> Generator[tuple[int, Tables]]:
-    """The tables of these episodes, events and legs among them, by playing the run again.
+    """Play a run again and yield the tables of these episodes, including events and legs.
 
-    Raises NoEventsError where what comes out is not what the folder holds.
+    Raises NoEventsError if the result differs from the tables in the folder.
     """
     world, logs = _begin(run, policy)
     rest = set(wanted)
@@ -209,7 +212,10 @@ def played_again(
 
 
 def _begin(run: Run, policy: Policy | None = None) -> tuple[World, Any]:
-    """The world of a run, and its episodes to come. Raises NoEventsError where they cannot."""
+    """Return the world of a run and an iterator over its episodes.
+
+    Raises NoEventsError if the run cannot be played again.
+    """
     settings = run.settings
     name = settings.policy
     try:
@@ -218,15 +224,15 @@ def _begin(run: Run, policy: Policy | None = None) -> tuple[World, Any]:
     except DesimError as error:
         raise _not_again(run, str(error)) from error
     if world_content(world) != run.map:
-        raise _not_again(run, "world.json is not the world of scenario.yaml and this seed")
+        raise _not_again(run, "world.json differs from the world of scenario.yaml on this seed")
     if {*settings.ceilings} != {"tallest" if policy.ceiling else "none"}:
-        raise _not_again(run, f"policy {name!r} has another ceiling than it had")
+        raise _not_again(run, f"the ceiling of policy {name!r} has changed since the run")
     counted, warmup = run.episodes[-1] + 1, settings.warmup
     return world, play(world, policy, name, settings.seed, counted, warmup, True, settings.engine)
 
 
 def _checked(run: Run, world: World, log: EpisodeLog, path: SamplePath) -> Tables:
-    """The tables of an episode that was played again, as it was stored."""
+    """Return the tables of an episode that was played again, if they are those of the folder."""
     requests = tables.requests_table([log], world)
     made = {
         "requests": requests,
@@ -240,7 +246,7 @@ def _checked(run: Run, world: World, log: EpisodeLog, path: SamplePath) -> Table
     for name in KEPT:
         if not _arrow(name, made[name]).equals(_arrow(name, stored[name])):
             raise _not_again(
-                run, f"episode {log.episode}: {name}.parquet is not what comes out now"
+                run, f"episode {log.episode}: {name}.parquet differs from what is computed now"
             )
     return made
 
@@ -254,6 +260,7 @@ def _arrow(name: str, frame: Any) -> pa.Table:
 def _not_again(run: Run, reason: str) -> NoEventsError:
     policy = run.settings.policy
     return NoEventsError(
-        f"{run.folder}: it has no events, and cannot be played again: {reason} "
-        f"(policy {policy!r}; from the folder the run was made in? run it again with --events)"
+        f"{run.folder}: the run kept no events, and it cannot be played again: {reason} (policy "
+        f"{policy!r}; try again in the folder where the run was made, or run it again with "
+        "--events)"
     )

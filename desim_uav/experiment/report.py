@@ -1,4 +1,4 @@
-"""What ``desim-uav report`` does: read the folders, compare them, write the page."""
+"""The work of ``desim-uav report``: reads the folders, compares them and writes the page."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ def report(
     """Write the report of a run, of a sweep, or of several runs compared; return its file.
 
     Without ``out`` it is written into the folder of the run or sweep, and for several runs into the
-    working folder. ``against`` is the policy of reference. Raises PolicyError for folders that
-    cannot be read or compared; nothing is written then.
+    working folder. ``against`` is the reference policy. Raises PolicyError, and writes nothing, if
+    a folder cannot be read or the runs cannot be compared.
     """
     alone = len(folders) == 1
     if alone and against is not None:
-        raise UsageError("--against goes with several runs")
+        raise UsageError("--against needs several runs")
     place = out if out is not None else folders[0] / NAME if alone else Path(NAME)
     if alone and is_sweep(folders[0]):
         return _write_sweep(folders[0], place, out, title)
@@ -67,12 +67,12 @@ def _write_sweep(folder: Path, place: Path, out: Path | None, title: str | None)
 def _read(folder: Path, page: Path) -> Reported:
     summary, _ = read_summary(folder)
     if not summary["episodes"]:
-        raise PolicyError(f"{folder}: no episode was counted")
+        raise PolicyError(f"{folder}: the run has no counted episode")
     return Reported(folder, playing_again(), link=_link(folder, page), summary=summary)
 
 
 def _link(folder: Path, page: Path) -> str:
-    """The address of a folder as seen from a page, to be put before a file's name."""
+    """Return a folder's address relative to a page, as a prefix of a file's name."""
     try:
         way = os.path.relpath(folder.resolve(), page.resolve().parent)
     except ValueError:  # on another drive
@@ -81,7 +81,7 @@ def _link(folder: Path, page: Path) -> str:
 
 
 def _by_service(runs: Sequence[Reported], content: dict[str, Any]) -> list[dict[str, Any]]:
-    """For each service and policy the estimates over its runs."""
+    """Return the estimates over seeds for each service and policy."""
     found: dict[tuple[str, str], list[dict[str, Any]]] = {}
     for run in runs:
         for row in qoe.grouped(run.counted("requests"), "service"):

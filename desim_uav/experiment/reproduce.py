@@ -1,8 +1,9 @@
-"""The paper's table: its nine cases, learned and evaluated on many seeds, beside what it printed.
+"""The paper's table: its nine cases on many seeds, beside the values that the paper printed.
 
 A job is one policy in one case on one seed. A learner trains in the world of its seed and is then
-evaluated greedily on sample paths it has never met; the baseline is evaluated on the same ones. A
-finished job is a file, so that nothing is lost and the same command goes on where it was.
+evaluated greedily on sample paths that were not part of the training; the baseline is evaluated on
+the same ones. Each finished job is kept in a file, so the same command continues after an
+interruption.
 """
 
 from __future__ import annotations
@@ -57,7 +58,7 @@ LAST_EPISODE = ("qoe1_percent", "qoe2_iterations", "qoe3_percent", "reward", "cr
 
 @dataclass(frozen=True)
 class Job:
-    """One policy in one case on one seed; ``preset``: as the paper's code had it, or as we do."""
+    """One policy in one case on one seed; ``preset`` is None for our own settings."""
 
     case: int
     policy: str
@@ -67,11 +68,11 @@ class Job:
 
     @property
     def name(self) -> str:
-        """A name for its files."""
+        """The name of the job's files."""
         return f"case{self.case}-{self.policy}-{self.preset or 'default'}-s{self.seed}"
 
     def scenario(self) -> Scenario:
-        """The scenario it trains and is evaluated in."""
+        """Return the scenario of training and evaluation."""
         settings = [f"seed={self.seed}"]
         settings += [] if self.preset is None else [f"preset={self.preset}"]
         if self.policy != "baseline":
@@ -80,7 +81,7 @@ class Job:
         return load(scenario_path(f"case{self.case}"), settings)
 
     def identity(self) -> str:
-        """What a finished job must share with this one to stand for it."""
+        """Return the text by which a finished job is recognized as this one."""
         scenario = scenario_hash(self.scenario())
         return f"{__version__}/{scenario}/{self.policy}/{EPISODES}+{WARMUP}"
 
@@ -100,7 +101,7 @@ def jobs(
 
 
 def numbers(text: str) -> list[int]:
-    """The cases of a text such as ``1-3,8``. Raises UsageError."""
+    """Return the cases of a text such as ``1-3,8``. Raises UsageError if it is malformed."""
     found: set[int] = set()
     for part in text.split(","):
         ends = [end.strip() for end in part.split("-")]
@@ -111,7 +112,7 @@ def numbers(text: str) -> list[int]:
 
 
 def open_folder(folder: Path) -> None:
-    """Make the folder of a table before anything is trained. Raises UsageError."""
+    """Make the folder of a table before anything is trained. Raises UsageError if it cannot."""
     try:
         for name in ("jobs", "policies"):
             (folder / name).mkdir(parents=True, exist_ok=True)
@@ -121,7 +122,7 @@ def open_folder(folder: Path) -> None:
 
 
 def report(rows: Sequence[dict[str, Any]], folder: Path, command: str) -> Report:
-    """Make the table of the rows there are, and write it: rows.csv, table.csv and table.md."""
+    """Make the table of the finished rows and write rows.csv, table.csv and table.md."""
     rows = [row | best_cover(row["case"], row["seed"]) for row in rows]
     table, found = lines(rows), claims(rows)
     write_whole(folder / "rows.csv", rows_csv(rows).encode())
@@ -132,7 +133,7 @@ def report(rows: Sequence[dict[str, Any]], folder: Path, command: str) -> Report
 
 
 class Report(NamedTuple):
-    """The paper's table, and what is claimed of it."""
+    """The paper's table, the claims about it, and its folder."""
 
     table: list[Line]
     claims: list[Claim]
@@ -151,10 +152,10 @@ def run_jobs(
     on_job: Callable[[], None] = lambda: None,
     engine: str = "batch",
 ) -> list[dict[str, Any]]:
-    """The rows of all jobs; those the folder holds already are not run again.
+    """Return the rows of all jobs; those that are in the folder are not run again.
 
-    ``engine``: des or batch; the rows are the same, so they may be of the other engine. Raises
-    UsageError where nothing can be written to the folder.
+    ``engine`` is des or batch. The rows of both are the same, so rows of the other engine are
+    reused. Raises UsageError if the folder cannot be written.
     """
     open_folder(folder)
     finished = {job: _finished(job, folder) for job in todo}
@@ -172,7 +173,7 @@ def run_jobs(
 
 
 def run_job(job: Job, folder: Path, engine: str = "batch") -> dict[str, Any]:
-    """Train if it learns, evaluate, keep the row (and the table) in the folder."""
+    """Train if the policy learns, evaluate, and keep the row and the Q-table in the folder."""
     scenario = job.scenario()
     row: dict[str, Any] = {
         "case": job.case,
@@ -201,10 +202,11 @@ def run_job(job: Job, folder: Path, engine: str = "batch") -> dict[str, Any]:
 
 @cache
 def best_cover(case: int, seed: int) -> dict[str, float | None]:
-    """The QoE3 that hovering forever over the best cells would give, where users stand still.
+    """Return the QoE3 of drones that hover forever over the best cells, if users stand still.
 
-    No policy does better; with a battery none can do as well. ``fair``: the most that hovering
-    drones are rewarded by R1 for, over the steps of an episode, and the range of QoE3 it leaves.
+    A drone with a battery cannot hover forever, so it reaches less. The ``fair`` entries are the
+    largest sum of R1 over an episode for drones that hover, and the range of QoE3 with that sum.
+    Values that do not apply are None.
     """
     scenario = load(scenario_path(f"case{case}"), [f"seed={seed}"])
     found: dict[str, float | None] = dict.fromkeys(BEST_COVER)
@@ -224,7 +226,7 @@ def best_cover(case: int, seed: int) -> dict[str, float | None]:
 
 
 def _finished(job: Job, folder: Path) -> dict[str, Any] | None:
-    """The row of a job that was finished before, if it was this very job."""
+    """Return the row of this job if it was finished before, else None."""
     try:
         found = json.loads((folder / "jobs" / f"{job.name}.json").read_text(encoding="utf-8"))
         if (found["identity"], found["sha256"]) == (job.identity(), of_row(found["row"])):

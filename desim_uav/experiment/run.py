@@ -1,4 +1,4 @@
-"""A run: one policy through a number of episodes of one scenario, on one seed."""
+"""A run: one policy in a number of episodes of one scenario, on one seed."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from desim_uav.sample_path import SamplePath, draw
 from desim_uav.world import World
 
 BATCH, ROWS = 50, 200_000
-"""Episodes that are put into tables together, unless they have more rows before."""
+"""The episodes, or before that the rows, after which a batch is put into tables."""
 
 
 @dataclass
@@ -37,11 +37,11 @@ class Results:
 
 
 Played = tuple[EpisodeLog, SamplePath]
-"""An episode that has ended."""
+"""The log and the sample path of an episode that has ended."""
 
 
 def run_settings(world: World, policy: Policy, keep_events: bool) -> RunSettings:
-    """What a policy and its scenario ask of the engine."""
+    """Return the engine's settings for a policy and the scenario of a world."""
     ceilings = (policy.ceiling,) * world.scenario.drones.count
     return RunSettings(ceilings, world.scenario.episode.carry_over, keep_events)
 
@@ -57,9 +57,9 @@ def run(
     on_episode: Callable[[], None] = lambda: None,
     engine: str = "des",
 ) -> Results:
-    """Run ``warmup`` + ``episodes`` episodes, all in memory.
+    """Run ``warmup`` + ``episodes`` episodes and return all tables in memory.
 
-    Warm-up episodes have negative numbers. ``engine``: des or batch.
+    Warm-up episodes have negative numbers. ``engine`` is des or batch.
     """
     parts: list[Results] = []
     played: list[Played] = []
@@ -84,7 +84,7 @@ def play(
     keep_events: bool = False,
     engine: str = "des",
 ) -> Iterator[tuple[EpisodeLog, SamplePath]]:
-    """The logs of a run's episodes, as they end."""
+    """Yield the log and the sample path of each episode of a run when it has ended."""
     settings = run_settings(world, policy, keep_events)
     simulation = make_engine(engine, world, settings)
     for episode in range(-warmup, episodes):
@@ -93,16 +93,16 @@ def play(
             with _blame(policy_name, episode):
                 carried = settings.carry_over and simulation.truncated and not simulation.terminated
                 policy.begin(world, Streams(seed, Purpose.LEARNER, episode), carried)
-            shown = simulation.reset(path)
-            while not (shown.terminated or shown.truncated):
-                with _blame(policy_name, episode, shown.step):
-                    commands = decide(policy, shown)
-                shown = simulation.step(commands)
+            snapshot = simulation.reset(path)
+            while not (snapshot.terminated or snapshot.truncated):
+                with _blame(policy_name, episode, snapshot.step):
+                    commands = decide(policy, snapshot)
+                snapshot = simulation.step(commands)
         yield simulation.log, path
 
 
 class Tally:
-    """What a run says of itself: the measures over its counted episodes, added as they end."""
+    """The measures of a run over its counted episodes, which are added when they have ended."""
 
     def __init__(self) -> None:
         self.episodes = 0
@@ -121,7 +121,7 @@ class Tally:
         self._reward.add(episodes["reward"].to_numpy())
 
     def headline(self) -> dict[str, Any]:
-        """The measures."""
+        """Return the measures over all episodes added so far."""
         return self._requests.summary() | {
             "episodes": self.episodes,
             "suppressed": self._suppressed,
@@ -132,20 +132,20 @@ class Tally:
 
 
 def headline(requests: pd.DataFrame, episodes: pd.DataFrame) -> dict[str, Any]:
-    """The same of whole tables."""
+    """Return the measures of whole tables."""
     tally = Tally()
     tally.add(requests, episodes)
     return tally.headline()
 
 
 def counted(requests: pd.DataFrame) -> pd.DataFrame:
-    """The requests of all episodes but those of warm-up."""
+    """Return the requests of all episodes except warm-up."""
     return requests[requests["episode"] >= 0]
 
 
 @contextmanager
 def _blame(policy_name: str, episode: int, step: int | None = None) -> Iterator[None]:
-    """Turn whatever a policy raises into one clear error."""
+    """Turn an error in a policy into a SimulationError with the policy, episode and step."""
     try:
         yield
     except DesimError:
@@ -158,7 +158,7 @@ def _blame(policy_name: str, episode: int, step: int | None = None) -> Iterator[
 
 
 def is_batch(played: Sequence[Played]) -> bool:
-    """Is it time to put these episodes into tables?"""
+    """Return whether it is time to put these episodes into tables."""
     rows = sum(
         len(log.requests) + len(log.events or ()) + len(path.walks.legs) for log, path in played
     )
@@ -166,7 +166,7 @@ def is_batch(played: Sequence[Played]) -> bool:
 
 
 def tabulate(world: World, played: Sequence[Played], keep_events: bool) -> Results:
-    """The tables of some episodes."""
+    """Return the tables of some episodes."""
     logs = [log for log, _ in played]
     requests = tables.requests_table(logs, world)
     return Results(

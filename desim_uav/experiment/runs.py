@@ -1,4 +1,4 @@
-"""The requests of finished runs in one frame, with who flew and where the user was."""
+"""The requests of finished runs in one frame, with the policy and the user's position."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def read_runs(folders: Sequence[Path]) -> pd.DataFrame:
 
 
 def _placed(run: Run) -> pd.DataFrame:
-    """The counted requests with the columns of place."""
+    """Return the counted requests with the columns that tell the user's position."""
     requests, world = run.counted("requests"), run.map
     x_m, y_m = _place(requests, run.table("users"))
     (width, depth), (nx, ny) = world["size_m"], world["cells"]
@@ -38,7 +38,7 @@ def _placed(run: Run) -> pd.DataFrame:
     placed = requests.assign(x_m=x_m, y_m=y_m, cluster=pd.NA, from_centre_m=np.nan)
     placed["cell"] = [f"{x:.0f}, {y:.0f}" for x, y in zip(ix, iy, strict=True)]
     if world["clusters"]:
-        cluster = requests["user"].to_numpy() % len(world["clusters"])  # dealt round robin
+        cluster = requests["user"].to_numpy() % len(world["clusters"])  # assigned round robin
         centres = np.array([(c["x_m"], c["y_m"]) for c in world["clusters"]])[cluster]
         placed["cluster"] = cluster
         placed["from_centre_m"] = np.hypot(x_m - centres[:, 0], y_m - centres[:, 1])
@@ -48,7 +48,7 @@ def _placed(run: Run) -> pd.DataFrame:
 def _place(
     requests: pd.DataFrame, way_points: pd.DataFrame
 ) -> tuple[np.ndarray[tuple[int], np.dtype[np.float64]], ...]:
-    """Where each request's user was at its time: on the line between two way points."""
+    """Return x and y of each request's user at its time, on the line between two way points."""
     asked = requests[["episode", "user", "t_request_s"]].reset_index(drop=True)
     asked = asked.reset_index(names="row").sort_values("t_request_s", kind="stable")
     points = way_points[["episode", "user", "t_s", "x_m", "y_m"]].sort_values("t_s", kind="stable")
@@ -67,6 +67,6 @@ def _place(
     passed_s = (before["t_request_s"] - before["t_s"]).to_numpy()
     leg_s = (after["t_s"] - before["t_s"]).to_numpy()
     share = np.divide(passed_s, leg_s, out=np.zeros(len(asked)), where=leg_s > 0)
-    starts, ends = (found[["x_m", "y_m"]].to_numpy() for found in (before, after))
+    starts, ends = (points[["x_m", "y_m"]].to_numpy() for points in (before, after))
     x_m, y_m = (starts + share[:, None] * (ends - starts)).T
     return x_m, y_m

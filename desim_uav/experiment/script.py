@@ -1,4 +1,4 @@
-"""The command line of an analysis script: run folders, perhaps a picture, and clear errors."""
+"""The command line of an analysis script: run folders, an optional picture, and clear errors."""
 
 from __future__ import annotations
 
@@ -17,15 +17,15 @@ if TYPE_CHECKING:
 PICTURES = (".png", ".svg", ".pdf")
 
 Analysis = Callable[["pd.DataFrame", bool], "Figure | None"]
-"""Prints its table of the requests of some runs; draws a figure where it is asked for one."""
+"""Prints a table about the requests of some runs; returns a figure if the flag asks for one."""
 
 
 def run_script(analysis: Analysis, about: str | None) -> None:
     """Analyse the run folders that the command line names, ``RUN_DIR… [FILE.png]``.
 
-    The analysis is given what ``read_runs`` reads of them; below its table stands a word on
-    intervals where a policy has one seed only. Where something is wrong the program ends with one
-    message and its exit code. ``about``, the script's docstring, is its help.
+    The analysis gets the frame of ``read_runs``. If a policy has only one seed, a note below the
+    table says that there is no interval. An error ends the program with one message and its exit
+    code. ``about``, the script's docstring, is its help text.
     """
     from desim_uav.experiment.runs import read_runs
 
@@ -34,10 +34,10 @@ def run_script(analysis: Analysis, about: str | None) -> None:
         print(about, file=sys.stdout if arguments else sys.stderr)
         sys.exit(0 if arguments else UsageError.exit_code)
     try:
-        folders, picture = _told(arguments)
+        folders, picture = _paths(arguments)
         runs = read_runs(folders)
         if runs.empty:
-            raise PolicyError("nobody asked for anything in these runs")
+            raise PolicyError("these runs have no requests")
         _analyse(analysis, runs, picture)
         if runs.groupby("policy")["seed"].nunique().min() == 1:
             print("no interval from a single seed: its requests and episodes are correlated")
@@ -45,23 +45,23 @@ def run_script(analysis: Analysis, about: str | None) -> None:
     except DesimError as error:
         print(f"{Path(sys.argv[0]).name}: {error}", file=sys.stderr)
         sys.exit(error.exit_code)
-    except BrokenPipeError:  # nobody reads on
+    except BrokenPipeError:  # the reader of stdout has ended
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         sys.exit(1)
 
 
-def _told(arguments: list[str]) -> tuple[list[Path], Path | None]:
-    """The folders, and the picture to draw. Raises UsageError."""
+def _paths(arguments: list[str]) -> tuple[list[Path], Path | None]:
+    """Return the run folders and the picture's file. Raises UsageError if there is no folder."""
     *others, last = map(Path, arguments)
     if last.suffix.lower() not in PICTURES or last.is_dir():
         return [*others, last], None
     if not others:
-        raise UsageError(f"{last}: of which run? Name its folder before the picture")
+        raise UsageError(f"{last}: name the run folders before the picture")
     return others, last
 
 
 def _analyse(analysis: Analysis, runs: pd.DataFrame, picture: Path | None) -> None:
-    """Raises UsageError if the picture cannot be written."""
+    """Run the analysis. Raises UsageError if the picture cannot be written."""
     from desim_uav.report.figures.style import styled, to_bytes
 
     figure = styled(analysis)(runs, picture is not None)

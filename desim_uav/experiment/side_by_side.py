@@ -1,4 +1,4 @@
-"""Two runs can be played in step if they differ in their policies only."""
+"""Checks that two runs can be played in step: they may differ in their policies only."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ from desim_uav.report.run import Run
 
 SEEDS = ("seed", "world_seed")
 MOST_NAMED = 3
-"""So many keys of the scenario are named in the message."""
+"""The largest number of keys that the message names."""
 
 
 def common_episodes(first: Run, second: Run, asked: str | None) -> list[int]:
     """Return the episodes that two runs on common seeds are shown for.
 
-    ``asked``: such as ``0-9``; without it, all that were counted. Raises PolicyError, with the
-    values of both, if the runs differ in scenario, seed, world or episodes.
+    ``asked`` is a text such as ``0-9``; by default all counted episodes. Raises PolicyError, with
+    the values of both, if the runs differ in scenario, seed, world or episodes.
     """
     for what, one, other in _differences(first, second):
         raise _unlike(first, second, f"{what}: {one} and {other}")
@@ -26,13 +26,13 @@ def common_episodes(first: Run, second: Run, asked: str | None) -> list[int]:
         raise _unlike(
             first,
             second,
-            f"episodes: {_told(wanted)} and {_told(others)}; choose some of both with --episodes",
+            f"episodes: {_span(wanted)} and {_span(others)}; choose common ones with --episodes",
         )
     return wanted
 
 
 def _differences(first: Run, second: Run) -> Iterator[tuple[str, Any, Any]]:
-    """Yield what is not the same, the most telling first: its name and both values."""
+    """Yield the name and both values of each difference, the most important first."""
     one, other = (_flat(run.scenario.model_dump(mode="json")) for run in (first, second))
     keys = sorted(key for key in one.keys() | other.keys() if one.get(key) != other.get(key))
     unlike = [key for key in keys if key not in SEEDS]
@@ -59,7 +59,7 @@ def _flat(content: Mapping[str, Any], above: str = "") -> dict[str, Any]:
     return found
 
 
-def _told(episodes: list[int]) -> str:
+def _span(episodes: list[int]) -> str:
     return f"{episodes[0]} to {episodes[-1]} ({len(episodes)})"
 
 

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 
 LEVEL = 0.95
-"""The confidence of every interval."""
+"""The confidence level of every interval."""
 
 
 @dataclass(frozen=True)
 class Estimate:
     """A mean over ``n`` replications and the half-width of its interval.
 
-    ``mean`` is None where there is none, ``half_width`` where there are fewer than two.
+    ``mean`` is None if there is no replication, ``half_width`` if there are fewer than two.
     """
 
     n: int
@@ -29,12 +29,12 @@ class Estimate:
 
     @property
     def low(self) -> float | None:
-        """The interval's lower end."""
+        """The lower end of the interval."""
         return self._at(-1)
 
     @property
     def high(self) -> float | None:
-        """The interval's upper end."""
+        """The upper end of the interval."""
         return self._at(1)
 
     @property
@@ -45,7 +45,7 @@ class Estimate:
         return not self.low <= 0.0 <= self.high
 
     def __format__(self, form: str) -> str:
-        """``mean ± half_width``, as far as there are such, each in a format of numbers."""
+        """Return ``mean ± half_width``, or ``mean``, or "-", with numbers in the given format."""
         if self.mean is None:
             return "-"
         mean = format(self.mean, form)
@@ -75,8 +75,8 @@ def estimate(values: Iterable[float | None]) -> Estimate:
 def paired(values: Sequence[float | None], reference: Sequence[float | None]) -> Estimate:
     """Return the mean of the paired differences ``values`` minus ``reference``, and its interval.
 
-    Both list the same replications in the same order. Randomness that both share cancels, so the
-    interval is narrower than that of two separate means. Pairs that lack a value are left out.
+    Both have the same replications in the same order. Common randomness cancels, so the interval is
+    usually narrower than that of two separate means. Pairs that lack a value are left out.
     """
     pairs = zip(values, reference, strict=True)
     return estimate(None if a is None or b is None else a - b for a, b in pairs)

@@ -1,7 +1,7 @@
-"""A sweep: policies, or trainings, in every combination of some keys' values, on common seeds.
+"""A sweep: policies or trainings in every combination of the values of some keys, on common seeds.
 
-A job is one of them on one seed. It is a function of what it is given, wherever it runs, and comes
-back as a row; a learner trains first and is then evaluated greedily.
+A job is one policy or training in one combination on one seed. Its result is a row that depends on
+the job only, not on the machine. A learner trains first and is then evaluated greedily.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ Row = dict[str, Any]
 
 @dataclass(frozen=True)
 class Job:
-    """An arm on a seed: so many episodes after ``warmup``."""
+    """An arm on one seed, with the numbers of counted and of warm-up episodes."""
 
     arm: Arm
     seed: int
@@ -39,7 +39,7 @@ class Job:
 
     @property
     def id(self) -> str:
-        """The same for the same job, and for no other: its row's file is named so."""
+        """A digest that identifies the job; the file of its row has this name."""
         arm = self.arm
         content = {
             "version": __version__,
@@ -52,7 +52,7 @@ class Job:
         return hashlib.sha256(text.encode()).hexdigest()[:20]
 
     def row(self, measures: dict[str, float | None]) -> Row:
-        """What is kept of it."""
+        """Return the row that is kept of the job."""
         arm, world_seed = self.arm, self.arm.scenario.world_seed
         row = {"job": self.id} | arm.combination.cells | {"policy": arm.policy}
         row |= {"algorithm": arm.algorithm, "seed": self.seed}
@@ -60,7 +60,7 @@ class Job:
 
 
 class Outcome(NamedTuple):
-    """What came of a job: its measures, and the table it learned; or why there is none."""
+    """The measures of a job and the Q-table it learned, or the reason for its failure."""
 
     measures: dict[str, float | None] | None = None
     table: bytes | None = None
@@ -68,22 +68,23 @@ class Outcome(NamedTuple):
 
 
 class Failure(NamedTuple):
-    """A job without a row, and why."""
+    """A failed job and the reason."""
 
     job: Job
     reason: str
 
     def content(self) -> Row:
-        """As plain data."""
+        """Return the failure as plain data."""
         arm = self.job.arm
         row = {"job": self.job.id} | arm.combination.cells | {"policy": arm.policy}
         return row | {"seed": self.job.seed, "reason": self.reason}
 
 
 class Backend(Protocol):
-    """Calls a function with the arguments of each task, some at a time, wherever that is.
+    """Calls a function with the arguments of each task, on this machine or elsewhere.
 
-    ``on_end`` gets a task's number and result; ``on_death`` its number, and why there is none.
+    ``on_end`` gets the number and the result of a task, ``on_death`` the number of a task whose
+    process has died, and the reason.
     """
 
     def __call__(
@@ -94,27 +95,27 @@ class Backend(Protocol):
         on_end: Callable[[int, Any], None],
         on_death: Callable[[int, str], None],
     ) -> None:
-        """Raises DesimError where nothing can be run there."""
+        """Run the tasks. Raises DesimError if nothing can be run there."""
 
 
 class Keeper(Protocol):
-    """Keeps what jobs give, whole or not at all."""
+    """Stores the outcomes of jobs, each completely or not at all."""
 
     def keep(self, job: Job, outcome: Outcome) -> Row:
-        """The row of a job that has ended, once it is safe."""
+        """Store the outcome of a job that has ended, and return its row."""
 
 
 def jobs(found: Sequence[Arm], seeds: range, episodes: int, warmup: int) -> list[Job]:
-    """Every arm on every seed, seed by seed. Raises UsageError where they are too many."""
+    """Return the jobs of every arm on every seed. Raises UsageError if there are too many."""
     if len(found) * len(seeds) > MOST:
-        raise UsageError(f"{len(found) * len(seeds)} jobs; at most {MOST}")
+        raise UsageError(f"{len(found) * len(seeds)} jobs are too many; at most {MOST} are allowed")
     return [Job(arm, seed, episodes, warmup) for seed in seeds for arm in found]
 
 
 def run_jobs(
     todo: Sequence[Job], keeper: Keeper, backend: Backend, on_job: Callable[[], None]
 ) -> tuple[list[Row], list[Failure], bool]:
-    """The rows of the jobs that ended, those that failed, and was it interrupted?"""
+    """Run jobs; return the rows of those that ended, the failures, and whether it was stopped."""
     rows: list[Row] = []
     failures: list[Failure] = []
 
@@ -138,9 +139,9 @@ def run_jobs(
 
 
 def run_job(job: Job, version: str = __version__) -> Outcome:
-    """Train if it learns, and evaluate. Whatever goes wrong is said, not raised.
+    """Train if the arm learns, and evaluate; an error becomes part of the outcome.
 
-    ``version``: of the package where the sweep was begun.
+    ``version`` is that of the package on the machine where the sweep began.
     """
     try:
         return _run(job, version)
@@ -151,7 +152,7 @@ def run_job(job: Job, version: str = __version__) -> Outcome:
 
 
 def estimates(todo: Sequence[Job], rows: Sequence[Row]) -> list[tuple[Arm, dict[str, Estimate]]]:
-    """Of each arm its measures, each over the seeds there are."""
+    """Return for each arm the estimates of its measures over the seeds that have ended."""
     row_of = {row["job"]: row for row in rows}
     of_arm: dict[int, tuple[Arm, list[Row]]] = {}
     for job in todo:
@@ -167,9 +168,9 @@ def _run(job: Job, version: str) -> Outcome:
     arm = job.arm
     if __version__ != version:
         here = f"{__version__} on {platform.node()}"
-        raise DesimError(f"desim-uav {here}, but the sweep was begun with {version}")
+        raise DesimError(f"desim-uav is {here}, but the sweep began with {version}")
     if arm.algorithm is None and policy_digest(arm.source) != arm.digest:
-        raise PolicyError(f"{arm.policy}: another file than when the sweep was begun")
+        raise PolicyError(f"{arm.policy}: the file has changed since the sweep began")
     with tempfile.TemporaryDirectory() as folder:
         policy, table = arm.source, None
         if arm.algorithm is not None:
@@ -181,7 +182,7 @@ def _run(job: Job, version: str) -> Outcome:
 
 
 def _learned(job: Job) -> bytes:
-    """The table of a training in the world of its seed."""
+    """Return the Q-table of a training in the world of its seed, as a file's content."""
     scenario = job.arm.scenario.model_copy(update={"seed": job.seed})
     world = build_world(scenario, scenario.effective_world_seed)
     table, _ = train(scenario, world, engine=job.arm.engine)

@@ -1,4 +1,4 @@
-"""What ``desim-uav sweep`` does around a sweep: its plan, its folder, its backend, its table."""
+"""The work of ``desim-uav sweep``: the plan, the folder, the backend and the table of a sweep."""
 
 from __future__ import annotations
 
@@ -35,15 +35,15 @@ MEASURES = {
     "crashes_per_drone_episode": ("crashes/drone/ep.", ".3f"),
     "reward_mean": ("reward", ".2f"),
 }
-"""Of the table at a sweep's end: headings and formats."""
+"""Headings and formats of the table at the end of a sweep."""
 
 
 @dataclass(frozen=True)
 class Asked:
-    """What a command line asks for; lists stand there with commas.
+    """The options of a command line; lists are separated by commas.
 
-    ``policies``: None is the baseline, or none where something is trained. ``algorithms``: None is
-    the scenario's own.
+    ``policies`` None means the baseline, or no policy if something is trained. ``algorithms`` None
+    means the scenario's own.
     """
 
     overrides: Sequence[str]
@@ -56,32 +56,32 @@ class Asked:
     engine: str | None
 
     def policy_names(self) -> list[str]:
-        """The policies to run. Raises UsageError, and PolicyError as they are loaded."""
+        """Return the policies to run. Raises UsageError, or PolicyError if one cannot be loaded."""
         default = "" if self.train else "baseline"
         names = default if self.policies is None else self.policies
         return policy_names(names) if names or self.policies is not None else []
 
     def algorithm_names(self) -> list[str | None]:
-        """The algorithms to train by. Raises UsageError."""
+        """Return the algorithms to train by. Raises UsageError for wrong options."""
         if self.algorithms is None:
             return [None] if self.train else []
         if not self.train:
-            raise UsageError("--algorithm goes with --train")
+            raise UsageError("--algorithm needs --train")
         if any(override.startswith("learning.algorithm=") for override in self.overrides):
             raise UsageError(
                 f"{named_override('learning.algorithm')}: --algorithm sets this key already"
             )
-        found = [name.strip() for name in self.algorithms.split(",")]
-        for name in found:
-            if not name or found.count(name) > 1:
-                problem = f"{name!r} is named twice" if name else "a name is empty"
+        names = [name.strip() for name in self.algorithms.split(",")]
+        for name in names:
+            if not name or names.count(name) > 1:
+                problem = f"{name!r} is given twice" if name else "a name is empty"
                 raise UsageError(f"--algorithm {self.algorithms}: {problem}")
-        return list(found)
+        return list(names)
 
 
 @dataclass(frozen=True)
 class Done:
-    """A sweep that has ended, or was interrupted."""
+    """A sweep that has ended or was interrupted."""
 
     out: Path
     axes: Sequence[Axis]
@@ -91,7 +91,7 @@ class Done:
     interrupted: bool
 
     def content(self) -> dict[str, Any]:
-        """Everything as plain data: rows, estimates by combination and policy, failures."""
+        """Return all as plain data: rows, estimates by combination and policy, and failures."""
         first = self.jobs[0]
         return {
             "scenario": first.arm.scenario.name,
@@ -121,11 +121,11 @@ class Done:
         )
 
     def headings(self) -> list[str]:
-        """Of the table: the keys that vary, the policy, and the measures."""
+        """Return the table's headings: the keys that vary, the policy, and the measures."""
         return [*self._varied(), "policy", "seeds", *(heading for heading, _ in MEASURES.values())]
 
     def lines(self) -> list[list[str]]:
-        """A line for each combination and policy: means and half-widths."""
+        """Return a line of means and half-widths for each combination and policy."""
         return [
             [
                 *("null" if (v := arm.combination.cells[k]) is None else f"{v}" for k in varied),
@@ -138,7 +138,7 @@ class Done:
         ]
 
     def markdown(self, command: Sequence[str]) -> str:
-        """The table, with the command that made it."""
+        """Return the table as Markdown, with the command that made it."""
         first = self.jobs[0]
         rule = ["---" for _ in self.headings()]
         lines = [[cell.replace("|", "\\|") for cell in line] for line in self.lines()]
@@ -149,12 +149,12 @@ class Done:
         return "\n".join([f"`{' '.join(command)}`", "", about, "", *table]) + "\n"
 
     def complaint(self) -> str:
-        """What failed: the first of them, and where the others are listed."""
+        """Return the first failures, and the file that lists all of them."""
         lines = [f"{f.job.arm.name}, seed {f.job.seed}: {f.reason}" for f in self.failures]
         more = len(lines) - SHOWN_FAILURES
-        told = [f"and {more} more"] if more > 0 else []
-        told += [f"{len(lines)} of {len(self.jobs)} jobs failed, see {self.out / FAILED}"]
-        return "\n".join(lines[:SHOWN_FAILURES] + told)
+        rest = [f"and {more} more"] if more > 0 else []
+        rest += [f"{len(lines)} of {len(self.jobs)} jobs failed, see {self.out / FAILED}"]
+        return "\n".join(lines[:SHOWN_FAILURES] + rest)
 
     def _varied(self) -> list[str]:
         return [axis.key for axis in self.axes if len(axis.values) > 1]
@@ -176,10 +176,11 @@ def sweep_to_folder(
     show_progress: bool = False,
     say: Callable[[str], None] = lambda notice: None,
 ) -> Done:
-    """Run a sweep and keep each job's row as it ends. Raises the errors of its parts before any.
+    """Run a sweep and keep the row of each job when it has ended.
 
-    ``path``: of the scenario. ``workers``: jobs at a time. ``address``: of a Ray cluster. Ctrl-C
-    ends it; what has ended is kept.
+    ``path`` is the scenario's file, ``workers`` the number of jobs at a time, ``address`` that of a
+    Ray cluster. Ctrl-C ends the sweep; finished jobs are kept. Errors in the options, scenario,
+    policies or folder are raised before the first job.
     """
     _check_backend(backend, address)
     swept, algorithms = axes(asked.overrides), asked.algorithm_names()
@@ -197,7 +198,7 @@ def sweep_to_folder(
         with progress(show_progress, len(left), "jobs", "batch") as advance:
             rows, failures, interrupted = run_jobs(left, folder, run, advance)
         finished |= {row["job"]: row for row in rows}
-        if interrupted:  # perhaps between a row's file and its entry here
+        if interrupted:  # perhaps after a row was written and before it was noted here
             finished = folder.rows(todo)
         ordered = [finished[job.id] for job in todo if job.id in finished]
         done = Done(out, swept, todo, ordered, failures, interrupted)
@@ -207,16 +208,16 @@ def sweep_to_folder(
 
 
 def _check_backend(name: str, address: str | None) -> None:
-    """Raise UsageError, or MissingExtraError if Ray is asked for and not installed."""
+    """Raise UsageError, or MissingExtraError if Ray is needed and not installed."""
     if name == "ray":
         import_ray()
     elif address is not None:
-        raise UsageError("--address goes with --backend ray")
+        raise UsageError("--address needs --backend ray")
 
 
 @contextmanager
 def _backend(name: str, workers: int | None, address: str | None, quiet: bool) -> Iterator[Backend]:
-    """Yield what runs the jobs; a cluster that cannot be joined leaves no folder behind."""
+    """Yield the backend; it is made before the folder, so a failed connection leaves no folder."""
     if name == "ray":
         with ray_backend(workers, address, quiet) as run:
             yield run
@@ -225,7 +226,7 @@ def _backend(name: str, workers: int | None, address: str | None, quiet: bool) -
 
 
 def _warnings(tried: Sequence[Arm], seeds: range) -> list[str]:
-    """What to warn of: policies that know a world other than those they are run in."""
+    """Return a warning for each policy that was learned in a world outside the sweep."""
     worlds = {(arm.scenario.world_seed, arm.policy): arm for arm in tried if not arm.algorithm}
     found = (out_of_place(arm.scenario, {arm.policy: arm.policy}, seeds) for arm in worlds.values())
     return list(dict.fromkeys(warning for some in found for warning in some))

@@ -1,7 +1,7 @@
 """The folder of a sweep: a manifest, and a file for each job that has ended.
 
-``results/`` is one Parquet dataset, a row a job. A job's file appears whole or not at all, so that
-whatever ends a sweep, the same command goes on with what is left.
+``results/`` is one Parquet dataset with a row per job. Each job's file is written in one step, so
+the same command can continue a sweep however it ended.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ if TYPE_CHECKING:
 
 MANIFEST, FAILED, RESULTS, TABLES = "manifest.json", "failed.json", "results", "policies"
 DIGEST = b"row_sha256"
-"""Pages have checksums, but what Parquet says about them has none."""
+"""The key of a row's checksum: Parquet has checksums for its pages, but not for its metadata."""
 PLAN = {"scenario": dict, "columns": dict, "episodes": int, "warmup": int, "jobs": list}
-"""What a manifest says of what is swept."""
+"""The entries of a manifest that its readers need, with their types."""
 
 
 class SweepFolder:
-    """Where the rows of a sweep's jobs are kept, and found again."""
+    """Stores the rows of a sweep's jobs and reads them again."""
 
     def __init__(self, out: Path, axes: Sequence[Axis]) -> None:
         self.out = out
@@ -46,7 +46,7 @@ class SweepFolder:
 
     @contextmanager
     def held(self) -> Iterator[None]:
-        """No other sweep writes to it meanwhile. Raises UsageError where one does."""
+        """Keep other sweeps from writing to the folder. Raises UsageError if one already does."""
         try:
             self.out.absolute().parent.mkdir(parents=True, exist_ok=True)
         except OSError as error:
@@ -55,21 +55,24 @@ class SweepFolder:
             yield
 
     def open(self, path: Path, todo: Sequence[Job], resume: bool, command: list[str]) -> None:
-        """Make it a folder of these jobs, or see that it is one; ``path``: of their scenario.
+        """Make the folder for these jobs, or check that it belongs to them.
 
-        One that has begun may be given more jobs, but all that it has must be among them. Raises
-        UsageError where it cannot be used, PolicyError where it is of another sweep.
+        ``path`` is the scenario's file. A sweep can be continued with more jobs, but must keep all
+        that it has. Raises UsageError if the folder cannot be used, and PolicyError if it belongs
+        to another sweep.
         """
         plan = self._plan(path, todo)
         try:
             begun = self._begun()
             if begun and not resume:
-                raise UsageError(f"--out {self.out}: holds a sweep; --resume goes on with it")
+                raise UsageError(
+                    f"--out {self.out}: the folder holds a sweep; --resume continues it"
+                )
             if begun and (self.out / MANIFEST).exists():
                 self._check(plan)
             self.out.mkdir(parents=True, exist_ok=True)
-            told = {"command": command, "started": datetime.now(UTC).isoformat()}
-            content = json.dumps(plan | told | {"versions": versions()}, indent=1)
+            about = {"command": command, "started": datetime.now(UTC).isoformat()}
+            content = json.dumps(plan | about | {"versions": versions()}, indent=1)
             write_whole(self.out / MANIFEST, (content + "\n").encode())
             for name in (RESULTS, TABLES):
                 (self.out / name).mkdir(exist_ok=True)
@@ -77,7 +80,7 @@ class SweepFolder:
             raise UsageError(f"--out {self.out}: {error.strerror or error}") from error
 
     def rows(self, todo: Sequence[Job]) -> dict[str, Row]:
-        """The rows of the jobs that have ended, by job. A damaged one is as if it had not."""
+        """Return the rows of the jobs that have ended, by job. Damaged rows are left out."""
         found = {}
         for job in todo:
             row = read_row(self.out, self.columns, job.id)
@@ -86,8 +89,8 @@ class SweepFolder:
         return found
 
     def keep(self, job: Job, outcome: Outcome) -> Row:
-        """Keep the row of a job that has ended, and the table it learned before."""
-        assert outcome.measures is not None, "it has ended well"
+        """Store the row of a job that has ended, after the Q-table that it learned."""
+        assert outcome.measures is not None, "the job has not failed"
         row = job.row(outcome.measures)
         if outcome.table is not None:
             write_whole(self.out / TABLES / f"{job.id}.npz", outcome.table)
@@ -95,7 +98,7 @@ class SweepFolder:
         return row
 
     def list_failures(self, failures: Sequence[Failure]) -> None:
-        """Write ``failed.json``; where nothing failed there is none."""
+        """Write ``failed.json``, or remove it if no job failed."""
         file = self.out / FAILED
         if failures:
             content = json.dumps([failure.content() for failure in failures], indent=1)
@@ -123,7 +126,7 @@ class SweepFolder:
         }
 
     def _begun(self) -> bool:
-        """Has a sweep begun here, if only with the beginning of a manifest?"""
+        """Return whether a sweep has begun here, even if its manifest is not complete."""
         if not self.out.exists():
             return False
         if not self.out.is_dir():
@@ -131,11 +134,11 @@ class SweepFolder:
         there = [path.name for path in self.out.iterdir()]
         begun = MANIFEST in there or any(name.startswith(f".{MANIFEST}-") for name in there)
         if there and not begun:
-            raise UsageError(f"--out {self.out}: the folder is not empty, and holds no sweep")
+            raise UsageError(f"--out {self.out}: the folder is not empty and holds no sweep")
         return begun
 
     def _check(self, plan: dict[str, Any]) -> None:
-        """Raises PolicyError where the folder is of a sweep that is no part of this one."""
+        """Raise PolicyError if the folder's sweep is not a part of this one."""
         there = read_manifest(self.out / MANIFEST)
         for what, was, now in (
             ("by desim-uav", there["versions"]["desim-uav"], __version__),
@@ -144,19 +147,22 @@ class SweepFolder:
             ("with --warmup", there["warmup"], plan["warmup"]),
         ):
             if was != now:
-                raise PolicyError(f"{self.out}: another sweep: {what} {was}, not {now}")
+                raise PolicyError(
+                    f"{self.out}: the folder holds another sweep: {what} {was}, not {now}"
+                )
         known = set(plan["jobs"])
         others = sum(job not in known for job in there["jobs"])
         if others:
             changed = there["scenario"]["sha256"] != plan["scenario"]["sha256"]
-            reason = "its scenario was another file" if changed else "values, policies or seeds"
+            reason = "the scenario's file" if changed else "values, policies or seeds"
             raise PolicyError(
-                f"{self.out}: another sweep: {others} of its {len(there['jobs'])} jobs are not "
-                f"among these {len(known)} ({reason}); name another --out"
+                f"{self.out}: the folder holds another sweep: {others} of its "
+                f"{len(there['jobs'])} jobs are not among these {len(known)} ({reason} differ); "
+                "name another --out"
             )
         for file in sorted((self.out / RESULTS).glob("*")):
             if not file.name.startswith(".") and file.stem not in known:
-                raise PolicyError(f"{file}: no row of this sweep; move it elsewhere")
+                raise PolicyError(f"{file}: not a row of this sweep; move it elsewhere")
 
     def _file(self, job: Job) -> Path:
         return self.out / RESULTS / f"{job.id}.parquet"
@@ -196,7 +202,7 @@ def _schema(columns: Mapping[str, str]) -> pa.Schema:
 
 
 def read_manifest(file: Path) -> dict[str, Any]:
-    """Read the manifest of a sweep. Raises PolicyError."""
+    """Read the manifest of a sweep. Raises PolicyError if it is unreadable or incomplete."""
     try:
         found = json.loads(text_of(file, MOST_BYTES))
     except (OSError, ValueError, RecursionError) as error:
@@ -204,9 +210,9 @@ def read_manifest(file: Path) -> dict[str, Any]:
         raise PolicyError(f"{file}: not a readable manifest: {reason}") from error
     for key, of_type in PLAN.items():
         if not isinstance(found, dict) or not isinstance(found.get(key), of_type):
-            raise PolicyError(f"{file}: not the manifest of a sweep: no {key}")
+            raise PolicyError(f"{file}: not the manifest of a sweep: it has no {key}")
     if not isinstance(found.get("versions"), dict) or "desim-uav" not in found["versions"]:
-        raise PolicyError(f"{file}: not the manifest of a sweep: no versions")
+        raise PolicyError(f"{file}: not the manifest of a sweep: it has no versions")
     return dict(found)
 
 

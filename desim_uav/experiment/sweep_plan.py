@@ -1,4 +1,4 @@
-"""The plan of a sweep: what it tries in which combination, and what is wrong with any of it."""
+"""The plan of a sweep: the policies and trainings in each combination, and all their problems."""
 
 from __future__ import annotations
 
@@ -26,21 +26,21 @@ from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 
 Choose = Callable[[World], str]
-"""Says by which engine a world is run."""
+"""Returns the name of the engine that runs a world."""
 
 MOST_PROBLEMS = 100
+"""The largest number of problems that are listed."""
 
 LARGEST_POLICY = 2**32
 """The most bytes of a policy's file that are read to tell whether it has changed."""
-"""Said of a sweep's combinations, at most."""
 
 
 @dataclass(frozen=True)
 class Arm:
     """A policy in a combination, or an ``algorithm`` that learns one there.
 
-    ``source``: the policy with the whole path of its file; ``digest``: of that file. ``engine``:
-    des or batch.
+    ``source`` is the policy with the absolute path of its file, ``digest`` that file's SHA-256.
+    ``engine`` is des or batch.
     """
 
     combination: Combination
@@ -54,7 +54,7 @@ class Arm:
 
     @property
     def name(self) -> str:
-        """What a message calls it."""
+        """The name of the arm in messages."""
         return ", ".join(filter(None, (self.combination.name, self.policy)))
 
 
@@ -67,11 +67,11 @@ def arms(
     engine: str | None = None,
     say: Callable[[str], None] = notice,
 ) -> list[Arm]:
-    """Everything a sweep tries on each seed, by combination; each begins in the world of ``seed``.
+    """Return what a sweep runs on each seed, by combination, after a check on ``seed``.
 
-    ``algorithms``: what is trained; None is the scenario's own. ``engine``: None is the compiled
-    one if it can be; ``say`` is told once for each reason why it cannot be. Raises ScenarioError
-    with every problem of every combination; then PolicyError, alike.
+    ``algorithms`` are trained; None means the scenario's own. ``engine`` None means the compiled
+    engine if it can run the scenario; ``say`` gets each reason why it cannot. Raises ScenarioError
+    with all problems of all scenarios, or else PolicyError with all problems of the policies.
     """
     found: list[Arm] = []
     problems, reasons = _Problems(), dict[str, None]()
@@ -91,16 +91,19 @@ def arms(
 
 
 def _chosen(engine: str | None, reasons: dict[str, None], world: World) -> str:
-    """The engine that was asked for, if it can be; else the one that fits, with the reasons."""
+    """Return the requested engine, or by default the one that fits, and note the reasons.
+
+    Raises ScenarioError if the engine cannot run the world.
+    """
     chosen = engine or engine_for(world, reasons.setdefault)
     check_engine(chosen, world)
     return chosen
 
 
 def policy_digest(policy: str) -> str:
-    """The SHA-256 of a policy's file, or of the file of its class; empty for a built-in.
+    """Return the SHA-256 of a policy's file or of its class's file; "" for a built-in policy.
 
-    Raises PolicyError where it cannot be read.
+    Raises PolicyError if the file cannot be read.
     """
     file = file_of(policy)
     if file is None and policy in names("policy"):
@@ -139,7 +142,7 @@ def _learning_arm(
 def _prepared(
     path: Path, settings: Sequence[str], seed: int, choose: Choose
 ) -> tuple[Scenario, World, str]:
-    """A scenario, its world on a seed, and the engine. Raises ScenarioError, naming the file."""
+    """Return a scenario, its world and the engine. Raises ScenarioError with the file's name."""
     scenario = load(path, settings)
     with located(path):
         drawn = scenario.model_copy(update={"seed": seed})
@@ -149,7 +152,7 @@ def _prepared(
 
 
 class _Problems:
-    """What is wrong with combinations, each problem once."""
+    """Collects the problems of combinations, each once."""
 
     def __init__(self) -> None:
         self.combinations: list[Combination] = []
@@ -160,7 +163,7 @@ class _Problems:
 
     @contextmanager
     def noted(self) -> Iterator[None]:
-        """Note what is raised, as of the latest combination."""
+        """Note an error of the block as a problem of the latest combination."""
         try:
             yield
         except (ScenarioError, PolicyError) as error:
@@ -169,7 +172,7 @@ class _Problems:
                 where += self.combinations[-1:] if self.combinations[-1] not in where[-1:] else []
 
     def complain(self) -> None:
-        """Raise what was noted: of scenarios, else of policies."""
+        """Raise the problems of scenarios, or else those of policies, if there are any."""
         for of_type, noted in self._of.items():
             lines = [self._line(problem, where) for problem, where in noted.items()]
             if len(lines) > MOST_PROBLEMS:
@@ -178,7 +181,7 @@ class _Problems:
                 raise of_type(*lines) if of_type is ScenarioError else of_type("\n".join(lines))
 
     def _line(self, problem: str, where: Sequence[Combination]) -> str:
-        """A problem and what the combinations that have it share, or the first of them."""
+        """Return a problem with the settings that its combinations share, or with the first one."""
         shared = [text for text in where[0].varied if all(text in c.varied for c in where)]
         alike = [c for c in self.combinations if set(shared) <= set(c.varied)]
         if len(alike) == len(where):
@@ -191,7 +194,7 @@ def _hash(scenario: Scenario) -> str:
 
 
 def _source(policy: str) -> str:
-    """A policy's name, which means the same in any folder."""
+    """Return a policy's name with an absolute path, so that it is valid in any folder."""
     _, argument = parts(policy)
     if file_of(policy) is None or not Path(argument).exists():
         return policy

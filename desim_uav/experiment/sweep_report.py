@@ -81,9 +81,9 @@ def sweep_report(folder: Path, title: str | None) -> str:
 
 def _wanted(keys: Sequence[str]) -> dict[str, str | None]:
     wanted: dict[str, str | None] = {}
-    for said in keys:
-        name, equals, value = said.partition("=")
+    for text in keys:
+        name, equals, value = text.partition("=")
         if name in wanted:
-            raise UsageError(f"--key {name}: given twice")
+            raise UsageError(f"--key {name}: the key is given twice")
         wanted[name] = value if equals else None
     return wanted

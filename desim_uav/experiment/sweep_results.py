@@ -1,4 +1,4 @@
-"""A finished sweep as figures and reports read it: its folder alone, without its scenario file."""
+"""Reads a finished sweep for figures and reports, from its folder alone."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class SweepResults:
     rows: Sequence[Row]
     failures: Sequence[dict[str, Any]]
     order: tuple[str, ...] = ()
-    """The keys to show and their order; none means all that vary, as the sweep has them."""
+    """The keys to show, in order; empty means all that vary, in the order of the sweep."""
 
     @property
     def scenario(self) -> str:
@@ -52,10 +52,10 @@ class SweepResults:
 
     @cached_property
     def policies(self) -> list[str]:
-        """The policies and algorithms, in the order in which they were asked for."""
-        said = [*self.manifest.get("policies", ()), *self.manifest.get("algorithms", ())]
+        """The policies and algorithms that have rows, in the order of the command."""
+        listed = [*self.manifest.get("policies", ()), *self.manifest.get("algorithms", ())]
         there = list(dict.fromkeys(row["policy"] for row in self.rows))
-        known = [name for name in dict.fromkeys(said) if name in there]
+        known = [name for name in dict.fromkeys(listed) if name in there]
         return [*known, *(name for name in there if name not in known)]
 
     def estimates(self) -> list[dict[str, Any]]:
@@ -80,16 +80,18 @@ class SweepResults:
 
 
 def read_sweep(folder: Path) -> SweepResults:
-    """Read the folder of a sweep. Raises PolicyError if it cannot be read or holds no row."""
+    """Read the folder of a sweep. Raises PolicyError if it cannot be read or has no row."""
     if not folder.is_dir():
         raise PolicyError(f"{folder}: no such sweep folder")
     if not is_sweep(folder):
-        raise PolicyError(f"{folder}: not a sweep folder: no {RESULTS}/ beside a {MANIFEST}")
+        raise PolicyError(f"{folder}: not a sweep folder: it has no {RESULTS}/ or no {MANIFEST}")
     manifest = read_manifest(folder / MANIFEST)
     columns = {str(name): str(of) for name, of in manifest["columns"].items()}
     missing = [name for name in (*FIXED, *MEASURES) if name not in columns]
     if missing:
-        raise PolicyError(f"{folder / MANIFEST}: not the manifest of a sweep: no {missing[0]}")
+        raise PolicyError(
+            f"{folder / MANIFEST}: not the manifest of a sweep: it has no column {missing[0]}"
+        )
     rows = [row for job in manifest["jobs"] for row in _rows(folder, columns, str(job))]
     if not rows:
         raise PolicyError(f"{folder}: no job of this sweep has ended")
@@ -97,12 +99,12 @@ def read_sweep(folder: Path) -> SweepResults:
 
 
 def is_sweep(folder: Path) -> bool:
-    """Tell whether a folder looks like that of a sweep."""
+    """Return whether a folder looks like that of a sweep."""
     return (folder / RESULTS).is_dir() and (folder / MANIFEST).is_file()
 
 
 def content(results: SweepResults, held: Mapping[str, Any]) -> dict[str, Any]:
-    """Return what a figure of a sweep is drawn from, as plain data."""
+    """Return the data of a sweep's figure, as plain data."""
     return {
         "scenario": results.scenario,
         "episodes": results.manifest["episodes"],
@@ -124,7 +126,9 @@ def chosen_keys(results: SweepResults, wanted: Mapping[str, str | None]) -> Swee
         if key not in keys:
             varied = ", ".join(keys) or "none"
             hint = did_you_mean(key, keys)
-            raise UsageError(f"--key {key}: does not vary in this sweep{hint}; varied: {varied}")
+            raise UsageError(
+                f"--key {key}: the key does not vary in this sweep{hint}; keys that vary: {varied}"
+            )
         if text is not None:
             value = _named(key, text, keys[key])
             rows = [row for row in rows if row[key] == value]
@@ -139,10 +143,10 @@ def chosen_keys(results: SweepResults, wanted: Mapping[str, str | None]) -> Swee
     if not rows:
         raise PolicyError(f"{results.folder}: no job with these values has ended")
     order = [*(key for key, text in wanted.items() if text is None), *free]
-    shown = replace(results, rows=rows, order=tuple(dict.fromkeys(order)))
-    if not shown.keys:
-        raise UsageError(f"{results.folder}: no key varies that a figure could show")
-    return shown
+    chosen = replace(results, rows=rows, order=tuple(dict.fromkeys(order)))
+    if not chosen.keys:
+        raise UsageError(f"{results.folder}: no key is left that varies, so there is no figure")
+    return chosen
 
 
 def word(value: Any) -> str:
@@ -176,7 +180,7 @@ def _ordered(column: Iterable[Any]) -> list[Any]:
 
 
 def _rows(folder: Path, columns: Mapping[str, str], job: str) -> Iterator[Row]:
-    """The row of a job, if it has ended. Raises PolicyError if its file is damaged."""
+    """Yield the row of a job if it has ended. Raises PolicyError if its file is damaged."""
     file = folder / RESULTS / f"{job}.parquet"
     if re.fullmatch("[0-9a-f]+", job) is None:
         raise PolicyError(f"{folder / MANIFEST}: not the manifest of a sweep: job {job!r}")
@@ -184,7 +188,7 @@ def _rows(folder: Path, columns: Mapping[str, str], job: str) -> Iterator[Row]:
         row = read_row(folder, columns, job)
         if row is None:
             raise PolicyError(
-                f"{file}: damaged, or of another sweep; desim-uav sweep with --resume makes it anew"
+                f"{file}: damaged or of another sweep; desim-uav sweep --resume computes it again"
             )
         yield row
 

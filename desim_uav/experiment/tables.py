@@ -1,6 +1,6 @@
-"""From an engine's logs, in microseconds and bit/s, to the tables of a run.
+"""Makes the tables of a run from an engine's logs, which are in microseconds and bit/s.
 
-Each function takes a batch of episodes: a table of fifty costs hardly more than a table of one.
+Each function takes a batch of episodes, because a table of fifty takes hardly longer than one.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ DERIVED = ("wait_s", "completion_s", "handovers", "qoe1", "qoe1_feasible", "qoe2
 
 
 def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
-    """One row a request, by episode and request_id."""
+    """Return one row per request, ordered by episode and request_id."""
     names = world.services.names
     basic = {name: dtype for name, dtype in REQUESTS.items() if name not in DERIVED}
     rows = (
@@ -55,7 +55,7 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
 
 
 def steps_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
-    """One row a step and drone."""
+    """Return one row per step and drone."""
     rows = (
         (
             log.episode,
@@ -85,7 +85,7 @@ def steps_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
 def episodes_table(
     logs: Sequence[EpisodeLog], world: World, requests: pd.DataFrame
 ) -> pd.DataFrame:
-    """One row an episode: its measures."""
+    """Return one row per episode with its measures."""
     by_episode = dict(list(requests.groupby("episode")))
     rows = (
         _episode_row(log, world, qoe.summary(by_episode.get(log.episode, requests.iloc[:0])))
@@ -114,7 +114,7 @@ def _episode_row(log: EpisodeLog, world: World, measured: dict[str, Any]) -> tup
 
 
 def events_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
-    """One row an event, in order of time, phase, drone and user."""
+    """Return one row per event, in order of time, phase, drone and user."""
     rows = (
         (log.episode, t_us, int(phase), kind, *(None if i < 0 else i for i in concerned))
         for log in logs
@@ -124,7 +124,7 @@ def events_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
 
 
 def legs_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
-    """One row a leg that a drone flew, in order of time and drone."""
+    """Return one row per leg that a drone flew, in order of time and drone."""
     rows = (
         (
             log.episode,
@@ -142,7 +142,7 @@ def legs_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
 
 
 def users_table(paths: Sequence[SamplePath], world: World) -> pd.DataFrame:
-    """The way points of all walks: one row where a leg begins, and one at the episode's end."""
+    """Return the way points of all walks: the start of each leg, and the episode's end."""
     tables = [_way_points(path, world) for path in paths]
     frame = pd.DataFrame(np.concatenate(tables or [np.empty((0, len(USERS)))]), columns=list(USERS))
     return frame.astype(USERS)

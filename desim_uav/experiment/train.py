@@ -1,4 +1,4 @@
-"""What ``desim-uav train`` does around a training: the folder, checkpoints, and the policy."""
+"""The work of ``desim-uav train`` around a training: the folder, checkpoints and the policy."""
 
 from __future__ import annotations
 
@@ -33,16 +33,17 @@ CHECKPOINT, BEFORE = "checkpoint.npz", "checkpoint-before.npz"
 POLICY, MANIFEST = "policy.npz", "manifest.json"
 PROVENANCE = ("scenario", "scenario_hash", "algorithm", "seed", "world_seed", "episodes")
 LAST = 100
-"""Episodes whose mean a training is summed up by."""
+"""The number of last episodes over whose means a training is summarized."""
 
 OnEpisode = Callable[[list[Progress]], None]
 
 
 @dataclass
 class Course:
-    """A training and its rows so far, one per drone and episode; ``first``: where it was resumed.
+    """A training and its rows so far, one per drone and episode.
 
-    ``stopped``: it was asked to end before its last episode, and is finished as it is.
+    ``first`` is the episode at which it was resumed. ``stopped`` says that a callback has ended it
+    before its last episode; it then counts as finished.
     """
 
     training: Training
@@ -55,7 +56,7 @@ class Course:
 
     @property
     def interrupted(self) -> bool:
-        """Has Ctrl-C ended it before its last episode?"""
+        """Whether Ctrl-C ended the training before its last episode."""
         return not self.stopped and self.training.episode < self.training.settings.episodes
 
     def summary(self, folder: Path | None = None) -> dict[str, Any]:
@@ -65,9 +66,9 @@ class Course:
 
 @dataclass(frozen=True)
 class Pause:
-    """What is done after every so many episodes; if it says False, the training stops there.
+    """An action after every ``every`` episodes; if it returns False, the training stops.
 
-    ``at_end``: after the last episode, too, whatever its number.
+    With ``at_end`` it is also done after the last episode, whatever its number.
     """
 
     every: int
@@ -75,17 +76,17 @@ class Pause:
     at_end: bool = False
 
     def after(self, episode: int) -> int:
-        """Return the next episode that it follows."""
+        """Return the next episode after which the action is due."""
         return episode + self.every - episode % self.every
 
     def is_due(self, episode: int, last: int) -> bool:
-        """Is it to be done after so many episodes of ``last``?"""
+        """Return whether the action is due after ``episode`` of ``last`` episodes."""
         return episode % self.every == 0 or (self.at_end and episode == last)
 
 
 @dataclass
 class Trained:
-    """A training that has ended, or was interrupted: where it stands and what it says of itself."""
+    """A training that has ended or was interrupted, with its summary and folder."""
 
     summary: dict[str, Any]
     interrupted: bool
@@ -94,7 +95,7 @@ class Trained:
 
 
 def begin(scenario: Scenario, engine: str | None = None) -> Course:
-    """Begin a training; ``engine``: des or batch, by default as ``engine_for`` says."""
+    """Begin a training; ``engine`` is des or batch, by default that of ``engine_for``."""
     world = build_world(scenario, scenario.effective_world_seed)
     return Course(Training(world, scenario.seed, engine or engine_for(world)))
 
@@ -105,9 +106,9 @@ def train(
     on_episode: OnEpisode = lambda rows: None,
     engine: str | None = None,
 ) -> tuple[QTable, list[Progress]]:
-    """Train from beginning to end: the learned table, and a row a drone and episode.
+    """Train from beginning to end; return the learned table, and a row per drone and episode.
 
-    ``engine``: des or batch, by default as ``engine_for`` says.
+    ``engine`` is des or batch, by default that of ``engine_for``.
     """
     course = Course(Training(world, scenario.seed, engine or engine_for(world)))
     learn(course, (), on_episode)
@@ -120,10 +121,10 @@ def learn(
     on_episode: OnEpisode = lambda rows: None,
     stop: Callable[[], bool] = lambda: False,
 ) -> None:
-    """Learn until the last episode, until somebody asks for the end, or until a pause says False.
+    """Learn until the last episode, until ``stop()`` is true, or until a pause returns False.
 
-    Episodes are learned several at once where they are compiled; pauses come between them, exactly
-    after the episodes that they follow, and change no number.
+    Compiled code learns several episodes at once. Pauses come exactly after the episodes at which
+    they are due, and do not change the result.
     """
     training, last = course.training, course.training.settings.episodes
     while training.episode < last and not stop() and not course.stopped:
@@ -135,7 +136,7 @@ def learn(
 
 
 def _play_to(training: Training, episode: int, on_episode: OnEpisode) -> list[Progress]:
-    """Learn in some episodes on the way to this one, and tell each."""
+    """Learn some of the episodes up to this one, and call ``on_episode`` for each."""
     rows = at_once(training.play, episode - training.episode)
     drones = len(training.learners)
     for first in range(0, len(rows), drones):
@@ -144,7 +145,7 @@ def _play_to(training: Training, episode: int, on_episode: OnEpisode) -> list[Pr
 
 
 def table_of(training: Training) -> QTable:
-    """What a training has learned so far, as a policy's table: the mean of a drone's tables."""
+    """Return the policy that a training has learned so far: the mean of each drone's Q-tables."""
     world, scenario = training.world, training.world.scenario
     about = {
         "features": described(training.features),
@@ -178,11 +179,11 @@ def train_to_folder(
     on_start: Callable[[int], None] = lambda episode: None,
     on_episode: OnEpisode = lambda rows: None,
 ) -> Trained:
-    """Train and write the folder; every so many episodes a checkpoint to resume from.
+    """Train and write the folder, with a checkpoint after every ``checkpoint_every`` episodes.
 
-    ``engine``: des or batch, by default as ``engine_for`` says. Ctrl-C ends after the episodes
-    under way (a few, where they are compiled), with a checkpoint. Raises UsageError where the
-    folder cannot be used, PolicyError where its checkpoint cannot.
+    ``engine`` is des or batch, by default that of ``engine_for``. Ctrl-C ends the training after
+    the current episode (with compiled code, after a few) and writes a checkpoint. Raises UsageError
+    if the folder cannot be used, and PolicyError if its checkpoint cannot.
     """
     now = clock()
     course = begin(scenario, engine)
@@ -197,8 +198,8 @@ def train_to_folder(
         course.rows = _resumed(course.training, folder / CHECKPOINT)
         course.first = course.training.episode
         if not (folder / CHECKPOINT).exists():
-            _save(course, folder)  # before anything else: a folder to be resumed has one
-        if not (folder / MANIFEST).exists():  # a finished one stays whole until this one is
+            _save(course, folder)  # first of all, as only a folder with a checkpoint is resumed
+        if not (folder / MANIFEST).exists():  # a finished training stays intact until the end
             write_whole(folder / "scenario.yaml", dump(scenario).encode())
         on_start(course.first)
         learn(course, [Pause(checkpoint_every, save), *pauses], on_episode, stop)
@@ -217,7 +218,7 @@ def train_in_memory(
     pauses: Sequence[Pause] = (),
     on_episode: OnEpisode = lambda rows: None,
 ) -> Course:
-    """Train and write nothing. Ctrl-C ends it after the episodes under way."""
+    """Train and write nothing. Ctrl-C ends the training after the current episodes."""
     now = clock()
     course = begin(scenario, engine)
     course.started, course.command = now(), command
@@ -228,7 +229,7 @@ def train_in_memory(
 
 
 def save_training(course: Course, out: Path | None) -> Path:
-    """Write the folder of a training that was in memory. Raises UsageError."""
+    """Write the folder of a training that is in memory. Raises UsageError if it cannot."""
     folder = _new(course.training.world.scenario, out)
     with held(folder):
         _save(course, folder)
@@ -241,7 +242,7 @@ def _place(scenario: Scenario, out: Path | None) -> Place:
 
 
 def _new(scenario: Scenario, out: Path | None) -> Path:
-    """A new folder, or an empty one that was asked for. Raises UsageError."""
+    """Return a new folder, or ``out`` if it is empty. Raises UsageError if it cannot be made."""
     folder = _place(scenario, out).vacant()
     try:
         folder.mkdir(parents=True, exist_ok=out is not None)
@@ -262,10 +263,10 @@ def _not_begun(scenario: Scenario, out: Path | None) -> Path:
 
 
 def _resumable(scenario: Scenario, out: Path | None) -> Path:
-    """The folder of this training, or a new one where there is none.
+    """Return the folder of this training, or a new one if there is none.
 
-    Without ``out`` it is the last of its name that holds this training, an unfinished one before
-    a finished one. Raises UsageError for a folder that holds something else.
+    Without ``out`` it is the last folder of its name that holds this training; unfinished
+    trainings come before finished ones. Raises UsageError if ``out`` holds something else.
     """
     if out is not None:
         return out if _is_begun(out) else _new(scenario, out)
@@ -275,7 +276,7 @@ def _resumable(scenario: Scenario, out: Path | None) -> Path:
 
 
 def _is_begun(folder: Path) -> bool:
-    """Is there a checkpoint, or nothing but the beginning of one that was killed?"""
+    """Return whether there is a checkpoint, or only the remains of one after a kill."""
     if (folder / CHECKPOINT).is_file():
         return True
     left = list(folder.iterdir()) if folder.is_dir() else []
@@ -283,7 +284,7 @@ def _is_begun(folder: Path) -> bool:
 
 
 def _is_of(scenario: Scenario, folder: Path) -> bool:
-    """Does this folder hold a checkpoint of this training? An unreadable one is looked at later."""
+    """Return whether this folder may hold this training; an unreadable checkpoint counts, too."""
     if not (folder / CHECKPOINT).is_file():
         return False
     try:
@@ -293,14 +294,17 @@ def _is_of(scenario: Scenario, folder: Path) -> bool:
 
 
 def _resumed(training: Training, file: Path) -> list[Progress]:
-    """Take a checkpoint up, where there is one: the rows so far. Raises PolicyError."""
+    """Continue from a checkpoint, if there is one, and return its rows.
+
+    Raises PolicyError if the checkpoint is damaged or belongs to another training.
+    """
     if not file.exists():
         return []
     try:
         if checkpoint.identity(file) != _identity(training.world.scenario):
             raise PolicyError(
-                f"{file}: the checkpoint of another training: its scenario, seeds, or learning "
-                "differ"
+                f"{file}: the checkpoint of another training: its scenario, seeds or learning "
+                "parameters differ"
             )
         found = checkpoint.read(file, training.q.shape)
     except PolicyError as error:
@@ -318,7 +322,7 @@ def _resumed(training: Training, file: Path) -> list[Progress]:
 
 
 def _older(training: Training, damaged: Path) -> str:
-    """What to say of the checkpoint before one that cannot be taken up: it may be whole."""
+    """Return a hint at the checkpoint before a damaged one, if it is intact, or ""."""
     before = damaged.with_name(BEFORE)
     try:
         if checkpoint.identity(before) != _identity(training.world.scenario):
@@ -326,11 +330,11 @@ def _older(training: Training, damaged: Path) -> str:
         episode = checkpoint.read(before, training.q.shape).memory.episode
     except PolicyError:
         return ""
-    return f"; the one before is whole, of episode {episode}: mv {before} {damaged}"
+    return f"; the one before it, of episode {episode}, is intact: mv {before} {damaged}"
 
 
 def _identity(scenario: Scenario) -> str:
-    """What a checkpoint must share with a training to be its own: all but how long it goes on."""
+    """Return the text by which a training recognizes its checkpoint, without its length."""
     learning = scenario.learning.model_copy(update={"episodes": 1})
     return f"{__version__}/{scenario_hash(scenario.model_copy(update={'learning': learning}))}"
 
@@ -345,7 +349,7 @@ def _save(course: Course, folder: Path) -> None:
 
 
 def _finish(course: Course, folder: Path) -> None:
-    """Write what a finished training leaves; the manifest comes last."""
+    """Write the files of a finished training; the manifest comes last."""
     training = course.training
     if not np.isfinite(training.q).all():
         raise SimulationError(
@@ -377,7 +381,7 @@ def _finish(course: Course, folder: Path) -> None:
 
 
 def _summary(training: Training, rows: list[Progress], folder: Path | None) -> dict[str, Any]:
-    """Return the means of the last episodes, and where the training stands if it is in a folder."""
+    """Return the means of the last episodes, and the folder and policy file if there is one."""
     last = to_frame(TRAINING, rows)
     last = last[last["episode"] >= training.episode - LAST]
     scenario = training.world.scenario

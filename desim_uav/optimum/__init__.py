@@ -1,1 +1,1 @@
-"""How well any policy could do: best places, best returns, best long runs, each with its proof."""
+"""How well any policy could do: best cells, returns and long-run averages, each with a bound."""

@@ -1,12 +1,13 @@
-"""The best cells for drones that hover: most users covered, and most reward by R1.
+"""The best cells for drones that hover: those with most users covered, and with most reward R1.
 
 Users stand still and batteries are unlimited; two drones may share a cell. The footprint does not
-depend on the level, so a cell counts if drones can get there at any level under the ceiling.
+depend on the level, so a cell counts if drones can reach it at any level under the ceiling.
 
-R1 is for where a step ends, over a cell, so no policy is paid more than the best cells are. Users
-are attached in between, too, and between two cells a footprint may hold more of them than over
-either: there is a policy that flies to and fro and has a higher QoE3 than any that hovers. What no
-policy exceeds is the most users that footprints anywhere on the drones' ways can hold at once.
+R1 depends on the cell in which a step ends, so no policy earns more than the best cells do. QoE3
+also counts the time between two cells, where a footprint may contain more users than over either
+cell. A policy that flies to and fro may therefore have a higher QoE3 than any that hovers. An upper
+bound for every policy is the largest number of users that footprints anywhere on the drones' paths
+can contain at once.
 """
 
 from __future__ import annotations
@@ -31,16 +32,16 @@ from desim_uav.optimum.search import (
 from desim_uav.world import World
 
 BUDGET = 5 * 10**7
-"""Footprints a search looks at before it gives up: some seconds."""
+"""The number of footprints that a search examines before it gives up, after some seconds."""
 
 MOST_IN_TURN = 10**7
-"""Drones times footprints beyond which the cover is not searched for at all."""
+"""The product of drones and footprints above which the best cover is not searched for."""
 
 MOST_SHARING = 8
-"""Drones beyond which the fair shares are not searched for: the search is over their subsets."""
+"""The number of drones above which fair shares are not searched for, as it takes all subsets."""
 
 GUARANTEE = 1.0 - math.exp(-1.0)
-"""The share of the best cover that the greedy one reaches at least."""
+"""The least share of the best cover that the greedy cover reaches."""
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,7 @@ class Cover:
 
     @property
     def exact(self) -> bool:
-        """Is it the best one?"""
+        """Whether the cover is proven to be the best."""
         return self.users == self.at_most
 
 
@@ -61,9 +62,9 @@ class Cover:
 class FairCover:
     """Cells with the largest sum over drones of R1, min(1, U_c / (U / N)).
 
-    Every user is attached to the drone, of those that cover it, that it serves best. The sum is
-    exactly ``score`` / users, and no cells give more than ``at_most`` / users. Among the cells that
-    reach it the users covered range from ``least`` (None: not known) to ``users``, by ``cells``.
+    Every user is attached to a drone that covers it so that the sum is largest. The sum is exactly
+    ``score`` / users, and no cells give more than ``at_most`` / users. The cells with this sum
+    cover between ``least`` (None: not known) and ``users`` users; ``cells`` cover ``users``.
     """
 
     cells: list[Cell]
@@ -74,14 +75,14 @@ class FairCover:
 
     @property
     def exact(self) -> bool:
-        """Is it the best one?"""
+        """Whether the cover is proven to be the best."""
         return self.score == self.at_most
 
 
 class Places:
-    """The different footprints of the cells drones can get to, the largest first.
+    """The different footprints of the cells that drones can reach, the largest first.
 
-    ``cells`` holds the first cell of each, ``best`` those that lie in no other one.
+    ``cells`` has the first cell of each, ``best`` the indices of those contained in no other.
     """
 
     def __init__(self, world: World) -> None:
@@ -99,16 +100,16 @@ class Places:
         self.best = np.flatnonzero(undominated(self.sets))
 
     def cells_of(self, chosen: NDArray[np.int64]) -> list[Cell]:
-        """The cells of footprints, in order."""
+        """Return the cells of some footprints, in order."""
         return sorted(self.cells[k] for k in chosen.tolist())
 
     def on_the_way(self) -> NDArray[np.uint64]:
-        """The footprints, over the cells and between them, that lie in no other one."""
-        seen = set()
+        """Return the footprints over and between cells that are contained in no other."""
+        held = set()
         for leg in moves(self.world):
-            seen |= self.footprints.sets_along(leg, self.world.step_us)
+            held |= self.footprints.sets_along(leg, self.world.step_us)
         bytes_ = self.sets.shape[1] * 8
-        packed = b"".join(one.to_bytes(bytes_, "little") for one in seen)
+        packed = b"".join(one.to_bytes(bytes_, "little") for one in held)
         rows = np.concatenate(
             (self.sets, np.frombuffer(packed, np.uint64).reshape(-1, bytes_ // 8))
         )
@@ -118,10 +119,10 @@ class Places:
 
 
 def cover(places: Places, budget: int = BUDGET) -> Cover:
-    """The cells that cover most users, by branch and bound; else the best found, and a bound.
+    """Return the cells that cover most users, by branch and bound.
 
-    The search begins from the greedy cover, so what is found is never worse: at least 1 - 1/e of
-    the best.
+    If the search gives up, the best cover found so far and a bound are returned. The search begins
+    with the greedy cover, so the result reaches at least 1 - 1/e of the best.
     """
     drones = min(places.drones, len(places.best))
     chosen, users, at_most = _most_covered(places.sets[places.best], drones, budget)
@@ -130,7 +131,7 @@ def cover(places: Places, budget: int = BUDGET) -> Cover:
 
 
 def instant_bound(places: Places, budget: int = BUDGET) -> int:
-    """No policy has more users attached than this, at any instant, on its way or not."""
+    """Return a number of attached users that no policy exceeds at any instant."""
     sets = places.on_the_way()
     return _most_covered(sets, min(places.drones, len(sets)), budget)[2]
 
@@ -138,7 +139,7 @@ def instant_bound(places: Places, budget: int = BUDGET) -> int:
 def _most_covered(
     sets: NDArray[np.uint64], drones: int, budget: int
 ) -> tuple[NDArray[np.int64], int, int]:
-    """(The sets found, users covered, the most that any can cover)."""
+    """Return the best sets found, the users they cover, and an upper bound for all sets."""
     chosen, users, at_most = greedy_cover(sets, drones)
     at_most = min(at_most, int(users / GUARANTEE), int(sizes(union_of(sets))[0]))
     if users < at_most and drones * len(sets) <= MOST_IN_TURN:
@@ -148,9 +149,9 @@ def _most_covered(
 
 
 def fair_cover(places: Places, budget: int = BUDGET) -> FairCover | None:
-    """The cells that earn most by R1; None where there are too many drones to search.
+    """Return the cells that earn most by R1, or None if there are too many drones to search.
 
-    Where ``exact`` the number of users it covers is the largest, too.
+    If the result is exact, its cells cover the most users among all cells with this reward.
     """
     drones, users = places.drones, places.users
     if drones > MOST_SHARING:
@@ -161,10 +162,10 @@ def fair_cover(places: Places, budget: int = BUDGET) -> FairCover | None:
     score, most = divmod(int(key), base)
     least = None
     if proven:
-        # With the sign turned, a key is score (users + 1) - covered: from here on fewer count.
-        found = places.best[chosen]
+        # With sign -1 the key is score (users + 1) - covered, so that fewer users are better.
+        first = places.best[chosen]
         start = score * base - most
-        _, key, proven_least = best_shares(places.sets, drones, users, -1, found, start, budget)
+        _, key, proven_least = best_shares(places.sets, drones, users, -1, first, start, budget)
         least = score * base - int(key) if proven_least else None
     quota, rest = divmod(users, drones)
     top = (drones - rest) * drones * quota + rest * min(users, drones * (quota + 1))

@@ -1,13 +1,13 @@
-"""The largest discounted return of one drone without a battery, and what a given policy returns.
+"""The largest discounted return of one drone without a battery, and the return of a given policy.
 
-Such a drone rests, at every decision, in some cell at some level, and the reward of a step is that
-of where it leads. So a policy is a table of commands, and Howard's policy iteration finds the best
-one: the value of a table is summed exactly (its rewards over 1, 2, 4, … steps, doubled until the
-discount of the rest is 0), then each state takes the command with the best value, until none is
-better.
+At every decision such a drone rests in a cell at a level, and the reward of a step depends on the
+cell it leads to. A policy is therefore a table of commands, and Howard's policy iteration finds the
+best one. The value of a table is computed exactly, by summing its rewards over 1, 2, 4, … steps
+until the discount of the rest is 0. Then each state takes the command with the best value, until no
+command is better.
 
-A table is indexed as the paper's state is: [cell x, cell y], in 3D [cell x, cell y, level], under
-the ceiling. Where the drone cannot be, values are NaN and commands -1.
+A table is indexed like the paper's state: [cell x, cell y], in 3D [cell x, cell y, level], under
+the ceiling. If the drone cannot be in a state, its value is NaN and its command -1.
 """
 
 from __future__ import annotations
@@ -28,18 +28,18 @@ Commands = NDArray[np.int64]
 T = TypeVar("T", np.float64, np.int64)
 
 ROUNDING = 16.0 * float(np.finfo(float).eps)
-"""A value that is larger by less than this, beside the largest there could be, is no larger."""
+"""Differences of values below this share of the largest possible value count as none."""
 
 ROUNDS = 10_000
-"""Improvements of a policy, at most; it takes about as many as the way across the map has steps."""
+"""The most improvements of a policy; about as many are needed as there are steps across the map."""
 
 
 def optimal_return(world: World, gamma: float) -> tuple[Array, Commands]:
-    """(Value of each place, best command there): tables, see the module.
+    """Return the value of each place and the best command there, as tables (see the module).
 
-    ``gamma`` discounts each step but the first, in [0, 1). A command is an index into
-    ``world.actions``; of those equally good it is to hover, or the first. Raises UsageError where
-    the scenario cannot be solved exactly.
+    ``gamma`` in [0, 1) discounts each step except the first. A command is an index into
+    ``world.actions``; among equally good commands it is hover or else the first. Raises UsageError
+    if the scenario cannot be solved exactly.
     """
     if not 0.0 <= gamma < 1.0:
         raise ValueError(f"gamma must be in [0, 1), not {gamma:g}")
@@ -60,20 +60,18 @@ def optimal_return(world: World, gamma: float) -> tuple[Array, Commands]:
 
 
 def policy_return(world: World, gamma: float, policy: Commands) -> Array:
-    """The value of each place under a table of commands, such as a learned greedy policy."""
+    """Return the value of each place under a table of commands, such as a learned policy."""
     process = _Places(world)
     commands = np.array([policy[index] for index in process.indices], np.int64)
     return process.table(process.values(commands, gamma), np.nan)
 
 
 class _Places:
-    """Where a drone can be (``nodes``), what it gets for getting there, and where commands lead."""
+    """The places of a drone (``nodes``), the reward of reaching each, and where commands lead."""
 
     def __init__(self, world: World) -> None:
         if world.scenario.limited_battery:
-            raise UsageError(
-                "drones.battery: discounted returns are known of unlimited ones (null)"
-            )
+            raise UsageError("drones.battery: discounted returns need unlimited batteries (null)")
         drone = DroneProcess(world)
         self.nodes = flown_to(world)
         self.rows = np.arange(len(self.nodes))
@@ -89,11 +87,11 @@ class _Places:
         self.indices = [node if three_d else node[:2] for node in self.nodes]
 
     def scale(self, gamma: float) -> float:
-        """What the largest reward would be worth forever."""
+        """Return the discounted return of earning the largest reward forever."""
         return float(np.abs(self.reward).max()) / (1.0 - gamma)
 
     def values(self, policy: Commands, gamma: float) -> Array:
-        """The discounted return from each node."""
+        """Return the discounted return from each node."""
         follows = self.leads[self.rows, policy]
         values: Array = self.reward[follows]
         discount = gamma
@@ -104,7 +102,7 @@ class _Places:
         return values
 
     def table(self, values: NDArray[T], nowhere: float) -> NDArray[T]:
-        """Values by node as a table."""
+        """Return values by node as a table."""
         table = np.full(self.shape, nowhere, values.dtype)
         for index, value in zip(self.indices, values, strict=True):
             table[index] = value

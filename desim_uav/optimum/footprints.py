@@ -1,4 +1,4 @@
-"""Which users, all standing still, each cell's footprint holds, and where drones can be."""
+"""The users in the footprint over each cell, if users stand still, and the drones' places."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from desim_uav.model.rules import MOVES, Action
 from desim_uav.world import World
 
 LARGEST = 2 * 10**8
-"""Pairs of a cell and a user that are looked at, at most."""
+"""The largest number of pairs of a cell and a user that are examined."""
 
 
 class Footprints:
-    """The footprint of a drone over users that never move, by the engine's own test.
+    """The footprint of a drone over users who never move, by the engine's own test.
 
-    Raises UsageError where they do move.
+    Raises UsageError if users move.
     """
 
     def __init__(self, world: World) -> None:
@@ -35,22 +35,22 @@ class Footprints:
         self._found = np.empty((4 * len(world.homes) + 4, 3), np.int64)
 
     def held(self, centre_m: tuple[float, float]) -> NDArray[np.int64]:
-        """The users in the footprint of a drone that hovers there."""
+        """Return the users in the footprint of a drone that hovers over a point."""
         return self._crossings(Leg(REST, centre_m, centre_m, 0.0, 0.0), 0)[:, USER]
 
     def attached_us(self, leg: Leg, span_us: int, until_us: int) -> int:
-        """The time users spend in a lone drone's footprint, in all.
+        """Return the total time that users spend in a lone drone's footprint.
 
-        It flies a leg of ``span_us``, and serves for the first ``until_us`` of it.
+        The drone flies a leg of ``span_us`` and serves for the first ``until_us`` of it.
         """
         found = self._crossings(leg, span_us)
         left_us = np.maximum(until_us - found[:, TIME_US], 0)
         return int(np.where(found[:, ENTERS] != 0, left_us, -left_us).sum())
 
     def sets_along(self, leg: Leg, span_us: int) -> set[int]:
-        """The largest sets of users held on the way, user u as bit u of a number.
+        """Return the largest sets of users in the footprint during a leg, user u as bit u.
 
-        Where users enter and leave in one microsecond, all of them count as held at once.
+        Users who enter and leave in the same microsecond all count as covered at once.
         """
         found = self._crossings(leg, span_us)
         order = np.lexsort((-found[:, ENTERS], found[:, TIME_US]))
@@ -64,9 +64,9 @@ class Footprints:
         return largest
 
     def _crossings(self, leg: Leg, span_us: int) -> NDArray[np.int64]:
-        """Entries and exits of a leg; who is inside at its start enters then."""
-        seen = np.zeros((SEEN_ROWS, len(self.offsets) - 1))
-        look_around(self.legs, self.offsets, 0, span_us, seen)
+        """Return the entries and exits of a leg; users inside at its start enter then."""
+        near = np.zeros((SEEN_ROWS, len(self.offsets) - 1))
+        look_around(self.legs, self.offsets, 0, span_us, near)
         count = crossings(
             leg.transit.profile,
             *leg.from_m,
@@ -76,7 +76,7 @@ class Footprints:
             self.world.scenario.drones.footprint_radius_m,
             self.legs,
             self.offsets,
-            seen,
+            near,
             True,
             self._found,
         )
@@ -86,12 +86,13 @@ class Footprints:
         return self._found[:count].copy()
 
     def by_cell(self) -> NDArray[np.bool_]:
-        """(nx, ny, users): whom a drone over the middle of a cell covers."""
+        """Return (nx, ny, users): whether a drone over the middle of a cell covers a user."""
         nx, ny = self.world.grid.cells
         users = len(self.world.homes)
         if nx * ny * users > LARGEST:
             raise UsageError(
-                f"map.cells: {nx * ny} cells by {users} users are more pairs than {LARGEST}"
+                f"map.cells: {nx * ny} cells times {users} users are too many pairs (more than "
+                f"{LARGEST})"
             )
         covered = np.zeros((nx, ny, users), np.bool_)
         for ix in range(nx):
@@ -101,7 +102,7 @@ class Footprints:
 
 
 def moves(world: World) -> list[Leg]:
-    """The moves of serving drones under the ceiling from cell to cell, each one way."""
+    """Return the moves of serving drones between neighbouring cells, in one direction each."""
     grid, found = world.grid, {}
     for ix, iy, level in flown_to(world):
         for action in (Action.FORWARD, Action.RIGHT):
@@ -113,7 +114,7 @@ def moves(world: World) -> list[Leg]:
 
 
 def flown_to(world: World) -> list[Node]:
-    """Where drones under the ceiling can get to from their starts, in order."""
+    """Return the places under the ceiling that drones can reach from their starts, in order."""
     grid = world.grid
     reached = {(*cell, 0) for cell in world.starts}
     frontier = list(reached)

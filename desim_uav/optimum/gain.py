@@ -1,12 +1,13 @@
-"""The largest average reward a step in the long run, by policy iteration, with bounds on it.
+"""The largest average reward per step in the long run, by policy iteration, with bounds on it.
 
-Howard's policy iteration on the semi-Markov process between renewals (see ``graph``): a policy is
-worth what the cycle of renewals it ends up in brings a step (its gain), and each renewal what it
-brings more than that until then (its bias). A sweep over all states by battery then finds the
-policy that would be best with these worths after the next renewal: a larger gain first, then a
-larger bias. Where nothing gets better the policy is the best one, and a sweep proves it: with h the
-worths of the renewals and λ a gain, no policy gains more than λ + max (sweep(h) - h) / steps, the
-maximum over the renewals, and there is a step at least between two of them.
+The method is Howard's policy iteration on the semi-Markov process between renewals (see ``graph``).
+The gain of a policy is the average reward per step of the cycle of renewals that it ends up in. The
+bias of a renewal is the reward beyond that average on the way to the cycle. A sweep over all states
+by battery then finds the policy that is best with these values after the next renewal: a larger
+gain first, then a larger bias. If no state improves, the policy is the best one, and a sweep proves
+it: with h the biases of the renewals and λ a gain, no policy gains more than
+λ + max (sweep(h) - h) / steps. The maximum is over the renewals, and between two of them there is
+at least one step.
 """
 
 from __future__ import annotations
@@ -26,18 +27,17 @@ from desim_uav.optimum.graph import Graph
 Array = NDArray[np.float64]
 
 ROUNDS, AHEAD = 1000, 300
-"""Improvements of a policy, at most (it takes less than ten), and sweeps to find the first one."""
+"""The most improvements of a policy (fewer than ten are usual), and sweeps for the first policy."""
 
 TOLERANCE = 1e-10
-"""A gain or a worth that is larger by less than this, beside the largest reward, is no larger."""
+"""Differences of gains and biases below this share of the largest reward count as none."""
 
 
 @dataclass(frozen=True, eq=False)
 class Best:
     """The best policy, ``choice`` (states,) of the graph's actions, and its gain from the start.
 
-    No policy's gain is above ``high``; this one's, computed in floating point, is not below
-    ``low``.
+    No policy has a gain above ``high``. The gain of this one, with rounding, is not below ``low``.
     """
 
     choice: NDArray[np.int64]
@@ -47,15 +47,15 @@ class Best:
 
 
 def best_policy(graph: Graph, brings: Array) -> Best:
-    """The policy with the largest long-run average a step of what actions bring.
+    """Return the policy with the largest long-run average of ``brings`` per step.
 
-    ``brings`` (states, actions) is the graph's reward, or another quantity. Raises SimulationError
-    where the bounds do not close, which rounding alone could cause.
+    ``brings`` (states, actions) is the graph's reward or another quantity. Raises SimulationError
+    if the bounds do not meet, which only rounding could cause.
     """
     tolerance = TOLERANCE * max(1.0, float(np.abs(brings).max()))
     gains = worths = np.zeros(len(graph.renewals))
-    choice = np.zeros(len(graph.states), np.int64)  # to hover is always allowed
-    for _ in range(min(AHEAD, len(graph.renewals))):  # not yet by the step: somewhere to begin
+    choice = np.zeros(len(graph.states), np.int64)  # hover, which is always allowed
+    for _ in range(min(AHEAD, len(graph.renewals))):  # find a first policy, by totals
         choice, worth = _sweep(graph, brings, gains, worths, choice, tolerance)
         worths = worth[graph.renewals] - worth[graph.renewals[0]]
     for _ in range(ROUNDS):
@@ -67,17 +67,19 @@ def best_policy(graph: Graph, brings: Array) -> Best:
     gain = float(gains[0])
     low, high = _bounds(graph, brings, choice, gains, worths, tolerance)
     if not high - low <= 1e-9 * max(1.0, abs(gain)):
-        raise SimulationError(f"the best policy is not proven: a gain of {low:.9g} to {high:.9g}")
+        raise SimulationError(
+            f"the best policy cannot be proven: its gain is between {low:.9g} and {high:.9g}"
+        )
     return Best(choice, gain, low, high)
 
 
 def long_run(graph: Graph, brings: Array, choice: NDArray[np.int64]) -> float:
-    """What a policy brings a step in the long run, from the start."""
+    """Return the long-run average of ``brings`` per step of a policy, from the start."""
     return float(_worth(graph, brings, choice)[0][0])
 
 
 def path(graph: Graph, choice: NDArray[np.int64], renewal: int) -> list[int]:
-    """The states a policy decides in from one renewal to the next, or to the lottery."""
+    """Return the states in which a policy decides from one renewal to the next or the lottery."""
     states = [int(graph.renewals[renewal])]
     while True:
         follows = int(graph.target[states[-1], choice[states[-1]]])
@@ -87,7 +89,7 @@ def path(graph: Graph, choice: NDArray[np.int64], renewal: int) -> list[int]:
 
 
 def renewal_after(graph: Graph, choice: NDArray[np.int64], state: int) -> int | None:
-    """The renewal that follows the last state of a path; None: the lottery."""
+    """Return the renewal that follows the last state of a path, or None for the lottery."""
     follows = int(graph.target[state, choice[state]]) - len(graph.states)
     return follows if follows < len(graph.renewals) else None
 
@@ -100,9 +102,9 @@ def _sweep(
     before: NDArray[np.int64],
     tolerance: float,
 ) -> tuple[NDArray[np.int64], Array]:
-    """The best choice in each state, and its worth, given those of the renewals.
+    """Return the best choice in each state and its value, given those of the renewals.
 
-    A choice of ``before`` stays that is worse by no more than the tolerance.
+    A choice of ``before`` is kept if it is worse by no more than the tolerance.
     """
     count = len(graph.states)
     gain, worth = (
@@ -124,7 +126,7 @@ def _sweep(
 
 
 def _worth(graph: Graph, brings: Array, choice: NDArray[np.int64]) -> tuple[Array, Array]:
-    """(gain, bias) of each renewal under a policy."""
+    """Return the gain and the bias of each renewal under a policy."""
     count = len(graph.renewals)
     chances = csr_array(graph.lottery[None, :])
     gained, steps = np.empty(count), np.empty(count)
@@ -141,10 +143,10 @@ def _worth(graph: Graph, brings: Array, choice: NDArray[np.int64]) -> tuple[Arra
 
 
 def _chain(gained: Array, steps: Array, leads: csr_array) -> tuple[Array, Array]:
-    """(gain, bias) of each state of a semi-Markov chain with transition probabilities ``leads``.
+    """Return gain and bias of each state of a semi-Markov chain with transitions ``leads``.
 
-    Within a class that is never left all have one gain: what its stationary distribution gains over
-    its steps. There the bias of the first state is 0. The biases solve
+    All states of a recurrent class have the same gain: the mean reward over the mean number of
+    steps in its stationary distribution. The bias of its first state is 0. The biases solve
     bias = gained - gain · steps + leads bias.
     """
     gains, bias = np.zeros(len(gained)), np.zeros(len(gained))
@@ -154,7 +156,7 @@ def _chain(gained: Array, steps: Array, leads: csr_array) -> tuple[Array, Array]
     settled = ~np.isin(class_of, left_again)
     for members in _by_class(class_of, settled):
         equations = np.eye(len(members)) - leads[members][:, members].toarray()
-        equations[:, 0] = steps[members]  # the gain takes the place of the first bias
+        equations[:, 0] = steps[members]  # the unknown gain replaces the first bias
         solved = np.linalg.solve(equations, gained[members])
         gains[members] = solved[0]
         bias[members] = [0.0, *solved[1:]]
@@ -168,7 +170,7 @@ def _chain(gained: Array, steps: Array, leads: csr_array) -> tuple[Array, Array]
 
 
 def _by_class(class_of: NDArray[np.int32], chosen: NDArray[np.bool_]) -> list[NDArray[np.int64]]:
-    """The chosen states, class by class."""
+    """Return the chosen states of each class."""
     states = np.flatnonzero(chosen)
     states = states[np.argsort(class_of[states], kind="stable")]
     return np.split(states, np.flatnonzero(np.diff(class_of[states])) + 1)
@@ -182,11 +184,11 @@ def _bounds(
     bias: Array,
     tolerance: float,
 ) -> tuple[float, float]:
-    """Bounds on the largest gain from the start, rounding included; see the module.
+    """Return bounds on the largest gain from the start, including rounding (see the module).
 
-    What a policy's own sweep falls short of its worths by is, likewise, what its gain may fall
-    short by. A renewal with a lower gain than the start's leads nowhere better: its worth may be
-    set so low that no policy gains by going there.
+    If a policy's own sweep falls short of its biases by some amount, its gain may fall short by the
+    same amount. A renewal with a lower gain than the start's cannot improve the result, so its bias
+    may be set so low that no policy gains by going there.
     """
     gain = np.full(len(gains), gains[0])
     _, worth = _sweep(graph, brings, gain, bias, choice, np.inf)

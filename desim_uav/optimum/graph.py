@@ -1,10 +1,10 @@
-"""All states one drone can come to, as arrays, in order of their battery.
+"""All states that one drone can reach, as arrays in order of their battery.
 
-A serving drone's battery falls with every step, so between two full batteries nothing comes twice:
-a sweep over the states by battery, the emptiest first, settles them all. A sweep ends in a
-*renewal*: a full battery on a station (charged), or at the start (after a crash that ends the
-episode), or nothing forever (a crash after which nobody comes). A drone that is replaced begins
-on any of the stations, each as likely: the *lottery*.
+The battery of a serving drone falls with every step, so no state recurs between two full batteries,
+and one sweep over the states by battery, the emptiest first, solves them all. A sweep ends in a
+*renewal*: a full battery on a station (after charging), the start (after a crash that ends the
+episode), or a state that is never left (after a crash without replacement). A drone that is
+replaced begins on one of the stations, each with the same probability: the *lottery*.
 """
 
 from __future__ import annotations
@@ -24,28 +24,28 @@ from desim_uav.optimum.footprints import flown_to
 from desim_uav.optimum.process import DroneProcess, Flight, Outcome, State
 
 LARGEST, LARGEST_UNLIMITED = 10**6, 10**5
-"""States that are told apart, at most: with a battery, without."""
+"""The largest number of states with a battery, and without."""
 
 LOTTERY, NOWHERE, RENEWAL = -1, -2, -3
 
 FORCED = (Action.GOTO_CHARGING_STATION, Action.CHARGE)
 
 Forced = tuple[int, int, list[float]]
-"""(state, action, rewards): what is told once and takes several steps, which bring so much each."""
+"""(state, action, rewards): a command that takes several steps, and the reward of each step."""
 
 
 @dataclass(frozen=True, eq=False)
 class Graph:
-    """What each action of ``actions`` leads to in each of ``states``, and what it brings.
+    """The result of each of ``actions`` in each of ``states``.
 
-    The first action is to hover: of equally good ones a policy takes the first.
+    The first action is hover; among equally good actions a policy takes the first.
 
     Arrays have the shape (states, actions). ``target`` is a state; or, with n states, n + k for
-    renewal k, n + len(renewals) for the lottery, the next one for an action that is not allowed.
-    ``steps`` counts the steps until then, ``reward`` is their sum, ``attached_us`` the time users
-    were attached. ``renewals`` are states, the drone's start the first one; ``lottery`` holds the
-    probability of each. ``layers`` are ranges of states with one battery, the emptiest first.
-    ``forced`` are the actions of more than one step.
+    renewal k, n + len(renewals) for the lottery, and one more for an action that is not allowed.
+    ``steps`` is the number of steps until then, ``reward`` the sum of their rewards, and
+    ``attached_us`` the time that users were attached. ``renewals`` are states, of which the first
+    is the drone's start; ``lottery`` has the probability of each. ``layers`` are ranges of states
+    with the same battery, the emptiest first. ``forced`` are the actions of more than one step.
     """
 
     states: list[State]
@@ -63,15 +63,15 @@ class Graph:
 def explore(process: DroneProcess, largest: int = LARGEST) -> Graph:
     """Find all states that can be reached from the start.
 
-    Raises UsageError where there are more than ``largest``, or where a step drains nothing.
+    Raises UsageError if there are more than ``largest``, or if a step does not drain the battery.
     """
     return _Explorer(process, largest).graph()
 
 
 def unlimited(process: DroneProcess) -> Graph:
-    """All states of a drone without a battery, each of them a renewal: a sweep is one step.
+    """Return the states of a drone without a battery; each is a renewal, and a sweep is one step.
 
-    Raises UsageError where there are too many.
+    Raises UsageError if there are too many.
     """
     states: list[State] = [(node, 0) for node in flown_to(process.world)]
     if len(states) > LARGEST_UNLIMITED:
@@ -103,7 +103,7 @@ def unlimited(process: DroneProcess) -> Graph:
 def _too_many(largest: int) -> str:
     return (
         f"map.cells: more than {largest} states (cell, level, battery); "
-        f"the best policy is known exactly only where there are fewer"
+        f"the best policy can be computed only with fewer"
     )
 
 
@@ -112,10 +112,10 @@ def _hover_first(actions: tuple[Action, ...]) -> tuple[Action, ...]:
 
 
 class _Explorer:
-    """States numbered as they are found, and a row for each of what its actions lead to.
+    """Numbers states in the order of discovery and notes the result of each action in each.
 
-    Until all are found a target is a state's number, LOTTERY, NOWHERE, or RENEWAL - k for renewal
-    k. A drone that is never replaced is in a state with a battery below 0.
+    Until all states are known, a target is a state's number, LOTTERY, NOWHERE, or RENEWAL - k for
+    renewal k. The state of a drone that is never replaced has a battery below 0.
     """
 
     def __init__(self, process: DroneProcess, largest: int) -> None:
@@ -132,7 +132,7 @@ class _Explorer:
         self.forced: list[tuple[int, list[float]]] = []
 
     def graph(self) -> Graph:
-        """Explore everything."""
+        """Explore all states and return the graph."""
         self._renew(self.process.start)
         states: list[State] = []
         while len(states) < len(self.number):
@@ -142,7 +142,7 @@ class _Explorer:
         return self._in_order(states)
 
     def _find(self, state: State, gained: float | None = None) -> int:
-        """The number of a state, of a new one too; ``gained`` is what arriving there brings."""
+        """Return the number of a state, perhaps a new one; ``gained`` is the reward of arriving."""
         if state not in self.number:
             if len(self.number) == self.largest:
                 raise UsageError(_too_many(self.largest))
@@ -151,14 +151,14 @@ class _Explorer:
         return self.number[state]
 
     def _renew(self, state: State, gained: float = 0.0) -> int:
-        """The target that a renewal is."""
+        """Return a state's target as a renewal, perhaps a new one."""
         if state not in self.renewals:
             self.renewals.append(state)
             self._find(state, gained)
         return RENEWAL - self.renewals.index(state)
 
     def _expand(self, state: State) -> None:
-        """Write the row of a state."""
+        """Append the results of all actions in a state."""
         nothing_more = state[1] < 0
         allowed = (Action.HOVER,) if nothing_more else self.process.allowed(state)
         for action in self.actions:
@@ -173,13 +173,13 @@ class _Explorer:
             self.attached_us.append(attached_us)
 
     def _follow(self, state: State, action: Action) -> tuple[int, int, float, int]:
-        """(target, steps, reward, attached time) of an allowed action."""
+        """Return target, steps, reward and attached time of an allowed action."""
         node, battery_us = state
         if action not in FORCED:
             flight = self._flight(node, action)
             if flight.drained_us < battery_us:
-                found = self._find((flight.to, battery_us - flight.drained_us))
-                return found, 1, self.gained[found], flight.attached_us
+                there = self._find((flight.to, battery_us - flight.drained_us))
+                return there, 1, self.gained[there], flight.attached_us
         outcome = self.process.outcome(state, action)
         rewards = [step.reward for step in outcome.steps]
         if len(rewards) > 1:
@@ -192,14 +192,14 @@ class _Explorer:
             flight = self.process.flight(node, action)
             if flight.drained_us <= 0:
                 raise UsageError(
-                    "drones.battery: a step that drains nothing goes on forever; the best policy "
-                    "is known exactly only where the battery falls with every step"
+                    "drones.battery: a step drains nothing; the best policy can be computed only "
+                    "if every step drains the battery"
                 )
             self.flights[node, action] = flight
         return self.flights[node, action]
 
     def _after(self, outcome: Outcome) -> int:
-        """The target after a landing or a crash."""
+        """Return the target after a landing or a crash."""
         if outcome.state is not None:
             return self._renew(outcome.state)
         if self.world.on_crash == "end_episode":
@@ -214,7 +214,7 @@ class _Explorer:
         return self._renew(((place, -1, -1), -1), gained)
 
     def _in_order(self, found: list[State]) -> Graph:
-        """The graph, its states by battery."""
+        """Return the graph with its states in order of their battery."""
         battery_us = np.array([battery for _, battery in found], np.int64)
         order = np.argsort(battery_us, kind="stable")
         place = np.empty(len(found), np.int64)

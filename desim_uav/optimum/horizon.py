@@ -1,4 +1,4 @@
-"""The most one drone with a battery can gain in an episode, by backward induction."""
+"""The largest gain of one drone with a battery in an episode, by backward induction."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ Choices = NDArray[np.int64]
 
 @dataclass(frozen=True, eq=False)
 class BestEpisode:
-    """``choices`` (steps left, states) of the graph's actions, and their expected total.
+    """The best policy, ``choices`` (steps left, states) of the graph's actions, and its total.
 
-    No policy's is above ``high``; this one's is not below ``low``.
+    No policy has an expected total above ``high``; that of this one is not below ``low``.
     """
 
     choices: Choices
@@ -28,10 +28,10 @@ class BestEpisode:
 
 
 def best_episode(graph: Graph, brings: Array, forced: list[Forced], steps: int) -> BestEpisode:
-    """The best policy over an episode of ``steps``.
+    """Return the best policy over an episode of ``steps`` steps.
 
-    What an action brings is had in its first step, but for the ``forced`` ones, which the episode's
-    end may cut short.
+    ``brings`` counts in an action's first step, except for ``forced`` actions, which the end of the
+    episode may cut short.
     """
     ahead, choices = _induced(graph, brings, forced, steps, None)
     total = float(ahead[steps, len(graph.states)])
@@ -40,7 +40,7 @@ def best_episode(graph: Graph, brings: Array, forced: list[Forced], steps: int) 
 
 
 def episode_total(graph: Graph, brings: Array, forced: list[Forced], choices: Choices) -> float:
-    """What a policy's ``choices`` bring in an episode."""
+    """Return the expected total of a policy's ``choices`` in an episode."""
     steps = len(choices) - 1
     ahead, _ = _induced(graph, brings, forced, steps, choices)
     return float(ahead[steps, len(graph.states)])
@@ -49,7 +49,7 @@ def episode_total(graph: Graph, brings: Array, forced: list[Forced], choices: Ch
 def _induced(
     graph: Graph, brings: Array, forced: list[Forced], steps: int, choices: Choices | None
 ) -> tuple[Array, Choices]:
-    """(What is still to come with so many steps left, the choices): the best ones, where None."""
+    """Return the expected rest (steps left, targets) and the choices; None means the best ones."""
     count, renewals = len(graph.states), len(graph.renewals)
     ahead = np.zeros((steps + 1, count + renewals + 2))
     ahead[:, -1] = -np.inf

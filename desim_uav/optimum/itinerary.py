@@ -1,4 +1,4 @@
-"""A best policy told step by step, from the drone's start."""
+"""A best policy as a list of steps, from the drone's start."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from desim_uav.optimum.process import DroneProcess, State, Step
 
 @dataclass(frozen=True)
 class Itinerary:
-    """Rows, one a step; from row ``again_from`` on they repeat forever (None: they do not)."""
+    """One row per step; the rows from ``again_from`` on repeat forever, unless it is None."""
 
     rows: list[dict[str, Any]]
     again_from: int | None
 
 
 def in_the_long_run(process: DroneProcess, graph: Graph, choice: NDArray[np.int64]) -> Itinerary:
-    """The steps until they repeat, or until a crash after which chance decides, or nobody comes."""
+    """Return the steps until they repeat, or until a crash with a random or no replacement."""
     rows: list[dict[str, Any]] = []
     begun: dict[int | None, int] = {}
     renewal: int | None = 0
@@ -42,7 +42,7 @@ def in_the_long_run(process: DroneProcess, graph: Graph, choice: NDArray[np.int6
 def in_an_episode(
     process: DroneProcess, graph: Graph, choices: NDArray[np.int64], steps: int
 ) -> Itinerary:
-    """The steps of an episode, or until a crash after which chance decides, or nobody comes."""
+    """Return the steps of an episode, or until a crash with a random or no replacement."""
     rows: list[dict[str, Any]] = []
     number = int(graph.renewals[0])
     while len(rows) < steps and graph.states[number][1] >= 0:
@@ -60,7 +60,7 @@ def in_an_episode(
 def without_battery(
     process: DroneProcess, command: Callable[[tuple[int, int, int]], Action]
 ) -> Itinerary:
-    """The steps until they repeat."""
+    """Return the steps until they repeat."""
     rows: list[dict[str, Any]] = []
     state, begun = process.start, {}
     while state not in begun:
@@ -72,19 +72,19 @@ def without_battery(
 
 
 def _decision(process: DroneProcess, state: State, action: Action) -> list[dict[str, Any]]:
-    """The rows of what follows a decision; the action stands in the first of them."""
+    """Return the rows of the steps after a decision; the first one has the action."""
     steps = process.outcome(state, action).steps
     return [_row(action if k == 0 else None, step) for k, step in enumerate(steps)]
 
 
 def _row(action: Action | None, step: Step) -> dict[str, Any]:
-    seen = step.seen
+    observed = step.seen
     return {
         "action": None if action is None else action.name.lower(),
-        "cell": list(seen.cell),
-        "level": seen.level,
-        "mode": seen.mode.name.lower(),
-        "battery_s": seen.battery_s,
-        "attached_users": seen.attached_users,
+        "cell": list(observed.cell),
+        "level": observed.level,
+        "mode": observed.mode.name.lower(),
+        "battery_s": observed.battery_s,
+        "attached_users": observed.attached_users,
         "reward": step.reward,
     }

@@ -1,9 +1,9 @@
-"""One drone as a decision process: what follows a decision, exactly as in an engine.
+"""One drone as a decision process: the result of each decision, exactly as in an engine.
 
-It is told what the engine's drone is told, alone in the world: nobody queues before it, and every
-user in its footprint is its own. An episode has no end here: requests stay open, and the time of
-day means nothing. What is decided in one state always leads to the same steps, except that a
-crashed drone comes back on a station that is drawn.
+The drone gets the same commands as in an engine, but is alone in the world: no other drone waits at
+a station, and every user in its footprint is attached to it. Episodes have no end, requests stay
+open, and nothing depends on the time. A decision in a state always leads to the same steps, except
+that a crashed drone returns on a random station.
 """
 
 from __future__ import annotations
@@ -26,16 +26,16 @@ from desim_uav.optimum.footprints import Footprints
 from desim_uav.world import World
 
 State = tuple[Node, int]
-"""A drone that can be told something: where it rests, and its battery (0: unlimited)."""
+"""The state of a drone that can be commanded: its node, and its battery (0: unlimited)."""
 
 NO_REQUESTS = (Coverage, CoverageBattery)
-"""Rewards that do not depend on what users ask for."""
+"""Rewards that do not depend on requests."""
 
 BUILT_IN = (*NO_REQUESTS, MultiService)
 
 
 class Stage(NamedTuple):
-    """A stretch of what a drone does: a leg flown or a place kept, from ``start_us`` on."""
+    """A drone's leg, or rest at a place, that begins at ``start_us`` in one mode."""
 
     start_us: int
     mode: Mode
@@ -45,7 +45,7 @@ class Stage(NamedTuple):
 
 
 class Step(NamedTuple):
-    """What a step ends with: the reward, what was seen, and the time users were attached."""
+    """The end of a step: the reward, the observation, and the time that users were attached."""
 
     reward: float
     seen: Observation
@@ -53,7 +53,7 @@ class Step(NamedTuple):
 
 
 class Flight(NamedTuple):
-    """A step of serving flight that the battery outlasts."""
+    """A step of serving flight in which the battery does not run empty."""
 
     to: Node
     drained_us: int
@@ -61,10 +61,10 @@ class Flight(NamedTuple):
 
 
 class Outcome(NamedTuple):
-    """What follows a decision: steps until the next one, and the state it is made in.
+    """The result of a decision: the steps until the next decision, and the state at that time.
 
-    ``state`` is None after a crash: this drone decides nothing more. The steps are then those until
-    another one takes its place, where one does.
+    ``state`` is None after a crash, because this drone decides nothing more. The steps are then
+    those until it is replaced, or until the crash if it is not.
     """
 
     steps: tuple[Step, ...]
@@ -74,7 +74,7 @@ class Outcome(NamedTuple):
 class DroneProcess:
     """The decisions of the one drone of a world, under the ceiling.
 
-    Raises UsageError, naming the key, where the scenario is none that can be solved exactly.
+    Raises UsageError, with the key, if the scenario cannot be solved exactly.
     """
 
     def __init__(self, world: World) -> None:
@@ -90,7 +90,7 @@ class DroneProcess:
     # ---- decisions
 
     def allowed(self, state: State) -> tuple[Action, ...]:
-        """What the drone may be told; moves that would be blocked are left out, they are hovers."""
+        """Return the allowed commands, without blocked moves, which are the same as hover."""
         node, battery_us = state
         limited = self.energy is not None
         may_return = limited and battery_us <= self.world.return_below_us
@@ -107,13 +107,13 @@ class DroneProcess:
         )
 
     def neighbour(self, node: Node, action: Action) -> Node:
-        """Where a move leads: to the same place, where it is blocked."""
+        """Return the place to which a move leads, which is the same place if it is blocked."""
         dx, dy, dz = MOVES.get(action, (0, 0, 0))
         there = (node[0] + dx, node[1] + dy, node[2] + dz)
         return there if self.world.grid.can_enter(*there) else node
 
     def outcome(self, state: State, action: Action) -> Outcome:
-        """What follows when the drone is told ``action``, one of those allowed."""
+        """Return the result of ``action``, which must be allowed."""
         node, battery_us = state
         if action is Action.GOTO_CHARGING_STATION:
             stages = list(self._return(node, battery_us))
@@ -124,7 +124,7 @@ class DroneProcess:
         return Outcome(tuple(self._steps(stages)), self._next(stages[-1]))
 
     def flight(self, node: Node, action: Action) -> Flight:
-        """What a move or a hover leads to while the battery outlasts it."""
+        """Return the result of a move or a hover in which the battery does not run empty."""
         there, flown_us, step_us = self.neighbour(node, action), 0, self.world.step_us
         drained_us, leg = 0, self._leg(node, node, REST)
         if there != node:
@@ -135,7 +135,7 @@ class DroneProcess:
         return Flight(there, drained_us, self.footprints.attached_us(leg, step_us, step_us))
 
     def arrival(self, state: State) -> Step:
-        """How a step of serving flight ends in ``state`` (less the time users were attached)."""
+        """Return the end of a step of serving flight in ``state``, with no time attached."""
         node, battery_us = state
         there = Stage(0, Mode.FLYING, node, self._leg(node, node, REST), battery_us)
         seen = self._observe(there, 0)
@@ -149,10 +149,10 @@ class DroneProcess:
             return last.node, last.battery_us - self._drained(REST, left_us)
         return last.node, last.battery_us
 
-    # ---- what a drone goes through: stages, the first one from 0
+    # ---- the stages of a drone after a decision, which is at 0
 
     def _fly(self, node: Node, battery_us: int, action: Action) -> Iterator[Stage]:
-        """A move, or a hover, until the step ends."""
+        """Yield the stages of a move or a hover until the end of the step."""
         there, arrival_us, step_us = self.neighbour(node, action), 0, self.world.step_us
         if there != node:
             transit = self.world.epoch_transits[action]
@@ -168,7 +168,7 @@ class DroneProcess:
             yield self._crash(arrival_us, rest, battery_us)
 
     def _return(self, node: Node, battery_us: int) -> Iterator[Stage]:
-        """Hop by hop to the nearest station; an empty battery there is just enough."""
+        """Yield the hops to the nearest station; the battery may be empty on arrival."""
         planned = None if node in self.stations else self.world.planner.plan(node)
         now_us = 0
         for hop in () if planned is None else planned.hops:
@@ -185,14 +185,14 @@ class DroneProcess:
         yield from self._charge(now_us, node, battery_us)
 
     def _charge(self, now_us: int, node: Node, battery_us: int) -> Iterator[Stage]:
-        """On a pad until full, and there until the next decision."""
+        """Yield charging until the battery is full, and the wait for the next decision."""
         world, leg = self.world, self._leg(node, node, REST)
         rest_us = time_to_full_us(battery_us, world.capacity_us, world.full_charge_us)
         yield Stage(now_us, Mode.CHARGING, node, leg, battery_us)
         yield Stage(now_us + rest_us, Mode.CHARGED, node, leg, world.capacity_us)
 
     def _crash(self, start_us: int, leg: Leg, battery_us: int) -> Stage:
-        """The battery is empty in the air: the drone lies where it falls."""
+        """Return the crash of a drone whose battery runs empty in the air."""
         lasts_us = int(self._lasts(leg.transit, battery_us))
         x_m, y_m, _ = leg.position_m(lasts_us / US)
         fallen = Leg(REST, (x_m, y_m), (x_m, y_m), 0.0, 0.0)
@@ -216,10 +216,10 @@ class DroneProcess:
     def _lasts(self, transit: Transit, battery_us: int) -> float:
         return math.inf if self.energy is None else self.energy.lasts_us(transit, battery_us)
 
-    # ---- what is seen and earned of it
+    # ---- observations and rewards
 
     def _steps(self, stages: list[Stage]) -> Iterator[Step]:
-        """The steps from a decision to the next one."""
+        """Yield the steps from a decision to the next one."""
         step_us, last = self.world.step_us, stages[-1]
         count = 1 if last.mode is Mode.FLYING else max(1, -(-self._free_us(last) // step_us))
         at = 0
@@ -231,14 +231,14 @@ class DroneProcess:
             yield Step(self.reward(seen), seen, attached_us)
 
     def _free_us(self, last: Stage) -> int:
-        """From when on a drone, or the one that replaces it, can be told something."""
+        """Return the time from which the drone, or its replacement, can be commanded."""
         replaced = last.mode is Mode.CRASHED and self.world.on_crash == "respawn"
         return last.start_us + (self.world.respawn_after_us if replaced else 0)
 
     def _attached_us(self, stages: list[Stage]) -> int:
-        """The time users are attached in the step that begins with a decision: it may serve then.
+        """Return the time that users are attached in the step that begins with a decision.
 
-        Nobody is attached in the steps that follow until the next decision.
+        No user is attached in the further steps until the next decision.
         """
         first, last = stages[0], stages[-1]
         if first.mode is not Mode.FLYING:
@@ -247,7 +247,7 @@ class DroneProcess:
         return self.footprints.attached_us(first.leg, self.world.step_us, until_us)
 
     def _observe(self, now: Stage, elapsed_us: int) -> Observation:
-        """What the drone knows then, as the engine shows it."""
+        """Return the drone's observation at a time of a stage, as an engine makes it."""
         world, grid, limited = self.world, self.world.grid, self.energy is not None
         believed = now.node
         if now.leg.transit is not REST:
@@ -285,16 +285,16 @@ class DroneProcess:
         return now.battery_us
 
     def attached(self, node: Node) -> int:
-        """The users in the footprint over a cell."""
+        """Return the number of users in the footprint over a cell."""
         cell = node[:2]
         if cell not in self._attached:
             self._attached[cell] = len(self.footprints.held(self.world.grid.centre(*cell)))
         return self._attached[cell]
 
     def reward(self, seen: Observation) -> float:
-        """What the scenario's reward gives for a step that ends so, with all requests open.
+        """Return the scenario's reward for a step that ends so, with all requests open.
 
-        Raises UsageError where it depends on the step of the episode.
+        Raises UsageError if the reward depends on the step of the episode.
         """
         gained = self._rewarded(seen)
         reward = self.world.scenario.reward
@@ -302,8 +302,8 @@ class DroneProcess:
             for step in (1, max(1, seen.steps - 1)):
                 if self._rewarded(seen._replace(step=step)) != gained:
                     raise UsageError(
-                        f"reward: {type(reward).__name__} does not always give the same for the "
-                        f"same observation; the best policy is known exactly only where it does"
+                        f"reward: {type(reward).__name__} depends on the step of the episode; "
+                        f"the best policy can be computed only if it does not"
                     )
         return gained
 
@@ -314,22 +314,22 @@ class DroneProcess:
 
 
 def refuse_what_is_random(world: World) -> None:
-    """Raise UsageError, naming the key, unless one drone decides over what is known for certain."""
+    """Raise UsageError, with the key, unless there is one drone and nothing random but crashes."""
     scenario = world.scenario
     drones, demand, admission = scenario.drones, scenario.demand, scenario.drones.admission
-    only = "the best policy is known exactly"
+    only = "the best policy can be computed only"
     if drones.count > 1:
-        raise UsageError(f"drones.count: {only} of one drone only, not of {drones.count}")
+        raise UsageError(f"drones.count: {only} for one drone, not for {drones.count}")
     if scenario.position_noise is not None:
-        raise UsageError(f"position_noise: {only} of drones that know where they are (null)")
+        raise UsageError(f"position_noise: {only} without position noise (null)")
     if type(scenario.reward) in NO_REQUESTS:
         return
     if type(demand) is not Continuous:
         kind = type(demand).kind  # type: ignore[attr-defined]
         raise UsageError(
-            f"demand.kind: {only} with continuous demand only, not {kind!r}, unless the reward is "
+            f"demand.kind: {only} with continuous demand, not {kind!r}, unless the reward is "
             f"coverage or coverage_battery"
         )
     if type(admission) is not FirstCome:
         kind = type(admission).kind  # type: ignore[attr-defined]
-        raise UsageError(f"drones.admission: {only} with first_come only, not {kind!r}")
+        raise UsageError(f"drones.admission: {only} with first_come, not {kind!r}")

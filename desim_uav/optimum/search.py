@@ -1,7 +1,7 @@
 """The search for the best footprints: branch and bound over sets of users, as bits.
 
-``sets`` (footprints, words) holds a bit for each user. Both searches count what they look at and
-give up after ``budget`` footprints; what they have found by then stands.
+``sets`` (footprints, words) has a bit for each user. Both searches count the footprints that they
+examine, and give up after ``budget`` of them; the result is then the best found so far.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ from desim_uav.model.kernels import maker
 
 
 def as_bits(rows: NDArray[np.bool_]) -> NDArray[np.uint64]:
-    """(footprints, users) as (footprints, words): a bit for each user."""
+    """Return an array (footprints, users) as (footprints, words), with a bit for each user."""
     count, users = rows.shape
     bytes_ = np.zeros((count, 8 * max(1, -(-users // 64))), np.uint8)
     packed = np.packbits(rows, axis=1, bitorder="little")
@@ -23,7 +23,7 @@ def as_bits(rows: NDArray[np.bool_]) -> NDArray[np.uint64]:
 
 @maker
 def _bits(word: np.uint64) -> int:
-    """The number of ones."""
+    """Return the number of ones."""
     m1, m2 = np.uint64(0x5555555555555555), np.uint64(0x3333333333333333)
     m4, ones = np.uint64(0x0F0F0F0F0F0F0F0F), np.uint64(0x0101010101010101)
     word = word - ((word >> np.uint64(1)) & m1)
@@ -34,7 +34,7 @@ def _bits(word: np.uint64) -> int:
 
 @maker
 def _size(one: NDArray[np.uint64]) -> int:
-    """The number of users in a set."""
+    """Return the number of users in a set."""
     total = 0
     for word in one:
         total += _bits(word)
@@ -43,7 +43,7 @@ def _size(one: NDArray[np.uint64]) -> int:
 
 @maker
 def _gain(union: NDArray[np.uint64], one: NDArray[np.uint64]) -> int:
-    """How many users a set adds."""
+    """Return how many users a set adds to a union."""
     total = 0
     for k in range(len(one)):
         total += _bits(one[k] & ~union[k])
@@ -52,7 +52,7 @@ def _gain(union: NDArray[np.uint64], one: NDArray[np.uint64]) -> int:
 
 @maker
 def _unite(one: NDArray[np.uint64], other: NDArray[np.uint64], union: NDArray[np.uint64]) -> int:
-    """Write the union of two sets; its number of users."""
+    """Write the union of two sets into ``union``, and return its number of users."""
     total = 0
     for k in range(len(one)):
         union[k] = one[k] | other[k]
@@ -62,7 +62,7 @@ def _unite(one: NDArray[np.uint64], other: NDArray[np.uint64], union: NDArray[np
 
 @maker
 def sizes(sets: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """The number of users in each set."""
+    """Return the number of users in each set."""
     counted = np.empty(len(sets), np.int64)
     for k in range(len(sets)):
         counted[k] = _size(sets[k])
@@ -70,14 +70,14 @@ def sizes(sets: NDArray[np.uint64]) -> NDArray[np.int64]:
 
 
 def union_of(sets: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """The one set of everybody in any of them."""
+    """Return the union of all sets, as (1, words)."""
     union: NDArray[np.uint64] = np.bitwise_or.reduce(sets, axis=0, keepdims=True)
     return union
 
 
 @maker
 def undominated(sets: NDArray[np.uint64]) -> NDArray[np.bool_]:
-    """Which of the sets, all different and the largest first, lie in no other one."""
+    """Return which sets are contained in no other; all must differ and the largest be first."""
     kept = np.ones(len(sets), np.bool_)
     for k in range(len(sets)):
         for larger in range(k):
@@ -89,10 +89,10 @@ def undominated(sets: NDArray[np.uint64]) -> NDArray[np.bool_]:
 
 @maker
 def greedy_cover(sets: NDArray[np.uint64], drones: int) -> tuple[NDArray[np.int64], int, int]:
-    """Each drone in turn where it adds most: (the sets, users covered, a bound on the best cover).
+    """Place each drone in turn where it adds most users.
 
-    The bound: no cover beats what is covered after any of the turns by more than the ``drones``
-    largest gains still to be had there.
+    Returns the sets, the users covered, and a bound on the best cover: after any turn, no cover
+    exceeds the users covered so far by more than the ``drones`` largest gains at that time.
     """
     chosen = np.zeros(drones, np.int64)
     union = np.zeros(sets.shape[1], np.uint64)
@@ -118,11 +118,12 @@ def greedy_cover(sets: NDArray[np.uint64], drones: int) -> tuple[NDArray[np.int6
 def best_cover(
     sets: NDArray[np.uint64], drones: int, chosen: NDArray[np.int64], covered: int, budget: int
 ) -> tuple[NDArray[np.int64], int, bool]:
-    """The ``drones`` sets that cover most users: (the sets, users covered, is that proven?).
+    """Find the ``drones`` sets that cover most users.
 
-    Begins from a cover known before; ``drones`` is at most the number of sets. At each depth the
-    sets that may still be taken stand by what they add, the most first; one that has been tried
-    is not tried deeper. No set is tried from which on the next in line add too little.
+    Returns the sets, the users covered, and whether that is proven to be the best. The search
+    begins from a known cover; ``drones`` is at most the number of sets. At each depth the remaining
+    sets are ordered by the users they add, the most first. A set that was tried is not tried again
+    at a greater depth, and a branch ends if the next sets add too little to improve the result.
     """
     count, words = sets.shape
     unions = np.zeros((drones, words), np.uint64)
@@ -162,7 +163,7 @@ def best_cover(
 def _ranked(
     sets: NDArray[np.uint64], union: NDArray[np.uint64], line: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """(Sets, what they add), the most first."""
+    """Return the sets and the users they add, the most first."""
     added = np.empty(len(line), np.int64)
     for k in range(len(line)):
         added[k] = _gain(union, sets[line[k]])
@@ -172,10 +173,10 @@ def _ranked(
 
 @maker
 def _shared(counted: NDArray[np.int64], drones: int, most: int) -> int:
-    """The most users that ``drones`` drones can hold, at most ``most`` each.
+    """Return the most users that can be attached to ``drones`` drones with at most ``most`` each.
 
-    ``counted`` are the users in the union of each subset of the drones. Each user goes to one of
-    those that cover it; the least cut of that flow says how many can.
+    ``counted`` has the number of users in the union of each subset of the drones. Each user is
+    attached to one of the drones that cover it; the result is the minimum cut of this flow.
     """
     held = np.int64(2**62)
     for subset in range(1 << drones):
@@ -194,13 +195,15 @@ def best_shares(
     key: int,
     budget: int,
 ) -> tuple[NDArray[np.int64], int, bool]:
-    """The sets, largest first and any of them for several drones, with the largest key.
+    """Find the sets with the largest key; several drones may have the same set.
 
-    key = score (users + 1) + sign · users covered. The score is ``users`` times the sum over drones
-    of min(1, U_c / (users / drones)), with every user attached to the drone it serves best. With
-    q, r = divmod(users, drones), it is (drones - r) F(q) + r F(q + 1), where F(m) is the number of
-    users that can be held by drones of at most m each: one way of attaching is the best for all m.
-    Returns (sets, key, is it proven?), beginning from those known before.
+    ``sets`` are ordered by size, the largest first. The key is
+    score (users + 1) + sign · users covered. The score is ``users`` times the largest sum over
+    drones of min(1, U_c / (users / drones)) that an attachment of users to covering drones gives.
+    With q, r = divmod(users, drones), it is (drones - r) F(q) + r F(q + 1), where F(m) is the
+    largest number of users attached if each drone takes at most m; one attachment is the best for
+    all m. Returns the sets, the key, and whether they are proven to be the best. The search begins
+    from known sets and their key.
     """
     count, words = sets.shape
     quota, rest = users // drones, users % drones

@@ -1,1 +1,1 @@
-"""What people look at."""
+"""Reports, replays, figures, films and tables of results."""

@@ -1,4 +1,4 @@
-"""What drones' batteries held at any time of an episode."""
+"""The charge of drones' batteries at any time of an episode."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from desim_uav.model.rules import US
 from desim_uav.report.run import Run
 
 Knot = tuple[int, int]
-"""A time and what the battery held then, both in microseconds; straight lines in between."""
+"""A time and the charge at that time, both in microseconds; the charge is linear in between."""
 
 
 def batteries_before_us(run: Run, episode: int) -> list[int]:
-    """What each drone begins an episode with: full, or what the episode before has left it."""
+    """Return each drone's charge at the start of an episode: full, or that of the episode before.
+
+    Raises PolicyError if the table of steps lacks it.
+    """
     drones, battery = run.scenario.drones.count, run.scenario.drones.battery
     assert battery is not None
     steps = run.of("steps", episode - 1)
@@ -23,7 +26,7 @@ def batteries_before_us(run: Run, episode: int) -> list[int]:
     if not run.settings.carry_over or len(ends) != drones or ended:
         return [run.world.capacity_us] * drones
     if ends["battery_s"].isna().any():
-        raise PolicyError(f"{run.folder / 'steps.parquet'}: battery_s: empty")
+        raise PolicyError(f"{run.folder / 'steps.parquet'}: battery_s: a value is missing")
     return [round(battery_s * US) for battery_s in ends["battery_s"]]
 
 
@@ -34,11 +37,11 @@ def battery_knots(
     capacity_us: int,
     full_charge_us: int,
 ) -> list[Knot]:
-    """The course of a battery through its records, and its exact corners and jumps between them.
+    """Return the charge of a battery: its records, and exact values at events between them.
 
-    ``events``: time and kind of what happened to the drone, in order. A battery is empty at a
-    crash, full once charged and in a drone that takes another's place. What it held on landing
-    follows from how it was charged, whatever the model of its drain.
+    ``events`` are times and kinds of a drone's events, in order. A battery is empty at a crash, and
+    full after charging and in a replacement. The charge at landing is computed backwards from the
+    charging that follows, so it does not depend on the energy model.
     """
     knots = [(0, begins_with_us), *records]
     for k, (t_us, kind) in enumerate(events):
@@ -51,7 +54,7 @@ def battery_knots(
         elif kind in ("land", "charge"):
             held_us = _on_landing(events[k:], records, capacity_us, full_charge_us)
             knots.append((t_us, held_us))
-    # Stable: a jump stays as it is, and who is replaced at a record is so after it.
+    # The sort is stable: jumps keep their order, and a replacement at a record comes after it.
     return sorted(knots, key=lambda knot: knot[0])
 
 
@@ -61,9 +64,9 @@ def _on_landing(
     capacity_us: int,
     full_charge_us: int,
 ) -> int:
-    """The battery of a drone that lands, or begins to charge, at the first of these events."""
+    """Return the charge of a drone that lands or begins to charge at the first of these events."""
     charge_us = next((t_us for t_us, kind in events if kind == "charge"), None)
-    if charge_us is None:  # it waits for a pad to the end
+    if charge_us is None:  # it waits for a pad until the end
         return records[-1][1]
     full_at_us = next((t_us for t_us, kind in events if kind == "charged"), None)
     held_us, when_us = records[-1][1], records[-1][0]

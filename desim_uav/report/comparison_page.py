@@ -40,8 +40,8 @@ MOST_MAPS = 6
 class Compared:
     """A comparison and its runs.
 
-    ``content`` as ``compare --json`` prints it, ``runs`` as they were given, ``by_service`` for
-    each service and policy the estimates of ``MEASURES`` over seeds.
+    ``content`` is what ``compare --json`` prints, ``runs`` are in the order of the command, and
+    ``by_service`` has the estimates of ``MEASURES`` over seeds for each service and policy.
     """
 
     content: dict[str, Any]
@@ -50,29 +50,29 @@ class Compared:
 
     @property
     def policies(self) -> list[str]:
-        """Their names, the first run's first."""
+        """The names of the policies, that of the first run first."""
         return [row["policy"] for row in self.content["policies"]]
 
     def of(self, policy: str) -> list[Reported]:
-        """The runs of a policy, by seed."""
+        """Return the runs of a policy, ordered by seed."""
         runs = (run for run in self.runs if run.summary["policy"] == policy)
         return sorted(runs, key=lambda run: int(run.summary["seed"]))
 
 
 def comparison_page(found: Compared, title: str | None) -> str:
-    """The page."""
+    """Return the page as HTML."""
     content = found.content
     seeds = {run.summary["seed"] for run in found.runs}
-    said = f"{content['scenario']}: {', '.join(found.policies)}"
+    default = f"{content['scenario']}: {', '.join(found.policies)}"
     lead = (
         f"{count(len(found.runs), 'run')} on {count(len(seeds), 'seed')}, each of "
         f"{count(content['episodes'], 'episode')} after {content['warmup']} of warm-up"
     )
-    return page(title or said, lead, ((name, section(found)) for name, section in SECTIONS))
+    return page(title or default, lead, ((name, section(found)) for name, section in SECTIONS))
 
 
 def _policies(found: Compared) -> Html:
-    """Means over seeds."""
+    """Return the table of means over seeds."""
     return joined(
         [
             _estimates(found.content["policies"], "seeds"),
@@ -86,7 +86,7 @@ def _policies(found: Compared) -> Html:
 
 
 def _differences(found: Compared) -> Html:
-    """Each policy minus the one of reference."""
+    """Return the table of differences from the reference policy."""
     rows = found.content["differences"]
     if not rows:
         return Html("")
@@ -98,7 +98,7 @@ def _differences(found: Compared) -> Html:
             _estimates(rows, "pairs"),
             paragraph(
                 f"Difference from {found.content['against']} on the seeds (and worlds) that both "
-                "have, so on the same users and requests. ",
+                "have, so with the same users and requests. ",
                 bold,
                 alone,
                 f"No seed and world in common: {', '.join(apart)}." if apart else None,
@@ -122,18 +122,18 @@ def _estimates(rows: Sequence[dict[str, Any]], counted: str) -> Html:
 
 
 def estimate_cell(found: dict[str, Any], form: str) -> Html:
-    """A mean and its half-width, the interval below them."""
+    """Return a table cell with a mean and its half-width, and the interval below them."""
     mean, half_width = number(found["mean"], form), found["half_width"]
     if half_width is None:
         return joined([mean])
-    said = f"{mean} ± {half_width:{form}}"
+    text = f"{mean} ± {half_width:{form}}"
     low, high = found["mean"] - half_width, found["mean"] + half_width
     name = "strong" if found.get("excludes_zero") else "span"
-    return joined([tag(name, said), tag("small", f"[{low:{form}}, {high:{form}}]")])
+    return joined([tag(name, text), tag("small", f"[{low:{form}}, {high:{form}}]")])
 
 
 def _intervals(found: Compared) -> Html:
-    """Draw the two tables."""
+    """Return the figures of the two tables."""
     content, titles = found.content, {name: label for name, (label, _) in COMPARED.items()}
     pictures = [
         Picture(
@@ -151,7 +151,7 @@ def _intervals(found: Compared) -> Html:
 
 
 def _services(found: Compared) -> Html:
-    """By service and policy, means over seeds."""
+    """Return the table of means over seeds, by service and policy."""
     there = found.by_service[0]["measures"] if found.by_service else {}
     shown = {name: look for name, look in MEASURES.items() if name in there}
     headings = ["service", "policy", *(heading(label) for label, _ in shown.values())]
@@ -176,27 +176,27 @@ def _short(found: dict[str, Any], form: str) -> str:
 
 
 def _maps(found: Compared) -> Html:
-    """How each policy flew on its first seed."""
+    """Return a map per policy, with its flights on its first seed."""
     pictures = []
     for policy in found.policies[:MOST_MAPS]:
         run = found.of(policy)[0]
         draw = partial(case_picture, run, run.counted_episodes[0], width=NARROW)
-        said = f"Seed {run.summary['seed']}, the first counted episode, as it ended."
-        pictures.append(Picture(policy, said, draw))
+        caption = f"Seed {run.summary['seed']}, the end of the first counted episode."
+        pictures.append(Picture(policy, caption, draw))
     left = len(found.policies) - len(pictures)
-    more = paragraph(f"Those of {left} more policies are left out.", class_="note")
+    more = paragraph(f"The maps of {left} more policies are left out.", class_="note")
     return joined([gallery(pictures, 2), more if left else None])
 
 
 def _worst(found: Compared) -> Html:
-    """Of each policy, over all its seeds."""
+    """Return the worst requests of each policy over all its seeds."""
     return joined(
         folded(policy, worst_requests(found.of(policy)), opened=True) for policy in found.policies
     )
 
 
 def _runs(found: Compared) -> Html:
-    """The values of each seed, and where each run comes from."""
+    """Return the values of each seed, and the folder and command of each run."""
     headings = ["policy", "seed", "world", *(heading(label) for label, _ in COMPARED.values())]
     values = (
         [

@@ -1,4 +1,4 @@
-"""A figure as SVG inside a page: it takes the page's colours and typeface and can do nothing."""
+"""A figure as inert SVG inside a page, with the page's colours and typeface."""
 
 from __future__ import annotations
 
@@ -30,28 +30,28 @@ ATTRIBUTES = COLOURED | frozenset(
     )
 )
 GREYS = 8
-"""Shades between the page's ink (grey-0) and its paper (grey-8)."""
+"""The number of steps between the page's text colour (grey-0) and its background (grey-8)."""
 
 LARGEST = 1_000_000
-"""Bytes; what is larger becomes a picture of points."""
+"""The size in bytes above which a figure becomes a PNG image."""
 
 LONGEST = 80
-"""Letters of a text in a figure."""
+"""The largest number of characters of a text in a figure."""
 
 NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
 @styled
 def drawn(draw: Callable[[], Figure], label: str, number: int) -> Html:
-    """What ``draw`` draws, as an element of a page; ``label`` says what it shows.
+    """Return the figure that ``draw`` makes as an element of a page; ``label`` describes it.
 
-    ``number``: the figure's own in this page, which keeps its names apart from the others'.
+    ``number`` is the figure's number in the page, which keeps its identifiers unique.
     """
     from matplotlib import rcParams
 
     rcParams.update({"svg.fonttype": "none", "svg.hashsalt": str(number)})
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # names may hold letters that the typeface lacks
+        warnings.simplefilter("ignore")  # names may contain characters that the typeface lacks
         figure = draw()
         svg = _saved(figure, "svg")
         if len(svg) > LARGEST:
@@ -67,7 +67,7 @@ def _saved(figure: Figure, form: str) -> bytes:
 
 
 def _points(figure: Figure, label: str) -> Html:
-    """A picture of points."""
+    """Return a figure as a PNG image."""
     from base64 import b64encode
 
     source = "data:image/png;base64," + b64encode(_saved(figure, "png")).decode()
@@ -75,7 +75,7 @@ def _points(figure: Figure, label: str) -> Html:
 
 
 def _inert(svg: str, label: str, prefix: str) -> Html:
-    """An SVG of known elements and attributes alone, its names under a prefix of their own."""
+    """Return an SVG with known elements and attributes only, its identifiers with a prefix."""
     root = ElementTree.fromstring(NO_XML.sub("\ufffd", svg))
     _clean(root, prefix)
     del root.attrib["width"], root.attrib["height"]
@@ -105,7 +105,7 @@ def _local(name: str) -> str:
 
 
 def _own(link: str) -> bool:
-    """Does a link stay in the page?"""
+    """Return whether a link stays within the page."""
     return link.startswith(("#", "data:image/png;base64,"))
 
 
@@ -119,5 +119,5 @@ def _named(attribute: str, value: str, prefix: str) -> str:
 
 
 def _shade(grey: re.Match[str]) -> str:
-    """A grey as a shade of the page."""
+    """Return a grey as a shade of the page."""
     return f"var(--grey-{round(int(grey[1], 16) / 255 * GREYS)})"

@@ -1,4 +1,4 @@
-"""The words that go with means over seeds: which interval they have, or that one seed has none.
+"""The words beside means over seeds: which interval they have, or that one seed has none.
 
 A row is an entry of a comparison's or sweep's content: its ``measures`` map names to ``n`` (the
 number of seeds), ``mean`` and ``half_width`` (None if there is no interval).
@@ -38,7 +38,7 @@ def of_one_seed(rows: Rows) -> bool:
 
 
 def mean_words(rows: Rows) -> str:
-    """Say what the numbers of these rows are, and which interval stands beside them."""
+    """Say what the numbers of these rows are, and which interval is beside them."""
     if of_one_seed(rows):
         return "values of one seed, which allows no interval"
     none = " (none from a single seed)" if have_single(rows) else ""

@@ -1,4 +1,4 @@
-"""The JSON files of a run folder: anyone's, so they are checked before they are used."""
+"""Reads the JSON files of a run folder, which may come from anyone and are therefore checked."""
 
 from __future__ import annotations
 
@@ -17,16 +17,17 @@ MOST_BYTES = 2**28
 
 
 class Form(BaseModel):
-    """What a file must hold at least, each value of its own type."""
+    """The least content of a file, with the type of each value."""
 
     model_config = ConfigDict(strict=True, frozen=True)
 
 
 def read_json(file: Path, form: type[Form], what: str) -> dict[str, Any]:
-    """What a file holds, all of it.
+    """Return the whole content of a file.
 
-    Raises PolicyError, naming file and key, for none of ``form``, or one that was changed.
-    ``what``: it is then, such as "the world of a run".
+    Raises PolicyError, with the file and the key, if the content does not have the given form or
+    the file has changed since it was written. ``what`` names the content in the message, such as
+    "the world of a run".
     """
     try:
         verify(file)

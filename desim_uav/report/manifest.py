@@ -1,4 +1,4 @@
-"""``manifest.json`` of a run folder, read back and checked."""
+"""Reads and checks ``manifest.json`` of a run folder."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ Count = Annotated[int, Field(ge=0, lt=2**63)]
 
 
 class Named(Form):
-    """What a run is: enough to name it."""
+    """The entries that are needed to name a run."""
 
     scenario: Text
     policy: Text
@@ -22,7 +22,7 @@ class Named(Form):
 
 
 class Settings(Named):
-    """And how it was made: enough to make it again."""
+    """The entries that are needed to play a run again."""
 
     world_seed: Count
     engine: Literal["des", "batch"]
@@ -32,12 +32,12 @@ class Settings(Named):
 
 
 def read_manifest(folder: Path) -> dict[str, Any]:
-    """What a run says of itself. Raises PolicyError where it is not a run's."""
+    """Return the manifest of a run. Raises PolicyError if it is not that of a run."""
     return _read(folder, Named)
 
 
 def read_settings(folder: Path) -> Settings:
-    """How a run was made. Raises PolicyError where its manifest does not tell."""
+    """Return the settings of a run. Raises PolicyError if its manifest lacks one."""
     return Settings.model_validate(_read(folder, Settings))
 
 

@@ -1,4 +1,4 @@
-"""HTML from plain data: whatever is not markup yet is escaped."""
+"""Makes HTML from plain data; everything that is not markup is escaped."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from html import escape
 from typing import Any
 
 INVISIBLE = ("Cc", "Cf", "Cs", "Co", "Cn", "Zl", "Zp")
-"""Categories of characters that could reorder, hide or break what stands beside them."""
+"""Unicode categories of characters that could reorder, hide or break the text beside them."""
 
 
 class Html(str):
-    """Markup; any other text is escaped as it becomes part of a page."""
+    """Markup; any other text is escaped when it becomes part of a page."""
 
     __slots__ = ()
 
 
 def visible(text: str, longest: int | None = None) -> str:
-    """A text with what cannot be seen of it written out in hexadecimal, cut to ``longest``."""
+    """Return a text, cut to ``longest``, with its invisible characters in hexadecimal."""
     if longest is not None and len(text) > longest:
         text = text[: longest - 1] + "…"
     if text.isprintable():
@@ -34,29 +34,29 @@ def _visible(character: str) -> str:
 
 
 def html(content: Any) -> Html:
-    """Some content as markup: a text is escaped, None is nothing."""
+    """Return content as markup; text is escaped, and None gives nothing."""
     if isinstance(content, Html):
         return content
     return Html("" if content is None else escape(visible(str(content))))
 
 
 def tag(name: str, *children: Any, **attributes: Any) -> Html:
-    """An element; an attribute of None is left out, ``class_`` is ``class``."""
-    given = "".join(
+    """Return an element; attributes of None are left out, and ``class_`` means ``class``."""
+    written = "".join(
         f' {key.rstrip("_").replace("_", "-")}="{html(value)}"'
         for key, value in attributes.items()
         if value is not None
     )
-    return Html(f"<{name}{given}>{joined(children)}</{name}>")
+    return Html(f"<{name}{written}>{joined(children)}</{name}>")
 
 
 def joined(parts: Iterable[Any], between: str = "") -> Html:
-    """Parts one after the other."""
+    """Return parts one after the other."""
     return Html(between.join(html(part) for part in parts))
 
 
 def table(headings: Sequence[Any], rows: Iterable[Sequence[Any]], words: Sequence[int]) -> Html:
-    """A table that scrolls by itself where it is too wide; ``words``: its columns of text."""
+    """Return a table that scrolls if it is too wide; ``words`` are its columns of text."""
 
     def cells(name: str, row: Sequence[Any], **scope: str) -> Html:
         return joined(
@@ -70,7 +70,7 @@ def table(headings: Sequence[Any], rows: Iterable[Sequence[Any]], words: Sequenc
 
 
 def facts(pairs: Iterable[tuple[str, Any]]) -> Html:
-    """Names and what they stand for; those without are left out."""
+    """Return a list of names and values, without those that are empty."""
     return tag(
         "dl",
         joined(
@@ -82,15 +82,15 @@ def facts(pairs: Iterable[tuple[str, Any]]) -> Html:
 
 
 def folded(summary: str, *content: Any, opened: bool = False) -> Html:
-    """What is shown on demand, or hidden."""
+    """Return content that can be unfolded, or folded if it is ``opened``."""
     return tag("details", tag("summary", summary), *content, open="" if opened else None)
 
 
 def paragraph(*content: Any, class_: str | None = None) -> Html:
-    """A paragraph."""
+    """Return a paragraph."""
     return tag("p", *content, class_=class_)
 
 
 def code(text: str) -> Html:
-    """What is typed."""
+    """Return text that is typed or printed by a computer."""
     return tag("code", text)

@@ -1,4 +1,4 @@
-"""What results show of themselves in a notebook: a heading, and a table."""
+"""The display of results in a notebook: a heading and a table."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ WORDS = "text-align: left; padding: 0.1em 0.6em"
 
 
 def heading(text: str) -> Html:
-    """Return what stands above a table."""
+    """Return the heading of a table."""
     return tag("div", text, style="font-weight: 600; margin: 0.3em 0")
 
 

@@ -1,6 +1,6 @@
-"""A report as one HTML page that needs nothing beside it: its skeleton and what all reports hold.
+"""A report as one self-contained HTML page: its skeleton, and the parts that all reports have.
 
-Whatever comes from a run folder is text to it: escaped, and under a policy that runs no script.
+Content of a run folder is escaped, and the page's security policy allows no script.
 """
 
 from __future__ import annotations
@@ -37,16 +37,16 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 OF_EPISODES = {"crashes": ("crashes", "d"), "reward": ("reward", ".2f")}
-"""Headings and formats of what is not of requests, beside ``MEASURES``."""
+"""Headings and formats of measures that belong to episodes, not to requests."""
 
 LONGEST_TITLE = 160
 
 
 @dataclass(frozen=True, kw_only=True)
 class Reported(Run):
-    """A run as a page tells of it, with its ``summary`` over the counted episodes.
+    """A run in a report, with its ``summary`` over the counted episodes.
 
-    ``link`` is its folder's address seen from the page, "" if it is there.
+    ``link`` is its folder's address relative to the page, or "" if the page is in that folder.
     """
 
     link: str
@@ -54,27 +54,27 @@ class Reported(Run):
 
     @property
     def has_replay(self) -> bool:
-        """Does the page that plays it stand in its folder?"""
+        """Whether the run's folder has a replay."""
         return (self.folder / "replay.html").is_file()
 
 
 @dataclass(frozen=True)
 class Picture:
-    """A figure of a page: its title, what it shows, and how it is drawn."""
+    """A figure of a page: its title, its caption, and the function that draws it."""
 
     title: str
     caption: str
     draw: Callable[[], Figure]
 
     def untitled(self) -> Figure:
-        """The figure without its heading: its title stands above it."""
+        """Return the figure without its heading, as the page has its title."""
         figure = self.draw()
         figure.suptitle("")
         return figure
 
 
 def page(title: str, lead: Any, sections: Iterable[tuple[str, Html]]) -> str:
-    """The page: its title, a line below it and its sections."""
+    """Return a page with its title, a line below the title, and its sections."""
     title = visible(title, LONGEST_TITLE)
     filled = [(_anchor(name), name, content) for name, content in sections if content]
     links = tag("nav", joined(tag("a", name, href=f"#{key}") for key, name, _ in filled))
@@ -98,13 +98,13 @@ def _anchor(name: str) -> str:
 
 
 def tiles(pairs: Iterable[tuple[str, str]]) -> Html:
-    """The numbers to look at first."""
+    """Return the most important numbers as tiles."""
     shown = (tag("div", tag("dt", name), tag("dd", value)) for name, value in pairs)
     return tag("dl", joined(shown), class_="tiles")
 
 
 def qoe_table(by: str, rows: Sequence[dict[str, Any]]) -> Html:
-    """The measures of groups of requests, as ``desim-uav qoe`` prints them, and of episodes."""
+    """Return a table of the measures of groups of requests, as in ``desim-uav qoe``."""
     looks = MEASURES | OF_EPISODES
     shown = {name: look for name, look in looks.items() if any(name in row for row in rows)}
     headings = [by, *(heading(label) for label, _ in shown.values())]
@@ -119,9 +119,9 @@ def qoe_table(by: str, rows: Sequence[dict[str, Any]]) -> Html:
 
 
 def heading(of_terminal: str) -> Html:
-    """A heading of a terminal's table, broken where this page needs it: "comp-", "leted" is a word.
+    """Return a heading of a terminal's table with the line breaks of a page.
 
-    A unit stays with its quantity.
+    Words that were hyphenated become whole again, and a unit stays with its quantity.
     """
     whole = of_terminal.replace("-\n", "").replace("\n", " ")
     whole = whole.replace(" %", "\u00a0%").replace(" it.", "\u00a0it.")
@@ -129,17 +129,17 @@ def heading(of_terminal: str) -> Html:
 
 
 def count(number: int, noun: str) -> str:
-    """One episode, two episodes."""
+    """Return a number with its noun, as in "1 episode" and "2 episodes"."""
     return f"{number:,} {noun}{'' if number == 1 else 's'}"
 
 
 def number(value: float | None, form: str) -> str:
-    """A number, or nothing."""
+    """Return a formatted number, or "" if there is none."""
     return "" if value is None or math.isnan(value) else format(value, form)
 
 
 def gallery(pictures: Sequence[Picture], first: int) -> Html:
-    """Pictures side by side; the page's figures so far are ``first``."""
+    """Return pictures side by side; ``first`` is the number of figures before them."""
     figures = (
         tag(
             "figure",
@@ -153,7 +153,7 @@ def gallery(pictures: Sequence[Picture], first: int) -> Html:
 
 
 def scenario_section(run: Reported) -> Html:
-    """What was simulated: the key facts, and the whole file."""
+    """Return the section on the scenario: its main properties and the whole file."""
     return joined(
         [
             tag("div", facts(scenario_facts(run.scenario)), class_="facts"),
@@ -163,7 +163,7 @@ def scenario_section(run: Reported) -> Html:
 
 
 def scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
-    """The few keys by which one scenario is told from another, in words."""
+    """Return the main properties of a scenario, in words."""
     plain = to_plain(scenario)
     drones, users, stations = plain["drones"], plain["users"], plain["stations"]
     width, depth = plain["map"]["size_m"]
@@ -173,7 +173,7 @@ def scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
         ("name", plain["name"]),
         ("map", f"{width:g} × {depth:g} m, {nx} × {ny} cells, {plain['map']['dimensions']}D"),
         ("drones", f"{drones['count']}, footprint {drones['footprint_radius_m']:g} m"),
-        ("bandwidth", _or_unlimited(drones["bandwidth_kbps"], "{:g} kbit/s a drone")),
+        ("bandwidth", _or_unlimited(drones["bandwidth_kbps"], "{:g} kbit/s per drone")),
         ("battery", "unlimited" if battery is None else _component(battery)),
         ("motion", _component(drones["motion"])),
         ("stations", f"{stations['count']}, {count(stations['pads'], 'pad')} each"),
@@ -193,43 +193,43 @@ def _or_unlimited(value: float | None, form: str) -> str:
 
 
 def _component(plain: dict[str, Any]) -> str:
-    """A component's kind and its simple parameters."""
-    told = (
+    """Return a component's kind and its simple parameters."""
+    parameters = (
         f"{key} {value:g}" if type(value) in (int, float) else f"{key} {value}"
         for key, value in plain.items()
         if key != "kind" and isinstance(value, int | float | str)
     )
-    return ", ".join([*([str(plain["kind"])] if "kind" in plain else []), *told])
+    return ", ".join([*([str(plain["kind"])] if "kind" in plain else []), *parameters])
 
 
 def provenance_facts(run: Reported) -> list[tuple[str, Any]]:
-    """Where a run comes from, as far as its manifest says."""
-    said = run.manifest
+    """Return the provenance of a run, as far as its manifest tells."""
+    manifest = run.manifest
     return [
         ("folder", code(str(run.folder))),
-        ("policy", said["policy"]),
-        ("seed", said["seed"]),
-        ("world seed", said.get("world_seed")),
-        ("episodes", said.get("episodes")),
-        ("warm-up", said.get("warmup")),
-        ("interrupted", "yes" if said.get("interrupted") is True else "no"),
-        ("engine", said.get("engine")),
+        ("policy", manifest["policy"]),
+        ("seed", manifest["seed"]),
+        ("world seed", manifest.get("world_seed")),
+        ("episodes", manifest.get("episodes")),
+        ("warm-up", manifest.get("warmup")),
+        ("interrupted", "yes" if manifest.get("interrupted") is True else "no"),
+        ("engine", manifest.get("engine")),
         ("command", command_of(run)),
-        ("begun", said.get("started")),
-        ("ended", said.get("finished")),
-        ("scenario, SHA-256", said.get("scenario_hash")),
+        ("begun", manifest.get("started")),
+        ("ended", manifest.get("finished")),
+        ("scenario, SHA-256", manifest.get("scenario_hash")),
         *version_facts([run]),
     ]
 
 
 def command_of(run: Reported) -> Html | None:
-    """What was typed."""
+    """Return the command of a run, if its manifest has it."""
     command = run.manifest.get("command")
     return code(shlex.join(map(str, command))) if isinstance(command, list) else None
 
 
 def version_facts(runs: Sequence[Reported]) -> list[tuple[str, str]]:
-    """What ran: each version there was of it."""
+    """Return the packages of some runs with all their versions."""
     found: dict[str, dict[str, None]] = {}
     for run in runs:
         versions = run.manifest.get("versions")

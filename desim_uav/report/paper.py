@@ -12,7 +12,7 @@ from desim_uav.report.text import print_table
 
 
 def print_paper_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A row a case and policy; a rule between cases."""
+    """Print a row per case and policy, with a rule between cases."""
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
     for number, heading in enumerate(headings):
         table.add_column(heading, justify="left" if number == 1 else "right")
@@ -22,7 +22,7 @@ def print_paper_table(headings: Sequence[str], rows: Sequence[Sequence[str]]) ->
 
 
 def print_claims(claims: Sequence[tuple[str, str, bool]]) -> None:
-    """What is claimed of it, how it came out, and whether it holds."""
+    """Print each claim, the value that was found, and whether the claim holds."""
     if not claims:
         return
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))

@@ -1,9 +1,9 @@
-"""An episode in continuous time: who was where, doing what, at any instant.
+"""An episode in continuous time: positions and states of drones and users at any instant.
 
-Positions are exact: drones by their legs and the motion's own profiles, users by their way points.
-States are what the events up to the instant add up to. An instant is asked for with a phase, up to
-and including which it is told; by default all of it, at the episode's end all but the record that
-closes everything.
+Positions are exact: those of drones follow from their legs and the profiles of their motion, those
+of users from their way points. States follow from the events up to the instant. A phase can be
+given with an instant; events after that phase are then left out. By default all events of the
+instant count, except the final record at the end of an episode, which closes all requests.
 """
 
 from __future__ import annotations
@@ -39,17 +39,17 @@ LEADS_TO = {
     "crash": Mode.CRASHED,
     "respawn": Mode.FLYING,
 }
-"""The mode each kind of event puts a drone in; that of ``depart`` is its leg's."""
+"""The mode of a drone after each kind of event; after ``depart`` it is that of the leg."""
 
 
 MODES = tuple(mode.name.lower() for mode in Mode)
 
 
 class Moment(NamedTuple):
-    """The state at an instant. Metres; ``batteries_s`` are None where the battery is unlimited.
+    """The state at an instant. Positions are in metres; unlimited ``batteries_s`` are None.
 
-    ``holders``: the drone each user is attached to, or -1; ``serving``: the drone that serves its
-    request, or -1.
+    ``holders`` has the drone that each user is attached to, or -1, and ``serving`` the drone that
+    serves each user's request, or -1.
     """
 
     t_us: int
@@ -72,11 +72,11 @@ class Playback:
 
     @cached_property
     def duration_us(self) -> int:
-        """How long it lasted."""
+        """The duration of the episode."""
         return round(self.run.duration_s(self.episode) * US)
 
     def at(self, t_us: int, phase: int | None = None) -> Moment:
-        """The state at an instant, up to and including ``phase``."""
+        """Return the state at an instant, after the events of ``phase``."""
         if phase is None:
             phase = PHASES - 1 if t_us < self.duration_us else Phase.ATTACHMENT
         key = t_us * PHASES + phase
@@ -101,12 +101,12 @@ class Playback:
     # ---- drones
 
     def paths_m(self, times_us: Ints) -> Floats:
-        """Where each drone was at some times: (drones, times, 3)."""
+        """Return the position of each drone at some times, as (drones, times, 3)."""
         times = times_us.tolist()
         return np.array([[track.position_m(t_us) for t_us in times] for track in self._tracks])
 
     def spans(self, drone: int) -> Iterator[tuple[int, int, Mode]]:
-        """A drone's modes one after the other: from, to (µs), mode."""
+        """Yield a drone's modes one after the other: start and end (µs), and the mode."""
         keys, modes = self._changes[drone]
         starts = [0, *(keys[1:] // PHASES).tolist()]
         for start, end, mode in zip(starts, [*starts[1:], self.duration_us], modes, strict=True):
@@ -114,13 +114,13 @@ class Playback:
                 yield start, end, mode
 
     def crashes_us(self, drone: int) -> list[int]:
-        """When a drone crashed."""
+        """Return the times at which a drone crashed."""
         events = self._events
         mine = (events["kind"] == "crash") & (events["drone"] == drone)
         return [int(t_us) for t_us in events.loc[mine, "t_us"]]
 
     def cell_times_us(self, drone: int) -> Iterator[tuple[int, int, tuple[int, int]]]:
-        """From when to when a drone served from which cell: half of a transit is in either."""
+        """Yield start, end and cell of a drone's service; each half of a transit is in its cell."""
         track, cell_of = self._tracks[drone], self.run.world.grid.cell_of
         middles = (track.starts_us + track.ends_us) // 2
         for start, end, mode in self.spans(drone):
@@ -136,7 +136,7 @@ class Playback:
         legs = self.run.of("legs", self.episode)
         drones = range(self.run.scenario.drones.count)
         if set(legs["drone"]) != set(drones) or not set(legs["mode"]) <= set(MODES):
-            raise self._unfit("legs", "they are not of its drones")
+            raise self._unfit("legs", "the drones or modes are not those of the scenario")
         return [Track(legs[legs["drone"] == drone], self.run) for drone in drones]
 
     def _unfit(self, name: str, why: str) -> PolicyError:
@@ -145,7 +145,7 @@ class Playback:
 
     @cached_property
     def _changes(self) -> list[tuple[Ints, list[Mode]]]:
-        """For each drone the keys of what changes its mode, and the mode each leads to."""
+        """For each drone the keys of the events that change its mode, and the new modes."""
         events = self._events[self._events["kind"].isin([*LEADS_TO, "depart"])]
         found = []
         for drone, track in enumerate(self._tracks):
@@ -168,9 +168,9 @@ class Playback:
 
     @cached_property
     def batteries(self) -> list[tuple[Floats, Floats]]:
-        """For each drone where its battery is known, (t_s, s); it is linear in between.
+        """The times and charges (s, s) of each drone's battery; the charge is linear in between.
 
-        None of them where batteries are unlimited.
+        The list is empty if batteries are unlimited.
         """
         if self.run.scenario.drones.battery is None:
             return []
@@ -212,21 +212,21 @@ class Playback:
 
     @cached_property
     def attachments(self) -> Spells:
-        """Who was attached to which drone, and when."""
+        """The attachments of users to drones, with their times."""
         return self._spells("attach", "detach")
 
     @cached_property
     def services(self) -> Spells:
-        """Whose request was served by which drone, and when."""
+        """The services of requests by drones, with their times."""
         return self._spells("serve", "stop")
 
     def _spells(self, begins: str, ends: str) -> Spells:
-        """Each beginning with the end that belongs to it: the next of its drone and user."""
+        """Return each beginning with its end, which is the next of the same drone and user."""
         events = self._events[self._events["kind"].isin([begins, ends])]
         events = events.sort_values(["drone", "user"], kind="stable")
         first, last = events["kind"] == begins, events["kind"] == ends
         if first.sum() != last.sum():
-            raise self._unfit("events", f"not each {begins} has its {ends}")
+            raise self._unfit("events", f"not every {begins} has a {ends}")
 
         def column(name: str, rows: pd.Series) -> Ints:
             return np.asarray(events.loc[rows, name].fillna(-1), np.int64)
@@ -251,7 +251,7 @@ class Playback:
         return Requests._make([*columns, key_of(opened), key_of(closed)])
 
     def _users_at(self, key: int) -> tuple[Ints, Ints, Ints]:
-        """By user the drone that holds it and the one that serves it; and who has a request."""
+        """Return by user the drone it is attached to and the one that serves it, and who asks."""
         count = len(self.run.world.homes)
         holders, serving = np.full(count, -1), np.full(count, -1)
         for drones, spells in ((holders, self.attachments), (serving, self.services)):
@@ -263,7 +263,7 @@ class Playback:
 
     @cached_property
     def _walks(self) -> tuple[Ints, Ints, Floats, int]:
-        """Way points by user and time: keys, times, places; and how many µs a user has of keys."""
+        """The way points by user and time: keys, times, positions, and the keys per user."""
         points = self.run.of("users", self.episode).sort_values(["user", "t_s"], kind="stable")
         t_us = (points["t_s"] * US).round().to_numpy(np.int64)
         room = int(t_us.max()) + 1
@@ -276,15 +276,15 @@ class Playback:
         before = np.searchsorted(keys, asked, "right") - 1
         after = np.minimum(before + 1, len(keys) - 1)
         length = times[after] - times[before]
-        moves = length > 0  # else it is a user's last way point
+        moves = length > 0  # otherwise it is a user's last way point
         share = np.where(moves, (t_us - times[before]) / np.where(moves, length, 1), 0.0)
         found: Floats = places[before] + share[:, None] * (places[after] - places[before])
         return found
 
-    # ---- what it adds up to
+    # ---- measures
 
     def _measures(self, t_us: int, key: int) -> Measures:
-        """The quality of experience so far, open requests by what they have had so far."""
+        """Return the quality of experience so far, including that of open requests."""
         requests, served, held = self._requests, self.services, self.attachments
         begun = requests.from_key <= key
         held_us = held.lasted_us(t_us, key).sum()
@@ -302,7 +302,7 @@ class Playback:
 
 
 class Requests(NamedTuple):
-    """The requests of an episode, in order of their numbers, as columns."""
+    """The requests of an episode as columns, in order of their numbers."""
 
     request_id: Ints
     user: Ints
@@ -314,7 +314,7 @@ class Requests(NamedTuple):
 
 
 class Spells(NamedTuple):
-    """Times of one drone and user each, as columns; keys as in ``PHASES``."""
+    """Intervals of one drone and one user each, as columns; see ``PHASES`` for the keys."""
 
     drone: Ints
     user: Ints
@@ -325,10 +325,10 @@ class Spells(NamedTuple):
     to_us: Ints
 
     def on(self, key: int) -> NDArray[np.bool_]:
-        """Which of them are under way."""
+        """Return which intervals contain an instant."""
         return (self.from_key <= key) & (key < self.to_key)
 
     def lasted_us(self, t_us: int, key: int) -> Ints:
-        """How long each has lasted."""
+        """Return how long each interval has lasted at an instant."""
         begun = self.from_key <= key
         return np.where(begun, np.minimum(self.to_us, t_us) - self.from_us, 0)

@@ -1,4 +1,4 @@
-"""The folder of a finished run as its readers take it: each part is checked as it is read."""
+"""Reads the folder of a finished run; each part is checked when it is read."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World
 
 Tables = dict[str, pd.DataFrame]
-"""By name."""
+"""Tables by name."""
 
 KEPT = ("requests", "steps", "users", "episodes")
 IN_TIME = ("events", "legs")
-"""What a run keeps only with ``--events``."""
+"""The tables that a run keeps only with ``--events``."""
 
 
 @dataclass(frozen=True)
 class Run:
-    """A run folder. Each part is read when needed.
+    """A run folder, whose parts are read when they are needed.
 
-    ``again`` is asked for the events and legs of some episodes where the folder has none. Raises
-    PolicyError, naming the file, for a part that is missing, unreadable, or not of a run.
+    ``again`` makes the events and legs of some episodes if the folder has none. Reading a part
+    raises PolicyError, with the file, if it is missing, unreadable or not that of a run.
     """
 
     folder: Path
@@ -41,13 +41,13 @@ class Run:
     # ---- what happened
 
     def table(self, name: str) -> pd.DataFrame:
-        """One of ``run_folder.TABLES``, as it was written."""
+        """Return one of ``run_folder.TABLES`` as it was written."""
         if name not in self._read:
             self._read[name] = read_table(self.folder, name, TABLES[name])
         return self._read[name]
 
     def of(self, name: str, episode: int) -> pd.DataFrame:
-        """The rows of an episode."""
+        """Return the rows of an episode."""
         if name in IN_TIME and not self.keeps_events:
             self.need([episode])
             frame = self._made[name]
@@ -56,23 +56,23 @@ class Run:
         return frame[frame["episode"] == episode]
 
     def of_episode(self, episode: int) -> Tables:
-        """All tables of an episode that the folder holds."""
+        """Return all tables of an episode that are in the folder."""
         names = KEPT + IN_TIME if self.keeps_events else KEPT
         return {name: self.of(name, episode) for name in names}
 
     def counted(self, name: str) -> pd.DataFrame:
-        """The rows of all episodes but those of warm-up."""
+        """Return the rows of all episodes except warm-up."""
         frame = self.table(name)
         return frame[frame["episode"] >= 0]
 
     def need(self, episodes: Sequence[int]) -> None:
-        """Have events and legs of these episodes at hand, however they are come by.
+        """Make sure that the events and legs of these episodes can be read.
 
-        Raises NoEventsError where there are none.
+        Raises NoEventsError if the run kept none and cannot be played again.
         """
         if self.keeps_events or self._made_of >= set(episodes):
             return
-        self.table("requests")  # of what is no run folder at all, more is wrong
+        self.table("requests")  # a folder that is not a run's gives a better message here
         if self.again is None:
             raise NoEventsError(f"{self.folder}: the run kept no events")
         self._made.update(self.again(self, episodes))
@@ -81,7 +81,7 @@ class Run:
 
     @cached_property
     def keeps_events(self) -> bool:
-        """Has the run kept what happened when?"""
+        """Whether the run has kept its events and legs."""
         return all((self.folder / f"{name}.parquet").is_file() for name in IN_TIME)
 
     @cached_property
@@ -96,16 +96,16 @@ class Run:
     def _made_of(self) -> set[int]:
         return set()
 
-    # ---- what it was
+    # ---- the run itself
 
     @cached_property
     def manifest(self) -> dict[str, Any]:
-        """What the run says of itself: scenario, policy, seed; and more, if it is no one else's."""
+        """The run's manifest; scenario, policy and seed are checked, other entries are not."""
         return read_manifest(self.folder)
 
     @cached_property
     def settings(self) -> Settings:
-        """How it was made. Raises PolicyError where ceilings are not those of its drones."""
+        """The settings of the run. Raises PolicyError if there is not one ceiling per drone."""
         settings = read_settings(self.folder)
         if len(settings.ceilings) != self.scenario.drones.count:
             raise PolicyError(
@@ -116,7 +116,7 @@ class Run:
 
     @cached_property
     def scenario(self) -> Scenario:
-        """The scenario as it was run."""
+        """The scenario of the run."""
         return read_scenario(self.folder)
 
     @cached_property
@@ -127,7 +127,7 @@ class Run:
 
     @cached_property
     def map(self) -> dict[str, Any]:
-        """What ``world.json`` says: a picture shows this world, whatever would be drawn today."""
+        """The content of ``world.json``; pictures show this world, even if drawing has changed."""
         world, cells = read_world(self.folder), list(self.scenario.map.cells)
         if world["cells"] != cells:
             raise PolicyError(
@@ -138,34 +138,37 @@ class Run:
 
     @cached_property
     def world(self) -> World:
-        """The same as a world."""
+        """The world of ``world.json``."""
         return stored_world(self.map, self.scenario)
 
     @property
     def name(self) -> str:
-        """What a figure of the run is headed with."""
+        """The name of the run in the headings of figures."""
         return "{scenario}, {policy}, seed {seed}".format(**self.manifest)
 
     # ---- its episodes
 
     @cached_property
     def episodes(self) -> list[int]:
-        """Their numbers, warm-up among them. Raises PolicyError where there are none."""
-        found = sorted({int(number) for number in self.table("episodes")["episode"]})
-        if not found:
+        """The numbers of all episodes, including warm-up. Raises PolicyError if there are none."""
+        numbers = sorted({int(number) for number in self.table("episodes")["episode"]})
+        if not numbers:
             raise PolicyError(f"{self.folder / 'episodes.parquet'}: it has no episodes")
-        return found
+        return numbers
 
     @property
     def counted_episodes(self) -> list[int]:
-        """Without warm-up. Raises PolicyError where none is left."""
-        found = [number for number in self.episodes if number >= 0]
-        if not found:
-            raise PolicyError(f"{self.folder}: no episode was counted")
-        return found
+        """The numbers of the episodes without warm-up. Raises PolicyError if there are none."""
+        numbers = [number for number in self.episodes if number >= 0]
+        if not numbers:
+            raise PolicyError(f"{self.folder}: the run has no counted episode")
+        return numbers
 
     def episode(self, asked: int | None) -> int:
-        """The episode asked for, else the first counted one. Raises UsageError."""
+        """Return the requested episode, by default the first counted one.
+
+        Raises UsageError if the run has no such episode.
+        """
         there = self.episodes
         if asked is None:
             return next((number for number in there if number >= 0), there[0])
@@ -176,9 +179,9 @@ class Run:
         return asked
 
     def chosen(self, text: str | None) -> list[int]:
-        """The episodes of a text such as ``0-9,12``; without one, the counted ones.
+        """Return the episodes of a text such as ``0-9,12``, by default the counted ones.
 
-        Raises UsageError for one that is not there.
+        Raises UsageError if the text is malformed or the run has no such episode.
         """
         there = self.episodes
         if text is None:
@@ -193,7 +196,7 @@ class Run:
         return wanted
 
     def duration_s(self, episode: int) -> float:
-        """How long an episode lasted."""
+        """Return the duration of an episode."""
         return float(self.of("episodes", episode)["duration_s"].iloc[0])
 
 
@@ -201,7 +204,7 @@ Again = Callable[[Run, Sequence[int]], Tables]
 
 
 def opened(run: Run | Path) -> Run:
-    """A run, from its folder too."""
+    """Return a run, which may be given by its folder."""
     return run if isinstance(run, Run) else Run(run)
 
 

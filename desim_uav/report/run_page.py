@@ -31,21 +31,21 @@ from desim_uav.report.text import MEASURES
 from desim_uav.report.worst import worst_requests
 
 MOST_EPISODES = 200
-"""So many have a row."""
+"""The largest number of episodes that have a row."""
 
 
 def run_page(run: Reported, title: str | None) -> str:
-    """The page."""
-    said = "{scenario}, {policy}, seed {seed}".format(**run.summary)
-    much = (
+    """Return the page as HTML."""
+    default = "{scenario}, {policy}, seed {seed}".format(**run.summary)
+    size = (
         f"{count(run.summary['episodes'], 'episode')}, {count(run.summary['requests'], 'request')}"
     )
-    lead = much if title is None else f"{said}: {much}"
-    return page(title or said, lead, ((name, section(run)) for name, section in SECTIONS))
+    lead = size if title is None else f"{default}: {size}"
+    return page(title or default, lead, ((name, section(run)) for name, section in SECTIONS))
 
 
 def _quality(run: Reported) -> Html:
-    """The tables of QoE."""
+    """Return the tables of QoE."""
     found = run.summary
     served = f"{found['completed']} of {found['requests']}"
     first = [
@@ -54,7 +54,7 @@ def _quality(run: Reported) -> Html:
         ("QoE3", f"{number(found['qoe3_percent'], '.1f') or '-'} %"),
         ("requests completed", served),
         ("crashes", str(found["crashes"])),
-        ("reward an episode", number(found["reward_mean"], ".2f") or "-"),
+        ("reward per episode", number(found["reward_mean"], ".2f") or "-"),
     ]
     every = {"service": "all"} | {name: found[name] for name in MEASURES}
     rows = [every, *qoe.grouped(run.counted("requests"), "service")]
@@ -83,14 +83,15 @@ def _by_episode(run: Reported) -> Html:
         {"requests": 0} | of_requests.get(row["episode"], {}) | row
         for row in run.counted("episodes")[columns].to_dict("records")
     ]
-    shown = tag("div", qoe_table("episode", rows[:MOST_EPISODES]), class_="tall", tabindex=0)
+    table = tag("div", qoe_table("episode", rows[:MOST_EPISODES]), class_="tall", tabindex=0)
     if len(rows) <= 12:
-        return shown
+        return table
     more = paragraph(
-        f"The first {MOST_EPISODES} of {len(rows)}; desim-uav qoe --by episode prints all.",
+        f"These are the first {MOST_EPISODES} of {len(rows)} episodes; "
+        "desim-uav qoe --by episode prints all.",
         class_="note",
     )
-    return folded(f"{len(rows)} episodes", shown, more if len(rows) > MOST_EPISODES else None)
+    return folded(f"{len(rows)} episodes", table, more if len(rows) > MOST_EPISODES else None)
 
 
 def _figures(run: Reported) -> Html:
@@ -98,28 +99,34 @@ def _figures(run: Reported) -> Html:
     pictures = [
         Picture(
             "Map",
-            "The first counted episode: walks, paths, and where it ended.",
+            "The end of the first counted episode, with users' walks and drones' paths.",
             partial(case_picture, run, first, width=NARROW),
         ),
-        Picture("QoE over episodes", "The counted ones.", partial(episodes_figure, run, NARROW)),
+        Picture(
+            "QoE over episodes", "All counted episodes.", partial(episodes_figure, run, NARROW)
+        ),
     ]
     if run.summary["requests"]:
-        said = "How requests ended, how long they waited, and the QoE1 they got."
+        caption = "The outcomes, waiting times and QoE1 of requests."
         draw = partial(services_figure, run, width=NARROW)
-        pictures.append(Picture("Services", said, draw))
+        pictures.append(Picture("Services", caption, draw))
     problem = _no_battery(run, first)
     if problem is None:
-        said = "The first counted episode; shaded where a drone does not serve."
-        pictures.append(Picture("Battery", said, partial(battery_figure, run, first, width=NARROW)))
+        caption = "The first counted episode. Shaded times are those in which a drone cannot serve."
+        draw = partial(battery_figure, run, first, width=NARROW)
+        pictures.append(Picture("Battery", caption, draw))
     return joined([gallery(pictures, 0), paragraph(problem, class_="note") if problem else None])
 
 
 def _no_battery(run: Reported, episode: int) -> str | None:
-    """What keeps the batteries from being drawn."""
+    """Return why the batteries cannot be drawn, or None if they can."""
     if run.scenario.drones.battery is None:
         return "Batteries are unlimited."
     if run.scenario.drones.count > MOST_PANELS:
-        return "There are too many drones to draw their batteries: desim-uav plot battery --drone."
+        return (
+            "There are too many drones to draw all batteries; "
+            "desim-uav plot battery --drone draws one."
+        )
     try:
         run.need([episode])
     except NoEventsError as error:

@@ -1,4 +1,4 @@
-"""The report of a sweep: its table, its figures, what failed, and where it comes from."""
+"""The report of a sweep: its table, its figures, its failures and its provenance."""
 
 from __future__ import annotations
 
@@ -22,10 +22,10 @@ MOST_FAILURES = 100
 
 @dataclass(frozen=True)
 class Swept:
-    """A sweep as a page tells of it.
+    """A sweep in a report.
 
-    ``content`` is what its table is made of and ``shown`` what its figures are drawn from (see
-    ``sweep_figure``), ``left_out`` says why there are none. ``words`` writes a value of a key.
+    ``content`` is the data of its table and ``shown`` that of its figures (see ``sweep_figure``);
+    ``left_out`` says why there are none. ``words`` formats a value of a key.
     """
 
     folder: Path
@@ -42,14 +42,14 @@ def sweep_page(found: Swept, title: str | None) -> str:
     """Return the page as HTML."""
     content = found.content
     keys = ", ".join(content["keys"]) or ", ".join(content["policies"])
-    said = f"Sweep of {content['scenario']}: {keys}"
+    default = f"Sweep of {content['scenario']}: {keys}"
     lead = (
         f"{found.ended:,} of {count(len(found.manifest['jobs']), 'job')} ended, each of "
         f"{count(found.manifest['episodes'], 'episode')} after "
         f"{found.manifest['warmup']} of warm-up"
     )
     sections = ((name, section(found)) for name, section in SECTIONS)
-    return page(title or said, lead, sections)
+    return page(title or default, lead, sections)
 
 
 def _results(found: Swept) -> Html:
@@ -108,33 +108,33 @@ def _failed(found: Swept) -> Html:
     missing = len(found.manifest["jobs"]) - found.ended
     if not missing:
         return Html("")
-    told = f"{count(missing, 'job')} of {len(found.manifest['jobs']):,} have no row"
-    told += f", and {len(found.failures):,} of them failed." if found.failures else "."
-    told += " desim-uav sweep with --resume runs what is missing."
+    text = f"{count(missing, 'job')} of {len(found.manifest['jobs']):,} have no row"
+    text += f", and {len(found.failures):,} of them failed." if found.failures else "."
+    text += " desim-uav sweep with --resume runs the missing jobs."
     keys = [key for key in found.content["keys"] if all(key in row for row in found.failures)]
     names = [*keys, "policy", "seed", "reason"]
     rows = (
         [found.words(row.get(name, "")) for name in names] for row in found.failures[:MOST_FAILURES]
     )
     listed = table(names, rows, range(len(names))) if found.failures else None
-    return joined([paragraph(told), listed])
+    return joined([paragraph(text), listed])
 
 
 def _provenance(found: Swept) -> Html:
-    said, scenario = found.manifest, found.manifest["scenario"]
-    command, versions = said.get("command"), said.get("versions")
+    manifest, scenario = found.manifest, found.manifest["scenario"]
+    command, versions = manifest.get("command"), manifest.get("versions")
     pairs: list[tuple[str, Any]] = [
         ("folder", code(str(found.folder))),
         ("scenario", scenario.get("name")),
         ("scenario file", scenario.get("file")),
         ("its SHA-256", scenario.get("sha256")),
         *((key, ", ".join(map(found.words, of))) for key, of in found.content["keys"].items()),
-        ("policies", ", ".join(map(str, said.get("policies") or ()))),
-        ("trained", ", ".join(map(str, said.get("algorithms") or ()))),
-        ("seeds", ", ".join(map(str, said.get("seeds") or ()))),
-        ("episodes", said["episodes"]),
-        ("warm-up", said["warmup"]),
-        ("begun", said.get("started")),
+        ("policies", ", ".join(map(str, manifest.get("policies") or ()))),
+        ("trained", ", ".join(map(str, manifest.get("algorithms") or ()))),
+        ("seeds", ", ".join(map(str, manifest.get("seeds") or ()))),
+        ("episodes", manifest["episodes"]),
+        ("warm-up", manifest["warmup"]),
+        ("begun", manifest.get("started")),
         ("command", code(shlex.join(map(str, command))) if isinstance(command, list) else None),
         *(versions.items() if isinstance(versions, dict) else ()),
     ]

@@ -1,4 +1,4 @@
-"""Small tables for the terminal."""
+"""Tables of results in the terminal."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ MEASURES = {
     "unfinished": ("unfin-\nished", "d"),
     "never_served": ("never\nserved", "d"),
 }
-"""Headings and formats; a table of them fits a terminal of 80 columns."""
+"""Headings and formats; the table fits a terminal of 80 columns."""
 
 COMPARED = {
     "qoe1_percent": ("QoE1 %", ".2f"),
@@ -38,17 +38,17 @@ COMPARED = {
     "crashes_per_drone_episode": ("crashes/drone/ep.", ".4f"),
     "reward_mean": ("reward", ".3f"),
 }
-"""The measures of a comparison: names and formats. Its tables fit 100 columns."""
+"""The headings and formats of a comparison's measures; its tables fit 100 columns."""
 
 
 def print_table(table: Table) -> None:
-    """Print a table: as wide as the terminal, and wide enough for a file."""
+    """Print a table as wide as the terminal, or with a fixed width into a file or pipe."""
     width = None if Console().is_terminal else PIPED_WIDTH
     Console(width=width).print(table)
 
 
 def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None:
-    """The table a run ends with: all requests, and by service."""
+    """Print the table at the end of a run: all requests, and requests by service."""
     rows = [{"service": "all"} | summary, *by_service]
     title = "{scenario}, {policy}, seed {seed}: {episodes} episode(s), {crashes} crash(es)"
     _print("service", rows, title.format(**summary))
@@ -56,18 +56,18 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
 
 
 def print_training(summary: dict[str, Any]) -> None:
-    """What a training ends with: the means of its last episodes, and where the policy is."""
+    """Print the result of a training: the means of its last episodes, and the policy's file."""
     print(
         "{scenario}, {algorithm}, seed {seed}: {episodes} episode(s); over the last "
         "{over_last}:".format(**summary)
     )
     for name in (*TRAINED, "crashes_per_drone_episode"):
-        print(f"  {name:26s} {_shown(summary[name])}")
+        print(f"  {name:26s} {_value_text(summary[name])}")
     print(summary["policy"])
 
 
 def print_optimum(found: dict[str, Any]) -> None:
-    """How well any policy could do: a row for each optimum, and how a lone drone flies it."""
+    """Print how well any policy could do: a row for each optimum, and the best flights."""
     title = "{scenario}, world seed {world_seed}: {drones} drone(s), {users} user(s)"
     rows = list(_optima(found))
     table = Table(
@@ -89,7 +89,7 @@ def print_optimum(found: dict[str, Any]) -> None:
 
 
 def _optima(found: dict[str, Any]) -> Iterator[tuple[str, str, str, str, str, Any]]:
-    """Rows of that table, each with its policy, where it has one."""
+    """Yield the rows of the table, each with its policy or None."""
     cover, fair, lone = found["cover"], found["fair_cover"], found["one_drone"]
     at_most = f"{found['instant_at_most_percent']:.1f} %"
     yield "QoE3, at any instant", "", "", at_most, "", None
@@ -116,7 +116,7 @@ def _cells(best: dict[str, Any]) -> str:
 
 
 def _itinerary(policy: dict[str, Any]) -> str:
-    """A policy in words: its actions, each with its steps and those it forces."""
+    """Return a policy in words: its actions, each with the number of steps it takes."""
     steps, again_from = policy["steps"], policy["again_from"]
     if again_from is None:
         return _words(steps)
@@ -125,28 +125,28 @@ def _itinerary(policy: dict[str, Any]) -> str:
 
 
 def _words(steps: list[dict[str, Any]]) -> str:
-    told: list[list[Any]] = []
+    counts: list[list[Any]] = []
     for step in steps:
-        if told and step["action"] in (None, told[-1][0]):
-            told[-1][1] += 1
+        if counts and step["action"] in (None, counts[-1][0]):
+            counts[-1][1] += 1
         else:
-            told.append([step["action"], 1])
-    return ", ".join(name if count == 1 else f"{name} x {count}" for name, count in told)
+            counts.append([step["action"], 1])
+    return ", ".join(name if count == 1 else f"{name} x {count}" for name, count in counts)
 
 
 def print_summary(summary: dict[str, Any]) -> None:
-    """Every measure on a line of its own."""
+    """Print each measure on a line of its own."""
     for name, value in summary.items():
-        print(f"{name:22s} {_shown(value)}")
+        print(f"{name:22s} {_value_text(value)}")
 
 
 def print_groups(by: str, rows: list[dict[str, Any]]) -> None:
-    """A row for each group of requests."""
+    """Print a row for each group of requests."""
     _print(by, rows, "")
 
 
 def print_comparison(found: dict[str, Any]) -> None:
-    """What each policy achieves, and what it differs from the one of reference."""
+    """Print the measures of each policy, and its differences from the reference policy."""
     title = "{scenario}, {episodes} episode(s) after {warmup} of warm-up".format(**found)
     _print_estimates(f"{title}: {mean_words(found['policies'])}", "seeds", found["policies"])
     if found["differences"]:
@@ -161,7 +161,7 @@ def print_comparison(found: dict[str, Any]) -> None:
 
 
 def print_sweep(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
-    """A row for each combination and policy; numbers stand to the right."""
+    """Print a row for each combination and policy; numbers are aligned to the right."""
     table = Table(box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
     for number, heading in enumerate(headings):
         left = number <= headings.index("policy")
@@ -172,7 +172,7 @@ def print_sweep(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def print_findings(findings: list[tuple[str, str, str]]) -> None:
-    """(verdict, what, words), a line each, wrapped."""
+    """Print the verdict, name and message of each finding on a line, which may wrap."""
     table = Table(box=None, show_header=False, padding=(0, 1, 0, 0))
     table.add_column()
     table.add_column(no_wrap=True)
@@ -184,7 +184,7 @@ def print_findings(findings: list[tuple[str, str, str]]) -> None:
 
 
 def _print_estimates(title: str, counted: str, rows: list[dict[str, Any]]) -> None:
-    """A line for each measure and policy."""
+    """Print a line for each measure and policy."""
     table = Table(title=_text(title), box=box.SIMPLE_HEAD, padding=(0, 0, 0, 1))
     table.title_justify = "left"
     table.add_column("measure", no_wrap=True)
@@ -200,7 +200,7 @@ def _print_estimates(title: str, counted: str, rows: list[dict[str, Any]]) -> No
 
 
 def estimate_cells(found: dict[str, Any], form: str) -> tuple[str, ...]:
-    """The number of replications, mean, half-width, interval, and whether zero is outside."""
+    """Return the number of replications, mean, half-width, interval, and "≠ 0" if that holds."""
     mean, half_width = _cell(found, "mean", form), _cell(found, "half_width", form)
     if not half_width:
         return str(found["n"]), mean, "", "", ""
@@ -226,7 +226,7 @@ def _print(by: str, rows: list[dict[str, Any]], title: str) -> None:
 
 
 def _text(value: Any) -> Text:
-    """Make a text of what a file may say: no markup, and nothing that moves a cursor."""
+    """Return text of a file without markup and without control characters."""
     return Text(printable(str(value)))
 
 
@@ -235,7 +235,7 @@ def _cell(row: dict[str, Any], name: str, form: str) -> str:
     return "" if value is None or math.isnan(value) else format(value, form)
 
 
-def _shown(value: Any) -> str:
+def _value_text(value: Any) -> str:
     return (
         f"{value:.6g}"
         if isinstance(value, float)

@@ -1,4 +1,4 @@
-"""Where a drone was, exactly: along the legs it flew."""
+"""The exact positions of a drone along its legs."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ Place = tuple[float, float, float]
 
 
 class Track:
-    """The legs of a drone in an episode, and where they put it at any time."""
+    """The legs of a drone in an episode, and its position at any time."""
 
     def __init__(self, legs: pd.DataFrame, run: Run) -> None:
         self.starts_us: Ints = (legs["t_s"] * US).round().to_numpy(np.int64)
@@ -40,7 +40,7 @@ class Track:
         return Leg(transit, start[:2], end[:2], start[2], end[2])
 
     def position_m(self, t_us: int) -> tuple[float, float, float]:
-        """x, y, z: along the last leg begun, then at its end."""
+        """Return x, y and z on the latest leg, or at its end if it is over."""
         last = int(np.searchsorted(self.starts_us, t_us, "right")) - 1
         if t_us >= self.ends_us[last]:
             return self.places[last][1]

@@ -1,4 +1,4 @@
-"""A run's episode as a moving picture: GIF, or MP4 in H.264."""
+"""An episode of a run as a film: GIF, or MP4 in H.264."""
 
 from __future__ import annotations
 
@@ -25,36 +25,36 @@ from desim_uav.report.playback import Moment, Playback
 from desim_uav.run_folder import write_at
 
 FPS, SPEED = 12.0, 120.0
-"""Frames a second, and simulated seconds in a second: half an hour lasts 15 s, 181 frames."""
+"""Frames per second, and simulated seconds per second: half an hour lasts 15 s, in 181 frames."""
 
 MOST_FRAMES = 20_000
 COLOURS, SAMPLES = 127, 8
-"""Of a GIF's palette, and how many frames it is made of, about."""
+"""The colours of a GIF's palette, and about how many frames it is made from."""
 
 UNCHANGED = np.uint8(COLOURS)
-"""What a GIF has where the picture stays as it was."""
+"""The transparent colour of a GIF, for pixels that do not change."""
 
 GIF_FPS = 50
-"""Browsers slow down what is faster."""
+"""The largest frame rate of a GIF; browsers slow down faster ones."""
 
 LAST_MS = 1500
 NO_DITHER = Image.Dither.NONE
 QUALITY = ("-crf", "20", "-preset", "veryfast")
-"""Half the time of ffmpeg's own preset, for an eighth more bytes."""
+"""Compared with ffmpeg's default preset, half the time and an eighth more bytes."""
 
 BIT_EXACT = ("-map_metadata", "-1", "-fflags", "+bitexact", "-flags:v", "+bitexact")
-"""Nothing of when and by what: the same film is the same file."""
+"""Leave out dates and versions, so that the same film gives the same file."""
 
 OnFrame = Callable[[], None]
 
 
 class Film:
-    """The frames of an episode, from its beginning to its end, at even times."""
+    """The frames of an episode at equal intervals, from its beginning to its end."""
 
     def __init__(
         self, playback: Playback, fps: float = FPS, speed: float = SPEED, width: int = WIDTH
     ) -> None:
-        """``speed``: simulated seconds in a second. Raises UsageError for too many frames."""
+        """Take ``speed`` simulated seconds per second. Raises UsageError for too many frames."""
         self.playback = playback
         self.fps = fps
         self.size = (2 * (width // 2), 2 * round(width * HEIGHT / WIDTH / 2))  # H.264: even
@@ -63,15 +63,16 @@ class Film:
         self.times_us = [*range(0, end_us, step_us), end_us]
         if len(self.times_us) > MOST_FRAMES:
             raise UsageError(
-                f"{len(self.times_us)} frames; at most {MOST_FRAMES}: raise --speed or lower --fps"
+                f"{len(self.times_us)} frames are too many (at most {MOST_FRAMES}); raise --speed "
+                "or lower --fps"
             )
         self._painter = Painter(playback.run.world)
         self._title = f"episode {playback.episode}, seed {playback.run.manifest['seed']}"
 
     def frame(self, t_us: int) -> Image.Image:
-        """The picture at a time."""
+        """Return the frame at a time."""
         moment = self.playback.at(t_us)
-        picture = self._painter.picture(Shown(moment), self._snapshot(moment), self._title)
+        picture = self._painter.picture(MomentView(moment), self._snapshot(moment), self._title)
         if picture.size != self.size:
             picture = picture.resize(self.size, Image.Resampling.LANCZOS)
         return picture
@@ -108,32 +109,32 @@ class Film:
         return Snapshot(step, moment.t_us, False, False, seen, (), (), (), ())
 
 
-class Shown:
-    """A moment as the painter asks for it."""
+class MomentView:
+    """A moment with the methods that the painter calls."""
 
     def __init__(self, moment: Moment) -> None:
         self.moment = moment
 
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where drones and users are."""
+        """Return the positions of drones and of users."""
         return self.moment.drones_m, self.moment.users_m
 
     def user_states(self) -> list[UserState]:
-        """What each user is doing."""
+        """Return the state of each user."""
         return self.moment.states
 
     def measures(self) -> Measures:
-        """The quality of experience so far."""
+        """Return the quality of experience so far."""
         return self.moment.measures
 
 
 def write_gif(film: Film, out: Path, on_frame: OnFrame = lambda: None) -> None:
-    """Write an endless GIF: one palette for all frames, made once, and no dithering.
+    """Write an endless GIF, with one palette for all frames and without dithering.
 
-    Raises UsageError for more frames a second than GIF can tell.
+    Raises UsageError for more frames per second than a GIF can have.
     """
     if film.fps > GIF_FPS:
-        raise UsageError(f"--fps {film.fps:g}: a GIF has at most {GIF_FPS}")
+        raise UsageError(f"--fps {film.fps:g}: a GIF can have at most {GIF_FPS}")
     palette = _palette(film)
 
     def changes() -> Iterator[Image.Image]:
@@ -157,7 +158,7 @@ def write_gif(film: Film, out: Path, on_frame: OnFrame = lambda: None) -> None:
 
 
 def _palette(film: Film) -> Image.Image:
-    """The colours of the whole film: those with a meaning, and what some frames have."""
+    """Return the palette of a film: the colours with a meaning, and those of some frames."""
     frames = [film.frame(t_us) for t_us in film.times_us[:: max(1, len(film) // SAMPLES)]]
     sheet = Image.new("RGB", (film.size[0], film.size[1] * len(frames)))
     for number, frame in enumerate(frames):
@@ -170,25 +171,25 @@ def _palette(film: Film) -> Image.Image:
 
 
 def _durations_ms(film: Film) -> list[int]:
-    """How long each frame is shown: whole hundredths of a second, and the last one longer."""
+    """Return the duration of each frame in multiples of 10 ms; the last one is longer."""
     ends = [10 * round(100 * (k + 1) / film.fps) for k in range(len(film))]
     return [*(b - a for a, b in pairwise([0, *ends[:-1]])), LAST_MS]
 
 
 def need_ffmpeg() -> ModuleType:
-    """The package that has ffmpeg. Raises MissingExtraError."""
+    """Return the package that contains ffmpeg. Raises MissingExtraError if it is missing."""
     try:
         import imageio_ffmpeg
     except ImportError as error:
         raise MissingExtraError("--mp4", "video") from error
-    found: ModuleType = imageio_ffmpeg
-    return found
+    module: ModuleType = imageio_ffmpeg
+    return module
 
 
 def write_mp4(film: Film, out: Path, on_frame: OnFrame = lambda: None) -> None:
-    """Write an MP4: H.264, yuv420p, which every browser and slide shows.
+    """Write an MP4 in H.264 and yuv420p, which browsers and presentation programs show.
 
-    Raises MissingExtraError without imageio-ffmpeg, DesimError where it cannot be written.
+    Raises MissingExtraError without imageio-ffmpeg, and DesimError if it cannot be written.
     """
     imageio_ffmpeg = need_ffmpeg()
     with tempfile.TemporaryDirectory() as folder:

@@ -1,4 +1,4 @@
-"""``world.json`` of a run folder, read back and checked."""
+"""Reads and checks ``world.json`` of a run folder."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ Place = Annotated[list[Metres], Field(min_length=3, max_length=3)]
 
 
 class Cluster(Form):
-    """The disc some users live in."""
+    """The disc that contains the homes of some users."""
 
     x_m: Metres
     y_m: Metres
@@ -31,7 +31,7 @@ class Cluster(Form):
 
 
 class Stored(Form):
-    """What pictures, replays and analyses need of a world."""
+    """The parts of a world that pictures, replays and analyses need."""
 
     size_m: Annotated[list[Length], Field(min_length=2, max_length=2)]
     cells: Annotated[list[Annotated[int, Field(gt=0)]], Field(min_length=2, max_length=2)]
@@ -68,12 +68,12 @@ class Stored(Form):
 
 
 def read_world(folder: Path) -> dict[str, Any]:
-    """What ``world.json`` of a run says. Raises PolicyError, naming file and key."""
+    """Return the content of ``world.json``. Raises PolicyError with the file and the key."""
     return read_json(folder / "world.json", Stored, "the world of a run")
 
 
 def stored_world(content: dict[str, Any], scenario: Scenario) -> World:
-    """The world that a folder holds, whatever would be drawn of its scenario today."""
+    """Return the world in a folder, even if the scenario would give another one today."""
     width_m, depth_m = content["size_m"]
     grid = Grid(
         width_m,

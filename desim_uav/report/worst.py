@@ -1,4 +1,4 @@
-"""The requests that fared worst, each with a link to its moment in the replay."""
+"""The worst-served requests, each with a link to its time in the replay."""
 
 from __future__ import annotations
 
@@ -11,11 +11,11 @@ from desim_uav.report.markup import Html, code, joined, paragraph, table, tag
 from desim_uav.report.page import Reported, count, number
 
 WORST = 8
-"""So many are listed."""
+"""The number of requests that are listed."""
 
 
 def worst_requests(runs: Sequence[Reported]) -> Html:
-    """The requests that fared worst in some runs, each with a link to its moment in the replay."""
+    """Return the worst-served requests of some runs, with links to their times in the replay."""
     every = [(run, row) for run in runs for row in run.counted("requests").itertuples()]
     served = [(run, row) for run, row in every if row.outcome != "never_served"]
     return joined(
@@ -32,7 +32,7 @@ def worst_requests(runs: Sequence[Reported]) -> Html:
 
 
 def request_table(chosen: Sequence[tuple[Reported, Any]], with_seed: bool) -> Html:
-    """Some requests, each with its run; the number of a request is the link."""
+    """Return a table of requests, each with its run; the number of a request is a link."""
     headings = (
         *(("seed",) if with_seed else ()),
         *("episode", "request", "user", "service", "asked at", "wait, s", "requested, s"),
@@ -64,17 +64,17 @@ def request_table(chosen: Sequence[tuple[Reported, Any]], with_seed: bool) -> Ht
 
 
 def moment(run: Reported, episode: int, t_s: float, request: int) -> str:
-    """The address of a request's first moment in the replay of its run."""
+    """Return the address of a request's beginning in the replay of its run."""
     at_s = f"{t_s:.6f}".rstrip("0").rstrip(".")
     return f"{run.link}replay.html#episode={episode}&t={at_s}&request={request}"
 
 
 def how_to_watch(runs: Sequence[Reported]) -> Html:
-    """Which commands make the replays that are still missing."""
+    """Return the commands that make the missing replays."""
     missing = [run for run in runs if not run.has_replay]
     if not missing:
         return Html("")
     commands = (code(shlex.join(["desim-uav", "replay", str(run.folder)])) for run in missing[:3])
     more = f" and so on, for {count(len(missing), 'run')}" if len(missing) > 3 else ""
-    said = "There is no replay to watch yet. Make it with "
-    return paragraph(said, joined(commands, ", "), f"{more}.", class_="note")
+    hint = "There is no replay to watch yet. Make it with "
+    return paragraph(hint, joined(commands, ", "), f"{more}.", class_="note")

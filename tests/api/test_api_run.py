@@ -353,7 +353,7 @@ class TestReplay:
     def test_a_policy_that_acts_otherwise_the_second_time(self):
         actions = iter(["right"] * 5 + ["left"] * 5)
         result = du.run("tiny", policy=lambda o, m: next(actions))
-        with pytest.raises(NoEventsError, match="is not what comes out now"):
+        with pytest.raises(NoEventsError, match="differs from what is computed now"):
             result.replay()
 
 

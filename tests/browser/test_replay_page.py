@@ -365,7 +365,7 @@ class TestDetails:
                     if what == "user":
                         holder = seen["users"][index]["holder"]
                         held = "no drone" if holder is None else f"drone {holder}"
-                        assert rows["held by"] == held
+                        assert rows["attached to"] == held
 
     def test_of_what_is_pointed_at(self, page, runs):
         page.open(page_of(runs / "case8"), "#t=600")

@@ -53,7 +53,7 @@ PHASES = {
 """When things of a kind happen. An admission scan belongs to the attachment phase, or to 12."""
 
 TAKING = {"enter": 1, "attach": 2, "serve": 3, "refuse": 3}
-"""In a phase, whatever lets go of a user comes before what takes it, and that in this order."""
+"""The order within a phase: these events come after all others, in the order of the numbers."""
 
 
 def _as_read(event: Event) -> tuple[int, int, int]:

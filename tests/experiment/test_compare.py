@@ -336,7 +336,7 @@ class TestRuns:
         one = played("hover", 0)
         other = played("random", 0, "-S", "stations.pads=2")
         cli_run("compare", one, other).failed(
-            4, f"{other}: another scenario than {one}: stations.pads is 2, not 1"
+            4, f"{other}: its scenario is not that of {one}: stations.pads is 2, not 1"
         )
 
     @pytest.mark.parametrize(
@@ -350,9 +350,11 @@ class TestRuns:
     def test_one_seed_twice(self, played, cli_run):
         folders = [played("hover", 0), played("random", 0), played("hover", 0)]
         cli_run("compare", *folders).failed(
-            4, f"{folders[2]}: hover on seed 0 once more; {folders[0]} is that already"
+            4,
+            f"{folders[2]}: hover on seed 0 is given twice; "
+            f"{folders[0]} has the same policy and seed",
         )
-        cli_run("compare", folders[0], folders[0]).failed(4, "hover on seed 0 once more")
+        cli_run("compare", folders[0], folders[0]).failed(4, "hover on seed 0 is given twice")
 
     def test_no_run(self, played, cli_run):
         cli_run("compare", "nope").failed(4, "nope: no such run folder")
@@ -384,10 +386,10 @@ class TestRefused:
         ("arguments", "code", "part"),
         [
             ((), 2, "Missing argument"),
-            (("case8", "tiny", "--policies", "hover"), 2, "one scenario, not 2"),
+            (("case8", "tiny", "--policies", "hover"), 2, "give one scenario, not 2"),
             (("case8", "--policies", ""), 2, "a name is empty"),
-            (("case8", "--policies", "hover,,random"), 2, "none can hold a comma"),
-            (("case8", "--policies", "hover, hover"), 2, "'hover' stands there twice"),
+            (("case8", "--policies", "hover,,random"), 2, "none can contain a comma"),
+            (("case8", "--policies", "hover, hover"), 2, "'hover' is given twice"),
             (("case8", "--policies", "hover", "--against", "hovr"), 2, "did you mean 'hover'?"),
             (("case8", "--policies", "hover", "--seeds", 0), 2, "--seeds"),
             (("case8", "--policies", "hover", "--seeds", "0,3"), 2, "--seeds"),
@@ -446,7 +448,7 @@ class TestAnotherWorld:
         ended = cli_run("compare", "case8", *flags)
         assert ended.err == (
             "desim-uav: compared:Trained was learned in world 7 and is compared in a world for "
-            "each seed; set the world seed to 7 to compare it there\n"
+            "each seed; set the world seed to 7 to compare it in its own world\n"
         )
         assert len(ended.json["replications"]) == 6
         ended = cli_run("compare", "case8", *flags, "-S", "world_seed=5")

@@ -94,7 +94,7 @@ def test_rllib_and_its_gymnasium(monkeypatch):
     pretend(monkeypatch, {"ray": "2.60.0", "gymnasium": "1.4.0"})
     told = found(examine(), "ray 2.60.0")
     assert told.verdict == "note"
-    assert told.words.startswith("RLlib wants gymnasium ==1.2.2, and 1.4.0 is installed")
+    assert told.words.startswith("RLlib needs gymnasium ==1.2.2, but 1.4.0 is installed")
 
 
 def test_an_extra_of_another_packages_extra(monkeypatch):
@@ -120,13 +120,13 @@ def test_machine_code_of_other_sources_is_not_ready(monkeypatch):
     assert not kernels.compiled_before(crossings)
     told = found(examine(), "compiled code")
     assert told.verdict == "note"
-    assert told.words.startswith("of run")
+    assert told.words.startswith("run")
 
 
 def test_it_says_where_compiled_code_is_kept():
     told = found(examine(), "compiled code")
     folder = kernels.cache_folder(crossings)
-    assert told.words.endswith(f"; kept in {folder}, which can be written")
+    assert told.words.endswith(f"; kept in {folder}, which is writable")
 
 
 def test_there_is_no_place_for_compiled_code(monkeypatch):

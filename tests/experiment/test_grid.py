@@ -59,10 +59,10 @@ def test_ranges_hold_both_ends(values, meant):
 @pytest.mark.parametrize(
     ("override", "said"),
     [
-        ("k=4:1", "range 4:1: it holds no value"),
+        ("k=4:1", "range 4:1: it contains no value"),
         ("k=1:4:0", "the step is 0"),
-        ("k=1:4:-1", "holds no value"),
-        ("k=0.1:0.5", "needs its step"),
+        ("k=1:4:-1", "contains no value"),
+        ("k=0.1:0.5", "needs a step"),
         ("k=1:9999999", "more than 1000000 values"),
         ("k=0:1:1e-9", "more than 1000000 values"),
         ("k=1,1", "1 is given twice"),

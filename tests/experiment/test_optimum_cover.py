@@ -246,7 +246,7 @@ def test_users_that_walk():
 
 def test_too_large_a_map(monkeypatch):
     monkeypatch.setattr(footprints, "LARGEST", 10)
-    with pytest.raises(UsageError, match=r"^map\.cells: 9 cells by 2 users"):
+    with pytest.raises(UsageError, match=r"^map\.cells: 9 cells times 2 users"):
         Places(a_world(1, [(0, 0), (1, 1)], (9, 1)))
 
 

@@ -383,5 +383,5 @@ def test_too_many_states():
 
 def test_a_step_that_drains_nothing():
     world = strip(battery={"kind": f"{__name__}:Tireless"})
-    with pytest.raises(UsageError, match=r"^drones\.battery: a step that drains nothing"):
+    with pytest.raises(UsageError, match=r"^drones\.battery: a step drains nothing"):
         explore(DroneProcess(world))

@@ -79,29 +79,33 @@ def test_the_ending_says_the_format(ask, tmp_path, name, begins):
     ("words", "code", "message"),
     [
         (("plot", "visit", "@run0"), 2, "visit (did you mean 'visits'?); allowed: training, comp"),
-        (("plot", "services", "@run0", "-o", "a.jpg"), 2, "a figure ends in .png, .pdf, .svg"),
-        (("plot", "services", "@run0", "-o", "a"), 2, "a figure ends in .png, .pdf, .svg"),
-        (("plot", "battery", "@run0", "@run1"), 2, "battery: one folder, not 2"),
-        (("plot", "battery", "@run0", "--window", 3), 2, "--window goes with training, not with b"),
+        (("plot", "services", "@run0", "-o", "a.jpg"), 2, "must end in one of .png, .pdf, .svg"),
+        (("plot", "services", "@run0", "-o", "a"), 2, "must end in one of .png, .pdf, .svg"),
+        (("plot", "battery", "@run0", "@run1"), 2, "battery: give one folder, not 2"),
+        (
+            ("plot", "battery", "@run0", "--window", 3),
+            2,
+            "--window is an option of training, not of b",
+        ),
         (("plot", "battery", "@run0", "--episode", 3), 2, "--episode 3"),
         (("plot", "battery", "@run0", "--drone", 3), 2, "--drone 3"),
         (("plot", "training", "@trained0", "--window", 9), 2, "--window 9: there are 5 episodes"),
         (("plot", "compare", "@run0", "--against", "hovr"), 2, "did you mean 'hover'?"),
         (("plot", "compare", "@run0", "@trained0"), 4, "no such table"),
-        (("plot", "compare", "@run0", "@bare"), 4, "hover on seed 0 once more"),
+        (("plot", "compare", "@run0", "@bare"), 4, "hover on seed 0 is given twice"),
         (("plot", "training", "@run0"), 4, "not a training folder"),
         (("plot", "training", "@nowhere"), 4, "no such run folder"),
-        (("plot", "policy", "@run0"), 4, "not a training folder: no policy.npz"),
+        (("plot", "policy", "@run0"), 4, "not a training folder: it has no policy.npz"),
         (("plot", "policy", "nowhere.npz"), 4, "not a readable policy file"),
         (("plot", "visits", "@trained0"), 4, "a run folder?"),
         (("plot", "snapshot", "@gone"), 4, "cannot be played again: gone.npz"),
         (("plot", "visits", "@gone"), 4, "run it again with --events"),
-        (("plot", "battery", "@gone"), 4, "it has no events, and cannot be played again"),
-        (("video", "@run0"), 2, "say where to: --gif FILE.gif or --mp4 FILE.mp4"),
-        (("video", "@run0", "--gif", "a.mp4"), 2, "--gif a.mp4: a file that ends in .gif"),
-        (("video", "@run0", "--mp4", "a"), 2, "--mp4 a: a file that ends in .mp4"),
+        (("plot", "battery", "@gone"), 4, "the run kept no events, and it cannot be played again"),
+        (("video", "@run0"), 2, "name the file to write: --gif FILE.gif or --mp4 FILE.mp4"),
+        (("video", "@run0", "--gif", "a.mp4"), 2, "--gif a.mp4: the file's name must end in .gif"),
+        (("video", "@run0", "--mp4", "a"), 2, "--mp4 a: the file's name must end in .mp4"),
         (("video", "@run0", "--gif", "a.gif", "--fps", 0), 2, "--fps"),
-        (("video", "@run0", "--gif", "a.gif", "--fps", 55), 2, "a GIF has at most 50"),
+        (("video", "@run0", "--gif", "a.gif", "--fps", 55), 2, "a GIF can have at most 50"),
         (("video", "@run0", "--gif", "a.gif", "--speed", "nan"), 2, "--speed"),
         (("video", "@run0", "--gif", "a.gif", "--episode", 7), 2, "--episode 7"),
         (("video", "@gone", "--gif", "a.gif"), 4, "cannot be played again"),
@@ -119,7 +123,7 @@ def test_what_is_refused(ask, tmp_path, words, code, message):
 def test_mixed_scenarios(ask, folders, tmp_path):
     other = make_run(tmp_path / "other", "case8", "hover", ("users.count=9", "episode.steps=3"))
     code, _, err = ask("plot", "compare", "@run0", other)
-    assert code == 4 and "another scenario than" in err and "users.count is 9, not 8" in err
+    assert code == 4 and "its scenario is not that of" in err and "users.count is 9, not 8" in err
 
 
 def test_a_picture_that_fails_leaves_what_was_there(ask, tmp_path):

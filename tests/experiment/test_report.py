@@ -360,7 +360,7 @@ class TestWrong:
             (["nope"], "nope: no such run folder"),
             ([tmp_path], "requests.parquet: no such table"),
             ([runs[0], "nope"], "nope: no such run folder"),
-            ([runs[0], runs[0]], "once more"),
+            ([runs[0], runs[0]], "is given twice"),
         ):
             code, out, err = command(*folders)
             assert (code, out) == (4, "") and said in err and err.count("\n") == 1

@@ -250,10 +250,10 @@ def test_cases_8_and_9_look_at_feasible_qoe1():
 def test_the_published_floor_and_crashes():
     found = holding(made(7, {"qoe3_percent": 64.0, "crashes_per_drone_episode": 0.2}, {}))
     assert not found["case 7: Q-learning reaches the best published QoE3, 65 %"]
-    assert not found["case 7: at most 0.05 crashes a drone and episode"]
+    assert not found["case 7: at most 0.05 crashes per drone and episode"]
     found = holding(made(9, {"qoe3_percent": 46.0, "crashes_per_drone_episode": -0.2}, {}))
     assert found["case 9: Q-learning reaches the best published QoE3, 45 %"]
-    assert found["case 9: at most 0.1 crashes a drone and episode"]
+    assert found["case 9: at most 0.1 crashes per drone and episode"]
 
 
 def test_what_the_paper_claims_is_reported_and_no_gate():

@@ -389,7 +389,7 @@ class TestFailures:
 
         monkeypatch.setattr(sweep, "run_job", changed)
         ended = swept("--policies", "script:fly.csv", "--seeds", 1, "-q")
-        ended.failed(1, "script:fly.csv: another file than when the sweep was begun")
+        ended.failed(1, "script:fly.csv: the file has changed since the sweep began")
 
 
 class TestRefused:
@@ -434,13 +434,13 @@ class TestRefused:
             (("-S", "seed=1,2"), 2, "choose the first and their number"),
             (("-S", "episode.steps"), 2, "must be key.path=value"),
             (("-S", "episode.steps=3", "-S", "episode.steps=4"), 2, "given twice"),
-            (("-S", "episode.steps=5:3"), 2, "holds no value"),
+            (("-S", "episode.steps=5:3"), 2, "contains no value"),
             (("--policies", ""), 2, "a name is empty"),
-            (("--policies", "hover,hover"), 2, "stands there twice"),
+            (("--policies", "hover,hover"), 2, "is given twice"),
             (("--policies", "nobody"), 4, "unknown policy 'nobody'"),
-            (("--algorithm", "sarsa"), 2, "--algorithm goes with --train"),
+            (("--algorithm", "sarsa"), 2, "--algorithm needs --train"),
             (("--train", "--algorithm", "sarsa,"), 2, "a name is empty"),
-            (("--train", "--algorithm", "sarsa,sarsa"), 2, "is named twice"),
+            (("--train", "--algorithm", "sarsa,sarsa"), 2, "is given twice"),
             (("--train", "--algorithm", "nope"), 3, "unknown algorithm"),
             (
                 ("--train", "--algorithm", "sarsa", "-S", "learning.algorithm=sarsa"),
@@ -448,9 +448,13 @@ class TestRefused:
                 "--algorithm sets this key already",
             ),
             (("--backend", "slurm"), 2, "'slurm'; allowed: local, ray"),
-            (("--address", "auto"), 2, "--address goes with --backend ray"),
+            (("--address", "auto"), 2, "--address needs --backend ray"),
             (("--engine", "fast"), 2, "'fast'; allowed: des, batch"),
-            (("-S", "episode.steps=3,4", "--seeds", 10**6), 2, "2000000 jobs; at most 1000000"),
+            (
+                ("-S", "episode.steps=3,4", "--seeds", 10**6),
+                2,
+                "2000000 jobs are too many; at most 1000000",
+            ),
         ],
     )
     def test_what_cannot_be_asked(self, swept, flags, code, said):
@@ -465,13 +469,15 @@ class TestRefused:
 class TestFolder:
     def test_of_a_sweep_needs_resume(self, swept):
         swept("--seeds", 1)
-        swept("--seeds", 1).failed(2, "--out out: holds a sweep; --resume goes on with it")
+        swept("--seeds", 1).failed(
+            2, "--out out: the folder holds a sweep; use --resume to continue it"
+        )
 
     def test_of_something_else(self, swept):
         Path("out").mkdir()
         Path("out/thesis.tex").touch()
         for flags in ((), ("--resume",)):
-            swept(*flags).failed(2, "--out out: the folder is not empty, and holds no sweep")
+            swept(*flags).failed(2, "--out out: the folder is not empty and holds no sweep")
         swept(out="out/thesis.tex").failed(2, "exists and is not a folder")
         assert [path.name for path in Path("out").iterdir()] == ["thesis.tex"]
 
@@ -490,7 +496,10 @@ class TestFolder:
     @pytest.mark.parametrize(
         ("flags", "said"),
         [
-            (("--seeds", 1), "2 of its 4 jobs are not among these 2 (values, policies or seeds)"),
+            (
+                ("--seeds", 1),
+                "2 of its 4 jobs are not among these 2 (values, policies or seeds differ)",
+            ),
             (("-S", "episode.steps=3"), "2 of its 4 jobs are not among these 2"),
             (("--policies", "random"), "4 of its 4 jobs are not among"),
             (("--episodes", 3), "with --episodes 2, not 3"),
@@ -518,7 +527,7 @@ class TestFolder:
         text = scenario_path("tiny").read_text().replace("steps: 5", "steps: 6")
         Path("mine.yaml").write_text(text)
         ended = swept("--seeds", 1, "--resume", scenario="mine.yaml")
-        ended.failed(4, "out: another sweep:", "its scenario was another file")
+        ended.failed(4, "out: the folder holds another sweep:", "(the scenario's file differ)")
 
     def test_of_another_version(self, swept, monkeypatch):
         swept("--seeds", 1)
@@ -536,7 +545,9 @@ class TestFolder:
     def test_with_a_file_in_between(self, swept):
         swept("--seeds", 1)
         Path("out/results/mine.parquet").touch()
-        swept("--seeds", 1, "--resume").failed(4, "out/results/mine.parquet: no row of this sweep")
+        swept("--seeds", 1, "--resume").failed(
+            4, "out/results/mine.parquet: not a row of this sweep"
+        )
 
 
 def whole(out):

@@ -172,7 +172,7 @@ def test_the_same_sweep_gives_the_same_bytes(tmp_path, ending):
         (("--key", "users.count=5"), 2, "--key users.count=5: its values are 4, 8, 12"),
         (("--key", "users.count", "--key", "users.count=4"), 2, "given twice"),
         ((), 2, "3 keys vary (users.count, drones.footprint_radius_m, stations.pads)"),
-        (("--window", "3"), 2, "--window goes with training, not with sweep"),
+        (("--window", "3"), 2, "--window is an option of training, not of sweep"),
     ],
 )
 def test_what_is_refused(ask, words, code, message):

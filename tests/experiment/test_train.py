@@ -395,7 +395,9 @@ def test_the_checkpoint_before_is_offered(tmp_path: Path):
     content = bytearray(file.read_bytes())
     content[len(content) // 2] ^= 0x10
     file.write_bytes(content)
-    with pytest.raises(PolicyError, match=f"the one before is whole, of episode 10: mv {before} "):
+    with pytest.raises(
+        PolicyError, match=f"the one before it, of episode 10, is intact: mv {before} "
+    ):
         trained(tmp_path / "t", resume=True)
     before.rename(file)
     again = trained(tmp_path / "t", resume=True)

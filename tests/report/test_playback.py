@@ -149,8 +149,8 @@ def test_events_and_legs_of_another_run(tmp_path):
     (folder / "SHA256SUMS").unlink()
     events, legs = (pd.read_parquet(folder / f"{name}.parquet") for name in ("events", "legs"))
     for name, frame, message in (
-        ("events", events[events["kind"] != "stop"], "not each serve has its stop"),
-        ("legs", legs[legs["drone"] > 0], "they are not of its drones"),
+        ("events", events[events["kind"] != "stop"], "not every serve has a stop"),
+        ("legs", legs[legs["drone"] > 0], "the drones or modes are not those of the scenario"),
         ("legs", legs[legs["t_s"] != 60], "a departure has no leg"),
     ):
         (folder / f"{name}.parquet").write_bytes(parquet(name, frame))

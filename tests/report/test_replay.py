@@ -419,7 +419,9 @@ class TestPlayedAgain:
     def test_another_outcome_is_refused(self, bare, tmp_path, table, column, value):
         run = shutil.copytree(bare, tmp_path / "run")
         spoil_table(run, table, column, value)
-        with pytest.raises(PolicyError, match=rf"{table}\.parquet is not what comes out.*--events"):
+        with pytest.raises(
+            PolicyError, match=rf"{table}\.parquet differs from what is computed now.*--events"
+        ):
             write_replay(run)
         assert not (run / "replay.html").exists()
 
@@ -428,15 +430,15 @@ class TestPlayedAgain:
         [
             ({"policy": "gone.npz"}, "gone.npz"),
             ({"policy": "no_such_module:Policy"}, "no_such_module"),
-            ({"policy": "random"}, "another ceiling"),
-            ({"seed": 5}, r"\.parquet is not"),
+            ({"policy": "random"}, "ceiling of policy"),
+            ({"seed": 5}, r"\.parquet differs"),
             ({"world_seed": 5}, "world.json"),
         ],
     )
     def test_what_cannot_be_made_again_says_how_to_mend_it(self, bare, tmp_path, changes, reason):
         run = shutil.copytree(bare, tmp_path / "run")
         spoil_json(run / "manifest.json", **changes)
-        with pytest.raises(PolicyError, match=rf"it has no events.*{reason}.*--events"):
+        with pytest.raises(PolicyError, match=rf"the run kept no events.*{reason}.*--events"):
             write_replay(run)
 
 
@@ -521,7 +523,7 @@ class TestRefused:
             ("users", "x_m", 1e300, "x_m: empty or far too large"),
             ("users", "user", 99, "user: not of this run"),
             ("legs", "mode", "sailing", "mode: 'sailing' is not known"),
-            ("legs", "t_s", 5.0, "is after 0"),
+            ("legs", "t_s", 5.0, "begins after 0"),
             ("legs", "drone", 9, "drone: not of this run"),
             ("episodes", "duration_s", -1.0, "duration_s: -1"),
         ],

@@ -32,7 +32,7 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     for case in range(1, 10):
         for seed in range(1 if quick else 5):
             _play(case, seed, look)
-    yield Exact("instants at which a law is broken", broken, 0, cases=events)
+    yield Exact("events after which a law is violated", broken, 0, cases=events)
 
 
 def _play(case: int, seed: int, look: Callable[[Simulation], None]) -> None:

@@ -39,9 +39,7 @@ def slopes(seeds: range, tolerance: float, dts_s: tuple[float, ...] = DTS_S) -> 
     """Of each measure, pooled over scenarios."""
     for measure, errors in pooled_errors(seeds, dts_s).items():
         found = slope(errors, dts_s)
-        yield Exact(
-            f"{measure}: slope of the error over dt", found, 1.0, tolerance, cases=len(seeds)
-        )
+        yield Exact(f"{measure}: order of the error in dt", found, 1.0, tolerance, cases=len(seeds))
 
 
 def scenario_of(seed: int) -> dict[str, Any]:

@@ -64,8 +64,8 @@ def figures(quick: bool = False) -> Iterator[Figure]:
 def stated() -> Iterator[Figure]:
     """Times worked by hand, and a tangent."""
     (into, _, _), (out, _, _) = hover((0, 2000 * US), [at(-1000, 300, 1.5)])
-    yield Exact("a user walks past: in, s", into / US, 320.256505, 1e-6)
-    yield Exact("a user walks past: out, s", out / US, 1013.076828, 1e-6)
+    yield Exact("a user walks past: entry, s", into / US, 320.256505, 1e-6)
+    yield Exact("a user walks past: exit, s", out / US, 1013.076828, 1e-6)
     for transit, name, x, seconds in (
         (FAST, "minimum time", 3.0, 1.22474487),
         (FAST, "minimum time", 100.0, 13.0856928),
@@ -191,9 +191,11 @@ class Survey:
         """No miss, no extra, and the same times."""
         pairs = int(self.by_roots.sum())
         found = self.accelerating + self.coasting + self.resting
-        yield Exact("at random: crossings, of the sampler's", found, self.sampled, cases=pairs)
-        yield Exact("at random: pairs with others", len(self.unlike), 0, cases=pairs)
-        worst = "at random: furthest from the sampler's time, µs"
+        yield Exact("random pairs: crossings found by both", found, self.sampled, cases=pairs)
+        yield Exact(
+            "random pairs: pairs with different crossings", len(self.unlike), 0, cases=pairs
+        )
+        worst = "random pairs: largest time difference, µs"
         yield Exact(worst, self.worst_us, 0.0, 1.5, cases=found)
 
 

@@ -47,9 +47,11 @@ def drawn(users: int) -> Iterator[Figure]:
         rows, _ = ask(Poisson(rate, none=none), users, seed=7)
         counts = np.array([len(of_user) for of_user in rows])
         mean = rate * 0.5 * (1 - none)
-        name = f"Poisson, {rate:g} an hour" + (f", {none:g} none" if none else "")
+        name = f"Poisson, {rate:g} per hour" + (
+            f", {100 * none:g} % without request" if none else ""
+        )
         yield Estimate.of(f"{name}: mean count in 30 min", counts, mean)
-        yield Estimate.of(f"{name}: its variance", (counts - mean) ** 2, mean)
+        yield Estimate.of(f"{name}: variance of the count", (counts - mean) ** 2, mean)
     rows, _ = ask(Dynamic(), users, seed=3, horizon_us=86_400 * US)
     thinks = np.array([of_user[1, DUE] for of_user in rows]) / US
     yield Estimate.of("think times: mean, s", thinks, 300.0)
@@ -144,4 +146,4 @@ def blocking(users: int, hours: int, runs: int, theory: float) -> Estimate:
 def erlang() -> Estimate:
     """So many users that it makes no difference that they do not ask while they are served."""
     shares = [blocked_share(20_000, 60, seed) for seed in range(40)]
-    return Estimate.of("blocking, 20,000 users: Erlang's formula B", shares, 0.0787408830)
+    return Estimate.of("blocking, 20,000 users: Erlang's B formula", shares, 0.0787408830)

@@ -58,7 +58,7 @@ def in_other_processes(hash_seeds: Sequence[str] = HASH_SEEDS) -> Iterator[Figur
             unlike += _unlike(own, told)
     assert len(hashes) > len(hash_seeds), "the processes do differ in what hashes are"
     cases *= len(hash_seeds)
-    yield Exact("in processes of other hash seeds: tables that differ", unlike, 0, cases=cases)
+    yield Exact("processes with other hash seeds: tables that differ", unlike, 0, cases=cases)
 
 
 def in_two_workers() -> Iterator[Figure]:
@@ -71,7 +71,7 @@ def in_two_workers() -> Iterator[Figure]:
         for jobs in (1, 2)
     )
     unlike = sum(a != b for a, b in zip(one, two, strict=True))
-    yield Exact("by two workers: replications that differ", unlike, 0, cases=len(one))
+    yield Exact("two worker processes: replications that differ", unlike, 0, cases=len(one))
 
 
 def results_of(case: str, policy: str, seed: int = 11) -> Results:
@@ -118,7 +118,7 @@ def in_any_order(quick: bool = False) -> Iterator[Figure]:
                 found = [content(log) for log in in_lockstep(seed)]
             unlike += sum(one != other for one, other in zip(expected, found, strict=True))
             episodes += len(expected)
-    yield Exact("ties inserted in random orders: logs that differ", unlike, 0, cases=episodes)
+    yield Exact("ties inserted in random order: logs that differ", unlike, 0, cases=episodes)
 
 
 def in_lockstep(seed: int) -> list[EpisodeLog]:

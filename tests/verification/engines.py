@@ -35,8 +35,8 @@ def figures(quick: bool = False) -> Iterator[Figure]:
                 episodes += 1
                 events += len(one.log.events or ())
                 events_of_both += _in_both(one.log.events, other.log.events)
-    yield Exact("events that both have, of SimPy's", events_of_both, events, cases=episodes)
-    yield Exact("episodes of other observations, rewards, rows", unlike, 0, cases=episodes)
+    yield Exact("events that both engines have in common", events_of_both, events, cases=episodes)
+    yield Exact("episodes in which anything else differs", unlike, 0, cases=episodes)
 
 
 def engines(world: World, ceilings: tuple[bool, ...]) -> tuple[Engine, Engine]:

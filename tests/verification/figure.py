@@ -1,4 +1,4 @@
-"""A figure of the simulator beside the one it should be."""
+"""A figure of the simulator beside the figure that theory predicts."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ from typing import Any
 import numpy as np
 
 ERRORS = 4.0
-"""How many standard errors an estimate may be away."""
+"""The largest allowed difference of an estimate, in standard errors."""
 
 
 @dataclass(frozen=True)
 class Exact:
-    """Known exactly: at most ``tolerance`` away, of the theory's size where ``relative``.
+    """A figure that is known exactly and may differ by at most ``tolerance``.
 
-    ``cases``: how many were compared, the worst of which this is.
+    The tolerance is a share of the theory's figure if ``relative``. ``cases`` is the number of
+    cases compared, of which this is the worst.
     """
 
     what: str
@@ -29,13 +30,13 @@ class Exact:
 
     @property
     def away(self) -> float:
-        """How far."""
+        """The difference."""
         away = abs(self.ours - self.theory)
         return away / abs(self.theory) if self.relative else away
 
     @property
     def holds(self) -> bool:
-        """Is it near enough? What is not a number is not."""
+        """Whether the difference is within the tolerance; NaN is not."""
         return self.away <= self.tolerance
 
     def cells(self) -> tuple[str, ...]:
@@ -49,7 +50,7 @@ class Exact:
 
 @dataclass(frozen=True)
 class Estimate:
-    """The mean of independent replications: at most 4 of its standard errors away."""
+    """The mean of independent replications; it may differ by at most 4 standard errors."""
 
     what: str
     ours: float
@@ -59,14 +60,14 @@ class Estimate:
 
     @classmethod
     def of(cls, what: str, values: Sequence[float] | np.ndarray, theory: float) -> Estimate:
-        """The mean of what independent replications have given."""
+        """Return the mean of the values of independent replications."""
         found = np.asarray(values, float)
         error = float(found.std(ddof=1)) / math.sqrt(len(found))
         return cls(what, float(found.mean()), theory, error, len(found))
 
     @property
     def away(self) -> float:
-        """How far, in standard errors."""
+        """The difference in standard errors."""
         return abs(self.ours - self.theory) / self.error if self.error > 0 else math.inf
 
     @property

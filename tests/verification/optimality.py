@@ -43,19 +43,21 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     if not quick:
         found += [share(seed, "q_learning") for seed in range(10)]
     worst = min(found)
-    yield Exact("greedy discounted return over the optimum", worst, 1.0, 1e-9, cases=len(found))
+    yield Exact(
+        "greedy discounted return divided by the optimum", worst, 1.0, 1e-9, cases=len(found)
+    )
     training, world = trained(0, "q_learning", "learning.episodes=1500")
     best, _ = optimal_return(world, GAMMA)
     learned = training.q[0, 0].max(axis=1).reshape(10, 10)
     place = np.unravel_index(np.nanargmax(best), best.shape)
     yield Exact("learned value of the best cell", learned[place], best[place], 0.02, True)
     above = int((learned > best + 1e-3).sum())
-    yield Exact("learned values above the optimal ones", above, 0, cases=learned.size)
+    yield Exact("learned values above the optimal values", above, 0, cases=learned.size)
     places = [Places(build_world(load(scenario_path("case3")), seed)) for seed in range(3)]
     ours, by_hand = (sum(map(most, places)) for most in (_searched, most_covered))
     yield Exact("case 3: users in the best cover", ours, by_hand, cases=len(places))
     qoe3, least = learned_qoe3(training), 100.0 * _searched(Places(world)) / len(world.homes)
-    yield Exact("case 1: learned QoE3 over the best cover", qoe3 / least, 1.0, 1e-9)
+    yield Exact("case 1: learned QoE3 divided by that of the best cover", qoe3 / least, 1.0, 1e-9)
 
 
 def share(seed: int, algorithm: str, *changes: str) -> float:

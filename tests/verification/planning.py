@@ -27,12 +27,12 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     ]
     ours = [plan and (plan.duration_us, plan.station) for plan in plans]
     unlike = sum(one != other for one, other in zip(ours, quickest, strict=True))
-    yield Exact("maps with another time or station", unlike, 0, cases=len(cases))
+    yield Exact("maps with a different time or station", unlike, 0, cases=len(cases))
     no_way = sum(way is None for way in quickest)
-    yield Exact("maps without a way", plans.count(None), no_way, cases=len(cases))
+    yield Exact("maps without a path", plans.count(None), no_way, cases=len(cases))
     total = sum(way[0] for way in quickest if way) / 1e6
     own = sum(plan.duration_us for plan in plans if plan) / 1e6
-    yield Exact("the quickest ways together, s", own, total, cases=len(cases) - no_way)
+    yield Exact("sum of the shortest times, s", own, total, cases=len(cases) - no_way)
 
 
 def random_grid(rng):

@@ -32,9 +32,9 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     landed, begun = ({e[3]: e[0] for e in seen(log, kind)} for kind in ("land", "charge"))
     for drone, waits_s in enumerate((0, 90, 180)):
         waited_s = (begun[drone] - landed[drone]) / US
-        yield Exact(f"three at once, one pad: drone {drone} waits, s", waited_s, waits_s)
+        yield Exact(f"three drones, one pad: wait of drone {drone}, s", waited_s, waits_s)
     waited_us = max(charged_together(*each).queueing_us for each in ROOMY)
-    yield Exact("drones ≤ pads: waiting, µs", waited_us, 0, cases=len(ROOMY))
+    yield Exact("no more drones than pads: total wait, µs", waited_us, 0, cases=len(ROOMY))
     for pads, rate, _ in MD_C:
         means = [mean_wait_min(pads, rate, seed) for seed in range(30 if quick else 600)]
         yield Estimate.of(f"M/D/{pads}: mean wait, min", means, md_c_wait_min(pads, rate))

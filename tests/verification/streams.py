@@ -29,15 +29,17 @@ def figures(quick: bool = False) -> Iterator[Figure]:
         last = numpys(seed, int(purpose), ENTITIES - 1, episode).random(numbers)
         unlike += int((ours[-1] != last).sum())
     of_all = len(keys) * numbers
-    yield Exact("numbers other than SFC64's of SeedSequence's", unlike, 0, cases=of_all)
+    yield Exact("numbers that differ from NumPy's SFC64", unlike, 0, cases=of_all)
     states = Streams(7, Purpose.DEMAND, 3).states(5000)[-1:]
     far = int((uniforms(states, 2000)[0] != numpys(7, 3, 4999, 3).random(2000)).sum())
-    yield Exact("the same, far along", far, 0, cases=2000)
+    yield Exact("numbers that differ late in a stream", far, 0, cases=2000)
     one = hashes(*drawn())
     entities = sum(map(len, one.values()))
     for what, change in (("user", {"users__count": 13}), ("drone", {"drones__count": 4})):
         others = len(changed(one, hashes(*drawn(**change))))
-        yield Exact(f"one more {what}: others whose draws change", others, 0, cases=entities)
+        yield Exact(
+            f"one more {what}: other entities whose draws change", others, 0, cases=entities
+        )
 
 
 def numpys(seed: int, purpose: int, entity: int, episode: int) -> np.random.Generator:

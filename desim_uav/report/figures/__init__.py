@@ -1,4 +1,4 @@
-"""Figures of runs, trainings and policies, each drawn from a folder or file alone."""
+"""Figures of runs, trainings, policies and sweeps, each drawn from a folder or file alone."""
 
 from desim_uav.report.figures.battery import battery_figure
 from desim_uav.report.figures.case import case_picture

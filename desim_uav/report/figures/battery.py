@@ -1,4 +1,4 @@
-"""What drones have left: flight, charging, queueing and crashes over an episode."""
+"""The batteries of drones over an episode, with flight, charging, queueing and crashes."""
 
 from __future__ import annotations
 
@@ -24,10 +24,10 @@ SPANS: dict[Mode, dict[str, Any]] = {
     Mode.CHARGED: {"facecolor": "#EAF6F1", "edgecolor": "#009E73"},
     Mode.CRASHED: {"facecolor": "#F8D9C6", "hatch": "\\\\\\\\", "edgecolor": "#D55E00"},
 }
-"""How the time in each mode is shaded; serving flight is white."""
+"""The shade of the time in each mode; serving flight is white."""
 
 HALO = withStroke(linewidth=3.5, foreground="white")
-"""Around a curve, which is then seen on any shade."""
+"""The outline of a curve, which makes it visible on any shade."""
 
 CRASH: dict[str, Any] = {"marker": "X", "ls": "", "color": "#D55E00", "ms": 9, "mec": "black"}
 
@@ -36,10 +36,11 @@ CRASH: dict[str, Any] = {"marker": "X", "ls": "", "color": "#D55E00", "ms": 9, "
 def battery_figure(
     run: Run | Path, episode: int | None = None, drone: int | None = None, width: float = 7.2
 ) -> Figure:
-    """The battery of each drone over an episode, one row a drone, its modes shaded behind it.
+    """Draw the battery of each drone over an episode, one row per drone, with its modes as shades.
 
-    ``width`` in inches. Raises PolicyError where the folder is not a run's, has no events, or its
-    batteries are unlimited; UsageError for an unknown episode.
+    ``width`` is in inches. Raises PolicyError if the folder is not that of a run or batteries are
+    unlimited, NoEventsError if there are no events, and UsageError for an unknown episode or drone,
+    or for too many drones.
     """
     run = opened(run)
     drones, episode = chosen_drones(run, drone), run.episode(episode)
@@ -47,43 +48,47 @@ def battery_figure(
     if battery is None:
         raise PolicyError(f"{run.folder}: its drones have unlimited batteries")
     if len(drones) > MOST_PANELS:
-        raise UsageError(f"{len(drones)} drones, at most {MOST_PANELS}: choose one with --drone")
+        raise UsageError(
+            f"{len(drones)} drones are too many (at most {MOST_PANELS}); choose one with --drone"
+        )
     figure = Figure(figsize=(width, 0.9 + 1.35 * len(drones)))
     panels = figure.subplots(len(drones), 1, sharex=True, squeeze=False)[:, 0]
     playback, full_min = Playback(run, episode), battery.autonomy_min
-    seen = set[Mode]()
+    modes = set[Mode]()
     for axes, number in zip(panels, drones, strict=True):
         t_s, left_s = playback.batteries[number]
         colour = drone_look(number)["color"]
         axes.plot(t_s / 60, left_s / 60, "-", color=colour, path_effects=[HALO], zorder=3)
         axes.axhline(full_min * battery.return_below, color="0.4", ls=":", linewidth=1)
-        seen |= _shade(axes, playback, number)
+        modes |= _shade(axes, playback, number)
         _label(axes, number, full_min, run.duration_s(episode))
     panels[-1].set_xlabel("time, min")
     headed(figure, f"Battery. {run.name}, episode {episode}")
     handles: list[Any] = [
-        Patch(label=mode.name.lower(), linewidth=0, **SPANS[mode]) for mode in SPANS if mode in seen
+        Patch(label=mode.name.lower(), linewidth=0, **SPANS[mode])
+        for mode in SPANS
+        if mode in modes
     ]
     handles += panels[0].plot([], [], color="0.4", ls=":", label="may return below")
-    if Mode.CRASHED in seen:
+    if Mode.CRASHED in modes:
         handles += panels[0].plot([], [], **CRASH, label="crash")
     figure.legend(handles=handles, loc="outside lower center", ncols=6 if width > NARROW else 3)
     return figure
 
 
 def _shade(axes: Axes, playback: Playback, drone: int) -> set[Mode]:
-    """Shade a drone's modes and mark its crashes; which there were."""
-    seen = set()
+    """Shade a drone's modes, mark its crashes, and return the modes."""
+    modes = set()
     for start_us, end_us, mode in playback.spans(drone):
-        seen.add(mode)
+        modes.add(mode)
         if mode in SPANS:
             start_min, end_min = start_us / US / 60, end_us / US / 60
             axes.axvspan(start_min, end_min, linewidth=0, alpha=0.9, **SPANS[mode])
     fallen_min = [t_us / US / 60 for t_us in playback.crashes_us(drone)]
     if fallen_min:
         axes.plot(fallen_min, [0] * len(fallen_min), **CRASH, clip_on=False)
-        seen.add(Mode.CRASHED)  # perhaps at the very end
-    return seen
+        modes.add(Mode.CRASHED)  # a crash at the very end has no span
+    return modes
 
 
 def _label(axes: Axes, drone: int, full_min: float, duration_s: float) -> None:

@@ -28,18 +28,18 @@ from desim_uav.report.run import Run, opened
 def case_picture(
     run: Run | Path, episode: int = 0, minute: float = math.inf, width: float = 7.2
 ) -> Figure:
-    """The map of a run with its buildings, stations, users and their walks, and the drones' paths.
+    """Draw the map of a run: buildings, stations, users and their walks, and the drones' paths.
 
     The state is that after ``minute`` of the episode, with the footprints of the drones that serve.
-    ``width`` in inches. Raises PolicyError where the folder is not a run's,
-    UsageError where it has no such episode.
+    ``width`` is in inches. Raises PolicyError if the folder is not that of a run, and UsageError if
+    it has no such episode.
     """
     run = opened(run)
     episode = run.episode(episode)
     if set(run.of("steps", episode)["drone"]) != set(range(run.scenario.drones.count)):
         raise PolicyError(
             f"{run.folder / 'steps.parquet'}: not of this run, episode {episode}: "
-            "they are not of its drones"
+            "the drones are not those of the scenario"
         )
     steps, users = (
         frame[frame["t_s"] <= minute * 60] for frame in (run.of(n, episode) for n in PARTS)
@@ -65,7 +65,7 @@ PARTS = ("steps", "users")
 
 
 def _draw_users(axes: Axes, users: pd.DataFrame) -> None:
-    """All walks are one line, broken between users: thousands of them are drawn in no time."""
+    """Draw all walks as one line with gaps between users, which is fast for thousands of them."""
     users = users.sort_values(["user", "t_s"], kind="stable")
     user = users["user"].to_numpy()
     breaks = np.flatnonzero(user[1:] != user[:-1]) + 1

@@ -56,8 +56,8 @@ def intervals_figure(
 ) -> Figure:
     """Draw the rows of policies or of differences alone, one panel below the other.
 
-    ``policies`` are all of them in the order of their colours, ``measures`` the titles of the
-    panels; ``zero`` asks for a line there.
+    ``policies`` are all policies in the order of their colours, ``measures`` the titles of the
+    panels; ``zero`` adds a line at zero.
     """
     figure = Figure(figsize=(NARROW, 0.3 + len(measures) * (0.55 + 0.22 * len(rows))))
     panels = figure.subplots(len(measures), 1, squeeze=False)[:, 0]
@@ -72,8 +72,8 @@ def intervals_figure(
 def _title(found: dict[str, Any]) -> str:
     counts = sorted({len(row["seeds"]) for row in found["policies"]})
     seeds = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    told = f"{found['scenario']}, {seeds} seed(s) of {found['episodes']} episode(s)"
-    return f"{told}: {interval_words(found['policies'])}"
+    size = f"{found['scenario']}, {seeds} seed(s) of {found['episodes']} episode(s)"
+    return f"{size}: {interval_words(found['policies'])}"
 
 
 def _draw(axes: Axes, rows: Sequence[dict[str, Any]], names: Sequence[str], measure: str) -> None:

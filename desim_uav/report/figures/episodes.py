@@ -1,4 +1,4 @@
-"""How each episode of a run fared."""
+"""The quality of experience of each episode of a run."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from desim_uav.report.run import Run, opened
 
 PANELS = {"qoe1_percent": "QoE1, %", "qoe2_iterations": "QoE2, steps", "qoe3_percent": "QoE3, %"}
 MARKED = 60
-"""So many episodes have a dot each."""
+"""The largest number of episodes that are drawn with a dot each."""
 
 
 @styled
 def episodes_figure(run: Run | Path, width: float = 7.2) -> Figure:
-    """QoE1 to QoE3 of each counted episode, and where drones crashed; ``width`` in inches.
+    """Draw QoE1 to QoE3 of each counted episode, and mark crashes; ``width`` is in inches.
 
-    Raises PolicyError where the folder is not a run's or nothing was counted.
+    Raises PolicyError if the folder is not that of a run or has no counted episode.
     """
     run = opened(run)
     numbers, episodes = run.counted_episodes, run.counted("episodes")

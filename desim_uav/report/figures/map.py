@@ -1,4 +1,4 @@
-"""The map of a world under a figure: cells, buildings, charging stations, clusters."""
+"""The map of a world in a figure: cells, buildings, charging stations and clusters."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ STATION: dict[str, Any] = {"facecolor": "white", "edgecolor": "black", "linewidt
 
 
 def centre_m(world: dict[str, Any], cell: Sequence[int]) -> tuple[float, float]:
-    """The middle of a cell of ``world.json``."""
+    """Return the centre of a cell of ``world.json``."""
     (width, depth), (nx, ny), (ix, iy) = world["size_m"], world["cells"], cell
     return (ix + 0.5) * width / nx, (iy + 0.5) * depth / ny
 
 
 def draw_cells(axes: Axes, world: dict[str, Any]) -> None:
-    """The frame of a map, in metres, with a line between cells."""
+    """Draw the frame of a map, in metres, with lines between cells."""
     (width, depth), (nx, ny) = world["size_m"], world["cells"]
     axes.set_xticks(np.linspace(0, width, nx + 1), minor=True)
     axes.set_yticks(np.linspace(0, depth, ny + 1), minor=True)
@@ -32,7 +32,7 @@ def draw_cells(axes: Axes, world: dict[str, Any]) -> None:
 
 
 def draw_buildings(axes: Axes, world: dict[str, Any]) -> Any:
-    """Buildings, the taller the darker; None where there are none."""
+    """Draw buildings, taller ones darker; return the image, or None if there are none."""
     width, depth = world["size_m"]
     heights = np.array(world["cell_height_m"])
     if not heights.any():
@@ -43,7 +43,7 @@ def draw_buildings(axes: Axes, world: dict[str, Any]) -> Any:
 
 
 def draw_clusters(axes: Axes, world: dict[str, Any]) -> None:
-    """The discs users live in."""
+    """Draw the discs in which users live."""
     for k, cluster in enumerate(world["clusters"]):
         circle = Circle(
             (cluster["x_m"], cluster["y_m"]),
@@ -57,14 +57,14 @@ def draw_clusters(axes: Axes, world: dict[str, Any]) -> None:
 
 
 def draw_stations(axes: Axes, world: dict[str, Any], size: float = 110, **look: Any) -> None:
-    """A square where one can charge."""
+    """Draw a square for each charging station."""
     if world["stations"]:
         xs, ys = zip(*(centre_m(world, cell) for cell in world["stations"]), strict=True)
         axes.scatter(xs, ys, size, marker="s", label="charging station", zorder=3, **STATION | look)
 
 
 def draw_field(axes: Axes, world: dict[str, Any], values: NDArray[np.float64], **look: Any) -> Any:
-    """A value for each cell (nx, ny), as shade; masked ones stay white."""
+    """Draw a value for each cell (nx, ny) as a shade; NaN stays white."""
     width, depth = world["size_m"]
     return axes.imshow(
         np.ma.masked_invalid(values.T), origin="lower", extent=(0, width, 0, depth), **look

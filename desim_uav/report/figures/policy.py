@@ -1,4 +1,4 @@
-"""A learned policy one can read: the best action in each cell, and what it is worth."""
+"""A learned policy as a map: the best action in each cell, and its value."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ from desim_uav.run_folder import world_content, world_hash
 from desim_uav.scenario.load import loads
 from desim_uav.world import World, build_world
 
+EVERY = slice(None)
 KNOWN = ("cell_x", "cell_y", "level", "battery_min")
 SHADES = LinearSegmentedColormap.from_list("value", ["#F7FBFF", "#C6DFF0", "#56B4E9", "#3E86B5"])
 INK, UNTRIED = "#101010", "#C8501E"
@@ -50,17 +51,18 @@ def policy_figure(
     level: int | None = None,
     drone: int | None = None,
 ) -> Figure:
-    """One map a drone: in each cell the best allowed action, on the shade of its value.
+    """Draw one map per drone: the best allowed action in each cell, on a shade for its value.
 
-    The battery holds ``battery_min`` minutes (half of it), the drone is at ``level`` (the lowest).
-    Raises PolicyError for a table of other states, UsageError for a state it does not have.
+    The battery has ``battery_min`` minutes left (by default half of it), and the drone is at
+    ``level`` (by default the lowest). Raises PolicyError if the table has other states than a map
+    can show, and UsageError for a drone, battery or level that it does not have.
     """
     read = Reading(table, name)
     battery_min, level = read.battery_min(battery_min), read.level(level)
     drones = list(range(len(table.q))) if drone is None else [drone]
     if not 0 <= drones[0] < len(table.q):
         raise UsageError(f"--drone {drone}: {name} has the drones 0 to {len(table.q) - 1}")
-    slices = [read.shown(number, battery_min, level) for number in drones]
+    slices = [read.slice(number, battery_min, level) for number in drones]
     figure, panels = grid_of(len(drones), width=3.5, height=3.3)
     values = np.concatenate([s.value[s.learned] for s in slices] or [np.zeros(1)])
     low, high = (values.min(), values.max()) if len(values) else (0.0, 1.0)
@@ -83,11 +85,11 @@ def policy_figure(
 
 @dataclass(frozen=True)
 class Slice:
-    """What a drone has learned for each cell (nx, ny), at one level and charge.
+    """What a drone has learned for each cell (nx, ny) at one level and charge.
 
-    ``action`` is the index of the best allowed one; ``tried`` says whether anything was learned of
-    it, ``learned`` whether of any: what is as it began was never visited, or was worth nothing.
-    ``built``: cells that cannot be entered at the level.
+    ``action`` is the index of the best allowed action. ``tried`` says whether its value differs
+    from the initial one, and ``learned`` whether that of any action does. ``built`` are cells that
+    cannot be entered at the level.
     """
 
     action: NDArray[np.int64]
@@ -98,10 +100,10 @@ class Slice:
 
 
 class Reading:
-    """A table and the world it is about."""
+    """A table and its world."""
 
     def __init__(self, table: QTable, name: str) -> None:
-        """Raises PolicyError where it has states or actions that have no place on a map."""
+        """Raise PolicyError if the table has states or actions that a map cannot show."""
         self.table, self.name = table, name
         self.sizes = {feature: high + 1 for feature, high in table.about["features"]}
         unknown = [feature for feature in self.sizes if feature not in KNOWN]
@@ -115,18 +117,18 @@ class Reading:
         except (KeyError, TypeError, DesimError) as error:
             raise PolicyError(f"{name}: its scenario cannot be read: {error}") from error
         if world_hash(self.world) != table.about["world_hash"]:
-            raise PolicyError(f"{name}: its scenario has another world than it was learned in")
+            raise PolicyError(f"{name}: its scenario no longer gives the world of the training")
         here = [action.name.lower() for action in self.world.actions]
         sizes = (self.sizes["cell_x"], self.sizes["cell_y"])
         if here != table.about["actions"] or sizes != self.world.grid.cells:
             raise PolicyError(f"{name}: its states and actions are not those of its scenario")
 
     def battery_min(self, asked: int | None) -> int | None:
-        """Minutes left, half of them unless asked for; None without a battery."""
+        """Return the minutes left, by default half of them; None without a battery."""
         return self._of("battery_min", "--battery-min", asked, lambda size: (size - 1) // 2)
 
     def level(self, asked: int | None) -> int | None:
-        """The level, the lowest unless asked for; None on a flat map."""
+        """Return the level, by default the lowest; None on a flat map."""
         return self._of("level", "--level", asked, lambda size: 0)
 
     def _of(self, feature: str, option: str, asked: int | None, usual: Any) -> int | None:
@@ -139,7 +141,7 @@ class Reading:
 
     @cached_property
     def _beginning(self) -> NDArray[np.float32]:
-        """The table as the training began with it: of what is still so nothing was learned."""
+        """The initial table of the training; values that are still the same were not learned."""
         world, about = self.world, self.table.about
         learning = world.scenario.learning
         features = world.scenario.observation.features(world.facts)
@@ -155,10 +157,10 @@ class Reading:
             found.append(np.mean(each, axis=0, dtype=np.float32))
         return np.array(found)
 
-    def shown(self, drone: int, battery_min: int | None, level: int | None) -> Slice:
-        """What a drone has learned at one level, with exactly so many minutes left."""
+    def slice(self, drone: int, battery_min: int | None, level: int | None) -> Slice:
+        """Return what a drone has learned at one level, with this number of minutes left."""
         at = {"level": level, "battery_min": battery_min}
-        index = tuple(slice(None) if f.startswith("cell") else at[f] for f in self.sizes)
+        index = tuple(EVERY if f.startswith("cell") else at[f] for f in self.sizes)
         shape = (*self.sizes.values(), -1)
         q, first = (of[drone].reshape(shape)[index] for of in (self.table.q, self._beginning))
         legal = self._legal(battery_min, level)
@@ -174,7 +176,7 @@ class Reading:
         )
 
     def _legal(self, battery_min: int | None, level: int | None) -> NDArray[np.bool_]:
-        """(nx, ny, actions): what a drone in flight may be told there."""
+        """Return (nx, ny, actions): the actions that are allowed in flight."""
         world = self.world
         battery_us = None if battery_min is None else battery_min * 60_000_000
         may_return = battery_us is not None and battery_us <= world.return_below_us
@@ -188,7 +190,7 @@ class Reading:
 
 
 def _draw_actions(axes: Axes, read: Reading, shown: Slice) -> None:
-    """An arrow for a move, else a symbol; in vermillion where nothing was learned of it."""
+    """Draw an arrow for a move and a symbol for other actions, in vermillion if not learned."""
     grid = read.world.grid
     cells = np.argwhere(shown.learned & ~shown.built)
     by_action: dict[Action, list[tuple[float, float, str]]] = {}
@@ -211,7 +213,7 @@ def _draw_actions(axes: Axes, read: Reading, shown: Slice) -> None:
 
 
 def _legend(slices: list[Slice], read: Reading) -> list[Any]:
-    """An entry for all that is on the maps, and nothing else."""
+    """Return legend entries for everything that is on the maps."""
     on = {read.world.actions[a] for s in slices for a in np.unique(s.action[s.learned & ~s.built])}
     entries: list[Any] = []
     if on & {action for action in MOVES if MOVES[action][2] == 0}:
@@ -222,7 +224,7 @@ def _legend(slices: list[Slice], read: Reading) -> list[Any]:
         if action in on
     ]
     if any((s.learned & ~s.built & ~s.tried).any() for s in slices):
-        entries.append(Patch(color=UNTRIED, label="in this colour: nothing learned of it"))
+        entries.append(Patch(color=UNTRIED, label="in this colour: action not learned"))
     if read.world.stations:
         look: dict[str, Any] = {"mfc": "none", "mec": "black", "mew": 1.4, "ms": 9}
         entries.append(Line2D([], [], marker="s", ls="", label="charging station", **look))
@@ -235,11 +237,11 @@ def _legend(slices: list[Slice], read: Reading) -> list[Any]:
 
 def _title(read: Reading, battery_min: int | None, level: int | None) -> str:
     about = read.table.about
-    told = (
+    title = (
         f"{read.name}: {about['algorithm']}, {about['scenario']}, world seed {about['world_seed']}"
     )
     if battery_min is not None:
-        told += f"; {battery_min} min left"
+        title += f"; {battery_min} min left"
     if level is not None:
-        told += f", at {read.world.grid.levels_m[level]:g} m"
-    return told
+        title += f", at {read.world.grid.levels_m[level]:g} m"
+    return title

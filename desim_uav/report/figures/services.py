@@ -1,4 +1,4 @@
-"""How each service fares: outcomes, waiting times, QoE1."""
+"""Outcomes, waiting times and QoE1 of each service."""
 
 from __future__ import annotations
 
@@ -26,18 +26,18 @@ BARS: dict[str, dict[str, Any]] = {
 
 @styled
 def services_figure(run: Run | Path, episode: int | None = None, width: float = 9.6) -> Figure:
-    """Outcomes by service, and the distributions of waiting time and QoE1 over requests.
+    """Draw outcomes by service, and the distributions of waiting time and QoE1 over requests.
 
-    Over the counted episodes, or one; ``width`` in inches, and where that is not much, one panel
-    below the other. Raises PolicyError where the folder is not a run's or
-    nothing was asked for.
+    The requests are those of all counted episodes, or of one. ``width`` is in inches; in a narrow
+    figure the panels are below each other. Raises PolicyError if the folder is not that of a run or
+    has no requests.
     """
     run = opened(run)
     episodes = counted_episodes(run, episode)
     requests = run.table("requests")
     requests = requests[requests["episode"].isin(episodes)]
     if requests.empty:
-        raise PolicyError(f"{run.folder}: nobody asked for a service")
+        raise PolicyError(f"{run.folder}: the run has no requests")
     services = sorted(requests["service"].unique())
     figure, panels = _panels(width, len(services))
     _draw_outcomes(panels[0], requests, services)
@@ -59,7 +59,7 @@ def services_figure(run: Run | Path, episode: int | None = None, width: float = 
 
 
 def _panels(width: float, services: int) -> tuple[Figure, Sequence[Axes]]:
-    """Three side by side, or one below the other."""
+    """Return three panels side by side, or below each other."""
     if width > NARROW:
         figure = Figure(figsize=(width, 3.4 + 0.12 * max(0, services - 4)))
         return figure, figure.subplots(1, 3, width_ratios=(1.25, 1, 1))
@@ -73,7 +73,7 @@ def _of(requests: pd.DataFrame, service: str) -> pd.DataFrame:
 
 
 def _draw_outcomes(axes: Axes, requests: pd.DataFrame, services: list[str]) -> None:
-    """A bar a service, in percent of its requests, the largest parts with their number."""
+    """Draw a bar per service, in percent of its requests; large parts show their number."""
     counts = pd.crosstab(requests["service"], requests["outcome"])
     counts = counts.reindex(index=services, columns=OUTCOMES, fill_value=0)
     shares = 100 * counts.div(counts.sum(axis=1), axis=0)
@@ -97,7 +97,7 @@ def _draw_outcomes(axes: Axes, requests: pd.DataFrame, services: list[str]) -> N
 
 
 def _draw_shares(axes: Axes, values: list[pd.Series], services: list[str]) -> None:
-    """Empirical distribution functions, in percent."""
+    """Draw empirical distribution functions, in percent."""
     for number, (held, service) in enumerate(zip(values, services, strict=True)):
         at = np.sort(held.to_numpy())
         share = 100 * np.arange(1, len(at) + 1) / len(at)

@@ -1,4 +1,4 @@
-"""The paper's figure 1: a three-dimensional map at a moment, with drones, footprints and paths."""
+"""The paper's figure 1: a three-dimensional map at an instant, with drones and their paths."""
 
 from __future__ import annotations
 
@@ -28,21 +28,21 @@ MARKERS = {
     UserState.IDLE: "v",
 }
 SIZES = {UserState.SERVED: 22, UserState.OPEN: 20, UserState.ATTACHED: 20, UserState.IDLE: 16}
-"""Of users by state, in square points: they keep apart in grey."""
+"""The sizes of users by state, in square points, which differ enough for grey prints."""
 
 PATH_S = 5.0
-"""Paths are drawn with a point every so many seconds."""
+"""The time between two points of a path."""
 
 
 @styled
 def snapshot_figure(
     run: Run | Path, episode: int | None = None, minute: float | None = None
 ) -> Figure:
-    """The map at ``minute`` of an episode (its end), seen from the south-west.
+    """Draw the map at ``minute`` of an episode (by default its end), seen from the south-west.
 
     Crosses are drones, lines their paths so far, filled circles their footprints. Users are
-    coloured by state. A flat map is drawn flat. Raises PolicyError if the folder is not a run's or
-    has no events.
+    coloured by state. A flat map is drawn flat. Raises PolicyError if the folder is not that of a
+    run, and NoEventsError if it has no events.
     """
     run = opened(run)
     episode = run.episode(episode)
@@ -105,7 +105,7 @@ def _draw_buildings(axes: Any, world: dict[str, Any]) -> None:
     (width, depth), (nx, ny) = world["size_m"], world["cells"]
     heights = np.array(world["cell_height_m"], dtype=float)
     built = np.argwhere(heights > 0)
-    # From the back to the front: what is nearer to the eye covers what is behind it.
+    # From the back to the front, so that nearer buildings cover those behind them.
     order = sorted(built.tolist(), key=lambda cell: cell[0] - nx * 1.7 * cell[1] / ny)
     dx, dy = width / nx, depth / ny
     for k, (ix, iy) in enumerate(order):
@@ -135,7 +135,7 @@ def _draw_footprints(axes: Any, moment: Moment, radius_m: float, world: dict[str
 
 
 def _draw_users(axes: Any, moment: Moment) -> None:
-    """Each state of a user has its colour and marker, and its number in the legend."""
+    """Draw users with a colour and marker per state, and their number in the legend."""
     states = np.array(moment.states)
     for state, (word, colour) in USERS.items():
         there = moment.users_m[states == state]

@@ -1,4 +1,4 @@
-"""One look for all figures, and how they become files."""
+"""The common style of all figures, and writing them to files."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from desim_uav.report.markup import visible
 STYLE = Path(__file__).parents[1] / "desim_uav.mplstyle"
 
 COLOURS = ("#000000", "#56B4E9", "#332288", "#D55E00", "#470647", "#009E73", "#7A1F36")
-"""Of series (policies, algorithms, services). None of them looks like a drone's colour
-(`desim_uav.palette.DRONES`), whichever colours a reader can see, and neighbours differ in lightness
-for grey. Black, sky blue, vermillion and green are from Okabe and Ito, indigo is from Paul Tol."""
+"""The colours of series (policies, algorithms, services). None of them looks like a drone's colour
+(`desim_uav.palette.DRONES`), also for colour-blind readers, and neighbours differ in lightness for
+grey prints. Black, sky blue, vermillion and green are from Okabe and Ito, indigo from Paul Tol."""
 
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 DASHES: tuple[Any, ...] = ("-", "--", ":", "-.", (0, (5, 1, 1, 1, 1, 1)), (0, (1, 1)), (0, (8, 2)))
@@ -30,7 +30,7 @@ GOOD, FAIR, BAD = "#009E73", "#F0E442", "#D55E00"
 
 MOST_PANELS, MOST_NAMED = 24, 9
 NARROW = 5.0
-"""Inches: where figures stand beside each other on a desk, and one fills a telephone."""
+"""The width in inches of a figure that fits beside another, or on a telephone."""
 
 LONGEST_NAME = 26
 ENDINGS = (".png", ".pdf", ".svg")
@@ -39,14 +39,14 @@ METADATA: dict[str, dict[str, Any]] = {
     ".pdf": {"Creator": None, "Producer": None, "CreationDate": None},
     ".svg": {"Creator": None, "Date": None},
 }
-"""Nothing of when and by what: the same figure is the same file."""
+"""Leave out dates and versions, so that the same figure gives the same file."""
 
 P = ParamSpec("P")
 T = TypeVar("T")
 
 
 def styled(draw: Callable[P, T]) -> Callable[P, T]:
-    """Let a function draw in the one style, whatever the user's own settings are."""
+    """Make a function draw in the common style, independent of the user's own settings."""
 
     @wraps(draw)
     def drawn(*args: P.args, **kwargs: P.kwargs) -> T:
@@ -59,29 +59,32 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
 
 
 def ending(out: Path) -> str:
-    """The format a file's name asks for. Raises UsageError, naming those there are."""
-    found = out.suffix.lower()
-    if found not in ENDINGS:
-        raise UsageError(f"--out {out}: a figure ends in {', '.join(ENDINGS)}")
-    return found
+    """Return the ending of a file's name. Raises UsageError if it is not one of ``ENDINGS``."""
+    suffix = out.suffix.lower()
+    if suffix not in ENDINGS:
+        raise UsageError(f"--out {out}: the file's name must end in one of {', '.join(ENDINGS)}")
+    return suffix
 
 
 @styled
 def to_bytes(figure: Figure, suffix: str) -> bytes:
-    """A figure as a file of one of ``ENDINGS``: the same figure gives the same bytes."""
+    """Return a figure as the content of a file; the same figure gives the same bytes."""
     file = io.BytesIO()
     figure.savefig(file, format=suffix[1:], metadata=METADATA[suffix])
     return file.getvalue()
 
 
 def headed(figure: Figure, text: str) -> None:
-    """Write what a figure is of over it."""
+    """Write a heading above a figure."""
     figure.suptitle(text, fontsize=9.5)
     figure.set_layout_engine("constrained", h_pad=0.07)
 
 
 def look(number: int) -> dict[str, Any]:
-    """Return colour and dashes of a series: neighbours differ in both, and 49 series in one."""
+    """Return the line style of a series: neighbours differ in both colour and dashes.
+
+    Up to 49 series differ in at least one of them.
+    """
     dash = DASHES[(number + number // len(DASHES)) % len(DASHES)]
     return {"color": COLOURS[number % len(COLOURS)], "linestyle": dash}
 
@@ -96,17 +99,19 @@ def drone_look(drone: int) -> dict[str, Any]:
 
 
 def marker(number: int) -> str:
-    """The marker of this number."""
+    """Return the marker of a series."""
     return MARKERS[number % len(MARKERS)]
 
 
 def grid_of(count: int, width: float, height: float, across: int = 3) -> tuple[Figure, list[Axes]]:
-    """A figure with so many panels, row by row; ``width`` and ``height`` of one, in inches.
+    """Return a figure with ``count`` panels, row by row, and the panels.
 
-    Raises UsageError for more than one can look at.
+    ``width`` and ``height`` are those of one panel, in inches. Raises UsageError for too many.
     """
     if count > MOST_PANELS:
-        raise UsageError(f"{count} panels, at most {MOST_PANELS}: choose one with --drone")
+        raise UsageError(
+            f"{count} panels are too many (at most {MOST_PANELS}); choose one with --drone"
+        )
     columns = min(count, across)
     rows = -(-count // columns)
     figure = Figure(figsize=(width * columns + 0.7, height * rows + 0.9))
@@ -114,13 +119,13 @@ def grid_of(count: int, width: float, height: float, across: int = 3) -> tuple[F
 
 
 def short(name: str) -> str:
-    """A name as it can be seen; a long one from its end, for a file's own name is there."""
-    seen = visible(name)
-    return seen if len(seen) <= LONGEST_NAME else "…" + seen[1 - LONGEST_NAME :]
+    """Return a printable name; only the end of a long one, which is that of a file's own name."""
+    text = visible(name)
+    return text if len(text) <= LONGEST_NAME else "…" + text[1 - LONGEST_NAME :]
 
 
 def named(drone: int, drones: int, text: str) -> str | None:
-    """A drone's entry in a legend; where there are many, one for all."""
+    """Return a drone's entry in a legend, or one entry for all if there are many drones."""
     if drones <= MOST_NAMED:
         return text
     return f"drone, one of {drones}" if drone == 0 else None

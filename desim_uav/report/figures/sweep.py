@@ -16,10 +16,10 @@ from desim_uav.report.intervals import have_interval, interval_words
 from desim_uav.report.text import COMPARED
 
 APART = 0.015
-"""Series are moved sideways by this part of the axis, so that their intervals can be seen."""
+"""The sideways shift of a series, as a share of the axis, so that intervals do not overlap."""
 
 WRITTEN = 8
-"""Cells of a heat map in a row or column, at most, for its numbers to be written into them."""
+"""The most cells in a row or column of a heat map that has numbers in its cells."""
 
 MOST_LINES = 12
 SHADES = "cividis"
@@ -42,7 +42,8 @@ def sweep_figure(found: Content, measures: Sequence[str]) -> Figure:
     rows = found["policies"] if len(found["keys"]) == 2 else [None]
     if len(rows) * len(measures) > MOST_PANELS:
         raise UsageError(
-            f"{len(rows) * len(measures)} panels, at most {MOST_PANELS}: choose with --measure"
+            f"{len(rows) * len(measures)} panels are too many (at most {MOST_PANELS}); choose "
+            "measures with --measure"
         )
     size = (3.5 * len(measures) + 0.6, 2.7 * len(rows) + 1.0)
     figure = Figure(figsize=size)
@@ -68,10 +69,10 @@ def _heading(found: Content, heat: bool) -> Iterator[str]:
     counts = sorted({of["n"] for row in found["estimates"] for of in row["measures"].values()})
     counts = [count for count in counts if count] or [0]
     seeds = f"{counts[0]}" if len(counts) == 1 else f"{counts[0]} to {counts[-1]}"
-    told = f"{short(found['scenario'])}, {seeds} seed(s) of {found['episodes']} episode(s)"
+    size = f"{short(found['scenario'])}, {seeds} seed(s) of {found['episodes']} episode(s)"
     words = interval_words(found["estimates"])
     half_widths = heat and have_interval(found["estimates"])
-    yield f"{told}: {f'means ± half-widths of {words}' if half_widths else words}"
+    yield f"{size}: {f'means ± half-widths of {words}' if half_widths else words}"
     if found["held"]:
         yield ", ".join(f"{short(key)} = {short(value)}" for key, value in found["held"].items())
 
@@ -81,7 +82,7 @@ def _is_number(value: Any) -> bool:
 
 
 def _is_scale(values: Sequence[Any]) -> bool:
-    """Tell whether a key has so many numbers that it can be an axis of a heat map."""
+    """Return whether a key has enough numbers to be an axis of a heat map."""
     return len(values) > 2 and all(map(_is_number, values))
 
 

@@ -1,4 +1,4 @@
-"""The paper's figure 2: how reward and QoE come along in training, over seeds."""
+"""The paper's figure 2: reward and QoE during training, over seeds."""
 
 from __future__ import annotations
 
@@ -27,14 +27,14 @@ CURVES = {
     "qoe3_percent": "QoE3, %",
     "crashes": "crashes per drone and episode",
 }
-"""Each a mean over the drones; QoE is of all of them together."""
+"""The titles of the curves; each is a mean over the drones, which have QoE in common."""
 
 WINDOWS = 50
-"""A curve is smoothed over this part of the training unless told otherwise."""
+"""By default a curve is smoothed over the training's length divided by this number."""
 
 
 class Manifest(Form):
-    """What a figure asks of ``manifest.json`` of a training."""
+    """The entries of a training's ``manifest.json`` that a figure needs."""
 
     algorithm: str
     seed: int
@@ -43,7 +43,7 @@ class Manifest(Form):
 
 @dataclass(frozen=True)
 class Trained:
-    """What a training folder holds; ``settings`` are the scenario without its seeds."""
+    """The content of a training folder; ``settings`` are the scenario without its seeds."""
 
     folder: Path
     algorithm: str
@@ -57,8 +57,9 @@ def training_figure(folders: Sequence[Path], window: int | None = None) -> Figur
     """Draw the curves of trainings by algorithm: means over seeds, with standard deviations.
 
     Each curve is a running mean over ``window`` episodes, by default a fiftieth of them. An
-    algorithm with one seed has no band, and the legend says so. Raises PolicyError for folders
-    that are no trainings or not of one scenario.
+    algorithm with one seed has no band, and the legend says so. Raises PolicyError if a folder is
+    not that of a finished training or the scenarios differ, and UsageError if ``window`` is too
+    long.
     """
     trainings = [read_training(folder) for folder in folders]
     check_alike(trainings)
@@ -88,7 +89,10 @@ def training_figure(folders: Sequence[Path], window: int | None = None) -> Figur
 
 
 def smoothed(curves: Sequence[pd.Series], window: int) -> tuple[NDArray[Any], ...]:
-    """Of one curve a seed: the last episode of each window, and mean and deviation over seeds."""
+    """Return the last episode of each window, and mean and deviation over seeds.
+
+    ``curves`` has one curve per seed.
+    """
     running = [curve.rolling(window, min_periods=1).mean()[window - 1 :] for curve in curves]
     together = np.array(running)
     deviation = together.std(axis=0, ddof=1) if len(together) > 1 else np.zeros(together.shape[1])
@@ -107,24 +111,24 @@ def _draw(
 
 
 def _explain(axes: Axes, drawn: Axes, window: int, seeds: Sequence[int]) -> None:
-    """Write the legend into the panel that is left; ``seeds`` are the numbers of each curve."""
+    """Write the legend into the last panel; ``seeds`` has the number of seeds of each curve."""
     axes.set_axis_off()
-    told = f"running means over {window} episode(s)"
-    told += "\nbands: ± 1 standard deviation over seeds" if max(seeds) > 1 else ""
-    told += "\none seed allows no band" if min(seeds) == 1 else ""
+    title = f"running means over {window} episode(s)"
+    title += "\nbands: ± 1 standard deviation over seeds" if max(seeds) > 1 else ""
+    title += "\none seed allows no band" if min(seeds) == 1 else ""
     handles, names = drawn.get_legend_handles_labels()
-    legend = axes.legend(handles, names, loc="center", title=told, fontsize=9, title_fontsize=8)
+    legend = axes.legend(handles, names, loc="center", title=title, fontsize=9, title_fontsize=8)
     legend.set_alignment("left")
 
 
 def read_training(folder: Path) -> Trained:
-    """A training folder. Raises PolicyError where it is none, or not finished."""
+    """Read a training folder. Raises PolicyError if it is none or the training has not ended."""
     if folder.is_dir() and not (folder / "training.parquet").exists():
         known = (folder / "checkpoint.npz").exists()
         raise PolicyError(
-            f"{folder}: the training has not ended; go on with --resume"
+            f"{folder}: the training has not ended; continue it with --resume"
             if known
-            else f"{folder}: not a training folder: no training.parquet"
+            else f"{folder}: not a training folder: it has no training.parquet"
         )
     table = read_table(folder, "training", TRAINING)
     manifest = read_json(folder / "manifest.json", Manifest, "the manifest of a training")
@@ -138,9 +142,9 @@ def read_training(folder: Path) -> Trained:
 
 
 def check_alike(trainings: Sequence[Trained]) -> None:
-    """Raises PolicyError unless all are of one scenario, and those of an algorithm are seeds of it.
+    """Raise PolicyError unless trainings have the same scenario and differ in algorithm or seeds.
 
-    World, demand and rewards must agree among all; learning too within an algorithm.
+    Trainings of the same algorithm must also have the same learning parameters.
     """
     first = trainings[0]
     by_algorithm: dict[str, Trained] = {}
@@ -152,8 +156,8 @@ def check_alike(trainings: Sequence[Trained]) -> None:
         before = of_seed.setdefault((training.algorithm, training.seeds), training.folder)
         if before is not training.folder:
             raise PolicyError(
-                f"{training.folder}: {training.algorithm} on seed {training.seeds[0]} once more; "
-                f"{before} is that already"
+                f"{training.folder}: {training.algorithm} on seed {training.seeds[0]} is given "
+                f"twice; {before} has the same algorithm and seed"
             )
 
 
@@ -161,6 +165,6 @@ def _compare(one: Trained, other: Trained, but: tuple[str, ...]) -> None:
     for key, value in one.settings.items():
         if key not in but and value != other.settings.get(key):
             raise PolicyError(
-                f"{one.folder}: another scenario than {other.folder}: {key} is "
+                f"{one.folder}: its scenario is not that of {other.folder}: {key} is "
                 f"{value}, not {other.settings.get(key)}"
             )

@@ -1,4 +1,4 @@
-"""Where drones serve: minutes of serving flight in each cell."""
+"""The minutes of serving flight in each cell."""
 
 from __future__ import annotations
 
@@ -21,10 +21,11 @@ US_MIN = 60_000_000
 
 @styled
 def visits_figure(run: Run | Path, episode: int | None = None, drone: int | None = None) -> Figure:
-    """One map a drone, shaded by its minutes of serving flight in each cell.
+    """Draw one map per drone, shaded by its minutes of serving flight in each cell.
 
-    Minutes are means over the counted episodes, or those of one. Raises PolicyError where the
-    folder is not a run's or has no events, UsageError where it has no such episode or drone.
+    Minutes are means over the counted episodes, or those of one. Raises PolicyError if the folder
+    is not that of a run, NoEventsError if it has no events, and UsageError if it has no such
+    episode or drone.
     """
     run = opened(run)
     drones = chosen_drones(run, drone)
@@ -45,13 +46,13 @@ def visits_figure(run: Run | Path, episode: int | None = None, drone: int | None
         axes.set_title(f"drone {number}: {minutes[number].sum():.1f} min")
     which = f"episode {episode}" if episode is not None else f"mean of {len(episodes)} episode(s)"
     headed(figure, f"Serving flight. {run.name}, {which}")
-    figure.colorbar(drawn, ax=panels, shrink=0.8, label="serving flight, min an episode")
+    figure.colorbar(drawn, ax=panels, shrink=0.8, label="serving flight, min per episode")
     figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=3)
     return figure
 
 
 def visit_minutes(run: Run, episodes: Sequence[int]) -> NDArray[np.float64]:
-    """(drones, nx, ny): minutes of serving flight in each cell, a mean over episodes."""
+    """Return the mean minutes of serving flight in each cell per episode, (drones, nx, ny)."""
     minutes = np.zeros((run.scenario.drones.count, *run.world.grid.cells))
     run.need(episodes)
     for episode in episodes:
@@ -63,12 +64,15 @@ def visit_minutes(run: Run, episodes: Sequence[int]) -> NDArray[np.float64]:
 
 
 def counted_episodes(run: Run, episode: int | None) -> list[int]:
-    """The one asked for, else all that count. Raises UsageError, PolicyError where none does."""
+    """Return one episode, or by default all counted ones.
+
+    Raises UsageError if there is no such episode, and PolicyError if none is counted.
+    """
     return run.counted_episodes if episode is None else [run.episode(episode)]
 
 
 def chosen_drones(run: Run, drone: int | None) -> list[int]:
-    """The one asked for, else all. Raises UsageError."""
+    """Return one drone, or by default all. Raises UsageError if there is no such drone."""
     count = run.scenario.drones.count
     if drone is None:
         return list(range(count))

@@ -1,1 +1,1 @@
-"""One self-contained page that plays a run's episodes in continuous time."""
+"""A self-contained page that plays a run's episodes in continuous time."""

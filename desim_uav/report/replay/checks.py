@@ -1,4 +1,4 @@
-"""What the tables of a run must be for a page: its reader takes their numbers as they are."""
+"""Checks the tables of a run for a page, whose script does not check their numbers."""
 
 from __future__ import annotations
 
@@ -18,35 +18,35 @@ Whole = NDArray[np.int64]
 
 
 class Checks:
-    """Of the tables of a run. Raises PolicyError, naming file and column."""
+    """Checks of a run's tables, which raise PolicyError with the file and the column."""
 
     def __init__(self, run: Run) -> None:
         self.run = run
 
     def error(self, table: str, problem: str) -> PolicyError:
-        """A table is not what it must be."""
+        """Return the error about a problem of a table."""
         return PolicyError(f"{self.run.folder / table}.parquet: {problem}")
 
     def expect(self, holds: bool, table: str, problem: str) -> None:
-        """Raises PolicyError, naming the table's file, where something does not hold."""
+        """Raise PolicyError, with the table's file, if something does not hold."""
         if not holds:
             raise self.error(table, problem)
 
     def finite(self, frame: pd.DataFrame, table: str, name: str) -> NDArray[np.float64]:
-        """A column of numbers that can be drawn."""
+        """Return a column of numbers that can be drawn."""
         values: NDArray[np.float64] = frame[name].to_numpy(np.float64)
         fits = bool((np.isfinite(values) & (np.abs(values) < 1e9)).all())
         self.expect(fits, table, f"{name}: empty or far too large")
         return values
 
     def us(self, frame: pd.DataFrame, table: str, name: str, lowest: int) -> Whole:
-        """A column of seconds, in microseconds, none below ``lowest``."""
+        """Return a column of seconds in microseconds, none of which may be below ``lowest``."""
         us = whole(self.finite(frame, table, name) * US)
         self.expect(bool((us >= lowest).all()), table, f"{name}: below {lowest / US:g} s")
         return us
 
     def within(self, frame: pd.DataFrame, table: str, name: str, end: int) -> None:
-        """A column's numbers are from 0 on and below ``end``."""
+        """Check that a column's numbers are at least 0 and below ``end``."""
         values = frame[name].to_numpy()
         within = bool(((values >= 0) & (values < end)).all())
         self.expect(within, table, f"{name}: not of this run (0 to {end - 1})")
@@ -54,7 +54,7 @@ class Checks:
     def codes(
         self, frame: pd.DataFrame, table: str, name: str, words: Any, none: int | None = None
     ) -> Whole:
-        """A column of names as numbers; ``none`` where there is no name."""
+        """Return a column of names as numbers, with ``none`` for missing names."""
         code = frame[name].map({word.name.lower(): int(word) for word in words})
         if none is not None:
             code = code.where(frame[name].notna(), none)
@@ -64,5 +64,5 @@ class Checks:
 
 
 def whole(values: NDArray[np.float64]) -> Whole:
-    """Numbers rounded to whole ones."""
+    """Return numbers rounded to whole numbers."""
     return np.rint(values).astype(np.int64)

@@ -1,6 +1,6 @@
-"""Columns of whole numbers in few bytes: differences, zigzag, groups of seven bits, deflate.
+"""Compact columns of whole numbers: differences, zigzag, groups of seven bits, and deflate.
 
-A block is a line of JSON, [[name, coding, count, bytes, scale], …], and behind it the bodies of its
+A block is a line of JSON, [[name, coding, count, bytes, scale], …], followed by the bodies of its
 columns. ``assets/decode.js`` reads it.
 """
 
@@ -18,10 +18,10 @@ DELTA, PLAIN, BYTES, FLOAT = "delta", "plain", "bytes", "float"
 
 
 class Column(NamedTuple):
-    """Numbers and how they are written.
+    """Numbers and their coding.
 
-    ``delta``: each as its difference from the one before; ``plain``: as it is; ``bytes``: 0 … 255;
-    ``float``: eight bytes each. A reader multiplies by ``scale``.
+    ``delta`` writes each number as its difference from the one before, ``plain`` as it is,
+    ``bytes`` as one byte, and ``float`` as eight bytes. The reader multiplies by ``scale``.
     """
 
     values: NDArray[np.generic]
@@ -30,27 +30,27 @@ class Column(NamedTuple):
 
 
 def delta(values: ArrayLike, scale: float = 1.0) -> Column:
-    """Numbers near their neighbours, rounded to multiples of ``scale``."""
+    """Return a column of numbers near their neighbours, rounded to multiples of ``scale``."""
     return Column(_whole(values, scale), DELTA, scale)
 
 
 def plain(values: ArrayLike) -> Column:
-    """Small whole numbers."""
+    """Return a column of small whole numbers."""
     return Column(_whole(values, 1.0), PLAIN)
 
 
 def codes(values: ArrayLike) -> Column:
-    """Whole numbers of 0 … 255."""
+    """Return a column of whole numbers from 0 to 255."""
     return Column(np.asarray(values, np.uint8), BYTES)
 
 
 def floats(values: ArrayLike) -> Column:
-    """Numbers as they are, to the last bit."""
+    """Return a column of exact floating-point numbers."""
     return Column(np.asarray(values, "<f8"), FLOAT)
 
 
 def pack(columns: Mapping[str, Column]) -> bytes:
-    """The block of these columns, deflated."""
+    """Return the compressed block of some columns."""
     heads, bodies = [], []
     for name, column in columns.items():
         body = _body(column)
@@ -61,7 +61,7 @@ def pack(columns: Mapping[str, Column]) -> bytes:
 
 
 def unpack(block: bytes) -> dict[str, NDArray[np.float64]]:
-    """The columns of a block, as a page reads them."""
+    """Return the columns of a block, as a page reads them."""
     head, _, rest = zlib.decompress(block).partition(b"\n")
     found, at = {}, 0
     for name, coding, count, size, scale in json.loads(head):
@@ -73,7 +73,7 @@ def unpack(block: bytes) -> dict[str, NDArray[np.float64]]:
 
 
 def varints(values: NDArray[np.int64]) -> bytes:
-    """Whole numbers, the small ones in one byte: zigzag, then seven bits a byte, the low first."""
+    """Return whole numbers as varints: zigzag, then seven bits per byte, the lowest first."""
     rest = ((values << 1) ^ (values >> 63)).astype(np.uint64)
     length = np.ones(len(rest), np.int64)
     for bits in range(7, 64, 7):

@@ -1,4 +1,4 @@
-"""A run in the compact form a page carries: what does not change, and a block for each episode."""
+"""A run in the compact form of a page: common data, and a block for each episode."""
 
 from __future__ import annotations
 
@@ -27,10 +27,10 @@ KINDS = (
     *("decide", "depart", "blocked", "arrive", "land", "charge", "charged"),
     *("deplete", "crash", "respawn"),
 )
-"""Of events; a page knows them by their place here."""
+"""The kinds of events; a page refers to them by their index."""
 
 TAKING = {"enter": 1, "attach": 2, "serve": 3, "refuse": 3}
-"""In a phase, whatever lets go of a user comes before what takes it, and that in this order."""
+"""The order within a phase: these events come after all others, in the order of the numbers."""
 
 NAMES_DRONE = {*KINDS[6:]} | {"serve", "stop"}
 NAMES_USER = {*KINDS[:10]}
@@ -39,7 +39,7 @@ NAMES_STATION = {"land", "charge", "charged", "respawn"}
 
 
 class Encoder:
-    """Makes the blocks of a folder's episodes, and then what they have in common."""
+    """Makes the blocks of a run's episodes, and then the data that they have in common."""
 
     def __init__(self, run: Run) -> None:
         self.run = run
@@ -57,7 +57,7 @@ class Encoder:
     # ---- one episode
 
     def episode(self, number: int, tables: Tables) -> bytes:
-        """The block of an episode. Raises PolicyError for tables that do not fit together."""
+        """Return the block of an episode. Raises PolicyError for tables that do not fit."""
         duration_us = round(float(self._row(number)["duration_s"]) * US)
         events = self._events(tables["events"], len(tables["requests"]), duration_us)
         columns = self._requests(tables["requests"])
@@ -87,7 +87,7 @@ class Encoder:
         self.check.expect(
             np.array_equal(numbers, np.arange(len(numbers))),
             "requests",
-            "request_id: not numbered from 0 on in each episode",
+            "request_id: not numbered from 0 in each episode",
         )
         self.check.within(requests, "requests", "user", self.users)
         service = requests["service"].map({name: k for k, name in enumerate(self.services)})
@@ -114,7 +114,7 @@ class Encoder:
         return whole(kbps * 1000)
 
     def _events(self, events: pd.DataFrame, requests: int, duration_us: int) -> dict[str, Whole]:
-        """The events in a reader's order, what they do not concern as -1."""
+        """Return the events in the order of the page, with -1 for missing numbers."""
         kind = events["kind"].map({name: k for k, name in enumerate(KINDS)})
         unknown = events["kind"][kind.isna()]
         self.check.expect(
@@ -144,7 +144,7 @@ class Encoder:
         return {name: values[order] for name, values in found.items()}
 
     def _walks(self, users: pd.DataFrame) -> dict[str, Column]:
-        """The way points of all walks, user by user."""
+        """Return the way points of all walks, user by user."""
         self.check.within(users, "users", "user", self.users)
         users = users.sort_values(["user", "t_s"], kind="stable")
         user = users["user"].to_numpy(np.int64)
@@ -160,7 +160,7 @@ class Encoder:
         }
 
     def _steps(self, steps: pd.DataFrame, duration_us: int) -> dict[str, Column]:
-        """Step by step, in each drone by drone: its reward and its command."""
+        """Return rewards and commands, by step and drone."""
         steps = steps.sort_values(["step", "drone"])
         count = len(steps) // self.drones
         grid = np.divmod(np.arange(count * self.drones), self.drones)
@@ -170,7 +170,7 @@ class Encoder:
         )
         self.check.expect(complete, "steps", "not a row for each step and drone")
         self.check.expect(
-            count * self.step_us == duration_us, "steps", "not those of the whole episode"
+            count * self.step_us == duration_us, "steps", "they do not cover the whole episode"
         )
         return {
             "step.reward": floats(self.check.finite(steps, "steps", "reward")),
@@ -191,14 +191,14 @@ class Encoder:
             own = steps[steps["drone"] == drone].sort_values("step")
             records = self.check.us(own, "steps", "battery_s", 0)
             mine = (events["drone"] == drone) & (events["user"] < 0)
-            told = [
+            happened = [
                 (int(t), KINDS[kind])
                 for t, kind in zip(events["t_us"][mine], events["kind"][mine], strict=True)
             ]
             knots = battery_knots(
                 begins_with[drone],
                 [(self.step_us * (k + 1), int(b)) for k, b in enumerate(records)],
-                told,
+                happened,
                 self.capacity_us,
                 self.full_charge_us,
             )
@@ -211,10 +211,10 @@ class Encoder:
             "battery.us": delta(values),
         }
 
-    # ---- what episodes have in common
+    # ---- the data that episodes have in common
 
     def common(self, episodes: Sequence[int]) -> dict[str, Any]:
-        """What a page is told of the run, once the blocks of its episodes are made."""
+        """Return the common data of a run, after the blocks of its episodes were made."""
         scenario, manifest, world = self.scenario, self.run.manifest, self.run.map
         kbps = scenario.drones.bandwidth_kbps
         return {

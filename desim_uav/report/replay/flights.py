@@ -1,4 +1,4 @@
-"""The flights of an episode's drones: legs, and the profiles they were flown by."""
+"""The flights of an episode's drones: their legs and speed profiles."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
 
 class Flights:
-    """Encodes the legs of a run's episodes; ``profiles`` are those of all transits so far."""
+    """Encodes the legs of a run's episodes and collects the ``profiles`` of their transits."""
 
     def __init__(self, check: Checks) -> None:
         self.check = check
@@ -24,17 +24,19 @@ class Flights:
         self._profile_of: dict[tuple[bool, float], tuple[int, int]] = {}
 
     def legs(self, legs: pd.DataFrame) -> dict[str, Column]:
-        """Legs drone by drone, each in order of time, with the profile it was flown by."""
+        """Return legs by drone in order of time, with their profiles."""
         self.check.within(legs, "legs", "drone", self.scenario.drones.count)
         legs = legs.sort_values("drone", kind="stable")
         t_us = self.check.us(legs, "legs", "t_s", -(10**15))
         drone = legs["drone"].to_numpy(np.int64)
         first = np.searchsorted(drone, np.arange(self.scenario.drones.count + 1))
-        told = np.diff(first) > 0
-        self.check.expect(bool(told.all()), "legs", "a drone has none: where it begins is not told")
+        present = np.diff(first) > 0
+        self.check.expect(bool(present.all()), "legs", "a drone has no leg")
         ascends = (np.diff(t_us) >= 0) | (np.diff(drone) > 0)
         self.check.expect(bool(ascends.all()), "legs", "t_s: not in order")
-        self.check.expect(bool((t_us[first[:-1]] <= 0).all()), "legs", "a drone's first is after 0")
+        self.check.expect(
+            bool((t_us[first[:-1]] <= 0).all()), "legs", "a drone's first leg begins after 0"
+        )
         duration_us = self.check.us(legs, "legs", "duration_s", 0)
         places = {}
         for side in ("from", "to"):
@@ -53,7 +55,7 @@ class Flights:
         }
 
     def _flown_by(self, places: dict[str, Column], mode: Whole, duration_us: Whole) -> Whole:
-        """Of each leg the number of its profile, -1 of one that leads nowhere."""
+        """Return the number of each leg's profile, or -1 for a rest."""
         between = [
             np.abs(
                 places[f"leg.{axis}_to"].values.astype(float)
@@ -75,7 +77,7 @@ class Flights:
         return profile
 
     def _profile(self, commanded: bool, length_m: float) -> tuple[int, int]:
-        """The number of the profile of a transit, and how long it takes (µs)."""
+        """Return the number of a transit's profile, and its duration (µs)."""
         key = commanded, round(length_m, 6)
         if key not in self._profile_of:
             motion = self.scenario.drones.motion
@@ -89,7 +91,7 @@ class Flights:
             except ValueError as error:
                 raise self.check.error("legs", str(error)) from error
             self._profile_of[key] = len(self.profiles), transit.duration_us
-            # As shares of the way: x = from + share * (to - from).
+            # As shares of the distance: x = from + share * (to - from).
             shares = transit.profile / [1.0, length_m, length_m, length_m]
             self.profiles.append(shares.tolist())
         return self._profile_of[key]

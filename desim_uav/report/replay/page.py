@@ -1,7 +1,8 @@
-"""The page: one file of HTML that holds its style, its script and its data, and asks for nothing.
+"""The page: one HTML file with its style, script and data, which loads nothing else.
 
-The names in a run folder may be anyone's. They are data here: JSON in an element that is no script,
-without a "<", shown as text only; and the page's own policy lets no script but its own run.
+The names in a run folder may come from anyone. They are only data in the page: JSON without "<" in
+an element that is not executed, shown as text. The page's security policy allows its own script
+only.
 """
 
 from __future__ import annotations
@@ -18,21 +19,21 @@ from desim_uav.engine.base import UserState
 from desim_uav.palette import DRONES, USERS
 
 FORMAT = 2
-"""Of the data in the page."""
+"""The version of the format of the page's data."""
 
 MODULES = (
     *("decode", "palette", "episode", "states", "state", "history", "camera", "crowd"),
     *("view2d", "view3d", "users", "drones", "stations", "scale", "scene", "rows", "legend"),
     *("timeline", "details", "tip", "player", "panel", "layout", "controls", "main"),
 )
-"""The page's modules, each behind those it imports."""
+"""The page's modules, each after those that it imports."""
 
 IMPORT = re.compile(r'^import\s+(\{[^}]*\})\s+from\s+"\./(\w+)\.js";$', re.MULTILINE)
 EXPORT = re.compile(r"^export ((?:async )?(?:function|class|const) (\w+))", re.MULTILINE)
 
 
 Recording = tuple[Mapping[str, Any], Sequence[bytes]]
-"""A run as a page carries it: what its episodes have in common, and a block for each of them."""
+"""A run in a page: the data that its episodes have in common, and a block for each episode."""
 
 
 def page(*runs: Recording) -> bytes:
@@ -59,20 +60,20 @@ def page(*runs: Recording) -> bytes:
 
 
 def bundle() -> str:
-    """All modules as one script, as a page on a disk cannot import; each keeps its own names."""
-    rooms = "\n".join(_room(name, asset(f"{name}.js")) for name in MODULES)
-    return f'(() => {{\n"use strict";\n{rooms}\n}})();'
+    """Return all modules as one script, because a page in a local file cannot import modules."""
+    modules = "\n".join(_enclosed(name, asset(f"{name}.js")) for name in MODULES)
+    return f'(() => {{\n"use strict";\n{modules}\n}})();'
 
 
-def _room(name: str, text: str) -> str:
-    """A module as the inside of a function, which returns its exports."""
+def _enclosed(name: str, text: str) -> str:
+    """Return a module as a function that returns its exports, so that its names stay private."""
     exports = ", ".join(match[2] for match in EXPORT.finditer(text))
     inside = EXPORT.sub(r"\1", IMPORT.sub(r"const \1 = $\2;", text))
     return f"const ${name} = (() => {{\n{inside}return {{ {exports} }};\n}})();"
 
 
 def asset(name: str) -> str:
-    """A file of the page's own."""
+    """Return the content of one of the page's files."""
     return (files(__package__) / "assets" / name).read_text(encoding="utf-8")
 
 

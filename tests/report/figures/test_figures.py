@@ -90,13 +90,13 @@ class TestTraining:
     def test_what_cannot_be_drawn_together(self, trained, seeds, tmp_path):
         with pytest.raises(PolicyError, match="not a training folder"):
             training_figure(seeds[:1])
-        with pytest.raises(PolicyError, match="q_learning on seed 0 once more"):
+        with pytest.raises(PolicyError, match="q_learning on seed 0 is given twice"):
             training_figure([trained[0], copy(trained[0], tmp_path / "again")])
         other = copy(trained[2], tmp_path / "other")
         text = (other / "scenario.yaml").read_text()
         (other / "scenario.yaml").write_text(text.replace("count: 12", "count: 13"))
         (other / "SHA256SUMS").unlink()
-        with pytest.raises(PolicyError, match=r"another scenario than .*: users is"):
+        with pytest.raises(PolicyError, match=r"its scenario is not that of .*: users is"):
             training_figure([trained[0], other])
         with pytest.raises(UsageError, match="--window 61: there are 60 episodes"):
             training_figure(trained, window=61)
@@ -329,7 +329,7 @@ class TestServices:
         from tests.report.helpers import make_run
 
         silent = ("episode.steps=2", "demand={kind: static, none: 1.0}")
-        with pytest.raises(PolicyError, match="nobody asked"):
+        with pytest.raises(PolicyError, match="no requests"):
             services_figure(make_run(tmp_path / "r", "case8", "hover", silent))
 
 

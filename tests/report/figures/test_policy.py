@@ -97,7 +97,7 @@ def test_what_nothing_was_learned_of_is_told():
         changed = (learned.q != before).reshape(-1, 10, 10, 2, 31, 9)
         read = Reading(learned, "learned")
         for battery_min in (5, 25, 29):
-            shown = read.shown(0, battery_min, 0)
+            shown = read.slice(0, battery_min, 0)
             assert (shown.learned == changed[0, :, :, 0, battery_min].any(axis=2)).all()
             for cell in np.argwhere(shown.learned):
                 ix, iy = cell
@@ -109,7 +109,7 @@ def test_what_nothing_was_learned_of_is_told():
 def test_untried_actions_have_a_colour_of_their_own():
     figure = policy_figure(table("case8.npz"), "case8.npz", 15, 0, drone=0)
     read = Reading(table("case8.npz"), "case8.npz")
-    shown = read.shown(0, 15, 0)
+    shown = read.slice(0, 15, 0)
     for cell, (_, colour) in drawn_at(figure.axes[0], read).items():
         assert (to_rgba(colour) == to_rgba(UNTRIED)) == (not shown.tried[cell])
     assert not shown.tried[shown.learned].all()
@@ -142,7 +142,7 @@ def test_states_that_are_not_there(name, asked, message):
         ({"features": [["cell_x", 4], ["cell_y", 19]]}, "are not those of its scenario"),
         ({"scenario_yaml": "users: {count: -1}"}, "its scenario cannot be read"),
         ({"scenario_yaml": None}, "its scenario cannot be read"),
-        ({"world_seed": 5}, "another world than it was learned in"),
+        ({"world_seed": 5}, "no longer gives the world of the training"),
     ],
 )
 def test_a_table_that_has_no_place_on_a_map(changes, message):

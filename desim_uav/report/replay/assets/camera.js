@@ -33,7 +33,7 @@ export class Camera {
     this.update();
   }
 
-  /** Where the middle of the picture is, in pixels. */
+  /** The middle of the picture, in pixels. */
   get middle() { return [this.left + this.free / 2, this.height / 2]; }
 
   get free() { return Math.max(1, this.width - this.left - this.right); }
@@ -44,7 +44,7 @@ export class Camera {
     this.update();
   }
 
-  /** What is seen, to come back to later. */
+  /** The present view, to return to later. */
   get view() {
     const { zoom, x, y, z, yaw, pitch } = this;
     return { zoom, x, y, z, yaw, pitch };
@@ -61,7 +61,7 @@ export class Camera {
     this.update();
   }
 
-  /** Move the picture by so many pixels. */
+  /** Move the picture by some pixels. */
   pan(dx, dy) {
     if (this.tilted) return;
     this.x -= dx / this.scale;
@@ -111,7 +111,7 @@ export class Camera {
       this.yaw, this.pitch].join();
   }
 
-  /** Where a point is in the picture: px, py, and the pixels a metre has there, into `out`. */
+  /** Write a point's place in the picture into `out`: px, py, and the pixels per metre there. */
   project(x, y, z, out) {
     if (!this.tilted) {
       out[0] = this.middleX + (x - this.x) * this.scale;
@@ -132,7 +132,7 @@ export class Camera {
     return out;
   }
 
-  /** How far away a point is, to draw what is behind first. */
+  /** The distance of a point, by which the farther things are drawn first. */
   depth(x, y, z) {
     const dx = x - this.size.width / 2;
     const dy = y - this.size.depth / 2;
@@ -140,7 +140,7 @@ export class Camera {
     return back * this.cosPitch - z * this.lift * this.sinPitch;
   }
 
-  /** The pixels of a metre in the middle of the picture. */
+  /** The pixels per metre in the middle of the picture. */
   get pixelsPerMetre() { return this.tilted ? this.near : this.scale; }
 
   mapX(px) { return this.x + (px - this.middleX) / this.scale; }

@@ -1,4 +1,4 @@
-// Hands: buttons, keys, pointers. They move the player and the camera; nothing here draws.
+// Buttons, keys and pointers, which control the player and the camera; nothing here draws.
 
 import { SPEEDS } from "./player.js";
 import { byId } from "./rows.js";
@@ -25,7 +25,7 @@ export function wire({ runs, player, scenes, timeline, panel, layout, redraw, se
     byId("following").textContent = d < 0 ? "" : `following drone ${d}`;
     settle();
   };
-  /** Keep drone d in the middle of each map; -1: stop that. */
+  /** Keep drone d in the middle of each map; -1 ends this. */
   const follow = (d) => {
     if (d >= 0 && followed() < 0) {
       before = cameras.map((each) => each.view);
@@ -36,7 +36,7 @@ export function wire({ runs, player, scenes, timeline, panel, layout, redraw, se
     if (d < 0) before = null;
     showFollowed();
   };
-  /** Stop following, and stay where it was. */
+  /** Stop following, and keep the view. */
   const letGo = () => {
     if (followed() < 0) return;
     for (const scene of scenes) scene.followed = -1;
@@ -103,7 +103,7 @@ export function wire({ runs, player, scenes, timeline, panel, layout, redraw, se
     open: (name) => layout.toggle(name),
     help: () => (byId("keys").open ? byId("keys").close() : byId("keys").showModal()),
   };
-  /** After the camera has moved: who touches the map scrolls the page only where nothing else moves. */
+  /** After the camera has moved: touching the map scrolls the page only if the map cannot move. */
   function settle() {
     const touch = camera.tilted || camera.zoom > 1 ? "none" : "pan-y";
     for (const scene of scenes) scene.canvas.style.touchAction = touch;
@@ -201,7 +201,7 @@ function wireMap(actions, player, scene, scenes, redraw) {
     const box = canvas.getBoundingClientRect();
     return [event.clientX - box.left, event.clientY - box.top];
   };
-  /** The same is pointed at on both maps; the words stand beside the one under the pointer. */
+  /** Highlight the same thing on both maps; the tooltip is beside the one under the pointer. */
   const point = (what) => {
     for (const each of scenes) Object.assign(each, { hover: what, pointed: each === scene });
     canvas.style.cursor = what ? "pointer" : "";

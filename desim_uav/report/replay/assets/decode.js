@@ -1,12 +1,12 @@
-// From the page's text to typed arrays. A block is deflated, in base64: a line of JSON,
-// [[name, coding, count, bytes, scale], …], and behind it the bodies of its columns.
+// Decodes the page's text into typed arrays. A block is deflated, in base64: a line of JSON,
+// [[name, coding, count, bytes, scale], …], followed by the bodies of its columns.
 
 /** The JSON of a data element. */
 export function readJson(id) {
   return JSON.parse(document.getElementById(id).textContent);
 }
 
-/** Can this browser inflate? */
+/** Whether this browser can inflate. */
 export function canInflate() {
   return typeof DecompressionStream === "function";
 }

@@ -1,4 +1,4 @@
-// What is said of a user, a drone, a station, a request or an event, as rows of [name, value].
+// The details of a user, a drone, a station, a request or an event, as rows of [name, value].
 
 import { covering, requestSoFar } from "./history.js";
 import { clock, kbps, percent, span, userWord, words } from "./palette.js";
@@ -10,7 +10,7 @@ export function describe(state, { what, index }) {
   return { user: ofUser, drone: ofDrone, station: ofStation, request: ofRequest }[what](state, index);
 }
 
-/** How many of a kind there are; the number of a chosen one is below it. */
+/** The number of things of a kind; the index of a chosen one is below it. */
 export function howMany(state, what) {
   const { run, episode } = state;
   return {
@@ -29,7 +29,7 @@ function ofUser(state, u) {
   whereUser(episode, u, state.tUs, x, y);
   const rows = [["place", metres(x[0], y[0])]];
   if (episode.walk.z[u] > 0) rows.push(["height", `${episode.walk.z[u].toFixed(1)} m`]);
-  rows.push(["held by", state.holder[u] >= 0 ? `drone ${state.holder[u]}` : "no drone"]);
+  rows.push(["attached to", state.holder[u] >= 0 ? `drone ${state.holder[u]}` : "no drone"]);
   rows.push(["in the footprints of", drones(covering(state, u))]);
   const own = [...episode.requestsOfUser(u)];
   const asked = own.filter((r) => episode.request.tUs[r] <= state.tUs);
@@ -87,7 +87,7 @@ function ofDrone(state, d) {
   }
   rows.push(["action", action(state, d)]);
   rows.push(["bandwidth in use", shareOf(state.usedBps[d], run.bandwidth_bps)]);
-  rows.push(["its users", usersOf(state, d)]);
+  rows.push(["attached users", usersOf(state, d)]);
   const served = [];
   for (let u = 0; u < run.users && served.length < 13; u += 1) {
     if (state.served[u] && state.holder[u] === d) served.push(u);
@@ -99,7 +99,7 @@ function ofDrone(state, d) {
   return { title: `Drone ${d}`, tag: modeOf(state, d), rows };
 }
 
-/** What the users that a drone holds are doing: 3 served, 1 waiting, 5 not asking. */
+/** The states of the users attached to a drone: 3 served, 1 waiting, 5 not asking. */
 export function usersOf(state, d) {
   let waiting = 0;
   for (let u = 0; u < state.run.users; u += 1) {
@@ -109,7 +109,7 @@ export function usersOf(state, d) {
   return inWords(served, waiting, state.attachedTo[d] - served - waiting) || "no users";
 }
 
-/** What all users are doing. */
+/** The states of all users. */
 export function allUsers(state) {
   const counts = state.counts();
   return inWords(counts[SERVED], counts[WAITING], state.run.users - counts[SERVED] - counts[WAITING]);
@@ -120,7 +120,7 @@ function inWords(served, waiting, rest) {
   return parts.filter(([count]) => count > 0).map(([count, word]) => `${count} ${word}`).join(", ");
 }
 
-/** A bandwidth of a limit, the unit once where it is the same. */
+/** A bandwidth and its limit, with the unit once if both have the same. */
 function shareOf(bps, limitBps) {
   if (limitBps === null) return kbps(bps);
   const [used, unit] = kbps(bps).split(" ");
@@ -132,7 +132,7 @@ export function modeOf(state, d) {
   return words(state.run.modes[state.mode[d]]);
 }
 
-/** What a drone is about, and for how long still. */
+/** The activity of a drone, and the time that is left of it. */
 function action(state, d) {
   const { run, episode } = state;
   const mode = state.mode[d];
@@ -148,7 +148,7 @@ function action(state, d) {
     return leftUs > 0 ? `returns; ${span(leftUs)} left of this hop` : "returns to a station";
   }
   const [told, taken] = [run.actions[episode.step.told[k]], run.actions[episode.step.taken[k]]];
-  const unlike = told && told !== taken ? ` (told ${words(told)})` : "";
+  const unlike = told && told !== taken ? ` (command: ${words(told)})` : "";
   if (mode === FLYING && leftUs > 0) return `${words(taken)}${unlike}, ${span(leftUs)} left`;
   const moved = episode.leg.durationUs[leg] > 0
     && episode.leg.tUs[leg] >= state.stepNow() * run.step_us;
@@ -184,7 +184,7 @@ const TOLD = {
   exit: (e) => `user ${e.user} leaves the footprint of drone ${e.drone}`,
   attach: (e) => `user ${e.user} attaches to drone ${e.drone}`,
   detach: (e) => `user ${e.user} detaches from drone ${e.drone}`,
-  decide: (e) => `drone ${e.drone} is told: ${e.action}`,
+  decide: (e) => `drone ${e.drone} gets the command: ${e.action}`,
   depart: (e) => `drone ${e.drone} departs`,
   blocked: (e) => `drone ${e.drone} is blocked`,
   arrive: (e) => `drone ${e.drone} arrives`,
@@ -196,7 +196,7 @@ const TOLD = {
   respawn: (e) => `drone ${e.drone} is replaced at station ${e.station}`,
 };
 
-/** An event in a sentence, and what it is of. */
+/** An event as a sentence, and the user or drone it concerns. */
 export function tell(state, i) {
   const { run, episode } = state;
   const { event } = episode;

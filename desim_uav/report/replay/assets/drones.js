@@ -1,4 +1,4 @@
-// Drones on the map: where they are and have been, their batteries, and where they fell.
+// Drones on the map: their positions, paths, batteries and crashes.
 
 import { clock, droneColour, FONT, inkOn } from "./palette.js";
 import { CRASHED, RETURNING } from "./states.js";
@@ -6,7 +6,7 @@ import { CRASHED, RETURNING } from "./states.js";
 const at = [0, 0, 0];
 const place = [0, 0, 0];
 
-/** Where drones have been in this episode. Of many, that of the chosen one. */
+/** The paths of drones in this episode; if there are many drones, only that of the chosen one. */
 export function drawPaths(scene) {
   const { ctx } = scene;
   scene.drones.forEach((drone, d) => {
@@ -139,7 +139,7 @@ export function drawBody(ctx, theme, d, x, y, r, hollow, numbered = true) {
   ctx.fillText(d, x, y + 0.5);
 }
 
-/** A ring of as much of a circle as the battery is full. */
+/** A ring that shows the charge of the battery as a share of a circle. */
 export function drawBattery(ctx, theme, share, x, y, r, width) {
   if (share === null) return;
   ctx.lineWidth = width;
@@ -178,7 +178,7 @@ export function drawCrashes(scene) {
   }
 }
 
-/** The names of what lies crashed, above all else, one below the other. */
+/** The names of crashed drones, above everything else, one below the other. */
 export function nameFallen(scene) {
   const rows = new Map();
   for (const { text, x, y } of scene.fallen) {

@@ -1,4 +1,4 @@
-// One episode as it was logged: what was asked, what happened, who was where. Nothing here changes.
+// One episode as it was logged: requests, events and positions. Nothing here changes.
 
 export const US = 1e6;
 
@@ -63,12 +63,12 @@ export class Episode {
 
   // ---- drones
 
-  /** The number of the leg drone d is on, or was on last, at a time. */
+  /** The number of the present or latest leg of drone d at a time. */
   legAt(d, tUs) {
     return lastUpTo(this.leg.tUs, this.leg.first[d], this.leg.first[d + 1], tUs);
   }
 
-  /** Where drone d is: x, y, z in metres, written into `place`. Exact: the closed form of its leg. */
+  /** Write the exact position of drone d into `place`, x, y, z in metres, by the closed form of its leg. */
   dronePlace(d, tUs, place) {
     const { leg } = this;
     const k = this.legAt(d, tUs);
@@ -79,14 +79,14 @@ export class Episode {
     return place;
   }
 
-  /** How much of a leg has been flown, 0 … 1. */
+  /** The share of a leg that has been flown, 0 … 1. */
   shareOfLeg(k, tUs) {
     const elapsedUs = tUs - this.leg.tUs[k];
     if (elapsedUs >= this.leg.durationUs[k]) return 1;
     return travelled(this.run.profiles[this.leg.profile[k]], elapsedUs / US);
   }
 
-  /** What the battery of drone d holds, in microseconds of autonomy; null where it is unlimited. */
+  /** The charge of drone d's battery, in microseconds of autonomy; null if it is unlimited. */
   batteryUs(d, tUs) {
     const { battery } = this;
     if (battery === null) return null;
@@ -100,7 +100,7 @@ export class Episode {
 
   // ---- users
 
-  /** Where all users are: x and y in metres, written into two arrays. */
+  /** Write the positions of all users into two arrays, x and y in metres. */
   userPlaces(tUs, x, y) {
     const { walk, near } = this;
     for (let u = 0; u < near.length; u += 1) {
@@ -118,7 +118,7 @@ export class Episode {
     }
   }
 
-  // ---- events by what they concern, found when first asked for
+  // ---- events by the user or drone they concern, computed on first use
 
   /** The numbers of a user's events, in order. */
   eventsOfUser(u) {
@@ -126,7 +126,7 @@ export class Episode {
     return this.byUser(u);
   }
 
-  /** The numbers of a drone's own events (of no user), in order. */
+  /** The numbers of a drone's own events (without a user), in order. */
   eventsOfDrone(d) {
     this.byDrone ??= grouped(
       this.event.drone.map((drone, i) => (this.event.user[i] < 0 ? drone : -1)),
@@ -161,7 +161,7 @@ function offsets(counts) {
   return first;
 }
 
-/** The last place in times[begin … end) that is not after t; `begin` where all are. */
+/** The last index in times[begin … end) that is not after t, or `begin` if all are. */
 export function lastUpTo(times, begin, end, t) {
   let low = begin;
   let high = end;
@@ -173,7 +173,7 @@ export function lastUpTo(times, begin, end, t) {
   return Math.max(begin, low - 1);
 }
 
-/** The share of its way that a transit has made, `elapsedS` after its start. */
+/** The share of a transit's distance that is flown `elapsedS` after its start. */
 function travelled(profile, elapsedS) {
   let phase = 0;
   while (phase + 1 < profile.length && profile[phase + 1][0] <= elapsedS) phase += 1;

@@ -1,6 +1,6 @@
-// What has become of a request or a user up to a moment, read from the user's events.
+// The history of a request or a user up to an instant, from the user's events.
 
-/** What a request has had so far: times in microseconds, null what has not come yet. */
+/** The history of a request so far: times in microseconds, null for what has not happened. */
 export function requestSoFar(state, r) {
   const { episode, run, sums } = state;
   const { event, request } = episode;
@@ -32,7 +32,7 @@ export function requestSoFar(state, r) {
   return found;
 }
 
-/** A service of 0 µs leaves no trace. */
+/** A service of 0 µs does not count. */
 function spell(found, untilUs) {
   if (untilUs <= found.sinceUs) return;
   found.servedUs += untilUs - found.sinceUs;
@@ -40,7 +40,7 @@ function spell(found, untilUs) {
   if (found.drones.at(-1) !== found.by) found.drones.push(found.by);
 }
 
-/** The drones whose footprints a user is in. */
+/** The drones whose footprints contain a user. */
 export function covering(state, u) {
   const found = new Set();
   const { event } = state.episode;

@@ -1,4 +1,4 @@
-// What of the page is open: the charts, the panel, the legend. The map takes what is left.
+// Which parts of the page are open: charts, panel and legend. The map takes the remaining space.
 
 import { byId } from "./rows.js";
 
@@ -24,7 +24,7 @@ export class Layout {
     this.changed();
   }
 
-  /** The pixels at the left and right of map k that the legend and the buttons take. */
+  /** The pixels at the left and right of map k that the legend and the buttons cover. */
   taken(k) {
     if (window.innerWidth < WIDE || k > 0) return [0, 0];
     const box = byId("legend");

@@ -48,7 +48,7 @@ export class Legend {
       drawBody(ctx, theme, 0, X, Y, 5, false, false);
     });
     if (battery) {
-      this.#row(list, "returning: serves nobody", (ctx, theme) => {
+      this.#row(list, "returning, without service", (ctx, theme) => {
         drawBattery(ctx, theme, 0.15, X, Y, 7, 2);
         drawBody(ctx, theme, 0, X, Y, 5, true, false);
       });
@@ -71,7 +71,7 @@ export class Legend {
       strokeLine(ctx, droneColour(0), 2, [[2, 15], [10, 15], [10, 6], [24, 6]]);
     });
     if (run.three_d) {
-      this.#row(list, "the ground below it (3D)", (ctx) => {
+      this.#row(list, "the point on the ground below it (3D)", (ctx) => {
         strokeLine(ctx, droneColour(0), 1.25, [[X, 2], [X, 15]]);
         ctx.fillStyle = droneColour(0);
         ctx.beginPath();
@@ -94,7 +94,7 @@ export class Legend {
         ctx.scale(0.8, 0.8);
         drawStation(ctx, theme, 0, 0, 1.5);
       });
-      this.#row(list, "its pad, with a drone that charges", (ctx, theme) => {
+      this.#row(list, "its pad, with a charging drone", (ctx, theme) => {
         drawPad(ctx, theme, X, Y, 8);
         drawBody(ctx, theme, 0, X, Y, 5, false, false);
       });
@@ -117,14 +117,14 @@ export class Legend {
         ctx.stroke();
       });
     }
-    this.#row(list, "what is chosen or pointed at", (ctx, theme) => {
+    this.#row(list, "chosen, or at the pointer", (ctx, theme) => {
       ctx.strokeStyle = theme.accent;
       ctx.lineWidth = 2;
       ctx.beginPath();
       ctx.arc(X, Y, 8, 0, 2 * Math.PI);
       ctx.stroke();
     });
-    this.#row(list, "walk of the chosen user, past and to come", (ctx, theme) => {
+    this.#row(list, "walk of the chosen user, past and future", (ctx, theme) => {
       strokeLine(ctx, theme.ink, 1.25, [[1, 14], [8, 6], [14, 11]]);
       ctx.setLineDash([1, 4]);
       strokeLine(ctx, theme.ink, 1.25, [[14, 11], [25, 5]]);

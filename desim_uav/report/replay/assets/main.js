@@ -1,18 +1,18 @@
-// The page: the data, the player, and what shows it. `window.replay` is for scripts and tests:
+// The page: its data, the player, and the views. `window.replay` is for scripts and tests:
 //
 //   await replay.ready                      the first episode is drawn
 //   replay.episodes                         the numbers of the episodes of this page
-//   await replay.seek(episode, t_s, phase)  show a time; of that instant, phases up to `phase` (all)
-//   replay.state(k)                         what is shown of run k (0): drones, users, stations, measures
+//   await replay.seek(episode, t_s, phase)  show a time, after the events of `phase` (all) then
+//   replay.state(k)                         the state of run k (0): drones, users, stations, measures
 //   replay.runs                             the policies of the runs of this page
 //   replay.stepEvent(1 or -1, [kinds])      to the next event of these kinds (all), or the one before;
-//                                           {kind, t_s, text} of it, null where there is none
+//                                           returns {kind, t_s, text}, or null if there is none
 //   replay.play(), replay.pause(), replay.setSpeed(times)
 //   replay.select({what: "user" | "drone" | "station" | "request", index} or null)
-//   replay.where({what, index}, k)          where that is on the map of run k (0): pixels of the window
-//   replay.scale(k)                         the scale bar of that map: metres, and pixels long
+//   replay.where({what, index}, k)          its place on the map of run k (0), in pixels of the window
+//   replay.scale(k)                         the length of that map's scale bar, in metres and pixels
 //   replay.draw()                           draw once, now
-// What they change is drawn and said when they are done.
+// When they return, the change is drawn and announced.
 
 import { Camera } from "./camera.js";
 import { wire } from "./controls.js";
@@ -103,7 +103,7 @@ function start() {
   const observer = new ResizeObserver(resize);
   for (const { canvas } of [...scenes, timeline]) observer.observe(canvas);
 
-  // ---- what changes
+  // ---- changes
   const address = addressOf(player);
   player.addEventListener("moment", () => {
     redraw();
@@ -192,7 +192,7 @@ function mapOf(k, count) {
   return canvas;
 }
 
-/** The part of the address behind #: which moment is shown, of what. */
+/** The part of the address behind #: the instant, and the chosen thing. */
 function addressOf(player) {
   const { run } = player;
   let timer = 0;
@@ -263,7 +263,7 @@ function scripted(runs, player, scenes, ready, draw, show) {
   });
 }
 
-/** All that is shown, in plain values. */
+/** The whole state as plain values. */
 function told(run, player, state) {
   const { episode } = state;
   const [x, y] = [new Float64Array(run.users), new Float64Array(run.users)];

@@ -1,4 +1,4 @@
-// Colours of drones and users, which the page is given with its data, shapes of services, and words.
+// Colours of drones and users, which are part of the page's data, shapes of services, and words.
 
 const looks = { drones: ["#000000"], users: [] };
 
@@ -15,7 +15,7 @@ export const SHAPES = ["circle", "square", "triangle", "diamond", "cross", "star
 
 export const FONT = "system-ui, -apple-system, 'Segoe UI', sans-serif";
 
-/** Black or white, whichever is read on a colour. */
+/** Black or white, whichever is legible on a colour. */
 export function inkOn(colour) {
   const [r, g, b] = [1, 3, 5].map((at) => {
     const c = parseInt(colour.slice(at, at + 2), 16) / 255;
@@ -24,7 +24,7 @@ export function inkOn(colour) {
   return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.22 ? "#111418" : "#FFFFFF";
 }
 
-/** The colours of the present theme, which the style sheet holds. */
+/** The colours of the present theme, from the style sheet. */
 export function readTheme() {
   const style = getComputedStyle(document.documentElement);
   const of = (name) => style.getPropertyValue(`--${name}`).trim();
@@ -76,7 +76,7 @@ const DAY_US = 86400e6;
 const two = (number) => String(number).padStart(2, "0");
 
 /** A time as h:mm:ss, 0:12:34, or with so many digits of a second, 0:12:34.567; from the second day
- *  on the day stands before it. */
+ *  on with the day before it. */
 export function clock(us, digits = 0) {
   const unit = 10 ** (6 - digits);
   const cut = Math.floor(us / unit) * unit;
@@ -85,7 +85,7 @@ export function clock(us, digits = 0) {
   return `${hoursAndMinutes(cut)}:${two(seconds)}${part}`;
 }
 
-/** A time as h:mm where it is a whole minute, else as h:mm:ss. */
+/** A time as h:mm if it is a whole minute, else as h:mm:ss. */
 export const shortClock = (us) => (us % MINUTE_US === 0 ? hoursAndMinutes(us) : clock(us));
 
 function hoursAndMinutes(us) {
@@ -94,7 +94,7 @@ function hoursAndMinutes(us) {
   return `${day ? `day ${day + 1}, ` : ""}${Math.floor(minutes / 60)}:${two(minutes % 60)}`;
 }
 
-/** A length of time: 48 s, 12 min 5 s. */
+/** A duration: 48 s, 12 min 5 s. */
 export function span(us) {
   const s = us / 1e6;
   if (s < 60) return `${s < 10 && s % 1 ? s.toFixed(1) : Math.round(s)} s`;

@@ -1,4 +1,4 @@
-// The words beside the map: clock, measures, drones, and what is chosen; of two runs, side by side.
+// The text beside the map: clock, measures, drones and the chosen thing; two runs are side by side.
 
 import { allUsers, describe, howMany, modeOf, tell, usersOf } from "./details.js";
 import { clock, droneColour, inkOn, percent, shortClock } from "./palette.js";
@@ -18,7 +18,7 @@ const MEASURES = [
   ["crashes", "Drones that have crashed so far", (now) => String(now.crashes)],
 ];
 
-/** The name of a run: its policy; of two with one policy, with their letters too. */
+/** The name of a run: its policy, with a letter if two runs have the same policy. */
 export function nameOf(runs, k) {
   return runs.length === 1 ? runs[k].policy : `${LETTERS[k]}: ${runs[k].policy}`;
 }
@@ -74,7 +74,7 @@ export class Panel {
     }
   }
 
-  /** One run: a grid of names with values. Two: a table with a column for each. */
+  /** One run gives a grid of names with values, two runs a table with a column for each. */
   #fillMeasures() {
     const { runs } = this;
     const pair = runs.length > 1;
@@ -128,7 +128,7 @@ export class Panel {
     return { button, mode, users, fill, left };
   }
 
-  /** Say what is so now. */
+  /** Show the present state. */
   update() {
     const { player } = this;
     const { states, state, tUs } = player;
@@ -189,7 +189,7 @@ export class Panel {
     byId("chosen-tag").hidden = states.length > 1;
   }
 
-  /** The event that has happened last. */
+  /** The latest event. */
   #updateNow() {
     const { k, i } = this.player.told ?? this.#lastEvent();
     this.nowOf = null;
@@ -210,7 +210,7 @@ export class Panel {
     return last;
   }
 
-  /** The sentence about the present moment, to be read out. */
+  /** The sentence about the present instant, for screen readers. */
   announce() {
     const { states, state, told, tUs } = this.player;
     const text = told ? `${clock(tUs, 1)}, ${tell(states[told.k], told.i).text}`
@@ -218,7 +218,7 @@ export class Panel {
     setText(byId("live"), text);
   }
 
-  /** The largest number that can be chosen of a kind. */
+  /** The largest index of a kind that can be chosen. */
   limit(what) {
     return this.player.state ? howMany(this.player.state, what) - 1 : 0;
   }

@@ -1,5 +1,5 @@
-// What is shown: an episode, a moment of it, and what is chosen, of one run or of two in step.
-// Everything else looks at this.
+// The episode, the instant and the chosen thing, for one run or for two in step.
+// All views read them.
 
 import { readBlock } from "./decode.js";
 import { Episode } from "./episode.js";
@@ -22,7 +22,7 @@ export class Player extends EventTarget {
     this.states = []; // of each run, once there are any
   }
 
-  /** Show an episode, by its place in the page, at a time. */
+  /** Show an episode, by its index in the page, at a time. */
   async open(index, tUs = 0, phase = null) {
     this.wanted = index;
     const states = await this.#statesOf(index);
@@ -53,7 +53,7 @@ export class Player extends EventTarget {
 
   get episode() { return this.state.episode; }
 
-  /** How long the episode is: of two, the longer one. */
+  /** The duration of the episode; with two runs, that of the longer one. */
   get durationUs() { return Math.max(...this.states.map((state) => state.episode.durationUs)); }
 
   seek(tUs, phase = null) {
@@ -106,7 +106,7 @@ export class Player extends EventTarget {
     this.#say("playing");
   }
 
-  /** Let so much real time go by. */
+  /** Advance by an amount of real time. */
   advance(ms) {
     this.seek(this.tUs + ms * 1000 * this.speed);
     if (this.tUs >= this.durationUs) this.pause();

@@ -1,4 +1,4 @@
-// Small helpers for the words beside the map.
+// Helpers for the text beside the map.
 
 export const byId = (id) => document.getElementById(id);
 
@@ -13,7 +13,7 @@ export function setText(node, text) {
   if (node.textContent !== text) node.textContent = text;
 }
 
-/** Rows of names and values; what is there already is used again. */
+/** Show rows of names and values; existing elements are reused. */
 export function fillRows(list, rows) {
   while (list.children.length > 2 * rows.length) list.lastChild.remove();
   while (list.children.length < 2 * rows.length) list.append(element(list.children.length % 2 ? "dd" : "dt"));

@@ -11,14 +11,14 @@ export function roundDown(value) {
   return [5, 2, 1].find((digit) => digit * power <= value) * power;
 }
 
-/** How long the bar is: in metres, in pixels, and in words. */
+/** The length of the bar in metres, in pixels, and in words. */
 export function scaleOf(camera) {
   const metres = roundDown(Math.min(LONGEST_PX, LONGEST_SHARE * camera.width) / camera.pixelsPerMetre);
   const text = metres >= 1000 ? `${metres / 1000} km` : `${+metres.toPrecision(1)} m`;
   return { metres, pixels: metres * camera.pixelsPerMetre, text };
 }
 
-/** Draw the bar in the lower left corner. In perspective it holds in the middle of the picture. */
+/** Draw the bar in the lower left corner. In perspective it is valid in the middle of the picture. */
 export function drawScale(scene) {
   const { ctx, camera, theme } = scene;
   const { pixels, text } = scaleOf(camera);

@@ -1,4 +1,4 @@
-// The map at a moment: ground, stations and their queues, users, links, drones, crashes.
+// The map at an instant: ground, stations and their queues, users, links, drones and crashes.
 
 import { drawCrashes, drawDrones, drawPaths, nameFallen } from "./drones.js";
 import { droneColour, FONT } from "./palette.js";
@@ -39,7 +39,7 @@ export class Scene {
     this.backdropOf = null;
   }
 
-  /** Fit the canvas to its box, of which so many pixels at the left and right are taken. */
+  /** Fit the canvas to its box, some pixels of which are covered at the left and right. */
   resize(left = 0, right = 0) {
     const { clientWidth: width, clientHeight: height } = this.canvas;
     this.ratio = Math.min(3, window.devicePixelRatio || 1);
@@ -73,7 +73,7 @@ export class Scene {
     drawScale(this);
   }
 
-  /** Move the map so that what is chosen can be seen. */
+  /** Move the map so that the chosen thing is visible. */
   reveal(what) {
     const { camera, state } = this;
     if (!what || !state || camera.tilted || this.followed >= 0) return;
@@ -83,7 +83,7 @@ export class Scene {
     camera.pan(camera.middleX - px, camera.middleY - py);
   }
 
-  /** The drone, user or station next to a point of the picture; null where there is none. */
+  /** The drone, user or station next to a point of the picture, or null if there is none. */
   nearest(px, py, reach = 16) {
     let best = null;
     let nearest = reach * reach;
@@ -97,7 +97,7 @@ export class Scene {
     return best;
   }
 
-  // ---- where everything is
+  // ---- positions
 
   #locate() {
     const { state, camera, run } = this;
@@ -166,7 +166,7 @@ export class Scene {
     ctx.globalAlpha = 1;
   }
 
-  /** Around what is chosen, and, thinner, around what the pointer is at. */
+  /** Rings around the chosen thing and, thinner, around the one at the pointer. */
   #drawRing() {
     const { ctx, theme } = this;
     for (const [what, width] of [[this.hover, 1.25], [this.selection, 2]]) {
@@ -180,14 +180,14 @@ export class Scene {
     }
   }
 
-  /** How full a drone's battery is, 0 … 1; null where it is unlimited. */
+  /** The charge of a drone's battery, 0 … 1, or null if it is unlimited. */
   batteryOf(d) {
     const { run, state } = this;
     if (run.capacity_us === null) return null;
     return Math.max(0, Math.min(1, state.episode.batteryUs(d, state.tUs) / run.capacity_us));
   }
 
-  /** Where something is in the picture. */
+  /** The place of something in the picture. */
   whereIs({ what, index }) {
     if (what === "drone") return this.drones[index];
     if (what === "station") return this.stations[index];

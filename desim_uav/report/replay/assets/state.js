@@ -1,7 +1,7 @@
-// Who is held, served, waiting, and what every drone is about: the events of an episode, replayed.
+// The states of users and drones at an instant, by replaying the events of an episode.
 //
-// Events stand in a reader's order: by instant, by phase, and in a phase what lets go of a user
-// before what takes it. Copies of the state every so many events make any moment near.
+// Events are ordered by instant, by phase, and within a phase those that release a user come before
+// those that take one. Copies of the state at intervals make every instant quick to reach.
 
 import {
   ATTACHED, CHARGED, CHARGING, CRASHED, FLYING, IDLE, QUEUED, RETURNING, SERVED, WAITING,
@@ -46,8 +46,8 @@ export class State {
 
   // ---- moving in time
 
-  /** Go to a time, in microseconds. Of that instant itself, phases up to `phase` have happened:
-   *  all, but at the episode's end only what comes before everything is let go of. */
+  /** Go to a time, in microseconds, after the events of `phase` at that instant. The default is all
+   *  phases, and at the episode's end those before all users are released. */
   seek(tUs, phase = null) {
     const { event, durationUs } = this.episode;
     const t = Math.min(Math.max(Math.round(tUs), 0), durationUs);
@@ -57,7 +57,7 @@ export class State {
     this.tUs = t;
   }
 
-  /** Go to right after event number i has happened. */
+  /** Go to the state right after event number i. */
   seekEvent(i) {
     this.#goTo(i + 1);
     this.tUs = this.episode.event.tUs[i];
@@ -65,7 +65,7 @@ export class State {
   }
 
   /** The number of the next event (direction 1) or that before the present one (-1) whose kind is
-   *  among `kinds` (null: all); -1 where there is none. `past`: the event that has just happened is
+   *  among `kinds` (null: all), or -1 if there is none. `past`: the event that has just happened is
    *  the present one, and does not count as before it. */
   findEvent(direction, kinds, past) {
     const { event } = this.episode;
@@ -93,7 +93,7 @@ export class State {
     this.sums.next = i + 1;
   }
 
-  /** Forward, or back as far as nothing has happened. Times are whole microseconds, so that two
+  /** Let time pass, forwards, or backwards if no event is between. Times are whole microseconds, so two
    *  of the three integrals are exact. */
   #integrateTo(tUs) {
     const { sums } = this;
@@ -119,7 +119,7 @@ export class State {
     }
   }
 
-  /** Once from beginning to end: copies on the way, the course of the measures, marks. */
+  /** Play once from beginning to end, for the copies, the curves of the measures, and the marks. */
   #readThrough() {
     const { event, durationUs } = this.episode;
     const every = Math.max(256, Math.ceil(event.count / COPIES));
@@ -178,7 +178,7 @@ export class State {
     return this.copies[low];
   }
 
-  // ---- what events do
+  // ---- the effects of events
 
   _nothing() {}
 
@@ -256,9 +256,9 @@ export class State {
     this.sinceUs[d] = tUs;
   }
 
-  // ---- what can be asked
+  // ---- queries
 
-  /** The measures so far, as the README defines them; null where nothing was asked for. */
+  /** The measures so far; null if there was no request. */
   measures() {
     const { sums, run, episode } = this;
     const steps = Math.min(episode.step.count, Math.floor(sums.atUs / run.step_us));
@@ -274,7 +274,7 @@ export class State {
     };
   }
 
-  /** What a user is doing: IDLE, ATTACHED, WAITING or SERVED. */
+  /** The state of a user: IDLE, ATTACHED, WAITING or SERVED. */
   userState(u) {
     if (this.request[u] >= 0) return this.served[u] ? SERVED : WAITING;
     return this.holder[u] >= 0 ? ATTACHED : IDLE;
@@ -302,7 +302,7 @@ export class State {
   }
 }
 
-/** How many events have happened by a time; of that instant, those of phases up to `last`. */
+/** The number of events up to a time, after phase `last` of that instant. */
 function countUpTo(event, tUs, last) {
   let low = 0;
   let high = event.count;

@@ -1,4 +1,4 @@
-// What users and drones can be about; the words for users come with the page's data.
+// The states of users and drones; the words for users are part of the page's data.
 
 export const IDLE = 0;
 export const ATTACHED = 1;

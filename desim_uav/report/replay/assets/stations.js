@@ -1,10 +1,10 @@
-// Charging stations on the map: their pads, and those that wait for one.
+// Charging stations on the map: their pads, and the drones that wait for one.
 
 import { drawBattery, drawBody } from "./drones.js";
 
 const BOLT = [[1.5, -7], [-5, 1.5], [-0.5, 1.5], [-1.5, 7], [5, -1.5], [0.5, -1.5]];
 
-/** A station, its pads below it, and those that wait for one. */
+/** A station, its pads below it, and the drones that wait for one. */
 export function drawStations(scene) {
   const { ctx, theme, run } = scene;
   scene.stations.forEach(({ px, py, dock }, s) => {
@@ -62,7 +62,7 @@ function drawDock(scene, px, py, dock, pads) {
   });
 }
 
-/** A pad: a square of half a side r. */
+/** A pad: a square with side 2 r. */
 export function drawPad(ctx, theme, x, y, r) {
   ctx.strokeStyle = theme.ink;
   ctx.fillStyle = theme.paper;

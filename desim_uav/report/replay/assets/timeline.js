@@ -1,4 +1,4 @@
-// The course of an episode under the map: what happened to drones, and the measures so far.
+// The timeline of an episode under the map: the events of drones, and the measures so far.
 
 import { clock, droneColour, FONT, percent, shortClock } from "./palette.js";
 
@@ -33,7 +33,7 @@ export class Timeline {
     this.stale = true;
   }
 
-  /** The drone whose battery stands out; -1: none. */
+  /** The drone whose battery is highlighted, or -1. */
   select(d) {
     if (d === this.selected) return;
     this.selected = d;
@@ -51,7 +51,7 @@ export class Timeline {
     this.stale = true;
   }
 
-  /** The time under a place of the picture. */
+  /** The time at a place of the picture. */
   timeAt(px) {
     const share = (px - this.left) / (this.width - this.left - RIGHT);
     return Math.round(Math.min(1, Math.max(0, share)) * this.durationUs);
@@ -129,7 +129,7 @@ export class Timeline {
     this.stale = false;
   }
 
-  /** Without charts: a line to move along. */
+  /** Without charts: a slider. */
   #drawTrack(ctx) {
     ctx.strokeStyle = this.theme.line;
     ctx.lineWidth = 1;
@@ -181,7 +181,7 @@ export class Timeline {
     }
   }
 
-  /** Crashes as crosses, charges as bars from the first moment on a pad to the last. */
+  /** Crashes as crosses, and charging as bars from the beginning to the end of the time on a pad. */
   #drawMarks(ctx) {
     this.states.forEach((state, k) => this.#drawMarksOf(ctx, state, k));
   }
@@ -239,7 +239,7 @@ export class Timeline {
     ctx.lineCap = "round";
   }
 
-  /** The names of the lanes, and what they come to now. */
+  /** The names of the lanes and their present values. */
   #drawValues() {
     const { ctx, theme, states } = this;
     const now = states.map((state) => state.measures());

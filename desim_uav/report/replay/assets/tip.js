@@ -1,4 +1,4 @@
-// The words at the pointer: beside what they are about, never on it, and inside the window.
+// The tooltip at the pointer: beside its subject, never on it, and inside the window.
 
 import { describe } from "./details.js";
 import { fillRows } from "./rows.js";
@@ -26,7 +26,7 @@ export function updateTip(tip, player, scene) {
   tip.style.transform = `translate(${Math.round(left)}px, ${Math.round(top)}px)`;
 }
 
-/** What is pointed at, in pixels of the window. */
+/** The box of the thing at the pointer, in pixels of the window. */
 function boxAround(scene, what) {
   const { px, py } = scene.whereIs(what);
   const canvas = scene.canvas.getBoundingClientRect();
@@ -34,7 +34,7 @@ function boxAround(scene, what) {
   return { left: x - reach, right: x + reach, top: y - reach, bottom: y + BELOW[what.what] };
 }
 
-/** The first place beside a box where so much fits into the window: right, left, below, above. */
+/** The first place beside a box that has room in the window: right, left, below, above. */
 export function beside(box, width, height) {
   const { innerWidth, innerHeight } = window;
   const within = (at, size, room) => Math.max(EDGE, Math.min(room - size - EDGE, at));

@@ -1,4 +1,4 @@
-// Users on the map: by state and service, with the walk of the chosen one and links to who serves.
+// Users on the map, by state and service, with the walk of the chosen one and links to their drones.
 
 import { Crowd, stampOf } from "./crowd.js";
 import { droneColour, SHAPES, trace, userColour } from "./palette.js";
@@ -9,7 +9,7 @@ export const MANY_USERS = 1500;
 export const RADII = [3, 4, 5.2, 5.2]; // by state
 const RADII_FAR = [1, 1.6, 1.5, 2.3];
 
-/** Users are stamped: a small picture for each state and service. */
+/** The stamps of users: a small picture for each state and service. */
 export function drawUsers(scene) {
   const { ctx, run, state } = scene;
   const { request } = state.episode;
@@ -73,7 +73,7 @@ function userSprite(scene, doing, service) {
   return sprite;
 }
 
-/** From a drone to the users it serves. */
+/** Lines from a drone to the users it serves. */
 export function drawLinks(scene) {
   const { ctx, run, state } = scene;
   const paths = new Map();
@@ -96,7 +96,7 @@ export function drawLinks(scene) {
   ctx.globalAlpha = 1;
 }
 
-/** The walk of the chosen user: what it has walked, and, dotted, what it will. */
+/** The walk of the chosen user: solid up to now, dotted after that. */
 export function drawWalk(scene) {
   const u = scene.selection?.what === "user" ? scene.selection.index : -1;
   if (u < 0) return;
@@ -122,7 +122,7 @@ export function drawWalk(scene) {
   ctx.globalAlpha = 1;
 }
 
-/** A user of thousands: what is served is larger. */
+/** A user among thousands; served users are larger. */
 function drawDot(ctx, x, y, r, doing, service) {
   ctx.beginPath();
   trace(ctx, service < 0 ? "circle" : SHAPES[service % SHAPES.length], x, y, r);
@@ -130,7 +130,7 @@ function drawDot(ctx, x, y, r, doing, service) {
   ctx.fill();
 }
 
-/** A user: by its state, and where it has a request by the shape of its service. */
+/** A user, by its state and, if it has a request, with the shape of its service. */
 export function drawUser(ctx, x, y, r, doing, service, theme, ink = null) {
   const shape = service < 0 ? "circle" : SHAPES[service % SHAPES.length];
   const colour = ink ?? userColour(doing);

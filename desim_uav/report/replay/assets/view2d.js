@@ -61,5 +61,5 @@ function drawGrid(ctx, [left, top, right, bottom], [nx, ny], theme) {
   ctx.stroke();
 }
 
-/** The taller, the stronger. */
+/** The shade of a building, stronger for taller ones. */
 export const roof = (theme, share) => between(theme["roof-low"], theme["roof-high"], share);

@@ -1,5 +1,5 @@
-// The city in perspective: the ground, and buildings as boxes, those behind first. Boxes let through
-// what stands behind them, so that no user is out of sight.
+// The city in perspective: the ground, and buildings as boxes, the farther ones first. Boxes are
+// translucent, so that no user is hidden.
 
 import { between } from "./palette.js";
 import { roof } from "./view2d.js";
