@@ -1,1 +1,1 @@
-"""What is done with a scenario: runs, and what stands on runs."""
+"""Work with a scenario: runs, trainings, comparisons, sweeps and their folders."""

@@ -212,7 +212,7 @@ def _check_portable(policies: Mapping[str, PolicyLike]) -> None:
     for name, policy in policies.items():
         try:
             pickle.dumps(policy)
-        except Exception as error:  # whatever a user's object raises
+        except Exception as error:  # a user's object may raise anything
             raise UsageError(
                 f"-j, jobs: policy {name!r} cannot be sent to another process ({error}); use jobs=1"
             ) from error

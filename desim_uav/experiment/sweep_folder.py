@@ -66,7 +66,7 @@ class SweepFolder:
             begun = self._begun()
             if begun and not resume:
                 raise UsageError(
-                    f"--out {self.out}: the folder holds a sweep; --resume continues it"
+                    f"--out {self.out}: the folder holds a sweep; continue it with --resume"
                 )
             if begun and (self.out / MANIFEST).exists():
                 self._check(plan)

@@ -252,7 +252,7 @@ def _new(scenario: Scenario, out: Path | None) -> Path:
 
 
 def _not_begun(scenario: Scenario, out: Path | None) -> Path:
-    """A new folder. Raises UsageError, which names ``--resume`` if there is a training in it."""
+    """Return a new folder. Raises UsageError, with a hint at ``--resume`` for a training."""
     with suppress(OSError):  # of what cannot be read, ``_new`` says more
         if out is not None and _is_begun(out):
             raise UsageError(

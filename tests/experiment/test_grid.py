@@ -72,7 +72,7 @@ def test_ranges_hold_both_ends(values, meant):
         ("k=1,,2", "a value is empty"),
         ("k=1,", "a value is empty"),
         ("k", "must be key.path=value"),
-        ("seed=1,2", "choose the first and their number"),
+        ("seed=1,2", "choose the first seed and the number of seeds"),
     ],
 )
 def test_what_is_no_grid_is_refused(override, said):

@@ -431,7 +431,7 @@ class TestRefused:
     @pytest.mark.parametrize(
         ("flags", "code", "said"),
         [
-            (("-S", "seed=1,2"), 2, "choose the first and their number"),
+            (("-S", "seed=1,2"), 2, "choose the first seed and the number of seeds"),
             (("-S", "episode.steps"), 2, "must be key.path=value"),
             (("-S", "episode.steps=3", "-S", "episode.steps=4"), 2, "given twice"),
             (("-S", "episode.steps=5:3"), 2, "contains no value"),
@@ -470,7 +470,7 @@ class TestFolder:
     def test_of_a_sweep_needs_resume(self, swept):
         swept("--seeds", 1)
         swept("--seeds", 1).failed(
-            2, "--out out: the folder holds a sweep; use --resume to continue it"
+            2, "--out out: the folder holds a sweep; continue it with --resume"
         )
 
     def test_of_something_else(self, swept):

@@ -122,7 +122,7 @@ def _explain(axes: Axes, drawn: Axes, window: int, seeds: Sequence[int]) -> None
 
 
 def read_training(folder: Path) -> Trained:
-    """Read a training folder. Raises PolicyError if it is none or the training has not ended."""
+    """Read a training folder. Raises PolicyError if it is not one or has not ended."""
     if folder.is_dir() and not (folder / "training.parquet").exists():
         known = (folder / "checkpoint.npz").exists()
         raise PolicyError(
