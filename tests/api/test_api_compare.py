@@ -85,7 +85,7 @@ class TestPolicies:
     @pytest.mark.parametrize(
         ("policies", "options", "error", "part"),
         [
-            ([], {}, UsageError, "none to compare"),
+            ([], {}, UsageError, "the list is empty"),
             ("hover", {}, UsageError, "write a list"),
             (["hover", "hover"], {}, UsageError, "twice"),
             (["hover", "hoover"], {}, PolicyError, "hoover"),
