@@ -31,13 +31,13 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
+from desim_uav.engine.compiled.memory import BUCKETS_X
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import Engine, RunSettings
-from desim_uav.engine.batch import BatchSimulation, calls
-from desim_uav.engine.batch.memory import BUCKETS_X
-from desim_uav.engine.batch.pack import pack
+from desim_uav.engine.compiled import BatchSimulation, calls
+from desim_uav.engine.compiled.pack import pack
 from desim_uav.engine.des import Simulation
 from desim_uav.model import coverage
 from desim_uav.model.rules import Action

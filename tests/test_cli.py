@@ -15,7 +15,7 @@ import typer
 
 import desim_uav
 from desim_uav.cli import app
-from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment import command
 from tests.command_line import START, elsewhere, runner, with_plug_ins

@@ -11,7 +11,7 @@ from typing import Any
 import pandas as pd
 
 from desim_uav.api.arguments import MOST_TRAINING, ScenarioLike, command_of, opened, whole
-from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.progress import training_progress

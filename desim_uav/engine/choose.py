@@ -20,7 +20,7 @@ def make_engine(name: str, world: World, settings: RunSettings) -> Engine:
     """The engine of this name. Raises the errors of ``check_engine``."""
     check_engine(name, world, settings.keep_events)
     if name == "batch":
-        from desim_uav.engine.batch import BatchSimulation
+        from desim_uav.engine.compiled import BatchSimulation
 
         return BatchSimulation(world, settings)
     from desim_uav.engine.des import Simulation
@@ -54,6 +54,6 @@ def engine_for(world: World, say: Callable[[str], None] = notice) -> str:
 
 
 def _lacking(world: World) -> list[str]:
-    from desim_uav.engine.batch.pack import lacking
+    from desim_uav.engine.compiled.pack import lacking
 
     return lacking(world)

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from desim_uav.copies import Independent, owned
 from desim_uav.engine.base import COUNTS, MEASURES, Engine, RunSettings
-from desim_uav.engine.batch import BatchSimulation, calls
+from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.env.session import ActionError, Session
 from desim_uav.model.state import Snapshot
 from desim_uav.spaces import features, observation_space

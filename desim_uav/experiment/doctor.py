@@ -167,7 +167,7 @@ def _kernels() -> Iterator[Finding]:
     if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         yield Finding("problem", "kernels", "NUMBA_DISABLE_JIT is set, so everything is very slow")
         return
-    from desim_uav.engine.batch import calls
+    from desim_uav.engine.compiled import calls
     from desim_uav.learning import fused
     from desim_uav.model.coverage import crossings
     from desim_uav.model.kernels import NOWHERE, cache_folder, compiled_before

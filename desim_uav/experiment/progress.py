@@ -39,7 +39,7 @@ def progress(
     """
     kernel: Callable[..., Any] = crossings
     if engine == "batch":
-        from desim_uav.engine.batch import calls
+        from desim_uav.engine.compiled import calls
 
         kernel = calls.step
     with display(show, total, unit, not compiled_before(kernel)) as update:

@@ -9,40 +9,21 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.batch import airlink, calls, machine
-from desim_uav.engine.batch.access import mask_of, seen_of
-from desim_uav.engine.batch.drones import CHARGED, CRASHED, FLYING
-from desim_uav.engine.batch.kernels import inner, part
-from desim_uav.engine.batch.memory import (
-    AT_CRASHED,
-    AT_REWARDS,
-    CRASHES,
-    DRONES,
-    EPOCH,
-    FULL,
-    LIMITED,
-    NY,
-    ON_CRASH,
-    ON_CRASH_REMOVE,
-    S_BATTERY_US,
-    S_LEVEL,
-    S_MODE,
-    S_X,
-    S_Y,
-    TERMINATED,
-    TRUNCATED,
-    Fixed,
-    Floats,
-    Ints,
-    Path,
-    State,
-)
+from desim_uav.engine.compiled import loop
+from desim_uav.engine.compiled.calls import constants_at, path_at, state_at
 from desim_uav.learning.double_q import update as double_q
 from desim_uav.learning.expected_sarsa import update as expected_sarsa
 from desim_uav.learning.exploration import epsilon_greedy, value_of
 from desim_uav.learning.q_learning import update as q_learning
 from desim_uav.learning.sarsa import update as sarsa
-from desim_uav.model.kernels import kernel
+from desim_uav.model.kernels import kernel, rule
+from desim_uav.rules.episode import start_afresh
+from desim_uav.rules.requests import measures
+from desim_uav.rules.rows import Constants, State
+from desim_uav.rules.words import CHARGED, CRASHED, FLYING, MINUTE_US, REMOVES
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
 
 ALGORITHMS = ("q_learning", "sarsa", "expected_sarsa", "double_q")
 """The algorithms that are compiled into an episode; a kernel knows each by its index."""
@@ -51,18 +32,15 @@ PENDING_STATE, PENDING_ACTION = range(2)
 GAINED, DISCOUNT, SUM = range(3)
 """Columns of a drone's open decision, and of the sum of its values."""
 
-MINUTE_US = 60_000_000
-
 LEVELS_OF_STATE, MINUTES_OF_STATE = range(2)
 """The numbers of levels and of minutes in a state of the table; 0 if it has none."""
 
 
 @kernel
 def play(
-    world: Fixed,
-    paths: Path,
-    starts: Ints,
-    state: State,
+    world_at: int,
+    paths_at: Ints,
+    own_at: int,
     algorithm: int,
     q: NDArray[np.float32],
     sizes: Ints,
@@ -74,51 +52,51 @@ def play(
     restarts: NDArray[np.bool_],
     told: Floats,
     crashes: Ints,
-    commands: Ints,
     allowed: NDArray[np.bool_],
 ) -> None:
     """Play episodes and learn in them.
 
-    ``paths`` begin at ``starts`` (see ``paths_of``). ``q``: (drones, tables, states, actions).
+    ``world_at``, ``paths_at`` (episodes,) and ``own_at``: the addresses of world, sample paths and
+    state. ``q``: (drones, tables, states, actions).
     ``laws``: (episodes, 2), ε and α. ``draws``: (episodes, drones, epochs, 3). ``pending``
     (drones, 2) and ``due`` (drones, 3) hold each drone's open decision: state (-1: none), action,
     its gain and its discount so far, and the sum of the drone's values. ``restarts`` (episodes,):
     whether the next episode begins at the starts. The results are written into ``told`` (episodes,
-    drones, 5: reward, sum of values, QoE1-3) and ``crashes`` (episodes, drones). ``commands``
-    (drones,) and ``allowed`` (actions,) are buffers.
+    drones, 5: reward, sum of values, QoE1-3) and ``crashes`` (episodes, drones). ``allowed``
+    (actions,) is a buffer.
     """
-    w, s = calls.world(world), calls.state(state)
-    for episode in range(len(starts)):
-        p = calls.path_at(paths, starts[episode, 0], starts[episode, 1])
-        if episode > 0 and (s.i[TERMINATED] or restarts[episode - 1]):
-            machine.start_afresh(w, s)
+    w, s = constants_at(world_at), state_at(own_at)
+    for episode in range(len(paths_at)):
+        p = path_at(paths_at[episode])
+        if episode > 0 and (s.terminated or restarts[episode - 1]):
+            start_afresh(w, s)
         law = (laws[episode, 0], laws[episode, 1])
-        machine.reset(w, p, s)
-        while not (s.i[TERMINATED] or s.i[TRUNCATED]):
-            drawn = draws[episode, :, s.i[EPOCH]]
-            _decide(w, s, algorithm, q, sizes, law, drawn, pending, due, commands, allowed)
-            machine.step(w, p, s, commands)
-            for d in range(w.i[DRONES]):
-                reward = s.f[s.i[AT_REWARDS] + d]
+        loop.reset(w, p, s)
+        while not (s.terminated or s.truncated):
+            drawn = draws[episode, :, s.step]
+            _decide(w, s, algorithm, q, sizes, law, drawn, pending, due, allowed)
+            loop.step(w, p, s)
+            for d in range(len(s.drones)):
+                reward = s.rewards[d]
                 due[d, GAINED] += due[d, DISCOUNT] * reward
                 due[d, DISCOUNT] *= gamma
                 told[episode, d, 0] += reward
-        if s.i[TERMINATED] or restarts[episode]:
-            drawn = draws[episode, :, s.i[EPOCH]]
+        if s.terminated or restarts[episode]:
+            drawn = draws[episode, :, s.step]
             _close(w, s, algorithm, q, sizes, law, drawn, pending, due, allowed)
-        qoe1, qoe2, qoe3 = airlink.measures(w, s)
-        for d in range(w.i[DRONES]):
+        qoe1, qoe2, qoe3 = measures(w, s)
+        for d in range(len(s.drones)):
             told[episode, d, 1] = due[d, SUM]
             told[episode, d, 2], told[episode, d, 3], told[episode, d, 4] = qoe1, qoe2, qoe3
-        for k in range(s.i[CRASHES]):
-            crashes[episode, s.i[s.i[AT_CRASHED] + k]] += 1
-        if s.i[FULL]:
+        for k in range(len(s.crashed)):
+            crashes[episode, s.crashed[k]] += 1
+        if s.full:
             return
 
 
-@part
+@rule
 def _decide(
-    w: Fixed,
+    w: Constants,
     s: State,
     algorithm: int,
     q: NDArray[np.float32],
@@ -127,24 +105,24 @@ def _decide(
     drawn: Floats,
     pending: Ints,
     due: Floats,
-    commands: Ints,
     allowed: NDArray[np.bool_],
 ) -> None:
     """Write a command for each drone: its own choice, or the only one that is allowed."""
-    for d in range(w.i[DRONES]):
+    for d in range(len(s.drones)):
         _look(s, d, allowed)
+        drone = s.drones[d]
         if _decides(s, d):
             row = state_row(w, s, d, sizes)
-            commands[d] = _act(algorithm, q[d], row, allowed, law, drawn[d], pending[d], due[d])
+            drone.command = _act(algorithm, q[d], row, allowed, law, drawn[d], pending[d], due[d])
         else:
-            commands[d] = _only(allowed)
+            drone.command = _only(allowed)
             if _is_lost(w, s, d):
                 _conclude(algorithm, q[d], allowed, law, drawn[d], pending[d], due[d])
 
 
-@inner
+@rule
 def _close(
-    w: Fixed,
+    w: Constants,
     s: State,
     algorithm: int,
     q: NDArray[np.float32],
@@ -156,9 +134,9 @@ def _close(
     allowed: NDArray[np.bool_],
 ) -> None:
     """Learn from open decisions at the end of an episode whose drones are not carried over."""
-    for d in range(w.i[DRONES]):
+    for d in range(len(s.drones)):
         _look(s, d, allowed)
-        if s.i[TERMINATED] or _is_lost(w, s, d):
+        if s.terminated or _is_lost(w, s, d):
             _conclude(algorithm, q[d], allowed, law, drawn[d], pending[d], due[d])
         elif _decides(s, d):
             row = state_row(w, s, d, sizes)
@@ -166,26 +144,26 @@ def _close(
         _forget(pending[d], due[d])
 
 
-@inner
-def state_row(w: Fixed, s: State, d: int, sizes: Ints) -> int:
+@rule
+def state_row(w: Constants, s: State, d: int, sizes: Ints) -> int:
     """Return the row of the paper's state in a table (see ``Position``)."""
-    seen = seen_of(s, d)
-    row = s.i[seen + S_X] * w.i[NY] + s.i[seen + S_Y]
+    seen = s.seen[d]
+    row = seen.x * w.ny + seen.y
     if sizes[LEVELS_OF_STATE]:
-        row = row * sizes[LEVELS_OF_STATE] + s.i[seen + S_LEVEL]
-    if w.i[LIMITED]:
-        row = row * sizes[MINUTES_OF_STATE] + s.i[seen + S_BATTERY_US] // MINUTE_US
+        row = row * sizes[LEVELS_OF_STATE] + seen.level
+    if w.limited:
+        row = row * sizes[MINUTES_OF_STATE] + seen.battery_us // MINUTE_US
     return int(row)
 
 
-@inner
+@rule
 def _look(s: State, d: int, allowed: NDArray[np.bool_]) -> None:
-    mask = mask_of(s, d)
+    first = d * len(allowed)
     for k in range(len(allowed)):
-        allowed[k] = s.i[mask + k] != 0
+        allowed[k] = s.masks[first + k] != 0
 
 
-@inner
+@rule
 def _only(allowed: NDArray[np.bool_]) -> int:
     """Return the first allowed action."""
     for k in range(len(allowed)):
@@ -194,19 +172,19 @@ def _only(allowed: NDArray[np.bool_]) -> int:
     return 0
 
 
-@inner
+@rule
 def _decides(s: State, d: int) -> bool:
-    mode = s.i[seen_of(s, d) + S_MODE]
-    return bool(mode in (FLYING, CHARGED))
+    mode = s.seen[d].mode
+    return mode in (FLYING, CHARGED)
 
 
-@inner
-def _is_lost(w: Fixed, s: State, d: int) -> bool:
+@rule
+def _is_lost(w: Constants, s: State, d: int) -> bool:
     """Return whether this drone has crashed and will not be replaced."""
-    return bool(s.i[seen_of(s, d) + S_MODE] == CRASHED and w.i[ON_CRASH] == ON_CRASH_REMOVE)
+    return s.seen[d].mode == CRASHED and w.on_crash == REMOVES
 
 
-@inner
+@rule
 def _act(
     algorithm: int,
     q: NDArray[np.float32],
@@ -225,7 +203,7 @@ def _act(
     return int(action)
 
 
-@inner
+@rule
 def _conclude(
     algorithm: int,
     q: NDArray[np.float32],
@@ -241,13 +219,13 @@ def _conclude(
     _forget(pending, due)
 
 
-@inner
+@rule
 def _forget(pending: Ints, due: Floats) -> None:
     pending[PENDING_STATE] = -1
     due[GAINED], due[DISCOUNT] = 0.0, 1.0
 
 
-@inner
+@rule
 def _learn(
     algorithm: int,
     q: NDArray[np.float32],

@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import Carried, RunSettings
-from desim_uav.engine.batch import BatchSimulation
 from desim_uav.engine.choose import make_engine
+from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.learning import fused
 from desim_uav.learning.initial_q import initial_q
@@ -138,10 +138,9 @@ class Training:
         laws = [self._law(episode) for episode in episodes]
         told, crashes = np.zeros((count, drones, 5)), np.zeros((count, drones), np.int64)
         fused.play(
-            engine.fixed,
-            paths,
-            starts,
-            engine.state,
+            engine.fixed.at,
+            paths.ctypes.data + 8 * starts,
+            engine.state.ctypes.data,
             fused.ALGORITHMS.index(self.settings.algorithm),
             self.q,
             self._sizes(),
@@ -153,7 +152,6 @@ class Training:
             np.array([not self._goes_on(episode + 1) for episode in episodes]),
             told,
             crashes,
-            np.empty(drones, np.int64),
             np.empty(len(self.world.actions), np.bool_),
         )
         engine.check()

@@ -15,14 +15,23 @@ from typing import Any
 
 import numpy as np
 
+from desim_uav.model.rows import LAYOUTS
+
 NOT_OURS = ("numpy", "numba", "math", "builtins")
 """Packages whose functions Numba replaces by versions of its own."""
+
+STANDS_IN: dict[FunctionType, FunctionType] = {}
+"""What compiled code has in the place of a function: the function that Numba's overload calls."""
+
+RULES: set[FunctionType] = set()
+"""The functions over rows."""
 
 
 def code_digest(function: FunctionType) -> str:
     """Return the SHA-256 of a function and of every function it calls, directly or not.
 
-    Docstrings, comments and line numbers do not count.
+    Docstrings, comments and line numbers do not count. What stands in compiled code in the place
+    of a function counts as called by it, and what rules are compiled for: the layout of rows.
     """
     found: dict[FunctionType, str] = {}
     waiting = [function]
@@ -31,7 +40,15 @@ def code_digest(function: FunctionType) -> str:
         if one not in found:
             found[one], called = _described(one)
             waiting += called
-    return hashlib.sha256("\n".join(sorted(found.values())).encode()).hexdigest()
+            if one in STANDS_IN:
+                waiting.append(STANDS_IN[one])
+    layouts = _layouts() if RULES.intersection(found) else ()
+    return hashlib.sha256("\n".join([*sorted(found.values()), *layouts]).encode()).hexdigest()
+
+
+def _layouts() -> Iterator[str]:
+    for row in LAYOUTS:
+        yield f"{_name(row)} {[(name, str(kind)) for name, kind in row.kinds.items()]}"
 
 
 @cache

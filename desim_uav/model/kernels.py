@@ -1,8 +1,8 @@
 """The decorators under which the model's numbers are compiled, and where machine code is kept.
 
 A kernel is scalar code over flat arrays, compiled with strict IEEE arithmetic (no reassociation,
-no contraction) and kept on disk. Whatever of Numba is not its public interface is used here (and
-in ``engine.batch.pointers``); ``tests/model/test_kernels.py`` names the versions this holds for.
+no contraction) and kept on disk. What is not Numba's public
+interface comes from ``model.numba_parts``.
 """
 
 from __future__ import annotations
@@ -14,24 +14,31 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from functools import cached_property
 from pathlib import Path
+from types import FunctionType
 from typing import Any, TypeVar, cast
 from uuid import uuid4
 
 import numba
-from numba import types
-from numba.core.caching import FunctionCache
-from numba.core.serialize import dumps
+from numba.extending import overload, register_jitable
 
-from desim_uav.model.code_digest import code_digest
+from desim_uav.model.code_digest import RULES, STANDS_IN, code_digest
+from desim_uav.model.numba_parts import (
+    WITHOUT_COUNTING,
+    FunctionCache,
+    cache_of,
+    dumps,
+    keep_in,
+)
 from desim_uav.notices import notice
 
 F = TypeVar("F", bound=Callable[..., Any])
 
 MAKER: dict[str, Any] = {"nogil": True, "fastmath": False, "error_model": "numpy"}
 
-OPTIONS: dict[str, Any] = {**MAKER, "_nrt": False}
-"""``_nrt``: what makes no arrays need not count references to those it is given. Said of each
-kernel: on disk it is the same whether Python has called it first, or another kernel."""
+OPTIONS: dict[str, Any] = {**MAKER, **WITHOUT_COUNTING}
+
+INNER: dict[str, Any] = {**OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+"""The same for what only kernels call."""
 
 NOWHERE = (
     "compiled code cannot be kept on disk and is compiled anew in each process, because neither "
@@ -61,7 +68,7 @@ def cached(function: F, options: Mapping[str, Any]) -> F:
     compiled: Any = numba.njit(**options)(function)
     if hasattr(compiled, "enable_caching"):  # else NUMBA_DISABLE_JIT is set
         try:
-            compiled._cache = MachineCode(compiled)
+            keep_in(MachineCode(compiled), compiled)
         except RuntimeError:
             if multiprocessing.parent_process() is None:  # which says it for its children
                 folder = Path(function.__code__.co_filename).parent
@@ -69,33 +76,35 @@ def cached(function: F, options: Mapping[str, Any]) -> F:
     return cast(F, compiled)
 
 
-def for_any_number(function: F, options: Mapping[str, Any]) -> F:
-    """Compile once for all whole numbers; it is kept with the kernels that call it.
+def rule(function: F) -> F:
+    """A function that Python runs as it stands, and that kernels which call it have compiled."""
+    RULES.add(cast(FunctionType, function))
+    made: F = register_jitable(**INNER)(function)
+    return made
 
-    Left to itself, Numba compiles a function for each constant it is called with.
-    """
-    compiled: Any = numba.njit(**options)(function)
-    template = compiled.get_call_template
 
-    def general(args: Any, kws: Any) -> Any:
-        plain: Any = types.unliteral
-        return template(tuple(map(plain, args)), {name: plain(k) for name, k in kws.items()})
+def stands_in_for(function: Any) -> Callable[[F], F]:
+    """Say what compiled code has in the place of a function: what the one below returns."""
 
-    compiled.get_call_template = general
-    return cast(F, compiled)
+    def stand_in(implementation: F) -> F:
+        STANDS_IN[function] = cast(FunctionType, implementation)
+        made: F = overload(function, jit_options=cast(Any, INNER))(implementation)
+        return made
+
+    return stand_in
 
 
 def compiled_before(function: Any) -> bool:
     """Whether machine code of this very kernel is on disk."""
     try:
-        return isinstance(function._cache, MachineCode) and bool(function._cache.file.read())
+        return isinstance(cache_of(function), MachineCode) and bool(cache_of(function).file.read())
     except (OSError, ValueError):
         return False
 
 
 def cache_folder(function: Any) -> Path | None:
     """Where the machine code of a kernel is kept; None if there is no place for it."""
-    folder = function._cache.cache_path
+    folder = cache_of(function).cache_path
     return None if folder is None else Path(folder)
 
 

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
+from desim_uav.engine.audit import audit
 from desim_uav.engine.base import ClosedRequest, EpisodeLog, Event, RunSettings
 from desim_uav.engine.des import Simulation
-from desim_uav.engine.des.audit import audit
 from desim_uav.model.admission import Waiting
 from desim_uav.model.demand import Requests
 from desim_uav.model.mobility import Walks

@@ -10,8 +10,8 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from desim_uav.engine.base import RunSettings
-from desim_uav.engine.batch import BatchSimulation, simulation
 from desim_uav.engine.choose import ENGINES, make_engine
+from desim_uav.engine.compiled import BatchSimulation, simulation
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.rules import Action
 from desim_uav.sample_path import draw

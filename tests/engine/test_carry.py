@@ -15,9 +15,9 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from desim_uav.engine.audit import audit
 from desim_uav.engine.base import Carried, CarriedDrone, EpisodeLog, RunSettings, Step
 from desim_uav.engine.des import Simulation
-from desim_uav.engine.des.audit import audit
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.rules import Mode
 from desim_uav.model.state import Snapshot
@@ -42,6 +42,7 @@ from tests.engine.helpers import (
     strip,
 )
 from tests.selection import by_default
+from tests.verification.engines import row
 
 CROWDED = (
     "stations.count=1",
@@ -73,7 +74,7 @@ def commanded(engine: Simulation, shown: Snapshot, rng: np.random.Generator) -> 
 def all_of(log: EpisodeLog) -> dict[str, Any]:
     """Everything a log tells, requests with all they have."""
     told = {field.name: getattr(log, field.name) for field in fields(log)}
-    told["requests"] = [{**vars(r), "closed": None, "outcome": r.outcome} for r in log.requests]
+    told["requests"] = [row(request) for request in log.requests]
     return told
 
 

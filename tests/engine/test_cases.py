@@ -11,9 +11,9 @@ import pytest
 from hypothesis import HealthCheck, assume, event, given, settings
 from hypothesis import strategies as st
 
+from desim_uav.engine.audit import audit
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
-from desim_uav.engine.des.audit import audit
 from desim_uav.errors import ScenarioError
 from desim_uav.experiment.run import decide, run_settings
 from desim_uav.model.rules import Mode, obeyed
@@ -66,12 +66,13 @@ def check_step(engine: Simulation, before: Snapshot, commands: list[int]) -> Non
 def check_episode(engine: Simulation) -> None:
     """The log of an episode that has ended."""
     world, log = engine.world, engine.log
-    assert engine.airlink.opened == len(log.requests), "every opened request closes"
-    assert engine.airlink.open == engine.airlink.attached == [None] * len(world.homes)
-    assert not any(engine.airlink.covering)
-    assert all(radio.attached_users == 0 and not radio.waiting for radio in engine.airlink.radios)
-    assert log.duration_us == engine.epoch * world.step_us
-    assert len(log.steps) == engine.epoch * len(engine.drones)
+    state = engine.state
+    assert state.opened == len(log.requests), "every opened request closes"
+    assert all(user.request.number == user.holder == -1 for user in state.users)
+    assert all(user.covered == 0 for user in state.users)
+    assert all(drone.attached_users == 0 and not drone.waiting for drone in state.drones)
+    assert log.duration_us == state.step * world.step_us
+    assert len(log.steps) == state.step * len(state.drones)
     assert log.crashes == count(log, "crash") == count(log, "deplete")
     assert log.charges == count(log, "charged")
     check_log(world, log)

@@ -3,8 +3,8 @@
 import pytest
 
 from desim_uav.engine.base import RunSettings
-from desim_uav.engine.batch import BatchSimulation
 from desim_uav.engine.choose import ENGINES, check_engine, engine_for, make_engine
+from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, UsageError
 from desim_uav.scenario.load import from_mapping

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from desim_uav.engine.base import Carried, CarriedDrone, EpisodeLog, RunSettings
-from desim_uav.engine.batch import BatchSimulation, calls, simulation
-from desim_uav.engine.batch.memory import MOST_LOOSE
+from desim_uav.engine.compiled import BatchSimulation, calls, simulation
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.rules import Action, Mode
+from desim_uav.rules.rows import State
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 from tests.engine.helpers import US, Flight, events, in_3d, path_of, returning, seen, strip
@@ -223,14 +223,14 @@ def test_room_is_made_for_everything_that_may_happen(
     engines = both(world, keep_events=keep_events)
     asks = {user: [(0, 5, 100), (20, 5, 100), (90, 5, 100)] for user in range(24)}
     alike(engines, path_of(world, asks), "right right left right", "left left right left")
-    assert engines[1].room > 1
-    assert engines[1].crossing_room > 16
+    assert engines[1].room.log > 1
+    assert engines[1].room.crossings > 16
 
 
 def test_too_many_who_look_for_a_drone_are_not_written_beyond_their_room():
     world = strip(users=[(120, 120)] * 8, steps=1)
     one, other = both(world)
-    other.state.i[MOST_LOOSE] = 3
+    other.state[State.places["loose"] + 2] = 3  # its room
     alike((one, other), path_of(world))
 
 

@@ -144,7 +144,7 @@ def test_a_copy_finds_more_room_for_what_does_not_fit():
 
 def test_a_pickle_of_another_version_is_refused(monkeypatch: pytest.MonkeyPatch):
     pickled = pickle.dumps(make_engine("batch", world_of(), EVENTFUL))
-    monkeypatch.setattr("desim_uav.engine.batch.simulation.kernels_digest", lambda: "other")
+    monkeypatch.setattr("desim_uav.engine.compiled.simulation.kernels_digest", lambda: "other")
     with pytest.raises(pickle.UnpicklingError, match="another version of desim-uav"):
         pickle.loads(pickled)
 
@@ -153,8 +153,12 @@ def test_a_copy_of_an_engine_that_has_failed_waits_for_the_next_episode():
     world = world_of()
     engine: Any = make_engine("des", world, EVENTFUL)
     engine.reset(draw(world, 0, 0))
-    engine._terms_of = lambda *_: {"users": float("nan")}
-    with pytest.raises(SimulationError, match="a reward must be"):
+
+    def fail(*_: Any) -> None:
+        raise SimulationError("no reward")
+
+    engine.constants.reward_of = fail
+    with pytest.raises(SimulationError, match="no reward"):
         engine.step([0, 0, 0])
     other = copy.deepcopy(engine)
     with pytest.raises(SimulationError, match="call reset first"):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import Any
 
@@ -12,9 +13,10 @@ from hypothesis import strategies as st
 
 from desim_uav.engine.base import EpisodeLog, Measures, RunSettings
 from desim_uav.engine.des import Simulation
-from desim_uav.engine.des.airlink import AirLink
 from desim_uav.errors import ScenarioError
 from desim_uav.experiment import tables
+from desim_uav.rules import episode as rules_of_episodes
+from desim_uav.rules.requests import measures
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
@@ -29,12 +31,13 @@ def before_the_end(monkeypatch: pytest.MonkeyPatch) -> list[Measures]:
     """What is measured at each episode's end just before its requests are closed."""
     measured = []
 
-    def end(airlink: AirLink) -> None:
-        measured.append(airlink.measures())
-        plain(airlink)
+    def close_all(world: Any, path: Any, state: Any) -> None:
+        found = measures(world, state)
+        measured.append(Measures(*(None if math.isnan(value) else value for value in found)))
+        plain(world, path, state)
 
-    plain = AirLink.end
-    monkeypatch.setattr(AirLink, "end", end)
+    plain = rules_of_episodes.close_all
+    monkeypatch.setattr(rules_of_episodes, "close_all", close_all)
     return measured
 
 
@@ -155,8 +158,11 @@ def test_along_the_way_they_are_those_of_an_episode_that_ends_there():
         for _ in range(steps):
             shown = engine.step([some_command(world, mask, rng) for mask in shown.masks])
         measured = engine.measures()
-        engine.airlink.end()
-        engine.log.duration_us = engine.agenda.now
+        engine.state.truncated = 1
+        engine.state.closed.clear()
+        engine.state.handovers.clear()
+        rules_of_episodes._end_episode(engine.constants, engine.own_path, engine.state)
+        engine.drain_log()
         assert agree(measured, tabulated(engine.log, world))
 
 

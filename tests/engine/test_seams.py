@@ -4,9 +4,9 @@ from dataclasses import dataclass
 
 import pytest
 
+from desim_uav.engine.audit import audit
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
-from desim_uav.engine.des.audit import audit
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.experiment.run import play
 from desim_uav.model.battery import Endurance

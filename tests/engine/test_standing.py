@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from desim_uav.engine.base import RunSettings
-from desim_uav.engine.batch import BatchSimulation, standing
-from desim_uav.engine.batch.memory import STAND
+from desim_uav.engine.compiled import BatchSimulation, standing
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.des.crossings import Crossings
-from desim_uav.engine.des.flights import Flights
 from desim_uav.model.mobility import Walks
+from desim_uav.model.rows import View
 from desim_uav.model.rules import MOVES
+from desim_uav.rules.rows import State
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -28,19 +28,21 @@ def world_of(case: str, *overrides: str) -> World:
 @pytest.mark.parametrize("case", ["case1", "case2", "case7"])
 def test_every_leg_is_as_the_simpy_engine_finds_it(case: str):
     world = world_of(case)
-    known, rows = standing.tabulate(world)
-    flights, (nx, ny) = Flights(world), world.grid.cells
+    known, array_of_rows = standing.tabulate(world)
+    grid, (nx, ny) = world.grid, world.grid.cells
     finder = Crossings(world.scenario.drones.footprint_radius_m, world.area)
     finder.begin(world.walks(0, 0))
     legs = 0
     for x, y in np.ndindex(nx, ny):
-        for action in world.epoch_transits:
-            move = flights.move((x, y, 0), action, True)
-            if move is None or MOVES[action][2] != 0:
+        for action, transit in world.epoch_transits.items():
+            dx, dy, dlevel = MOVES[action]
+            if dlevel != 0 or not grid.can_enter(x + dx, y + dy, 0, True):
                 continue
-            at = (x * ny + y) * 5 + standing.COURSES.index(MOVES[action][:2])
-            found = finder.of(move[1], 0, world.step_us, False)
-            assert rows[known[at] : known[at + 1]].tolist() == found
+            at = (x * ny + y) * 5 + standing.COURSES.index((dx, dy))
+            way = (*grid.centre(x, y), *grid.centre(x + dx, y + dy))
+            found = finder.of(transit, way, 0, world.step_us, False)
+            rows = array_of_rows[known[at] : known[at + 1]].tolist()
+            assert rows == [list(crossing) for crossing in found]
             legs += len(found) > 0
     assert legs > nx * ny
 
@@ -71,9 +73,9 @@ def test_users_who_are_not_at_home_are_looked_at(how: str):
     rng = np.random.default_rng(0)
     for engine in (one, other):
         assert engine.reset(path)
-    assert other.state.i[STAND] == 1
+    assert View(other.state, State).look.stand == 1
     shown, seen = one.reset(moved), other.reset(moved)
-    assert other.state.i[STAND] == 0
+    assert View(other.state, State).look.stand == 0
     while not shown.truncated:
         told = rng.integers(0, len(world.actions), 1).tolist()
         shown, seen = one.step(told), other.step(told)

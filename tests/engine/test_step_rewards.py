@@ -13,9 +13,9 @@ import pytest
 from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
+from desim_uav.engine.audit import audit
 from desim_uav.engine.base import RunSettings, Step
 from desim_uav.engine.des import Simulation
-from desim_uav.engine.des.audit import audit
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.model.rules import Mode
@@ -233,7 +233,8 @@ def check_epochs(engine: Simulation, shown: list[Snapshot], seen: Counter[str]) 
     """Every snapshot and step against what the log's events add up to."""
     world, log = engine.world, engine.log
     steps = [
-        log.steps[k : k + len(engine.drones)] for k in range(0, len(log.steps), len(engine.drones))
+        log.steps[k : k + len(engine.state.drones)]
+        for k in range(0, len(log.steps), len(engine.state.drones))
     ]
     assert len(shown) == len(steps) + 1
     for epoch, (snapshot, counted) in enumerate(zip(shown, counts(world, log), strict=True)):

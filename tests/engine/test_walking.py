@@ -9,11 +9,12 @@ import pytest
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import RunSettings
-from desim_uav.engine.batch import BatchSimulation
-from desim_uav.engine.batch.memory import AT_WALKED, AT_WALKED_OFFSETS, SEEN_FROM_US, SEEN_TO_US
+from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.model.coverage import T0_US
 from desim_uav.model.mobility import RandomWalk, Static
+from desim_uav.model.rows import View
+from desim_uav.rules.rows import State
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
@@ -44,9 +45,10 @@ def walking(walk: dict[str, float], step_s: float) -> World:
 
 def walked(engine: BatchSimulation, user: int) -> NDArray[np.float64]:
     """The legs of a user that the engine has in this step."""
-    whole, real = engine.state
-    first, last = whole[whole[AT_WALKED_OFFSETS] + user :][:2].tolist()
-    return real[whole[AT_WALKED] :][5 * first : 5 * last].reshape(-1, 5)
+    look = View(engine.state, State).look
+    first, last = look.walked_at[user : user + 2].tolist()
+    legs: NDArray[np.float64] = look.walked[5 * first : 5 * last].reshape(-1, 5)
+    return legs
 
 
 def in_span(path: SamplePath, user: int, start_us: int, end_us: int) -> NDArray[np.float64]:
@@ -66,7 +68,8 @@ def test_the_legs_of_each_step_are_those_of_the_path(walk: dict[str, float], ste
         shown = engine.reset(path)
         while not shown.truncated:
             shown = engine.step([HOVER] * 2)
-            span = engine.state.i[SEEN_FROM_US], engine.state.i[SEEN_TO_US]
+            look = View(engine.state, State).look
+            span = look.from_us, look.to_us
             assert span == (shown.t_us - world.step_us, shown.t_us)
             for user in range(12):
                 assert np.array_equal(walked(engine, user), in_span(path, user, *span))

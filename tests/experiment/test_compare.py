@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import PolicyError, ScenarioError
 from desim_uav.experiment import compare

@@ -11,7 +11,7 @@ from typer.testing import CliRunner
 
 from desim_uav import checksums
 from desim_uav.cli import app
-from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import UsageError
 from desim_uav.experiment import reproduce

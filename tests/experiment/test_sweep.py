@@ -10,7 +10,7 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment import sweep, sweep_command
 from desim_uav.experiment.evaluate import MEASURES, evaluate

@@ -18,7 +18,7 @@ from pathlib import Path
 import pandas as pd
 
 from desim_uav import cli
-from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.experiment import command, compare, reproduce, sweep_command, train  # noqa: F401 (warm)
 from desim_uav.learning.training import Training
 from desim_uav.scenario.load import load

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from desim_uav.engine.batch import BatchSimulation, simulation
+from desim_uav.engine.compiled import BatchSimulation, simulation
 from desim_uav.errors import SimulationError
 from desim_uav.learning.training import Training
 from desim_uav.scenario.load import load

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from desim_uav import available
-from desim_uav.engine.batch.pack import lacking
 from desim_uav.engine.choose import check_engine
+from desim_uav.engine.compiled.pack import lacking
 from desim_uav.errors import ScenarioError
 from desim_uav.experiment.command import prepare
 from desim_uav.experiment.run import run

@@ -16,7 +16,7 @@ import numpy as np
 import pandas as pd
 
 from desim_uav.engine.base import EpisodeLog, Event
-from desim_uav.engine.des.agenda import Agenda
+from desim_uav.engine.des.clock import Clock
 from desim_uav.experiment.compare import compare_policies
 from desim_uav.experiment.run import Results, run
 from desim_uav.policies import load_policy
@@ -158,7 +158,7 @@ def content(log: EpisodeLog) -> tuple[list[Event] | None, list[Any], list[dict[s
 
 @contextmanager
 def shuffled(seed: int) -> Iterator[None]:
-    """Let all that has one key on the agenda come in a random order, not in that of insertion."""
+    """Let what has one key in the event queue come in random order, not in that of insertion."""
 
     def numbers() -> Iterator[int]:
         rng, given = random.Random(seed), set[int]()
@@ -168,13 +168,13 @@ def shuffled(seed: int) -> Iterator[None]:
                 given.add(number)
                 yield number
 
-    def init(agenda: Agenda) -> None:
-        plain(agenda)
-        agenda._eid = numbers()
+    def init(clock: Clock, *given: Any) -> None:
+        plain(clock, *given)
+        clock._eid = numbers()
 
-    plain = Agenda.__init__
-    Agenda.__init__ = init  # type: ignore[method-assign]
+    plain = Clock.__init__
+    Clock.__init__ = init  # type: ignore[method-assign]
     try:
         yield
     finally:
-        Agenda.__init__ = plain  # type: ignore[method-assign]
+        Clock.__init__ = plain  # type: ignore[method-assign]

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from desim_uav.engine.base import ClosedRequest, Engine, RunSettings
-from desim_uav.engine.batch import BatchSimulation
+from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load

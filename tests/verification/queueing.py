@@ -6,12 +6,11 @@ from collections.abc import Iterator
 from statistics import fmean
 
 import numpy as np
+import simpy
 from scipy import stats
 
 from desim_uav.engine.base import EpisodeLog
-from desim_uav.engine.des.agenda import Agenda, key
-from desim_uav.engine.des.station import Station
-from desim_uav.model.rules import Phase
+from desim_uav.engine.des.clock import Clock
 from desim_uav.world import World
 from tests.engine.helpers import US, fly, path_of, seen, strip
 from tests.verification.figure import Estimate, Exact, Figure
@@ -65,25 +64,25 @@ def charged_together(drones: int, pads: int) -> EpisodeLog:
 
 def waits_min(pads: int, rate: float, customers: int, seed: int) -> list[float]:
     """Waits, in minutes, of Poisson arrivals (``rate`` a minute) that hold a pad for 30 minutes."""
-    agenda = Agenda()
-    station = Station(agenda, 0, (0, 0), pads)
+    clock = Clock(0)
+    station = simpy.Resource(clock, pads)
     gaps_us = np.rint(np.random.default_rng([pads, seed]).exponential(MINUTE / rate, customers))
     waits = []
 
     def drone() -> Iterator[object]:
-        landed_us = agenda.now
-        with station.pads.request() as pad:
+        landed_us = clock.now
+        with station.request() as pad:
             yield pad
-            waits.append((agenda.now - landed_us) / MINUTE)
-            yield agenda.at(agenda.now + HOLD_MIN * MINUTE, key(Phase.ARRIVAL))
+            waits.append((clock.now - landed_us) / MINUTE)
+            yield clock.timeout(HOLD_MIN * MINUTE)
 
     def arrivals() -> Iterator[object]:
         for gap_us in gaps_us.astype(int).tolist():
-            yield agenda.at(agenda.now + gap_us, key(Phase.ARRIVAL))
-            agenda.process(drone())
+            yield clock.timeout(gap_us)
+            clock.process(drone())
 
-    agenda.process(arrivals())
-    agenda.run()
+    clock.process(arrivals())
+    clock.run()
     assert len(waits) == customers
     return waits
 

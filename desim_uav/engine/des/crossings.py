@@ -1,8 +1,9 @@
-"""The crossings of a drone's leg, as the air link wants them."""
+"""The crossings of a drone's leg, found by the kernels of ``model.coverage``."""
 
 from __future__ import annotations
 
 from operator import itemgetter
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -20,16 +21,25 @@ from desim_uav.model.coverage import (
     sort_into_buckets,
 )
 from desim_uav.model.mobility import Area, Walks
-from desim_uav.model.motion import Leg
-
-Crossing = list[int]
-"""(time, user, enters)."""
+from desim_uav.model.motion import Transit
 
 _BY_TIME = itemgetter(TIME_US, ENTERS, USER)
 
 
+class Crossing(NamedTuple):
+    """A user enters a footprint, or leaves it (see ``rules.rows.Crossing``)."""
+
+    t_us: int
+    user: int
+    enters: int
+
+
+Way = tuple[float, float, float, float]
+"""The x and y of a leg's start, and of its end, in metres."""
+
+
 class Crossings:
-    """Finds all crossings of a leg; where nobody walks, only once.
+    """Finds all crossings of a leg; of users who stand still, only once.
 
     A leg past users who stand still is crossed in the same way whenever it is flown: what was
     found is kept, by its ends, its span and whether the drone begins to serve, as long as the
@@ -50,7 +60,7 @@ class Crossings:
         self._span = (-1, -1)
 
     def begin(self, walks: Walks) -> None:
-        """An episode begins."""
+        """Begin an episode."""
         if walks is self.walks:
             return
         standing = len(walks.legs) < len(walks.offsets) and not walks.legs[:, VX : VY + 1].any()
@@ -63,29 +73,31 @@ class Crossings:
         self._buckets = (self._shape, self._side, self._heads, np.empty(users, np.int64))
         self._span = (-1, -1)
 
-    def of(self, flight: Leg, start_us: int, span_us: int, fresh: bool) -> list[Crossing]:
-        """The crossings of a leg, the last one first: at a time exits, by user.
+    def of(
+        self, transit: Transit, way: Way, start_us: int, span_us: int, fresh: bool
+    ) -> list[Crossing]:
+        """Return the crossings of a leg, the last one first: at one time exits, then by user.
 
         A drone that begins to serve (``fresh``) enters the users it finds in its footprint.
         """
         if not self._still:
-            return self._find(flight, start_us, span_us, fresh)
-        key = (flight.from_m, flight.to_m, span_us, fresh)
+            return self._find(transit, way, start_us, span_us, fresh)
+        key = (way, span_us, fresh)
         kept = self._kept.get(key)
         if kept is None:
-            kept = self._kept[key] = self._find(flight, 0, span_us, fresh)
-        return [[start_us + t_us, user, enters] for t_us, user, enters in kept] if kept else []
+            kept = self._kept[key] = self._find(transit, way, 0, span_us, fresh)
+        return [Crossing(start_us + t_us, user, enters) for t_us, user, enters in kept]
 
-    def _find(self, flight: Leg, start_us: int, span_us: int, fresh: bool) -> list[Crossing]:
-        (transit, (x0, y0), (x1, y1), _, _), (legs, offsets) = flight, self.walks
-        end_us, radius_m, profile = start_us + span_us, self.radius_m, transit.profile
-        seen = self._seen
+    def _find(
+        self, transit: Transit, way: Way, start_us: int, span_us: int, fresh: bool
+    ) -> list[Crossing]:
+        end_us, seen = start_us + span_us, self._seen
         if self._span != (start_us, end_us):
-            look_around(legs, offsets, start_us, end_us, seen)
+            look_around(*self.walks, start_us, end_us, seen)
             self._span = (start_us, end_us)
             if self._shape[0]:
                 self._far_m = sort_into_buckets(seen, *self._buckets)
-        leg = (profile, x0, y0, x1, y1, start_us, end_us, radius_m, legs, offsets, seen, fresh)
+        leg = (transit.profile, *way, start_us, end_us, self.radius_m, *self.walks, seen, fresh)
         while True:
             if self._shape[0]:
                 shape, side, *lists = self._buckets
@@ -93,7 +105,7 @@ class Crossings:
             else:
                 count = crossings(*leg, self._found)
             if count <= len(self._found):
-                found: list[Crossing] = self._found[:count].tolist()
+                found: list[Any] = self._found[:count].tolist()
                 found.sort(key=_BY_TIME, reverse=True)
-                return found
+                return [Crossing(*row) for row in found]
             self._found = np.empty((2 * count, 3), np.int64)

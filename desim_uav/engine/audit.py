@@ -1,0 +1,124 @@
+"""The debug mode: what must hold after every event, whatever the scenario.
+
+``Simulation(world, settings, audit=audit)`` checks it all; a broken invariant is an AssertionError
+that says which. It makes a run many times slower.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from desim_uav.model.coverage import all_walked
+from desim_uav.rules.battery import battery_now
+from desim_uav.rules.words import CHARGING, CRASHED, FLYING, QUEUED
+
+if TYPE_CHECKING:
+    from desim_uav.engine.des import Simulation
+
+TOLERANCE_M = 1e-4
+
+
+def audit(simulation: Simulation) -> None:
+    """Check every invariant now."""
+    world, state = simulation.constants, simulation.state
+    for drone in state.drones:
+        _battery(world, state, drone)
+        _bandwidth(world, state, drone)
+    _demand(state)
+    _stations(world, state)
+    if simulation.log.duration_us == 0:
+        for user in state.users:
+            _one_state(state, user)
+        _geometry(simulation)
+
+
+def _battery(world: Any, state: Any, drone: Any) -> None:
+    """0 <= battery <= full; empty only when crashed or at this very instant."""
+    if world.limited:
+        held_us = battery_now(world, state, drone)
+        assert 0 <= held_us <= world.capacity_us, f"battery of {drone.index}"
+        if drone.mode == CRASHED:
+            assert held_us == 0, f"battery of crashed drone {drone.index}"
+
+
+def _bandwidth(world: Any, state: Any, drone: Any) -> None:
+    """What a drone's requests occupy adds up and fits; none is served unless it flies."""
+    served = [
+        user.request
+        for user in state.users
+        if user.request.number >= 0 and user.request.server == drone.index
+    ]
+    used_bps = sum(request.bandwidth_bps for request in served)
+    assert used_bps == drone.used_bps, f"bandwidth of {drone.index}"
+    if world.bandwidth_bps >= 0:
+        assert drone.free_bps == world.bandwidth_bps - used_bps >= 0, f"bandwidth of {drone.index}"
+    assert [sum(r.service == s for r in served) for s in range(world.services)] == drone.served
+    if drone.mode != FLYING:
+        assert not served, f"drone {drone.index} serves in mode {drone.mode}"
+        assert drone.attached_users == 0, f"drone {drone.index} holds users in mode {drone.mode}"
+        assert not drone.waiting
+
+
+def _demand(state: Any) -> None:
+    """Open requests are counted, all of them and those in each footprint."""
+    services = range(len(state.open_requests))
+    asking = [user for user in state.users if user.request.number >= 0]
+    counts = [sum(user.request.service == service for user in asking) for service in services]
+    assert state.open_requests == counts
+    for drone in state.drones:
+        covered = [user.request.service for user in asking if user.covering[drone.index] >= 0]
+        counted = [covered.count(service) for service in services]
+        assert drone.asking == counted, f"requests in the footprint of {drone.index}"
+    for user in state.users:
+        assert user.covered == sum(entered_us >= 0 for entered_us in user.covering)
+
+
+def _stations(world: Any, state: Any) -> None:
+    """A station's queue holds the drones that are queued or charge there, each once."""
+    queued = [drone for station in state.stations for drone in station.queue]
+    there = [drone.index for drone in state.drones if drone.mode in (QUEUED, CHARGING)]
+    assert sorted(queued) == there, f"{queued} in queues, {there} queued or charging"
+    for station in state.stations:
+        charging = [state.drones[d].mode == CHARGING for d in station.queue]
+        assert sum(charging) <= world.pads, "more drones charge than there are pads"
+
+
+def _one_state(state: Any, user: Any) -> None:
+    """An open request is served by its user's drone, waits there, or its user is loose."""
+    request = user.request
+    queues = [drone.index for drone in state.drones if user.index in drone.waiting]
+    if request.number < 0:
+        assert not queues, "a user waits without a request"
+        return
+    running_us = 0 if request.server < 0 else state.now_us - request.started_us
+    assert 0 <= request.served_us + running_us <= request.required_us, "served more than requested"
+    if user.holder < 0:
+        assert request.server < 0 and not queues, "served or queued without a drone"
+    elif request.server < 0:
+        assert queues == [user.holder], "a request waits where its user is not attached"
+    else:
+        assert request.server == user.holder and not queues, "served by another drone"
+
+
+def _geometry(simulation: Simulation) -> None:
+    """Coverage is what the distances say; an attached user is inside its one drone's footprint."""
+    world, state = simulation.constants, simulation.state
+    users = all_walked(*simulation.path.walks, state.now_us)
+    held = [0] * len(state.drones)
+    for user in state.users:
+        if user.holder >= 0:
+            held[user.holder] += 1
+            assert user.covering[user.holder] >= 0, f"user {user.index} attached but not covered"
+    for drone in state.drones:
+        assert held[drone.index] == drone.attached_users
+        covered = np.array([user.covering[drone.index] >= 0 for user in state.users])
+        if not drone.serving:
+            assert not covered.any(), f"drone {drone.index} covers in mode {drone.mode}"
+            continue
+        x, y, _ = simulation.position_m(drone.index)
+        distance_m = np.hypot(users[:, 0] - x, users[:, 1] - y)
+        far = np.abs(distance_m - world.radius_m) > TOLERANCE_M
+        wrong = far & (covered != (distance_m < world.radius_m))
+        assert not wrong.any(), f"coverage by {drone.index} of users {np.flatnonzero(wrong)}"

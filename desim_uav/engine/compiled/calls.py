@@ -1,0 +1,193 @@
+"""The compiled engine as Python calls it: rows by their addresses."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.engine.compiled import looking, loop
+from desim_uav.model.compiled_rows import address_of, entries_at, pointer_to
+from desim_uav.model.kernels import kernel, rule, stands_in_for
+from desim_uav.model.rows import View
+from desim_uav.rules import battery, flight, requests, rewards, service
+from desim_uav.rules.episode import start_afresh as put_at_starts
+from desim_uav.rules.observations import encode
+from desim_uav.rules.rows import Constants, Drone, Path, State
+
+Ints = NDArray[np.int64]
+
+constants_at: Any = pointer_to(Constants)
+path_at: Any = pointer_to(Path)
+state_at: Any = pointer_to(State)
+
+
+@kernel
+def first_come(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
+    """Scan a drone's queue (see ``rules.service.first_come``)."""
+    service.first_come(world, path, state, drone, phase)
+
+
+@kernel
+def paper_reward(world: Constants, state: State) -> None:
+    """Write the drones' rewards (see ``rules.rewards``)."""
+    rewards.paper_reward(world, state)
+
+
+def set_functions(constants: View) -> None:
+    """Write the addresses of the functions that rows hold; they are valid in this process."""
+    constants.foresee = address_of(looking.foresee, Constants, Path, State, Drone, int)
+    constants.scan = address_of(first_come, Constants, Path, State, Drone, int)
+    constants.reward_of = address_of(paper_reward, Constants, State)
+
+
+@stands_in_for(battery.drained_us)
+def _drained_us(world: Any, state: Any, drone: Any, elapsed_us: Any) -> Any:
+    def drained_us(world: Any, state: Any, drone: Any, elapsed_us: Any) -> Any:
+        return elapsed_us
+
+    return drained_us
+
+
+@stands_in_for(battery.lasts_us)
+def _lasts_us(world: Any, state: Any, drone: Any) -> Any:
+    def lasts_us(world: Any, state: Any, drone: Any) -> Any:
+        return drone.battery_us
+
+    return lasts_us
+
+
+@kernel
+def start_afresh(world: int, state: int) -> None:
+    """Put the drones at their starts."""
+    put_at_starts(constants_at(world), state_at(state))
+
+
+@kernel
+def reset(world: int, path: int, state: int) -> None:
+    """Begin an episode with the drones as they are, and run up to its first decision epoch."""
+    loop.reset(constants_at(world), path_at(path), state_at(state))
+
+
+@kernel
+def step(world: int, path: int, state: int) -> None:
+    """Have the drones obey their commands, and run to the next decision epoch."""
+    loop.step(constants_at(world), path_at(path), state_at(state))
+
+
+@kernel
+def measures(world: int, state: int) -> tuple[float, float, float]:
+    """Return QoE1-3 so far; NaN if they do not exist yet."""
+    return requests.measures(constants_at(world), state_at(state))
+
+
+@kernel
+def position(world: int, state: int, drone: int) -> tuple[float, float, float]:
+    """Return where a drone is now: x, y, z."""
+    own = state_at(state)
+    return flight.position(constants_at(world), own, own.drones[drone])
+
+
+@kernel
+def user_doing(state: int, user: int) -> int:
+    """Return what a user is doing (see ``UserState``)."""
+    return requests.doing(state_at(state).users[user])
+
+
+# ---- many environments
+
+ADDRESSES = 8
+"""Columns of a table of environments: where world, sample path and state are, and what takes what
+they show (see ``Shown``)."""
+
+floats_at, bytes_at = entries_at(float), entries_at(bool)
+
+
+class Shown(NamedTuple):
+    """What an environment shows.
+
+    ``values`` (drones * features,), ``mask`` (drones * actions,); ``reward`` (1,), the mean over
+    the drones; ``told``, the MEASURES (0 if they do not exist yet), COUNTS and mean terms; ``over``
+    (3,): terminated, truncated, out of memory.
+    """
+
+    values: Any
+    mask: Any
+    reward: Any
+    told: Any
+    over: Any
+
+
+@kernel
+def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> int:
+    """Step many environments, ``which`` of them; return how many have run out of memory.
+
+    ``environments`` (n, ADDRESSES), ``commands`` (n, drones). -1, and no step, if a command is no
+    index of an action.
+    """
+    for k in range(len(environments)):
+        actions = len(constants_at(environments[k, 0]).moves)
+        for d in range(commands.shape[1]):
+            if not 0 <= commands[k, d] < actions:
+                return -1
+    for k in range(len(environments)):
+        if which[k]:
+            row = environments[k]
+            own = state_at(row[2])
+            for d in range(commands.shape[1]):
+                own.drones[d].command = commands[k, d]
+            loop.step(constants_at(row[0]), path_at(row[1]), own)
+    return look_at_all(environments, which)
+
+
+@kernel
+def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
+    """Write what many environments show, ``which`` of them; return how many are out of memory."""
+    full = 0
+    for k in range(len(environments)):
+        if which[k]:
+            row = environments[k]
+            shown = Shown(
+                floats_at(row[3], 0),
+                bytes_at(row[4], 0),
+                floats_at(row[5], 0),
+                floats_at(row[6], 0),
+                bytes_at(row[7], 0),
+            )
+            full += _look_at(constants_at(row[0]), state_at(row[2]), shown)
+    return full
+
+
+@rule
+def _look_at(world: Constants, state: State, shown: Shown) -> int:
+    drones, terms, told = len(state.drones), world.terms, shown.told
+    told[0] = state.now_us / 1_000_000
+    first, second, third = requests.measures(world, state)
+    told[1], told[2], told[3] = _number(first), _number(second), _number(third)
+    told[4], told[5], told[6] = 0.0, state.crashes, state.opened
+    for term in range(terms):
+        told[7 + term] = 0.0
+    for k in range(len(state.masks)):
+        shown.mask[k] = state.masks[k]
+    reward = 0.0
+    for d in range(drones):
+        encode(world, state, state.drones[d], shown.values, d * world.features)
+        told[4] += state.seen[d].attached_users
+        if state.step > 0:
+            reward += state.rewards[d]
+            for term in range(terms):
+                told[7 + term] += state.terms[d * terms + term]
+    for term in range(terms):
+        told[7 + term] /= drones
+    shown.reward[0] = reward / drones
+    over = shown.over
+    over[0], over[1], over[2] = state.terminated, state.truncated, state.full
+    return state.full
+
+
+@rule
+def _number(measure: float) -> float:
+    """A measure, or 0 if it does not exist yet: an info holds numbers only."""
+    return 0.0 if math.isnan(measure) else measure

@@ -1,0 +1,122 @@
+"""Which crossings a drone's leg has, in compiled code."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from desim_uav.engine.compiled.standing import recall, stand
+from desim_uav.engine.compiled.walking import begin_walks, walk
+from desim_uav.model.compiled_rows import as_array, set_word
+from desim_uav.model.coverage import (
+    ENTERS,
+    SEEN_ROWS,
+    TIME_US,
+    USER,
+    crossings,
+    crossings_near,
+    look_around,
+    sort_into_buckets,
+)
+from desim_uav.model.kernels import kernel, rule, stands_in_for
+from desim_uav.rules import coverage as seam
+from desim_uav.rules.rows import Constants, Drone, Path, State
+
+LEG_COLUMNS, CROSSING_COLUMNS, PIECE_COLUMNS = 5, 3, 4
+
+
+@stands_in_for(seam.look_anew)
+def _look_anew(world: Any, path: Any, state: Any) -> Any:
+    def look_anew(world: Any, path: Any, state: Any) -> None:
+        look = state.look
+        look.from_us = look.to_us = -1
+        look.stand = stand(world, path)
+        if path.at_random:
+            begin_walks(world, path, look)
+
+    return look_anew
+
+
+@kernel
+def foresee(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> None:
+    """Foresee the crossings of a drone's leg (see ``rules.coverage.track``)."""
+    ahead = drone.ahead
+    if state.look.stand and drone.serving and span_us == world.step_us:
+        recall(world, state, drone)
+        return
+    count = _find(world, path, state, drone, span_us)
+    if count > ahead.room:
+        set_word(ahead, 3, 1)
+        count = ahead.room
+    set_word(ahead, 1, count)
+    _sort_last_first(as_array(ahead, (count, CROSSING_COLUMNS)))
+
+
+@rule
+def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> int:
+    """Find the crossings of a drone's leg; return how many, perhaps more than there is room for."""
+    now_us, look, users = state.now_us, state.look, len(state.users)
+    seen: Any = as_array(look.users, (SEEN_ROWS, users))
+    shape, side = (world.buckets_x, world.buckets_y), (world.bucket_x_m, world.bucket_y_m)
+    buckets = shape[0] * shape[1]
+    heads, following = as_array(look.heads, (buckets,)), as_array(look.following, (users,))
+    is_new = look.from_us != now_us or look.to_us != now_us + span_us
+    if path.at_random:
+        if is_new:
+            walk(world, look, now_us, now_us + span_us)
+        rows, begins = look.walked, look.walked_at
+    else:
+        rows, begins = path.legs, path.legs_at
+    legs = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS))
+    offsets = as_array(begins, (users + 1,))
+    if is_new:
+        look_around(legs, offsets, now_us, now_us + span_us, seen)
+        look.from_us, look.to_us = now_us, now_us + span_us
+        if buckets > 0:
+            look.far_m = sort_into_buckets(seen, shape, side, heads, following)
+    pieces = world.transits[drone.transit].pieces
+    leg = (
+        as_array(pieces, (len(pieces), PIECE_COLUMNS)),
+        (drone.x + 0.5) * world.cell_x_m,
+        (drone.y + 0.5) * world.cell_y_m,
+        (drone.to_x + 0.5) * world.cell_x_m,
+        (drone.to_y + 0.5) * world.cell_y_m,
+        now_us,
+        now_us + span_us,
+        world.radius_m,
+        legs,
+        offsets,
+        seen,
+        drone.serving == 0,
+        as_array(drone.ahead, (drone.ahead.room, CROSSING_COLUMNS)),
+    )
+    if buckets > 0:
+        return crossings_near(*leg, shape, side, look.far_m, heads, following)
+    return crossings(*leg)
+
+
+GAPS = (1750, 701, 301, 132, 57, 23, 10, 4, 1)
+"""Of a Shellsort (Ciura, 2001)."""
+
+
+@rule
+def _sort_last_first(rows: Any) -> None:
+    """Sort crossings with the latest first, by Shellsort."""
+    for gap in GAPS:
+        for k in range(gap, len(rows)):
+            at = k
+            t_us, user, enters = rows[k, TIME_US], rows[k, USER], rows[k, ENTERS]
+            while at >= gap and _is_later(t_us, user, enters, rows, at - gap):
+                for column in range(CROSSING_COLUMNS):
+                    rows[at, column] = rows[at - gap, column]
+                at -= gap
+            rows[at, TIME_US], rows[at, USER], rows[at, ENTERS] = t_us, user, enters
+
+
+@rule
+def _is_later(t_us: int, user: int, enters: int, rows: Any, other: int) -> Any:
+    """Return whether a crossing comes after another: by time, entries after exits, by user."""
+    if t_us != rows[other, TIME_US]:
+        return t_us > rows[other, TIME_US]
+    if enters != rows[other, ENTERS]:
+        return enters > rows[other, ENTERS]
+    return user > rows[other, USER]

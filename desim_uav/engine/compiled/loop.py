@@ -1,0 +1,111 @@
+"""The clock of the compiled engine: what happens, one thing after the other."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from desim_uav.engine.compiled.slots import is_before, next_slot
+from desim_uav.model.kernels import rule, stands_in_for
+from desim_uav.rules.attachment import settle
+from desim_uav.rules.charging import (
+    await_full,
+    begin_charging,
+    end_charging,
+    hand_on_pads,
+    on_full,
+)
+from desim_uav.rules.coverage import on_crossing
+from desim_uav.rules.crash import crash
+from desim_uav.rules.decide import go_home
+from desim_uav.rules.due import key, undo
+from desim_uav.rules.episode import begin, command, end_step, show_first
+from desim_uav.rules.flight import arrive, end_move
+from desim_uav.rules.requests import on_completion, on_request
+from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.words import ARRIVAL, ATTACHMENT, CHARGING, QUEUED, RECORD, RESPAWN, RETURNING
+
+
+@rule
+def reset(world: Constants, path: Path, state: State) -> None:
+    """Begin an episode with the drones as they are, and run up to its first decision epoch."""
+    begin(world, path, state)
+    _run_before(world, path, state, 0, key(RESPAWN, -1, -1))
+    show_first(world, path, state)
+    state.full |= _overrun(state)
+
+
+@rule
+def step(world: Constants, path: Path, state: State) -> None:
+    """Have the drones obey their commands, and run to the next decision epoch."""
+    state.events.clear()
+    state.closed.clear()
+    state.handovers.clear()
+    command(world, path, state)
+    end_us = state.now_us + world.step_us
+    _run_before(world, path, state, end_us, key(RECORD, -1, -1))
+    state.now_us = end_us
+    end_step(world, path, state)
+    state.full |= _overrun(state)
+
+
+@rule
+def on_arrival(world: Constants, path: Path, state: State, drone: Drone) -> None:
+    """A move, a hop of a return or a charge ends."""
+    if drone.mode == CHARGING:
+        on_full(world, state, drone)
+    elif drone.mode == RETURNING:
+        arrive(world, state, drone)
+        go_home(world, path, state, drone, ARRIVAL)
+    else:
+        end_move(world, state, drone)
+
+
+@stands_in_for(hand_on_pads)
+def _hand_on_pads(world: Any, state: Any, station: Any) -> Any:
+    def hand_on(world: Any, state: Any, station: Any) -> None:
+        queue, k = state.stations[station].queue, 0
+        while k < min(len(queue), world.pads):
+            drone = state.drones[queue[k]]
+            k += 1
+            if drone.mode == QUEUED:
+                phase = begin_charging(world, state, drone, station)
+                if not await_full(world, state, drone):
+                    end_charging(world, state, drone, station, phase)
+                    k = 0
+
+    return hand_on
+
+
+@rule
+def _overrun(state: State) -> int:
+    """Return whether anything did not fit in the memory there is for it."""
+    overrun = state.look.overrun | state.loose.overrun
+    overrun |= state.events.overrun | state.closed.overrun | state.handovers.overrun
+    for d in range(len(state.drones)):
+        overrun |= state.drones[d].ahead.overrun
+    return overrun
+
+
+@rule
+def _run_before(world: Constants, path: Path, state: State, end_us: int, end_key: int) -> None:
+    """Let everything happen that comes before a place in an instant."""
+    users, drones = len(state.users), len(state.drones)
+    while is_before(state, next_slot(state), end_us, end_key):
+        slot = next_slot(state)
+        state.now_us = state.slot_times[slot]
+        if 2 * users <= slot < 2 * users + drones:
+            on_crossing(world, path, state, state.drones[slot - 2 * users])
+            continue  # its slot is the next crossing's
+        undo(state, slot)
+        if slot < users:
+            on_completion(world, path, state, state.users[slot])
+        elif slot < 2 * users:
+            on_request(world, path, state, state.users[slot - users])
+        else:
+            slot -= 2 * users + drones
+            if slot < drones:
+                on_arrival(world, path, state, state.drones[slot])
+            elif slot < 2 * drones:
+                crash(world, path, state, state.drones[slot - drones])
+            else:
+                settle(world, path, state, ATTACHMENT, ATTACHMENT)

@@ -1,0 +1,144 @@
+"""World and state in the memory of compiled code."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from desim_uav.copies import Unchanging, owned
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.compiled.calls import set_functions
+from desim_uav.engine.compiled.standing import tabulate
+from desim_uav.engine.compiled.walking import WALKING_COLUMNS
+from desim_uav.engine.constants import REWARDS, constants_of
+from desim_uav.engine.state import Room, state_of
+from desim_uav.errors import ScenarioError
+from desim_uav.model.admission import FirstCome
+from desim_uav.model.battery import Endurance
+from desim_uav.model.coverage import SEEN_ROWS, bucket_grid
+from desim_uav.model.rows import View, Words, packed
+from desim_uav.rules.due import slots
+from desim_uav.rules.rows import Constants
+from desim_uav.world import World
+
+Array = np.ndarray[Any, Any]
+
+
+def lacking(world: World) -> list[str]:
+    """Return what keeps a world out of the compiled engine: each component it cannot run."""
+    scenario = world.scenario
+    chosen = {
+        "drones.battery": (scenario.drones.battery, (Endurance, type(None))),
+        "drones.admission": (scenario.drones.admission, (FirstCome,)),
+        "reward": (scenario.reward, tuple(REWARDS)),
+    }
+    lacks = [
+        f"{key}: {type(component).__name__!r} is not compiled"
+        for key, (component, known) in chosen.items()
+        if type(component) not in known
+    ]
+    return lacks + _too_large(world)
+
+
+MOST_PLANNING = 4 * 10**9
+"""Places times places for which ways back are planned, at most: some minutes of work."""
+
+
+def _too_large(world: World) -> list[str]:
+    """Return what 64-bit sums cannot hold, and ways back that would be planned for too long."""
+    problems = []
+    scenario, grid = world.scenario, world.grid
+    users, most_us = len(world.homes), 2**62 // world.horizon_us
+    if users > most_us:
+        problems.append("users.count, episode: the time of all users together is too long")
+    widest = int(world.services.bandwidths_bps.max())
+    carried = users * widest
+    if not math.isinf(world.bandwidth_bps):
+        carried = min(carried, scenario.drones.count * int(world.bandwidth_bps))
+    if carried > most_us:
+        problems.append("services, drones.bandwidth_kbps: the bandwidth in use is too large")
+    nx, ny = grid.cells
+    places = len(grid.levels_m) * nx * ny
+    if scenario.limited_battery and places * places > MOST_PLANNING:
+        problems.append(f"map.cells, map.levels: ways back from {places:,} places take too long")
+    return problems
+
+
+@dataclass(frozen=True, eq=False)
+class Fixed(Unchanging):
+    """The constants of a world and run settings in memory, with functions by their addresses."""
+
+    block: Words
+
+    def __post_init__(self) -> None:
+        """Write the addresses, which are valid only in this process."""
+        set_functions(View(self.block, Constants))
+
+    def __setstate__(self, value: dict[str, Any]) -> None:
+        """Take the memory of a pickle."""
+        object.__setattr__(self, "block", owned(value["block"]))
+        self.__post_init__()
+
+    @property
+    def at(self) -> int:
+        """Where the constants are."""
+        return int(self.block.ctypes.data)
+
+
+@lru_cache(maxsize=16)
+def pack(world: World, settings: RunSettings) -> Fixed:
+    """Return the constants. Raises ScenarioError for components that are not compiled."""
+    problems = lacking(world)
+    if problems:
+        raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
+    constants: Any = constants_of(world, settings)
+    constants.plans, constants.hops = _plans(world, settings)
+    constants.known_at, constants.known = tabulate(world)
+    return Fixed(packed(constants))
+
+
+def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:
+    """Return the ways back from all places, without the ceiling and under it, if needed."""
+    nx, ny = world.grid.cells
+    plans = np.full((2, len(world.grid.levels_m) * nx * ny, 5), -1, np.int64)
+    hops = np.empty((1024, 3), np.int64)
+    used = 0
+    if world.scenario.limited_battery:
+        for ceiling in set(settings.ceilings):
+            for level, x, y in np.ndindex(world.grid.levels(ceiling), nx, ny):
+                back = world.planner.search((x, y, level), ceiling)
+                if back is not None:
+                    first, used = used, used + len(back.hops)
+                    if used > len(hops):
+                        hops = np.concatenate((hops, np.empty((used, 3), np.int64)))
+                    hops[first:used] = np.array(back.hops, np.int64).reshape(-1, 3)
+                    plans[int(ceiling), (level * nx + x) * ny + y] = (
+                        *(back.station, back.duration_us, back.drained_us),
+                        *(first, used),
+                    )
+    return plans.reshape(-1, 5), hops[:used]
+
+
+def pack_state(world: World, settings: RunSettings, room: Room, legs: int) -> Words:
+    """Return a state; ``legs``: those of users who walk at random that there is room for."""
+    state: Any = state_of(world, settings, room)
+    drones, users = world.scenario.drones.count, len(world.homes)
+    nx, ny = bucket_grid(*world.area, world.scenario.drones.footprint_radius_m)
+    walkers, count = users if legs else 0, slots(users, drones)
+    state.slot_times, state.slot_keys = _whole(count), _whole(count)
+    state.winners = _whole(2 * count)
+    look = state.look
+    look.users = np.zeros(SEEN_ROWS * users)
+    look.heads, look.following = _whole(nx * ny), _whole(users if nx * ny else 0)
+    look.streams, look.turns = _whole(4 * walkers), _whole(2 * walkers)
+    look.walking, look.walked = np.zeros(WALKING_COLUMNS * walkers), np.zeros(5 * legs)
+    look.walked_at = _whole(walkers + 1)
+    return packed(state)
+
+
+def _whole(count: int) -> Array:
+    return np.zeros(count, np.int64)

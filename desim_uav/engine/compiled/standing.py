@@ -1,0 +1,135 @@
+"""Users who stand still: whom a drone's leg passes, and when, known once for a world."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.compiled_rows import set_word
+from desim_uav.model.coverage import (
+    ENTERS,
+    SEEN_ROWS,
+    TIME_US,
+    USER,
+    VX,
+    VY,
+    X0,
+    Y0,
+    crossings,
+    look_around,
+)
+from desim_uav.model.kernels import rule
+from desim_uav.model.mobility import Static
+from desim_uav.model.motion import Transit
+from desim_uav.model.rules import MOVES, Action
+from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.world import World
+
+Ints = NDArray[np.int64]
+CROSSING_COLUMNS = 3
+
+COURSES = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
+"""Where a leg leads in the plane; the place among them is ``_course``."""
+
+MOST_LOOKS = 2**22
+"""With more pairs of a leg and a user than this, legs are looked at when they are flown."""
+
+
+def tabulate(world: World) -> tuple[Ints, Ints]:
+    """The crossings of all legs of a step: where each leg's rows begin, and the rows.
+
+    Rows are (time since the leg's start, user, enters), a leg's last one first; the legs of cell
+    (x, y) are ``(x * ny + y) * 5`` and the next ones, in order of ``COURSES``. Empty where users
+    walk, or the table would be too long.
+    """
+    nx, ny = world.grid.cells
+    pairs = nx * ny * len(COURSES) * len(world.homes)
+    if type(world.scenario.users.mobility) is not Static or pairs > MOST_LOOKS:
+        return np.empty(0, np.int64), np.empty((0, CROSSING_COLUMNS), np.int64)
+    by_course = {
+        MOVES[action][:2]: transit
+        for action, transit in world.epoch_transits.items()
+        if action not in (Action.UP, Action.DOWN)
+    }
+    look = _Looks(world)
+    found = [
+        look.along((x, y), course, by_course.get(course))
+        for x, y in np.ndindex(nx, ny)
+        for course in COURSES
+    ]
+    return np.cumsum([0, *map(len, found)]), np.concatenate(found)
+
+
+class _Looks:
+    """What drones' legs pass of users at home."""
+
+    def __init__(self, world: World) -> None:
+        self.world, users = world, len(world.homes)
+        self.walks = world.walks(world.seed, 0)
+        self.seen = np.zeros((SEEN_ROWS, users))
+        self.found = np.empty((2 * users, CROSSING_COLUMNS), np.int64)
+        look_around(*self.walks, 0, world.step_us, self.seen)
+
+    def along(
+        self, cell: tuple[int, int], course: tuple[int, int], transit: Transit | None
+    ) -> NDArray[np.int64]:
+        """The crossings of one leg, the last one first; of a hover there are none."""
+        if transit is None:
+            return self.found[:0]
+        cell_x_m, cell_y_m = self.world.grid.cell_m
+        count = crossings(
+            transit.profile,
+            (cell[0] + 0.5) * cell_x_m,
+            (cell[1] + 0.5) * cell_y_m,
+            (cell[0] + course[0] + 0.5) * cell_x_m,
+            (cell[1] + course[1] + 0.5) * cell_y_m,
+            0,
+            self.world.step_us,
+            self.world.scenario.drones.footprint_radius_m,
+            *self.walks,
+            self.seen,
+            False,
+            self.found,
+        )
+        rows = self.found[:count]
+        return rows[np.lexsort((rows[:, USER], rows[:, ENTERS], rows[:, TIME_US]))[::-1]]
+
+
+@rule
+def stand(world: Constants, path: Path) -> int:
+    """Return whether all users of a sample path stand where the table has them."""
+    if len(world.known_at) == 0 or path.at_random or len(path.legs) != 5 * len(world.homes):
+        return 0
+    for user in range(len(world.homes)):
+        home, leg = world.homes[user], 5 * user
+        if path.legs[leg + X0] != home.x_m or path.legs[leg + Y0] != home.y_m:
+            return 0
+        if path.legs[leg + VX] != 0.0 or path.legs[leg + VY] != 0.0:
+            return 0
+    return 1
+
+
+@rule
+def recall(world: Constants, state: State, drone: Drone) -> None:
+    """Write the crossings of a leg that begins now."""
+    course = _course(drone.to_x - drone.x, drone.to_y - drone.y)
+    leg = (drone.x * world.ny + drone.y) * 5 + course
+    first, ahead = world.known_at[leg], drone.ahead
+    count = world.known_at[leg + 1] - first
+    if count > ahead.room:
+        set_word(ahead, 3, 1)
+        count = 0
+    for k in range(count):
+        known, crossing = world.known[first + k], ahead[k]
+        crossing.t_us = state.now_us + known.t_us
+        crossing.user, crossing.enters = known.user, known.enters
+    set_word(ahead, 1, count)
+
+
+@rule
+def _course(dx: int, dy: int) -> int:
+    if dx != 0:
+        return 3 if dx > 0 else 4
+    if dy != 0:
+        return 1 if dy > 0 else 2
+    return 0

@@ -1,0 +1,139 @@
+"""Who lives in an episode, as SimPy processes. They wait; what happens then, the rules say."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import simpy
+
+from desim_uav.engine.des.clock import Clock, Due, Life
+from desim_uav.rules.attachment import settle
+from desim_uav.rules.charging import await_full, begin_charging, end_charging
+from desim_uav.rules.coverage import on_crossing
+from desim_uav.rules.crash import crash
+from desim_uav.rules.decide import go_home, obey
+from desim_uav.rules.due import (
+    arrival_slot,
+    ask_slot,
+    completion_slot,
+    crossing_slot,
+    depletion_slot,
+    key,
+    settle_slot,
+)
+from desim_uav.rules.flight import arrive, end_move, station_under
+from desim_uav.rules.requests import on_completion, on_request
+from desim_uav.rules.rows import Drone, User
+from desim_uav.rules.words import (
+    ARRIVAL,
+    ATTACHMENT,
+    CHARGING,
+    COMMAND,
+    CRASHED,
+    FLYING,
+    QUEUED,
+    RETURNING,
+)
+
+
+class Lives:
+    """The processes of an episode."""
+
+    def __init__(self, clock: Clock, world: Any, path: Any, state: Any) -> None:
+        self.clock = clock
+        self.world, self.path, self.state = world, path, state
+        self.pads = [simpy.Resource(clock, world.pads) for _ in state.stations]
+        self.commands = [Due(clock) for _ in state.drones]
+        self.asked_for: dict[int, Any] = {}
+
+    def begin(self) -> None:
+        """Start all processes; drones that are at a station are in the queue for its pads."""
+        for station, pads in zip(self.state.stations, self.pads, strict=True):
+            for drone in station.queue:
+                self.asked_for[drone] = pads.request()
+        self.drones = [self.clock.process(self.drone(drone)) for drone in self.state.drones]
+        for drone in self.state.drones:
+            self.clock.process(self.battery(drone))
+            self.clock.process(self.footprint(drone))
+        for user in self.state.users:
+            self.clock.process(self.user(user))
+            self.clock.process(self.service(user))
+        self.clock.process(self.attachment())
+
+    def tell(self, drone: int) -> None:
+        """Let a drone that waits for a command obey it."""
+        told, self.commands[drone] = self.commands[drone], Due(self.clock)
+        told.happen(0, key(COMMAND, drone, -1))
+
+    def drone(self, drone: Drone) -> Life:
+        """Obey a command; fly, return, queue and charge; after a crash, wait to be replaced."""
+        world, path, state = self.world, self.path, self.state
+        while True:
+            try:
+                if drone.waits or drone.mode == CRASHED:
+                    yield self.commands[drone.index]
+                    obey(world, path, state, drone)
+                if drone.mode == FLYING and not drone.waits:
+                    yield from self.until(arrival_slot(state, drone.index))
+                    end_move(world, state, drone)
+                while drone.mode == RETURNING:
+                    yield from self.until(arrival_slot(state, drone.index))
+                    arrive(world, state, drone)
+                    go_home(world, path, state, drone, ARRIVAL)
+                if drone.mode in (QUEUED, CHARGING):
+                    yield from self.charge(drone, station_under(world, drone))
+            except simpy.Interrupt:  # by its battery: it has crashed
+                pass
+
+    def charge(self, drone: Drone, station: int) -> Life:
+        """Queue for a pad, and charge on it until the battery is full."""
+        world, state, phase = self.world, self.state, ARRIVAL
+        with self.asked_for.pop(drone.index, None) or self.pads[station].request() as pad:
+            yield pad
+            self.set_time()
+            if drone.mode == QUEUED:
+                phase = begin_charging(world, state, drone, station)
+            if await_full(world, state, drone):
+                yield from self.until(arrival_slot(state, drone.index))
+                phase = ARRIVAL
+            end_charging(world, state, drone, station, phase)
+
+    def battery(self, drone: Drone) -> Life:
+        """Be empty in the air: the drone crashes."""
+        while True:
+            yield from self.until(depletion_slot(self.state, drone.index))
+            crash(self.world, self.path, self.state, drone)
+            self.drones[drone.index].interrupt()
+
+    def footprint(self, drone: Drone) -> Life:
+        """Let users enter and leave."""
+        while True:
+            yield from self.until(crossing_slot(self.state, drone.index))
+            on_crossing(self.world, self.path, self.state, drone)
+
+    def user(self, user: User) -> Life:
+        """Ask, and ask again."""
+        while True:
+            yield from self.until(ask_slot(self.state, user.index))
+            on_request(self.world, self.path, self.state, user)
+
+    def service(self, user: User) -> Life:
+        """End once a request has had what it asked for."""
+        while True:
+            yield from self.until(completion_slot(self.state, user.index))
+            on_completion(self.world, self.path, self.state, user)
+
+    def attachment(self) -> Life:
+        """Follow coverage and requests, once in an instant."""
+        while True:
+            yield from self.until(settle_slot(self.state))
+            settle(self.world, self.path, self.state, ATTACHMENT, ATTACHMENT)
+
+    def until(self, slot: int) -> Life:
+        """Wait until the thing of a slot happens."""
+        yield from self.clock.wait(slot)
+        self.set_time()
+
+    def set_time(self) -> None:
+        """Tell the rules what time it is."""
+        self.state.now_us = self.clock.now

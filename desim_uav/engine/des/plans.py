@@ -1,0 +1,50 @@
+"""Ways back, which are planned when they are first needed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from desim_uav.model.grid import Grid
+from desim_uav.model.planner import Planner, Return
+from desim_uav.model.rows import Table, fill
+from desim_uav.rules.rows import Hop, Plan
+
+NO_WAY = fill(Plan, (-1, -1, -1, 0, 0))
+
+
+class Plans:
+    """The ways back from all places, in the order of ``Constants.plans``."""
+
+    def __init__(self, planner: Planner, grid: Grid) -> None:
+        self.planner, self.grid = planner, grid
+        self.hops: Table[Hop] = Table()
+        self._plans: dict[int, Plan] = {}
+        nx, ny = grid.cells
+        self._places = len(grid.levels_m) * nx * ny
+
+    def __getitem__(self, number: int) -> Plan:
+        """Return the plan of a number."""
+        plan = self._plans.get(number)
+        if plan is None:
+            ceiling, place = divmod(number, self._places)
+            column, y = divmod(place, self.grid.cells[1])
+            level, x = divmod(column, self.grid.cells[0])
+            plan = self._plans[number] = self._row(self.planner.plan((x, y, level), bool(ceiling)))
+        return plan
+
+    def of(self, ceiling: bool, place: int) -> Plan:
+        """Return the way back from a place."""
+        return self[ceiling * self._places + place]
+
+    def numbered(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
+        """Add hops; return the number of the first, and the one after the last."""
+        first = len(self.hops)
+        self.hops.extend(fill(Hop, hop) for hop in hops)
+        return first, len(self.hops)
+
+    def _row(self, back: Return | None) -> Plan:
+        if back is None:
+            return NO_WAY
+        return fill(
+            Plan, (back.station, back.duration_us, back.drained_us, *self.numbered(back.hops))
+        )

@@ -1,0 +1,408 @@
+"""What rows tell of an episode: snapshots, the log, and the drones that the next one begins with.
+
+It is the same for both engines, which differ in where their rows are.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.copies import Independent
+from desim_uav.engine.base import (
+    Carried,
+    CarriedDrone,
+    EpisodeLog,
+    FlownLeg,
+    Measures,
+    Place,
+    RunSettings,
+    Step,
+    UserState,
+)
+from desim_uav.errors import SimulationError
+from desim_uav.model.coverage import all_walked
+from desim_uav.model.rules import US, Mode, Outcome, Phase
+from desim_uav.model.state import Observation, Snapshot, observed, shown
+from desim_uav.rules.words import EVENT_KINDS, ON_LEG
+from desim_uav.world import World
+
+MODES, STATES = tuple(Mode), tuple(UserState)
+PHASES = (None, *Phase)
+
+
+@dataclass(slots=True)
+class ClosedRequest:
+    """A request that has ended (see ``engine.base.ClosedRequest``)."""
+
+    request_id: int
+    user: int
+    service: int
+    bandwidth_bps: int
+    required_us: int
+    served_us: int
+    attached_us: int
+    t_request_us: int
+    t_first_us: int | None
+    t_end_us: int
+    interruptions: int
+    drones: list[int]
+    outcome: Outcome
+
+
+class RowEngine(Independent, ABC):
+    """An engine over the rows of ``rules.rows`` (see ``Engine``)."""
+
+    def __init__(self, world: World, settings: RunSettings) -> None:
+        self.world = world
+        self.settings = settings
+        self.shown: Snapshot | None = None
+        self.log = EpisodeLog(0)
+        self._carried: Carried | None = None
+        self._under_way = False
+
+    # ---- where the rows are
+
+    @abstractmethod
+    def number(self, name: str) -> Any:
+        """Return a number of the state."""
+
+    @abstractmethod
+    def numbers(self, name: str) -> list[Any]:
+        """Return the numbers of a table or queue of the state."""
+
+    @abstractmethod
+    def rows(self, name: str) -> Sequence[Any]:
+        """Return the rows of a table or queue of the state, to be read."""
+
+    @abstractmethod
+    def drone(self, index: int) -> Any:
+        """Return the row of a drone, to be written."""
+
+    @abstractmethod
+    def plan(self, drone: int, place: int) -> Any:
+        """Return the way back of a drone from a place, as a row."""
+
+    @abstractmethod
+    def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
+        """Return the hops of these numbers."""
+
+    @abstractmethod
+    def route(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
+        """Return the numbers of hops: the first, and the one after the last."""
+
+    @abstractmethod
+    def queue_up(self, drone: int, station: int) -> None:
+        """Put a drone last in a station's queue."""
+
+    @abstractmethod
+    def start_afresh(self) -> None:
+        """Put the drones at their starts."""
+
+    @abstractmethod
+    def terms(self) -> tuple[dict[str, float], ...]:
+        """Return the terms of the drones' rewards, by name."""
+
+    @abstractmethod
+    def measures(self) -> Measures:
+        """The quality of experience so far, open requests by what they have had so far."""
+
+    @abstractmethod
+    def position_m(self, drone: int) -> Place:
+        """Return where a drone is now."""
+
+    @abstractmethod
+    def doing(self, user: int) -> int:
+        """Return what a user is doing now."""
+
+    @abstractmethod
+    def walks(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """Return the users' walks in this episode."""
+
+    # ---- from one episode to the next
+
+    @property
+    def terminated(self) -> bool:
+        """Has a crash ended the episode?"""
+        return self._under_way and bool(self.number("terminated"))
+
+    @property
+    def truncated(self) -> bool:
+        """Is the episode's time up?"""
+        return self._under_way and bool(self.number("truncated"))
+
+    def carried(self) -> Carried | None:
+        """What the next episode's drones begin with; None if they start afresh."""
+        if self.truncated and not self.terminated and self.settings.carry_over:
+            return self._drones_now()
+        return self._carried
+
+    def carry(self, drones: Carried | None) -> None:
+        """Let the next episode begin with these drones."""
+        self.shown = None
+        self._under_way = False
+        self._carried = drones
+
+    def take_up(self, episode: int) -> None:
+        """Put the drones where this episode begins, and begin its log."""
+        goes_on = self.truncated and not self.terminated and self.settings.carry_over
+        if not goes_on:
+            self._load(self._carried)
+        self._carried = None
+        self._under_way = True
+        self.new_log(episode)
+
+    def _drones_now(self) -> Carried:
+        now_us = int(self.number("now_us"))
+        queues = (station.queue for station in self.rows("stations"))
+        places = {d: place for queue in queues for place, d in enumerate(queue)}
+        carried = []
+        for drone in self.rows("drones"):
+            hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
+            carried.append(
+                CarriedDrone(
+                    MODES[drone.mode],
+                    (drone.x, drone.y, drone.level),
+                    drone.battery_us,
+                    now_us - drone.since_us,
+                    hop if drone.hopping else None,
+                    tuple(self.hops(drone.route, drone.route_end)),
+                    drone.counted_m,
+                    places.get(drone.index, 0),
+                    (drone.fallen_x_m, drone.fallen_y_m) if drone.fallen else None,
+                )
+            )
+        return tuple(carried)
+
+    def _load(self, carried: Carried | None) -> None:
+        """Put the drones where they are before an episode."""
+        self.start_afresh()
+        for index, one in enumerate(carried or ()):
+            drone = self.drone(index)
+            drone.mode, drone.battery_us, drone.since_us = (
+                int(one.mode),
+                one.battery_us,
+                -one.age_us,
+            )
+            drone.x, drone.y, drone.level = one.node
+            drone.to_x, drone.to_y, drone.to_level = one.node
+            drone.route, drone.route_end = self.route(one.route) if one.route else (0, 0)
+            drone.counted_m = one.counted_m
+            if one.hop is not None:
+                to = [int(at) + by for at, by in zip(one.node, one.hop, strict=True)]
+                drone.to_x, drone.to_y, drone.to_level = to
+                axis = next(k for k in range(3) if one.hop[k])
+                drone.transit, drone.hopping = len(self.world.epoch_transits) + 1 + axis, 1
+            if one.fallen_m is not None:
+                drone.fallen = 1
+                drone.fallen_x_m, drone.fallen_y_m = one.fallen_m
+        landed = [
+            (one.place, index, self.world.stations.index(one.node[:2]))
+            for index, one in enumerate(carried or ())
+            if one.mode in (Mode.QUEUED, Mode.CHARGING)
+        ]
+        for _, index, station in sorted(landed):
+            self.queue_up(index, station)
+
+    # ---- commands and what policies are shown
+
+    def hear(self, commands: Sequence[int]) -> None:
+        """Write the commands of a step into the drones' rows."""
+        if self.shown is None or self.shown.terminated or self.shown.truncated:
+            raise SimulationError("step: the episode is over, or none has begun; call reset first")
+        drones, count = self.world.scenario.drones.count, len(self.world.actions)
+        if len(commands) != drones:
+            raise ValueError(f"{len(commands)} commands for {drones} drones")
+        for index, command in enumerate(commands):
+            self.drone(index).command = int(command) if 0 <= command < count else -1
+
+    def observations(self) -> tuple[Observation, ...]:
+        """Return what each drone knows at the present decision epoch."""
+        facts, step = self.world.facts, int(self.number("step"))
+        capacity_s, counts = facts.capacity_s, self.numbers("counts")
+        observations, first, services = [], 0, len(facts.services)
+        for index, seen in enumerate(self.rows("seen")):
+            station = duration_s = drained_s = None
+            if capacity_s is not None:
+                plan = self.plan(index, seen.believed)
+                drained_s = math.inf
+                if plan.station >= 0:
+                    station, duration_s = plan.station, plan.duration_us / US
+                    drained_s = plan.drained_us / US
+            observations.append(
+                observed(
+                    (
+                        index,
+                        step,
+                        facts.steps,
+                        (seen.x, seen.y),
+                        seen.level,
+                        MODES[seen.mode],
+                        None if capacity_s is None else seen.battery_us / US,
+                        capacity_s,
+                        drained_s,
+                        seen.attached_users,
+                        seen.served_requests,
+                        seen.used_bps / 1000,
+                        station,
+                        duration_s,
+                        tuple(counts[first : first + services]),
+                        tuple(counts[first + services : first + 2 * services]),
+                    )
+                )
+            )
+            first += 2 * services
+        return tuple(observations)
+
+    def snapshot(self) -> Snapshot:
+        """The state at the present decision epoch."""
+        step, actions = int(self.number("step")), len(self.world.actions)
+        masks = [mask != 0 for mask in self.numbers("masks")]
+        self.shown = shown(
+            (
+                step,
+                int(self.number("now_us")),
+                bool(self.number("terminated")),
+                bool(self.number("truncated")),
+                self.observations(),
+                tuple(tuple(masks[at : at + actions]) for at in range(0, len(masks), actions)),
+                tuple(self.numbers("asked")),
+                tuple(self.numbers("rewards")) if step else (),
+                self.terms() if step else (),
+            )
+        )
+        return self.shown
+
+    # ---- the log
+
+    def new_log(self, episode: int) -> None:
+        """Begin the log of an episode."""
+        self._served_by: dict[int, list[int]] = {}
+        self.log = EpisodeLog(episode, [] if self.settings.keep_events else None)
+
+    def drain_log(self) -> None:
+        """Move what rows hold of a step into the log."""
+        log = self.log
+        if self.number("crashes") > len(log.crashed):
+            log.crashed[:] = self.numbers("crashed")
+        if self.number("keeps_requests"):
+            self._log_requests()
+        if self.settings.keep_steps and self.number("step"):
+            self._log_steps()
+        if log.events is not None:
+            for event in self.rows("events"):
+                if event.kind == ON_LEG:
+                    log.legs.append(self._leg(event))
+                else:
+                    phase, kind = PHASES[event.phase], EVENT_KINDS[event.kind]
+                    rest = (event.drone, event.user, event.request, event.station)
+                    log.events.append((event.t_us, phase, kind, *rest))
+        if self.number("terminated") or self.number("truncated"):
+            self._end_log()
+
+    def _leg(self, event: Any) -> FlownLeg:
+        """A leg between two numbered places; a crashed drone lies where its row says."""
+        mode, drone = MODES[event.phase], event.drone
+        if mode is Mode.CRASHED:
+            fallen = self.rows("drones")[drone]
+            place_m = (fallen.fallen_x_m, fallen.fallen_y_m, 0.0)
+            return FlownLeg(event.t_us, drone, 0, mode, place_m, place_m)
+        ends_m = self._place_m(event.user), self._place_m(event.request)
+        return FlownLeg(event.t_us, drone, event.station, mode, *ends_m)
+
+    def _place_m(self, place: int) -> Place:
+        grid = self.world.grid
+        column, y = divmod(place, grid.cells[1])
+        level, x = divmod(column, grid.cells[0])
+        return *grid.centre(x, y), grid.levels_m[level]
+
+    def _log_requests(self) -> None:
+        for handover in self.rows("handovers"):
+            self._served_by.setdefault(handover.number, []).append(handover.drone)
+        for closed in self.rows("closed"):
+            outcome = Outcome.UNFINISHED if closed.served_us else Outcome.NEVER_SERVED
+            if closed.served_us == closed.required_us:
+                outcome = Outcome.COMPLETED
+            self.log.requests.append(
+                ClosedRequest(
+                    closed.number,
+                    closed.user,
+                    closed.service,
+                    closed.bandwidth_bps,
+                    closed.required_us,
+                    closed.served_us,
+                    closed.attached_us,
+                    closed.t_request_us,
+                    None if closed.t_first_us < 0 else closed.t_first_us,
+                    closed.t_end_us,
+                    closed.interruptions,
+                    self._served_by.pop(closed.number, []),
+                    outcome,
+                )
+            )
+
+    def _log_steps(self) -> None:
+        step, now_us, actions = self.number("step"), self.number("now_us"), self.world.actions
+        limited = self.world.facts.capacity_s is not None
+        by_drone = zip(self.rows("records"), self.numbers("rewards"), strict=True)
+        for index, (record, reward) in enumerate(by_drone):
+            return_us = None
+            if limited:
+                plan = self.plan(index, record.believed)
+                return_us = plan.drained_us if plan.station >= 0 else math.inf
+            self.log.steps.append(
+                Step(
+                    step - 1,
+                    now_us,
+                    index,
+                    record.x_m,
+                    record.y_m,
+                    record.z_m,
+                    record.battery_us if limited else None,
+                    MODES[record.mode],
+                    None if record.command < 0 else actions[record.command],
+                    actions[record.taken],
+                    record.attached_users,
+                    record.served_requests,
+                    record.used_bps,
+                    return_us,
+                    reward,
+                )
+            )
+
+    def _end_log(self) -> None:
+        log = self.log
+        log.duration_us = int(self.number("now_us"))
+        log.attached_us = int(self.number("attached_us"))
+        log.bandwidth_us_bps = int(self.number("bandwidth_us_bps"))
+        log.queueing_us = int(self.number("queueing_us"))
+        log.distance_m = float(self.number("distance_m"))
+        log.charges = int(self.number("charges"))
+        log.suppressed = int(self.number("suppressed"))
+        log.requests.sort(key=lambda request: request.request_id)
+        log.put_in_order()
+
+    # ---- what can be asked in between
+
+    def requests_made(self) -> int:
+        """How many requests have been made in the episode so far, open ones among them."""
+        return int(self.number("opened"))
+
+    def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Where drones and users truly are: (drones, 3) and (users, 3)."""
+        users = self.world.homes.copy()
+        users[:, :2] = all_walked(*self.walks(), int(self.number("now_us")))
+        count = self.world.scenario.drones.count
+        return np.array([self.position_m(drone) for drone in range(count)]), users
+
+    def user_states(self) -> list[UserState]:
+        """What each user is doing; after an episode, what it did at its end."""
+        if self.number("terminated") or self.number("truncated"):
+            return [STATES[user.doing] for user in self.rows("users")]
+        return [STATES[self.doing(user)] for user in range(len(self.world.homes))]

@@ -1,0 +1,85 @@
+"""The state of an environment as rows, before its first episode (see ``rules.rows.State``)."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from desim_uav.engine.base import RunSettings
+from desim_uav.model.rows import Queue, Table, blank
+from desim_uav.rules.rows import (
+    Closed,
+    Crossing,
+    Drone,
+    Event,
+    Handover,
+    Record,
+    Seen,
+    State,
+    Station,
+    User,
+)
+from desim_uav.world import World
+
+
+class Room(NamedTuple):
+    """For how much of what varies compiled code has memory.
+
+    ``log``: events, and requests that end, in a step; ``crossings``: those of a drone's leg.
+    """
+
+    log: int = 0
+    crossings: int = 0
+
+
+def state_of(world: World, settings: RunSettings, room: Room) -> State:
+    """Return a state in which nothing has happened, with room for compiled code."""
+    made = blank(State)
+    fill_state(made, world, settings, room)
+    return made
+
+
+def fill_state(made: State, world: World, settings: RunSettings, room: Room) -> None:
+    """Give a blank state its rows."""
+    drones, users = world.scenario.drones.count, len(world.homes)
+    services, steps = len(world.services.names), world.scenario.episode.steps
+    made.keeps_events, made.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
+    made.drones = Table(_drone(world, index, room) for index in range(drones))
+    made.users = Table(_user(index, drones) for index in range(users))
+    made.stations = Table(blank(Station) for _ in world.stations)
+    for station in made.stations:
+        station.queue.room = drones
+    made.loose.room = users * (2 * drones + 2)
+    made.open_requests, made.asked = _zeros(services), _zeros(services)
+    made.seen = Table(blank(Seen) for _ in range(drones))
+    made.records = Table(blank(Record) for _ in range(drones))
+    made.counts = _zeros(2 * services * drones)
+    made.masks = _zeros(drones * len(world.actions))
+    made.rewards = Table([0.0] * drones)
+    made.terms = Table([0.0] * (drones * (services + 3)))
+    made.crashed.room = drones * (steps + 2)
+    made.history = _zeros(steps * drones)
+    made.events = Queue(of=Event, room=room.log * settings.keep_events)
+    made.closed = Queue(of=Closed, room=room.log * settings.keep_steps)
+    made.handovers = Queue(of=Handover, room=2 * room.log * settings.keep_steps)
+
+
+def _zeros(count: int) -> Table[int]:
+    return Table([0] * count)
+
+
+def _drone(world: World, index: int, room: Room) -> Drone:
+    made = blank(Drone)
+    made.index = index
+    made.waiting.room = len(world.homes)
+    made.ahead = Queue(of=Crossing, room=room.crossings)
+    services = len(world.services.names)
+    made.served, made.asking = _zeros(services), _zeros(services)
+    return made
+
+
+def _user(index: int, drones: int) -> User:
+    made = blank(User)
+    made.index = made.request.user = index
+    made.holder = made.request.number = made.request.server = -1
+    made.covering = Table([-1] * drones)
+    return made

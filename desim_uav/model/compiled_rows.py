@@ -1,0 +1,413 @@
+"""Rows in compiled code: a row is a pointer to its fields, which are reached by name."""
+
+from __future__ import annotations
+
+import operator
+from typing import Any, get_origin
+
+from numba import extending
+
+from desim_uav.model.numba_parts import (
+    AttributeTemplate,
+    cgutils,
+    ir,
+    populate_array,
+    signature,
+    types,
+)
+from desim_uav.model.numba_parts import address_of as machine_code
+from desim_uav.model.rows import Queue, Row, Table, held_by, is_row, width_of
+
+infer_getattr: Any = extending.infer_getattr
+intrinsic: Any = extending.intrinsic
+lower_builtin: Any = extending.lower_builtin
+lower_getattr_generic: Any = extending.lower_getattr_generic
+lower_setattr_generic: Any = extending.lower_setattr_generic
+models: Any = extending.models
+overload: Any = extending.overload
+overload_attribute: Any = extending.overload_attribute
+overload_method: Any = extending.overload_method
+register_model: Any = extending.register_model
+type_callable: Any = extending.type_callable
+
+I64, F64 = types.int64, types.float64
+
+
+class Pointer(types.Type):
+    """Where a row is."""
+
+    def __init__(self, cls: type[Row]) -> None:
+        self.cls = cls
+        super().__init__(name=f"{cls.__module__}.{cls.__qualname__}")
+
+
+class Entries(types.Type):
+    """The entries of a table: where the first one is, and how many there are."""
+
+    def __init__(self, of: Any) -> None:
+        self.of = of
+        super().__init__(name=f"Entries({of.__module__}.{of.__qualname__})")
+
+
+class Line(types.Type):
+    """Where a queue is: words with the place of its first entry, their count, and its room."""
+
+    def __init__(self, of: Any) -> None:
+        self.of = of
+        super().__init__(name=f"Line({of.__module__}.{of.__qualname__})")
+
+
+@register_model(Pointer)
+@register_model(Line)
+class _Address(models.PrimitiveModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, cgutils.voidptr_t)
+
+
+@register_model(Entries)
+class _Entries(models.StructModel):
+    def __init__(self, manager: Any, kind: Any) -> None:
+        super().__init__(manager, kind, [("data", types.voidptr), ("count", I64)])
+
+
+def _type_of(kind: Any) -> Any:
+    """The type of a field or entry in compiled code."""
+    if is_row(kind):
+        return Pointer(kind)
+    origin = get_origin(kind)
+    if origin is Table:
+        return Entries(held_by(kind))
+    if origin is Queue:
+        return Line(held_by(kind))
+    return NUMBERS[kind]
+
+
+NUMBERS = {int: I64, float: F64, bool: types.int8}
+
+
+def _moved(builder: Any, base: Any, words: int) -> Any:
+    return builder.gep(base, [cgutils.intp_t(8 * words)], inbounds=True)
+
+
+def _number_at(context: Any, builder: Any, place: Any, kind: Any) -> Any:
+    return builder.bitcast(place, context.get_value_type(kind).as_pointer())
+
+
+def _load(context: Any, builder: Any, base: Any, words: int, kind: Any = I64) -> Any:
+    return builder.load(_number_at(context, builder, _moved(builder, base, words), kind))
+
+
+# ---- fields
+
+
+@infer_getattr
+class _Fields(AttributeTemplate):
+    key = Pointer
+
+    def generic_resolve(self, row: Any, name: str) -> Any:
+        kind = row.cls.kinds.get(name)
+        return None if kind is None else _type_of(kind)
+
+
+@lower_getattr_generic(Pointer)
+def _get(context: Any, builder: Any, row: Any, value: Any, name: str) -> Any:
+    kind, place = row.cls.kinds[name], row.cls.places[name]
+    found = _type_of(kind)
+    if isinstance(found, Pointer | Line):
+        return _moved(builder, value, place)
+    if isinstance(found, Entries):
+        entries = cgutils.create_struct_proxy(found)(context, builder)
+        entries.data = builder.gep(value, [_load(context, builder, value, place)], inbounds=True)
+        entries.count = _load(context, builder, value, place + 1)
+        return entries._getvalue()
+    return _load(context, builder, value, place, found)
+
+
+@lower_setattr_generic(Pointer)
+def _set(context: Any, builder: Any, given: Any, arguments: Any, name: str) -> None:
+    row, kind = given.args
+    found = _type_of(row.cls.kinds[name])
+    value = context.cast(builder, arguments[1], kind, found)
+    place = _moved(builder, arguments[0], row.cls.places[name])
+    builder.store(value, _number_at(context, builder, place, found))
+
+
+# ---- entries
+
+
+def _first_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
+    """The place of the first entry of a table or a queue."""
+    if isinstance(kind, Entries):
+        return cgutils.create_struct_proxy(kind)(context, builder, value=value).data
+    return builder.gep(value, [_load(context, builder, value, 0)], inbounds=True)
+
+
+def _entry(context: Any, builder: Any, kind: Any, value: Any, k: Any) -> Any:
+    size = cgutils.intp_t(1 if kind.of is bool else 8 * width_of(kind.of))
+    first = _first_of(context, builder, kind, value)
+    return builder.gep(first, [builder.mul(k, size)], inbounds=True)
+
+
+@type_callable(operator.getitem)
+def _type_of_item(context: Any) -> Any:
+    def typed(entries: Any, k: Any) -> Any:
+        if isinstance(entries, Entries | Line) and isinstance(k, types.Integer):
+            return signature(_type_of(entries.of), entries, I64)
+        return None
+
+    return typed
+
+
+@lower_builtin(operator.getitem, Entries, I64)
+@lower_builtin(operator.getitem, Line, I64)
+def _get_item(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+    place = _entry(context, builder, given.args[0], *arguments)
+    if isinstance(given.return_type, Pointer):
+        return place
+    return builder.load(_number_at(context, builder, place, given.return_type))
+
+
+@type_callable(operator.setitem)
+def _type_of_set_item(context: Any) -> Any:
+    def typed(entries: Any, k: Any, value: Any) -> Any:
+        if isinstance(entries, Entries | Line) and not is_row(entries.of):
+            return signature(types.none, entries, I64, _type_of(entries.of))
+        return None
+
+    return typed
+
+
+@lower_builtin(operator.setitem, Entries, I64, types.Number)
+@lower_builtin(operator.setitem, Line, I64, types.Number)
+def _set_item(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+    place = _entry(context, builder, given.args[0], *arguments[:2])
+    builder.store(arguments[2], _number_at(context, builder, place, given.args[2]))
+    return context.get_dummy_value()
+
+
+@type_callable(len)
+def _type_of_len(context: Any) -> Any:
+    def typed(entries: Any) -> Any:
+        if isinstance(entries, Entries | Line):
+            return signature(I64, entries)
+        return None
+
+    return typed
+
+
+@lower_builtin(len, Entries)
+@lower_builtin(len, Line)
+def _len(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+    (kind,), (value,) = given.args, arguments
+    if isinstance(kind, Entries):
+        return cgutils.create_struct_proxy(kind)(context, builder, value=value).count
+    return _load(context, builder, value, 1)
+
+
+# ---- queues: words 1 to 3 are the count, the room, and whether the queue overran
+
+
+def _word(typing_context: Any, line: Any, word: Any) -> Any:
+    place = word.literal_value
+
+    def generate(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+        return _load(context, builder, arguments[0], place)
+
+    return I64(line, word), generate
+
+
+def _set_word(typing_context: Any, line: Any, word: Any, value: Any) -> Any:
+    place = word.literal_value
+
+    def generate(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+        at = _number_at(context, builder, _moved(builder, arguments[0], place), I64)
+        builder.store(arguments[2], at)
+        return context.get_dummy_value()
+
+    return types.none(line, word, I64), generate
+
+
+word: Any = intrinsic(prefer_literal=True)(_word)
+set_word: Any = intrinsic(prefer_literal=True)(_set_word)
+
+
+@overload_method(Line, "append")
+def _append(line: Any, value: Any) -> Any:
+    def append(line: Any, value: Any) -> None:
+        count = len(line)
+        if count < word(line, 2):
+            line[count] = value
+            set_word(line, 1, count + 1)
+        else:
+            set_word(line, 3, 1)
+
+    return append
+
+
+@overload_method(Line, "added")
+def _added(line: Any) -> Any:
+    def added(line: Any) -> Any:
+        count = len(line)
+        if count < word(line, 2):
+            set_word(line, 1, count + 1)
+        else:
+            set_word(line, 3, 1)
+        return line[count]  # behind the last row there is one to spare
+
+    return added
+
+
+@overload_method(Line, "pop")
+def _pop(line: Any) -> Any:
+    def pop(line: Any) -> Any:
+        last = len(line) - 1
+        set_word(line, 1, last)
+        return line[last]
+
+    return pop
+
+
+@overload_method(Line, "clear")
+def _clear(line: Any) -> Any:
+    def clear(line: Any) -> None:
+        set_word(line, 1, 0)
+
+    return clear
+
+
+@overload_method(Line, "insert")
+def _insert(line: Any, place: Any, value: Any) -> Any:
+    def insert(line: Any, place: Any, value: Any) -> None:
+        count = len(line)
+        if count < word(line, 2):
+            for k in range(count, place, -1):
+                line[k] = line[k - 1]
+            line[place] = value
+            set_word(line, 1, count + 1)
+        else:
+            set_word(line, 3, 1)
+
+    return insert
+
+
+@overload_method(Line, "remove")
+def _remove(line: Any, value: Any) -> Any:
+    def remove(line: Any, value: Any) -> None:
+        place, last = 0, len(line) - 1
+        while line[place] != value:
+            place += 1
+        for k in range(place, last):
+            line[k] = line[k + 1]
+        set_word(line, 1, last)
+
+    return remove
+
+
+# ---- functions whose addresses rows hold
+
+
+def call(function: Any, arguments: tuple[Any, ...]) -> None:
+    """Call a function; compiled code has its address (see ``address_of``)."""
+    function(*arguments)
+
+
+def _call(typing_context: Any, function: Any, arguments: Any) -> Any:
+    def generate(context: Any, builder: Any, given: Any, values: Any) -> Any:
+        parts = cgutils.unpack_tuple(builder, values[1])
+        kind = ir.FunctionType(ir.VoidType(), [part.type for part in parts])
+        builder.call(builder.inttoptr(values[0], kind.as_pointer()), parts)
+        return context.get_dummy_value()
+
+    return types.none(I64, arguments), generate
+
+
+_called: Any = intrinsic(_call)
+
+
+@overload(call)
+def _of_call(function: Any, arguments: Any) -> Any:
+    def called(function: Any, arguments: Any) -> None:
+        _called(function, arguments)
+
+    return called
+
+
+def address_of(kernel: Any, *classes: Any) -> int:
+    """Return the address of a kernel that takes rows of these classes and whole numbers.
+
+    It is compiled if need be, and valid in this process.
+    """
+    arguments = tuple(Pointer(cls) if is_row(cls) else I64 for cls in classes)
+    return machine_code(kernel, arguments)
+
+
+# ---- where a row is
+
+
+def pointer_to(cls: type[Row]) -> Any:
+    """Return a function of compiled code that takes an address for that of a row of a class."""
+
+    def at(typing_context: Any, address: Any) -> Any:
+        def generate(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+            return builder.inttoptr(arguments[0], cgutils.voidptr_t)
+
+        return Pointer(cls)(I64), generate
+
+    return intrinsic(at)
+
+
+def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
+    """The entries of a table or queue as an array; the shape may go beyond a queue's count."""
+    of = set(entries.of.kinds.values()) if is_row(entries.of) else {entries.of}
+    kind = types.Array(F64 if of == {float} else I64, len(shape), "C")
+
+    def generate(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+        data = _first_of(context, builder, entries, arguments[0])
+        data = _number_at(context, builder, data, kind.dtype)
+        sizes = cgutils.unpack_tuple(builder, arguments[1])
+        size = cgutils.intp_t(8)
+        strides = [size] if len(sizes) == 1 else [builder.mul(sizes[1], size), size]
+        made = context.make_array(kind)(context, builder)
+        populate_array(made, data, sizes, strides, size, meminfo=None)
+        return made._getvalue()
+
+    return kind(entries, shape), generate
+
+
+as_array: Any = intrinsic(_as_array)
+
+
+@overload_attribute(Line, "overrun")
+def _overrun(line: Any) -> Any:
+    def overrun(line: Any) -> Any:
+        return word(line, 3)
+
+    return overrun
+
+
+@overload_attribute(Line, "room")
+def _room(line: Any) -> Any:
+    def room(line: Any) -> Any:
+        return word(line, 2)
+
+    return room
+
+
+def entries_at(of: Any) -> Any:
+    """Return a function of compiled code that takes an address, and a count, for a table's entries.
+
+    ``of``: int, float, or bool for entries of one byte.
+    """
+
+    def at(typing_context: Any, address: Any, count: Any) -> Any:
+        kind = Entries(of)
+
+        def generate(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+            entries = cgutils.create_struct_proxy(kind)(context, builder)
+            entries.data = builder.inttoptr(arguments[0], cgutils.voidptr_t)
+            entries.count = arguments[1]
+            return entries._getvalue()
+
+        return kind(I64, I64), generate
+
+    return intrinsic(at)

@@ -1,0 +1,45 @@
+"""What is used of Numba that is not its public interface.
+
+``tests/model/test_kernels.py`` names the versions of Numba for which this holds.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import llvmlite.ir
+from numba.core import caching, serialize
+from numba.core import cgutils as _cgutils
+from numba.core import types as _types
+from numba.core.typing import templates as _templates
+from numba.np import arrayobj as _arrayobj
+
+types: Any = _types
+cgutils: Any = _cgutils
+ir: Any = llvmlite.ir
+signature: Any = _templates.signature
+populate_array: Any = _arrayobj.populate_array
+dumps: Any = serialize.dumps
+FunctionCache: Any = caching.FunctionCache
+AttributeTemplate: Any = _templates.AttributeTemplate
+
+WITHOUT_COUNTING: dict[str, Any] = {"_nrt": False}
+"""An option of ``njit``: what makes no arrays need not count references to those it is given. Said
+of each kernel: on disk it is the same whether Python has called it first, or another kernel."""
+
+
+def keep_in(cache: Any, compiled: Any) -> None:
+    """Let a compiled function keep its machine code in a cache."""
+    compiled._cache = cache
+
+
+def cache_of(compiled: Any) -> Any:
+    """Return the cache of a compiled function."""
+    return compiled._cache
+
+
+def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:
+    """Return the address of the machine code for arguments of these types; C code can call it."""
+    compiled.compile(arguments)
+    found = compiled.overloads[arguments]
+    return int(found.library.get_pointer_to_function(found.fndesc.llvm_cfunc_wrapper_name))

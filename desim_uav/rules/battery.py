@@ -1,0 +1,55 @@
+"""The battery: what it holds, and when it is empty."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from desim_uav.model.battery import charged_us
+from desim_uav.model.kernels import rule
+from desim_uav.rules.due import depletion_slot, due, key, undo
+from desim_uav.rules.rows import Constants, Drone, State
+from desim_uav.rules.words import CHARGING, DEPLETION, FLYING, RETURNING
+
+
+def drained_us(world: Any, state: Any, drone: Any, elapsed_us: int) -> int:
+    """Return what the first ``elapsed_us`` of a drone's transit take from its battery."""
+    return int(state.drained_us(drone.transit, elapsed_us))
+
+
+def lasts_us(world: Any, state: Any, drone: Any) -> int:
+    """Return for how long a drone's battery lasts on its transit."""
+    return int(state.lasts_us(drone.transit, drone.battery_us))
+
+
+@rule
+def battery_now(world: Constants, state: State, drone: Drone) -> int:
+    """Return what a drone's battery holds now, in microseconds of autonomy."""
+    if not world.limited:
+        return 0
+    elapsed_us = state.now_us - drone.since_us
+    if drone.mode in (FLYING, RETURNING):
+        return drone.battery_us - drained_us(world, state, drone, elapsed_us)
+    if drone.mode == CHARGING:
+        held_us, capacity_us = drone.battery_us, world.capacity_us
+        return int(charged_us(held_us, elapsed_us, capacity_us, world.full_charge_us))
+    return drone.battery_us
+
+
+@rule
+def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None:
+    """Book what the battery has lost or gained; from now on another leg or mode counts."""
+    drone.battery_us = battery_now(world, state, drone)
+    drone.since_us = state.now_us
+    drone.counted_m = 0.0
+    drone.mode = mode
+    undo(state, depletion_slot(state, drone.index))
+
+
+@rule
+def foresee_depletion(world: Constants, state: State, drone: Drone, span_us: int) -> None:
+    """Foresee an empty battery if it does not outlast a leg of ``span_us``."""
+    if world.limited:
+        lasts = lasts_us(world, state, drone)
+        if lasts <= span_us:
+            slot = depletion_slot(state, drone.index)
+            due(state, slot, drone.since_us + lasts, key(DEPLETION, drone.index, -1))

@@ -1,0 +1,89 @@
+"""Charging: drones land on a station, queue for its pads, and charge until they are full."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from desim_uav.model.battery import time_to_full_us
+from desim_uav.model.kernels import rule
+from desim_uav.rules.battery import change_mode
+from desim_uav.rules.coverage import silence
+from desim_uav.rules.due import arrival_slot, due, key
+from desim_uav.rules.flight import hover_at, station_under
+from desim_uav.rules.note import note
+from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.words import (
+    ARRIVAL,
+    CHARGED,
+    CHARGING,
+    COVERAGE,
+    ON_CHARGE,
+    ON_CHARGED,
+    ON_LAND,
+    QUEUED,
+)
+
+
+@rule
+def land(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
+    """Land and join the station's queue."""
+    silence(world, path, state, drone, COVERAGE)
+    change_mode(world, state, drone, QUEUED)
+    hover_at(drone, drone.x, drone.y, drone.level)
+    station = station_under(world, drone)
+    note(state, phase, ON_LAND, drone.index, -1, -1, station)
+    drone.landed_in = phase
+    state.stations[station].queue.append(drone.index)
+    hand_on_pads(world, state, station)
+
+
+def hand_on_pads(world: Any, state: Any, station: int) -> None:
+    """Let drones that are first in a station's queue begin to charge, as many as it has pads.
+
+    A clock whose stations are resources does so by itself.
+    """
+
+
+@rule
+def begin_charging(world: Constants, state: State, drone: Drone, station: int) -> int:
+    """Begin to charge on a pad; return the phase in which that happens."""
+    count_queueing(state, drone)
+    phase = ARRIVAL if state.now_us > drone.since_us else drone.landed_in
+    change_mode(world, state, drone, CHARGING)
+    note(state, phase, ON_CHARGE, drone.index, -1, -1, station)
+    return phase
+
+
+@rule
+def await_full(world: Constants, state: State, drone: Drone) -> bool:
+    """Foresee a full battery; return False if it is full already."""
+    rest_us = time_to_full_us(drone.battery_us, world.capacity_us, world.full_charge_us)
+    if rest_us <= 0:
+        return False
+    slot, full_us = arrival_slot(state, drone.index), drone.since_us + rest_us
+    due(state, slot, full_us, key(ARRIVAL, drone.index, -1))
+    return True
+
+
+@rule
+def end_charging(world: Constants, state: State, drone: Drone, station: int, phase: int) -> None:
+    """The battery is full: the pad is free, and the drone waits there for its next command."""
+    change_mode(world, state, drone, CHARGED)
+    note(state, phase, ON_CHARGED, drone.index, -1, -1, station)
+    state.charges += 1
+    state.stations[station].queue.remove(drone.index)
+    drone.waits = 1
+
+
+@rule
+def on_full(world: Constants, state: State, drone: Drone) -> None:
+    """A drone on a pad is full, and the pad goes to the next one in the queue."""
+    station = station_under(world, drone)
+    end_charging(world, state, drone, station, ARRIVAL)
+    hand_on_pads(world, state, station)
+
+
+@rule
+def count_queueing(state: State, drone: Drone) -> None:
+    """Count what a queued drone has waited for a pad in this episode."""
+    state.queueing_us += state.now_us - max(drone.since_us, 0)

@@ -1,0 +1,69 @@
+"""A crash: an empty battery in the air, and the drone that takes the place of a crashed one."""
+
+from __future__ import annotations
+
+from desim_uav.model.grid import cell_index
+from desim_uav.model.kernels import rule
+from desim_uav.rules.battery import change_mode
+from desim_uav.rules.coverage import silence
+from desim_uav.rules.due import arrival_slot, undo
+from desim_uav.rules.flight import appear, count_distance, hover_at, orient, position
+from desim_uav.rules.note import note, note_drone, note_leg
+from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.words import (
+    CRASHED,
+    DEPLETION,
+    ON_CRASH,
+    ON_DEPLETE,
+    ON_RESPAWN,
+    REMOVES,
+    RESPAWN,
+)
+
+
+@rule
+def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
+    """The battery is empty in the air: the drone falls where it is, and its users are dropped."""
+    note_drone(state, DEPLETION, ON_DEPLETE, drone)
+    x_m, y_m, _ = position(world, state, drone)
+    count_distance(world, state, drone)
+    change_mode(world, state, drone, CRASHED)
+    x = cell_index(x_m, world.cell_x_m, world.nx)
+    y = cell_index(y_m, world.cell_y_m, world.ny)
+    hover_at(drone, x, y, 0)
+    drone.fallen = 1
+    drone.fallen_x_m, drone.fallen_y_m = x_m, y_m
+    drone.waits = drone.hopping = 0
+    drone.route = drone.route_end = 0
+    undo(state, arrival_slot(state, drone.index))
+    silence(world, path, state, drone, DEPLETION)
+    state.crashed.append(drone.index)
+    state.crashes += 1
+    note_drone(state, DEPLETION, ON_CRASH, drone)
+    note_leg(world, state, drone)
+
+
+@rule
+def respawn(world: Constants, path: Path, state: State) -> bool:
+    """Replace crashed drones whose downtime is over; return whether there were any."""
+    any_back = False
+    if world.on_crash != REMOVES:
+        for d in range(len(state.drones)):
+            drone = state.drones[d]
+            if drone.mode == CRASHED and state.now_us - drone.since_us >= world.respawn_after_us:
+                _replace(world, path, state, drone)
+                any_back = True
+    return any_back
+
+
+@rule
+def _replace(world: Constants, path: Path, state: State, drone: Drone) -> None:
+    """Put a new drone on the station that was drawn for it."""
+    station = path.respawns[drone.index * path.respawns_drawn + drone.respawns]
+    cell = world.stations[station]
+    appear(world, state, drone, cell.x, cell.y)
+    note(state, RESPAWN, ON_RESPAWN, drone.index, -1, -1, station)
+    note_leg(world, state, drone)
+    drone.waits = 1
+    drone.respawns += 1
+    orient(world, path, state, drone, state.step)

@@ -1,0 +1,121 @@
+"""Decision epochs: what a drone knows, what it may be commanded, and what a command becomes."""
+
+from __future__ import annotations
+
+from desim_uav.model.kernels import rule
+from desim_uav.rules.battery import battery_now
+from desim_uav.rules.charging import land
+from desim_uav.rules.flight import fly, fly_home, position, station_under, turn_back
+from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.words import (
+    CHARGE,
+    CHARGING,
+    COMMAND,
+    CRASHED,
+    GOTO,
+    HOVER,
+    QUEUED,
+    RETURNING,
+)
+
+
+@rule
+def observe(world: Constants, state: State) -> None:
+    """Note what each drone knows, once it has taken its bearings."""
+    services = world.services
+    for d in range(len(state.drones)):
+        drone, seen = state.drones[d], state.seen[d]
+        seen.mode = drone.mode
+        seen.x, seen.y, seen.level = drone.believed_x, drone.believed_y, drone.believed_level
+        seen.battery_us = battery_now(world, state, drone)
+        seen.believed = drone.believed
+        seen.attached_users = drone.attached_users
+        seen.used_bps = drone.used_bps
+        seen.served_requests = 0
+        for k in range(services):
+            seen.served_requests += drone.served[k]
+            state.counts[2 * services * d + k] = drone.served[k]
+            state.counts[2 * services * d + services + k] = drone.asking[k]
+    for k in range(services):
+        state.asked[k] = state.open_requests[k]
+
+
+@rule
+def record(world: Constants, state: State) -> None:
+    """Note what is logged of each drone at the end of a step, once it has been observed."""
+    for d in range(len(state.drones)):
+        drone, seen, record = state.drones[d], state.seen[d], state.records[d]
+        record.mode = seen.mode
+        record.battery_us = seen.battery_us
+        record.believed = seen.believed
+        record.attached_users = seen.attached_users
+        record.used_bps = seen.used_bps
+        record.served_requests = seen.served_requests
+        record.command, record.taken = drone.command, drone.taken
+        x_m, y_m, z_m = position(world, state, drone)
+        record.x_m, record.y_m, record.z_m = x_m, y_m, z_m
+
+
+@rule
+def allow(world: Constants, state: State) -> None:
+    """Write the masks: which actions each drone may be commanded now. None is without one.
+
+    A move into a building is allowed, because a drone has no map.
+    """
+    for d in range(len(state.drones)):
+        drone, battery_us = state.drones[d], state.seen[d].battery_us
+        may_return = battery_us <= world.return_below_us
+        may_charge = battery_us < world.capacity_us and station_under(world, drone) >= 0
+        for k in range(len(world.moves)):
+            action = world.moves[k].action
+            if drone.mode == RETURNING:
+                allowed = action == GOTO
+            elif drone.mode in (QUEUED, CHARGING):
+                allowed = action == CHARGE
+            elif drone.mode == CRASHED:
+                allowed = action == HOVER
+            elif action == GOTO:
+                allowed = may_return
+            elif action == CHARGE:
+                allowed = may_charge
+            else:
+                allowed = True
+            state.masks[d * len(world.moves) + k] = int(allowed)
+
+
+@rule
+def taken(world: Constants, state: State, drone: Drone) -> int:
+    """Return the action that a command leads to: itself, else the mask's only one, else hover."""
+    told, actions = drone.command, len(world.moves)
+    first = drone.index * actions
+    if told >= 0 and state.masks[first + told]:
+        return told
+    allowed, only, hover = 0, 0, 0
+    for k in range(actions):
+        if state.masks[first + k]:
+            allowed += 1
+            only = k
+        if world.moves[k].action == HOVER:
+            hover = k
+    return only if allowed == 1 else hover
+
+
+@rule
+def obey(world: Constants, path: Path, state: State, drone: Drone) -> None:
+    """Act on the action taken."""
+    drone.waits = 0
+    action = world.moves[drone.taken].action
+    if action == GOTO:
+        turn_back(world, path, state, drone)
+        go_home(world, path, state, drone, COMMAND)
+    elif action == CHARGE:
+        land(world, path, state, drone, COMMAND)
+    else:
+        fly(world, path, state, drone, drone.taken)
+
+
+@rule
+def go_home(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
+    """Fly the next hop home, or land."""
+    if not fly_home(world, state, drone, phase):
+        land(world, path, state, drone, phase)

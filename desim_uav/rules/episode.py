@@ -1,0 +1,188 @@
+"""An episode: how it begins, its steps, and how it ends."""
+
+from __future__ import annotations
+
+from desim_uav.model.compiled_rows import call
+from desim_uav.model.kernels import rule
+from desim_uav.rules.attachment import settle
+from desim_uav.rules.charging import await_full, count_queueing, hand_on_pads
+from desim_uav.rules.coverage import leave_all, look_anew, track
+from desim_uav.rules.crash import respawn
+from desim_uav.rules.decide import allow, go_home, obey, observe, record, taken
+from desim_uav.rules.due import nothing_due
+from desim_uav.rules.flight import (
+    appear,
+    await_hop,
+    count_distance,
+    orient,
+)
+from desim_uav.rules.note import note_drone, note_leg
+from desim_uav.rules.requests import close_all, doing, foresee_asking
+from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.words import (
+    ADMISSION,
+    ARRIVAL,
+    CHARGING,
+    COMMAND,
+    COVERAGE,
+    CRASHED,
+    ENDS_EPISODE,
+    ENTRY,
+    FLYING,
+    ON_DECIDE,
+    QUEUED,
+    RECORD,
+    RETURNING,
+)
+
+
+@rule
+def start_afresh(world: Constants, state: State) -> None:
+    """Put the drones at their starts."""
+    state.now_us = 0
+    for d in range(len(state.drones)):
+        drone = state.drones[d]
+        appear(world, state, drone, world.starts[d].x, world.starts[d].y)
+        drone.hopping = 0
+    for k in range(len(state.stations)):
+        state.stations[k].queue.clear()
+
+
+@rule
+def begin(world: Constants, path: Path, state: State) -> None:
+    """Begin an episode with the drones as they are; what they did is as long ago as it was."""
+    for d in range(len(state.drones)):
+        _forget_episode(world, state, state.drones[d])
+    _forget(state)
+    look_anew(world, path, state)
+    for d in range(len(state.drones)):
+        if state.drones[d].mode == FLYING:
+            track(world, path, state, state.drones[d], 0, ENTRY)
+        orient(world, path, state, state.drones[d], 0)
+    for u in range(len(state.users)):
+        foresee_asking(world, path, state, state.users[u])
+    for d in range(len(state.drones)):
+        _go_on(world, path, state, state.drones[d])
+    for station in range(len(state.stations)):
+        hand_on_pads(world, state, station)
+
+
+@rule
+def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
+    """Forget what a drone did in the episode before, but not what it is about."""
+    drone.since_us -= state.now_us
+    drone.respawns = drone.waits = drone.serving = drone.scan = 0
+    drone.free_bps = world.bandwidth_bps
+    drone.used_bps = drone.attached_users = 0
+    drone.waiting.clear()
+    drone.ahead.clear()
+    for service in range(world.services):
+        drone.served[service] = drone.asking[service] = 0
+
+
+@rule
+def _forget(state: State) -> None:
+    """Forget users, requests and measures of the episode before."""
+    state.now_us = state.step = state.terminated = state.truncated = 0
+    state.opened = state.in_service = state.charges = state.crashes = state.suppressed = 0
+    state.open_us = state.served_us = state.attached_us = state.attached_from_us = 0
+    state.queueing_us = state.bandwidth_us_bps = state.to_scan = state.full = 0
+    state.closed_qoe1 = state.distance_m = 0.0
+    state.loose.clear()
+    state.crashed.clear()
+    state.events.clear()
+    state.closed.clear()
+    state.handovers.clear()
+    for service in range(len(state.open_requests)):
+        state.open_requests[service] = 0
+    for u in range(len(state.users)):
+        user = state.users[u]
+        user.holder = user.request.number = user.request.server = -1
+        user.covered, user.share = 0, 0.0
+        for d in range(len(state.drones)):
+            user.covering[d] = -1
+    nothing_due(state)
+
+
+@rule
+def _go_on(world: Constants, path: Path, state: State, drone: Drone) -> None:
+    """Go on with what a drone was about in the episode before."""
+    note_leg(world, state, drone)
+    if drone.mode == RETURNING:
+        if drone.hopping:
+            await_hop(world, state, drone)
+        else:
+            go_home(world, path, state, drone, ARRIVAL)
+    elif drone.mode == QUEUED:
+        drone.landed_in = ARRIVAL
+    elif drone.mode == CHARGING:
+        await_full(world, state, drone)
+    elif drone.mode != CRASHED:
+        drone.waits = 1
+
+
+@rule
+def show_first(world: Constants, path: Path, state: State) -> None:
+    """Show the first decision epoch, once everything before it has happened."""
+    observe(world, state)
+    if respawn(world, path, state):
+        observe(world, state)
+    allow(world, state)
+
+
+@rule
+def hear(world: Constants, state: State) -> None:
+    """Take the commands of all drones, which stand in ``command``: an action's index, or -1."""
+    for d in range(len(state.drones)):
+        drone = state.drones[d]
+        state.history[state.step * len(state.drones) + d] = drone.command
+        drone.taken = taken(world, state, drone)
+        if drone.waits:
+            note_drone(state, COMMAND, ON_DECIDE, drone)
+
+
+@rule
+def command(world: Constants, path: Path, state: State) -> None:
+    """Have the drones that wait obey, one after the other; then attach users and scan queues."""
+    hear(world, state)
+    for d in range(len(state.drones)):
+        if state.drones[d].waits:
+            obey(world, path, state, state.drones[d])
+    settle(world, path, state, COVERAGE, ADMISSION)
+
+
+@rule
+def end_step(world: Constants, path: Path, state: State) -> None:
+    """Phase 8: the step's record and rewards, and the end of the episode; then respawns."""
+    state.step += 1
+    any_crashed = False
+    for d in range(len(state.drones)):
+        orient(world, path, state, state.drones[d], state.step)
+        any_crashed = any_crashed or state.drones[d].mode == CRASHED
+    observe(world, state)
+    record(world, state)
+    call(world.reward_of, (world, state))
+    state.terminated = int(any_crashed and world.on_crash == ENDS_EPISODE)
+    state.truncated = int(state.step == world.steps)
+    if state.terminated or state.truncated:
+        allow(world, state)
+        _end_episode(world, path, state)
+        return
+    if any_crashed and respawn(world, path, state):
+        observe(world, state)
+    allow(world, state)
+
+
+@rule
+def _end_episode(world: Constants, path: Path, state: State) -> None:
+    for u in range(len(state.users)):
+        state.users[u].doing = doing(state.users[u])
+    close_all(world, path, state)
+    leave_all(state, RECORD)
+    for d in range(len(state.drones)):
+        drone = state.drones[d]
+        drone.serving = 0
+        drone.waiting.clear()
+        count_distance(world, state, drone)
+        if drone.mode == QUEUED:
+            count_queueing(state, drone)

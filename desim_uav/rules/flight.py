@@ -1,0 +1,251 @@
+"""Flight: cell by cell as commanded, and home by the planned way."""
+
+from __future__ import annotations
+
+from desim_uav.model.grid import cell_index, level_index
+from desim_uav.model.kernels import rule
+from desim_uav.rules.battery import change_mode, foresee_depletion
+from desim_uav.rules.coverage import silence, track
+from desim_uav.rules.due import arrival_slot, due, key
+from desim_uav.rules.note import note_drone, note_leg, place
+from desim_uav.rules.rows import Constants, Drone, Path, Plan, State
+from desim_uav.rules.words import (
+    ARRIVAL,
+    COMMAND,
+    COVERAGE,
+    FLYING,
+    HOVER,
+    ON_ARRIVE,
+    ON_BLOCKED,
+    ON_DEPART,
+    REST,
+    RETURNING,
+    US,
+)
+
+# ---- where a drone is
+
+
+@rule
+def station_under(world: Constants, drone: Drone) -> int:
+    """Return the station on whose cell a drone is, at its landing level, or -1."""
+    if drone.level != 0:
+        return -1
+    return world.station_at[drone.x * world.ny + drone.y]
+
+
+@rule
+def can_enter(world: Constants, drone: Drone, x: int, y: int, level: int) -> bool:
+    """Return whether a place is on the map, under the drone's ceiling and free of buildings."""
+    levels = world.levels_under_ceiling if world.ceilings[drone.index] else world.levels
+    if not (0 <= x < world.nx and 0 <= y < world.ny and 0 <= level < levels):
+        return False
+    return world.blocked[place(world, x, y, level)] == 0
+
+
+@rule
+def flown_m(world: Constants, state: State, drone: Drone) -> float:
+    """Return how far a drone has flown on its leg."""
+    pieces = world.transits[drone.transit].pieces
+    elapsed_s, k = (state.now_us - drone.since_us) / US, 0
+    while k + 1 < len(pieces) and pieces[k + 1].start_s <= elapsed_s:
+        k += 1
+    piece = pieces[k]
+    t = elapsed_s - piece.start_s
+    half_acceleration = 0.5 * piece.acceleration_mps2
+    return piece.from_m + piece.speed_mps * t + half_acceleration * t * t
+
+
+@rule
+def position(world: Constants, state: State, drone: Drone) -> tuple[float, float, float]:
+    """Return where a drone is now: x, y, z in metres."""
+    if drone.fallen:
+        return drone.fallen_x_m, drone.fallen_y_m, 0.0
+    x0 = (drone.x + 0.5) * world.cell_x_m
+    y0 = (drone.y + 0.5) * world.cell_y_m
+    z0 = world.levels_m[drone.level]
+    if drone.transit == REST:
+        return x0, y0, z0
+    share = flown_m(world, state, drone) / world.transits[drone.transit].distance_m
+    x1 = (drone.to_x + 0.5) * world.cell_x_m
+    y1 = (drone.to_y + 0.5) * world.cell_y_m
+    z1 = world.levels_m[drone.to_level]
+    return x0 + share * (x1 - x0), y0 + share * (y1 - y0), z0 + share * (z1 - z0)
+
+
+@rule
+def orient(world: Constants, path: Path, state: State, drone: Drone, step: int) -> None:
+    """Take bearings at a decision epoch: where does the drone believe it is?
+
+    It mistakes x and y by the position errors of the sample path; it knows its altitude.
+    """
+    noisy = len(path.errors) > 0
+    x, y, level = drone.x, drone.y, drone.level
+    if noisy or drone.transit != REST or drone.fallen:
+        x_m, y_m, z_m = position(world, state, drone)
+        if noisy:
+            error = (drone.index * (world.steps + 1) + step) * 2
+            x_m += path.errors[error] * world.cell_x_m
+            y_m += path.errors[error + 1] * world.cell_y_m
+        x = cell_index(x_m, world.cell_x_m, world.nx)
+        y = cell_index(y_m, world.cell_y_m, world.ny)
+        level = level_index(z_m, world.lowest_m, world.level_step_m, world.levels)
+    drone.believed = place(world, x, y, level)
+    drone.believed_x, drone.believed_y, drone.believed_level = x, y, level
+
+
+@rule
+def way_back(world: Constants, drone: Drone, from_place: int) -> Plan:
+    """Return the planned way back from a place, under the drone's ceiling if it has one."""
+    places = world.levels * world.nx * world.ny
+    return world.plans[world.ceilings[drone.index] * places + from_place]
+
+
+# ---- legs
+
+
+@rule
+def hover_at(drone: Drone, x: int, y: int, level: int) -> None:
+    """Rest at a place."""
+    drone.x, drone.y, drone.level = x, y, level
+    drone.to_x, drone.to_y, drone.to_level = x, y, level
+    drone.transit = REST
+    drone.fallen = 0
+
+
+@rule
+def appear(world: Constants, state: State, drone: Drone, x: int, y: int) -> None:
+    """Put a drone in the air at the lowest level, with a full battery."""
+    drone.mode = FLYING
+    drone.battery_us = world.capacity_us
+    drone.since_us = state.now_us
+    drone.counted_m = 0.0
+    hover_at(drone, x, y, 0)
+
+
+@rule
+def set_out(world: Constants, state: State, drone: Drone, mode: int, transit: int) -> None:
+    """Begin a leg to the place that ``to_x``, ``to_y`` and ``to_level`` say; a hover is one too."""
+    change_mode(world, state, drone, mode)
+    drone.transit = transit
+    if transit != REST:
+        note_leg(world, state, drone)
+
+
+@rule
+def arrive(world: Constants, state: State, drone: Drone) -> None:
+    """End a leg: the drone hovers where it has led."""
+    state.distance_m += world.transits[drone.transit].distance_m - drone.counted_m
+    change_mode(world, state, drone, drone.mode)
+    hover_at(drone, drone.to_x, drone.to_y, drone.to_level)
+    note_drone(state, ARRIVAL, ON_ARRIVE, drone)
+
+
+@rule
+def count_distance(world: Constants, state: State, drone: Drone) -> None:
+    """Count what a drone has flown of its leg and not counted before."""
+    flown = flown_m(world, state, drone)
+    state.distance_m += flown - drone.counted_m
+    drone.counted_m = flown
+
+
+# ---- serving flight
+
+
+@rule
+def fly(world: Constants, path: Path, state: State, drone: Drone, taken: int) -> None:
+    """A step of serving flight: a move to the next cell or level, or a hover."""
+    move = world.moves[taken]
+    x, y, level = drone.x + move.dx, drone.y + move.dy, drone.level + move.dlevel
+    moves = move.action != HOVER
+    if moves and not can_enter(world, drone, x, y, level):
+        note_drone(state, COMMAND, ON_BLOCKED, drone)
+        moves = False
+    if not moves:
+        hover_at(drone, drone.x, drone.y, drone.level)
+        _serve_on(world, path, state, drone, REST)
+        drone.waits = 1
+        return
+    drone.to_x, drone.to_y, drone.to_level = x, y, level
+    _serve_on(world, path, state, drone, move.transit)
+    note_drone(state, COMMAND, ON_DEPART, drone)
+    _await_arrival(world, state, drone)
+
+
+@rule
+def _serve_on(world: Constants, path: Path, state: State, drone: Drone, transit: int) -> None:
+    """Begin a leg that lasts for the step, and serve on it."""
+    set_out(world, state, drone, FLYING, transit)
+    foresee_depletion(world, state, drone, world.step_us)
+    track(world, path, state, drone, world.step_us, COVERAGE)
+
+
+@rule
+def _await_arrival(world: Constants, state: State, drone: Drone) -> None:
+    arrival_us = drone.since_us + world.transits[drone.transit].duration_us
+    due(state, arrival_slot(state, drone.index), arrival_us, key(ARRIVAL, drone.index, -1))
+
+
+@rule
+def end_move(world: Constants, state: State, drone: Drone) -> None:
+    """A move ends before its step does: the drone hovers, and can be commanded."""
+    rest_us = world.step_us - world.transits[drone.transit].duration_us
+    arrive(world, state, drone)
+    foresee_depletion(world, state, drone, rest_us)
+    drone.waits = 1
+
+
+# ---- the way home
+
+
+@rule
+def turn_back(world: Constants, path: Path, state: State, drone: Drone) -> None:
+    """Stop serving, and plan the way back from where the drone believes it is."""
+    change_mode(world, state, drone, RETURNING)
+    silence(world, path, state, drone, COVERAGE)
+    plan = way_back(world, drone, drone.believed)
+    drone.route = drone.route_end = 0
+    if station_under(world, drone) < 0 and plan.station >= 0:
+        drone.route, drone.route_end = plan.first, plan.end
+
+
+@rule
+def fly_home(world: Constants, state: State, drone: Drone, phase: int) -> bool:
+    """Begin the next hop home, or return False: the route has ended at a station.
+
+    A route that ends elsewhere, or at a building, is followed by one from where the drone is.
+    """
+    drone.hopping = 0
+    while station_under(world, drone) < 0 or drone.route < drone.route_end:
+        _next_hop(world, state, drone, phase)
+        if drone.hopping:
+            return True
+    return False
+
+
+@rule
+def _next_hop(world: Constants, state: State, drone: Drone, phase: int) -> None:
+    """Begin the next hop of the route, unless it is blocked, which ends the route."""
+    if drone.route == drone.route_end:
+        plan = way_back(world, drone, place(world, drone.x, drone.y, drone.level))
+        drone.route, drone.route_end = plan.first, plan.end
+    hop = world.hops[drone.route]
+    x, y, level = drone.x + hop.dx, drone.y + hop.dy, drone.level + hop.dlevel
+    drone.route += 1
+    if not can_enter(world, drone, x, y, level):
+        note_drone(state, phase, ON_BLOCKED, drone)
+        drone.route = drone.route_end
+        return
+    axis = 0 if hop.dx != 0 else 1 if hop.dy != 0 else 2
+    drone.to_x, drone.to_y, drone.to_level = x, y, level
+    set_out(world, state, drone, RETURNING, world.first_hop + axis)
+    drone.hopping = 1
+    await_hop(world, state, drone)
+    note_drone(state, phase, ON_DEPART, drone)
+
+
+@rule
+def await_hop(world: Constants, state: State, drone: Drone) -> None:
+    """Foresee the end of a hop, and an empty battery before it."""
+    foresee_depletion(world, state, drone, world.transits[drone.transit].duration_us)
+    _await_arrival(world, state, drone)

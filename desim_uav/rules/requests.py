@@ -1,0 +1,118 @@
+"""Users ask, and their requests are completed."""
+
+from __future__ import annotations
+
+from desim_uav.model.kernels import rule
+from desim_uav.rules.attachment import settle_after
+from desim_uav.rules.due import ask_slot, due, key
+from desim_uav.rules.note import note
+from desim_uav.rules.rows import Constants, Path, State, User
+from desim_uav.rules.service import close, open_request, scan_later, stop, wait
+from desim_uav.rules.words import (
+    ATTACHED,
+    COMPLETION,
+    IDLE,
+    ON_CLOSE,
+    ON_COMPLETE,
+    ON_REQUEST,
+    OPEN,
+    RECORD,
+    REQUEST,
+    SERVED,
+)
+
+
+@rule
+def foresee_asking(world: Constants, path: Path, state: State, user: User) -> None:
+    """At the start of an episode: foresee a user's first request."""
+    user.next_ask = path.asks_at[user.index]
+    if user.next_ask < path.asks_at[user.index + 1]:
+        _foresee(world, path, state, user)
+
+
+@rule
+def _foresee(world: Constants, path: Path, state: State, user: User) -> None:
+    due_us = path.asks[user.next_ask].due_us
+    if due_us < world.horizon_us:
+        due(state, ask_slot(state, user.index), due_us, key(REQUEST, -1, user.index))
+
+
+@rule
+def on_request(world: Constants, path: Path, state: State, user: User) -> None:
+    """A user asks. In an open loop an arrival is dropped while a request of its user is open."""
+    number = user.next_ask
+    user.next_ask = number + 1
+    if not path.after_previous and number + 1 < path.asks_at[user.index + 1]:
+        _foresee(world, path, state, user)
+    if user.request.number >= 0:
+        state.suppressed += 1
+        return
+    open_request(path, state, user, number)
+    note(state, REQUEST, ON_REQUEST, -1, user.index, user.request.number, -1)
+    if user.holder >= 0:
+        drone = state.drones[user.holder]
+        wait(state, drone, user)
+        scan_later(state, drone)
+        settle_after(world, path, state, REQUEST)
+
+
+@rule
+def on_completion(world: Constants, path: Path, state: State, user: User) -> None:
+    """A request has had the service time it asked for."""
+    drone = state.drones[user.request.server]
+    stop(state, user, COMPLETION)
+    close(world, path, state, user, COMPLETION, ON_COMPLETE)
+    if len(drone.waiting) > 0:
+        scan_later(state, drone)
+        settle_after(world, path, state, COMPLETION)
+
+
+@rule
+def close_all(world: Constants, path: Path, state: State) -> None:
+    """At the end of an episode: close all open requests."""
+    for u in range(len(state.users)):
+        user = state.users[u]
+        if user.request.number >= 0:
+            if user.request.server >= 0:
+                stop(state, user, RECORD)
+            close(world, path, state, user, RECORD, ON_CLOSE)
+
+
+@rule
+def doing(user: User) -> int:
+    """Return what a user is doing (see ``UserState``)."""
+    if user.request.number >= 0:
+        return SERVED if user.request.server >= 0 else OPEN
+    return IDLE if user.holder < 0 else ATTACHED
+
+
+@rule
+def measures(world: Constants, state: State) -> tuple[float, float, float]:
+    """Return QoE1 to QoE3 so far, with open requests by what they have had so far.
+
+    A measure is NaN if it does not exist yet.
+    """
+    now_us, qoe1, open_now, attached = state.now_us, state.closed_qoe1, 0, 0
+    for u in range(len(state.users)):
+        user = state.users[u]
+        request = user.request
+        if request.number >= 0:
+            open_now += 1
+            if request.server >= 0:
+                had_us = request.served_us + now_us - request.started_us
+                qoe1 += had_us / request.required_us
+            else:
+                qoe1 += user.share
+    for d in range(len(state.drones)):
+        attached += state.drones[d].attached_users
+    open_us = state.open_us + open_now * now_us
+    served_us = state.served_us + state.in_service * now_us
+    attached_us = state.attached_us + attached * now_us - state.attached_from_us
+    lasted_us = len(state.users) * now_us
+    first = second = third = float("nan")
+    if state.opened > 0:
+        first = 100 * qoe1 / state.opened
+        second = (open_us - served_us) / world.step_us / state.opened
+    if lasted_us > 0:
+        third = 100 * attached_us / lasted_us
+    return first, second, third

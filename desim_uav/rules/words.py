@@ -1,0 +1,72 @@
+"""The model's words as whole numbers, which rows hold (see ``model.rules`` and ``UserState``)."""
+
+from __future__ import annotations
+
+from desim_uav.model.rules import Action, Mode, Phase
+
+HOVER, GOTO, CHARGE = int(Action.HOVER), int(Action.GOTO_CHARGING_STATION), int(Action.CHARGE)
+
+FLYING, RETURNING, QUEUED, CHARGING, CHARGED, CRASHED = map(int, Mode)
+
+(
+    COMPLETION,
+    EXIT,
+    ARRIVAL,
+    ENTRY,
+    REQUEST,
+    DEPLETION,
+    ATTACHMENT,
+    RECORD,
+    RESPAWN,
+    COMMAND,
+    COVERAGE,
+    ADMISSION,
+) = map(int, Phase)
+
+IDLE, ATTACHED, OPEN, SERVED = range(4)
+"""What a user is doing (see ``UserState``)."""
+
+RESPAWNS, REMOVES, ENDS_EPISODE = range(3)
+CRASHES = {"respawn": RESPAWNS, "remove": REMOVES, "end_episode": ENDS_EPISODE}
+"""What follows a crash."""
+
+EVENT_KINDS = (
+    *("request", "serve", "stop", "complete", "refuse", "close"),
+    *("enter", "exit", "attach", "detach"),
+    *("decide", "depart", "blocked", "arrive", "land", "charge", "charged"),
+    *("deplete", "crash", "respawn"),
+)
+"""The kinds of events by number. The number after them is that of a leg (see ``note_leg``)."""
+
+(
+    ON_REQUEST,
+    ON_SERVE,
+    ON_STOP,
+    ON_COMPLETE,
+    ON_REFUSE,
+    ON_CLOSE,
+    ON_ENTER,
+    ON_EXIT,
+    ON_ATTACH,
+    ON_DETACH,
+    ON_DECIDE,
+    ON_DEPART,
+    ON_BLOCKED,
+    ON_ARRIVE,
+    ON_LAND,
+    ON_CHARGE,
+    ON_CHARGED,
+    ON_DEPLETE,
+    ON_CRASH,
+    ON_RESPAWN,
+    ON_LEG,
+) = range(len(EVENT_KINDS) + 1)
+
+NEVER = 2**62
+"""A time that does not come."""
+
+REST = 0
+"""The number of the transit of no distance: a hover."""
+
+US = 1_000_000
+MINUTE_US = 60_000_000
