@@ -31,7 +31,6 @@ from typing import NamedTuple
 
 import numba
 import numpy as np
-from desim_uav.engine.compiled.memory import BUCKETS_X
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
@@ -41,6 +40,7 @@ from desim_uav.engine.compiled.pack import pack
 from desim_uav.engine.des import Simulation
 from desim_uav.model import coverage
 from desim_uav.model.rules import Action
+from desim_uav.rules.rows import Constants
 from desim_uav.sample_path import SamplePath, SamplePaths, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.scenario.schema import Scenario
@@ -189,11 +189,13 @@ def engine_steps(engine: Engine) -> Timed:
 
 def kernel_steps(engine: BatchSimulation) -> Timed:
     def timed(path: SamplePath, told: Commands) -> float:
-        packed, _ = engine.prepare(SamplePaths.of(path))
-        calls.reset(engine.fixed, packed, engine.state)
+        engine.path, _ = engine.prepare(SamplePaths.of(path))
+        at, commands = engine.addresses(), engine.arrays["drones"]["command"]
+        calls.reset(*at)
         start = time.process_time()
         for command in told:
-            calls.step(engine.fixed, packed, engine.state, command)
+            commands[:] = command
+            calls.step(*at)
         elapsed = time.process_time() - start
         engine.check()
         return elapsed
@@ -264,7 +266,7 @@ def print_buckets(size: Size, rounds: int) -> None:
     plain = BatchSimulation(size.world, settings)
     coverage.FEWEST_BUCKETS = fewest
     pack.cache_clear()
-    assert not plain.fixed.i[BUCKETS_X]
+    assert not plain.fixed.block[Constants.places["buckets_x"]]
     engines = {"kernel": size.engines["kernel_us"], "plain": kernel_steps(plain)}
     path, told = size.episodes[0]
     costs = {
