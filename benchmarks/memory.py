@@ -29,9 +29,9 @@ def main() -> None:
     many = flown(count)
     taken = resident_mib() - before
     engine = many.compiled.sessions[0].engine
-    arrays = sum(array.nbytes for part in (engine.state, engine.packed) for array in part)
+    arrays = engine.state.nbytes + engine.path.nbytes
     print(f"{count} environments: {taken:.1f} MiB (aim: {AIM_MIB} for 1024)")
-    print(f"arrays of each: {arrays / 1024:.1f} KiB, {engine.packed.f.nbytes / 1024:.1f} of walks")
+    print(f"arrays of each: {arrays / 1024:.1f} KiB, {engine.path.nbytes / 1024:.1f} of the sample path")
     one.close()
     many.close()
 
