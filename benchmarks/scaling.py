@@ -36,6 +36,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import Engine, RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
+from desim_uav.engine.compiled.loop import RESET, STEP
 from desim_uav.engine.compiled.pack import pack
 from desim_uav.engine.des import Simulation
 from desim_uav.model import coverage
@@ -191,11 +192,11 @@ def kernel_steps(engine: BatchSimulation) -> Timed:
     def timed(path: SamplePath, told: Commands) -> float:
         engine.path, _ = engine.prepare(SamplePaths.of(path))
         at, commands = engine.addresses(), engine.arrays["drones"]["command"]
-        calls.reset(*at)
+        calls.run(*at, RESET)
         start = time.process_time()
         for command in told:
             commands[:] = command
-            calls.step(*at)
+            calls.run(*at, STEP)
         elapsed = time.process_time() - start
         engine.check()
         return elapsed

@@ -167,7 +167,7 @@ def _kernels() -> Iterator[Finding]:
     if os.environ.get("NUMBA_DISABLE_JIT", "0") != "0":
         yield Finding("problem", "kernels", "NUMBA_DISABLE_JIT is set, so everything is very slow")
         return
-    from desim_uav.engine.compiled import calls
+    from desim_uav.engine.compiled import loop
     from desim_uav.learning import fused
     from desim_uav.model.coverage import crossings
     from desim_uav.model.kernels import NOWHERE, cache_folder, compiled_before
@@ -183,7 +183,7 @@ def _kernels() -> Iterator[Finding]:
     if problem := _unwritable(folder):
         words = f"{problem}; it is compiled anew in each process, or set NUMBA_CACHE_DIR"
         yield Finding("problem", "compiled code", words)
-    kinds = {"run": crossings, "the compiled engine": calls.step, "training": fused.play}
+    kinds = {"run": crossings, "the compiled engine": loop.run, "training": fused.play}
     waiting = [name for name, kernel in kinds.items() if not compiled_before(kernel)]
     missing = f"{', '.join(waiting)}: compiled on first use, which takes up to a minute"
     words = f"{missing if waiting else 'ready'}; kept in {folder}"

@@ -39,9 +39,9 @@ def progress(
     """
     kernel: Callable[..., Any] = crossings
     if engine == "batch":
-        from desim_uav.engine.compiled import calls
+        from desim_uav.engine.compiled import loop
 
-        kernel = calls.step
+        kernel = loop.run
     with display(show, total, unit, not compiled_before(kernel)) as update:
         yield lambda: update(lambda: unit)
 

@@ -9,15 +9,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.compiled import loop
 from desim_uav.engine.compiled.calls import constants_at, path_at, state_at
+from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.learning.double_q import update as double_q
 from desim_uav.learning.expected_sarsa import update as expected_sarsa
 from desim_uav.learning.exploration import epsilon_greedy, value_of
 from desim_uav.learning.q_learning import update as q_learning
 from desim_uav.learning.sarsa import update as sarsa
+from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import kernel, rule
-from desim_uav.rules.episode import start_afresh
 from desim_uav.rules.requests import measures
 from desim_uav.rules.rows import Constants, State
 from desim_uav.rules.words import CHARGED, CRASHED, FLYING, MINUTE_US, REMOVES
@@ -69,13 +69,13 @@ def play(
     for episode in range(len(paths_at)):
         p = path_at(paths_at[episode])
         if episode > 0 and (s.terminated or restarts[episode - 1]):
-            start_afresh(w, s)
+            call(w.run, (w, p, s, START_AFRESH))
         law = (laws[episode, 0], laws[episode, 1])
-        loop.reset(w, p, s)
+        call(w.run, (w, p, s, RESET))
         while not (s.terminated or s.truncated):
             drawn = draws[episode, :, s.step]
             _decide(w, s, algorithm, q, sizes, law, drawn, pending, due, allowed)
-            loop.step(w, p, s)
+            call(w.run, (w, p, s, STEP))
             for d in range(len(s.drones)):
                 reward = s.rewards[d]
                 due[d, GAINED] += due[d, DISCOUNT] * reward

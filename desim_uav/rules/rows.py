@@ -98,7 +98,7 @@ class Constants(Row):
     ``transits``: the rest, then those of the moving actions, then those of hops along x, y and
     between levels, which begin at ``first_hop``. ``bandwidth_bps`` -1: unlimited. ``known``: the
     crossings of legs past users who stand still (see ``engine.compiled.standing``). ``foresee``,
-    ``reward_of`` and ``scan`` are functions, in compiled code their addresses.
+    ``reward_of``, ``scan`` and ``run`` are functions, in compiled code their addresses.
     """
 
     steps: int
@@ -159,6 +159,7 @@ class Constants(Row):
     foresee: int
     reward_of: int
     scan: int
+    run: int
 
 
 # ---- a sample path

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.compiled import looking, loop
-from desim_uav.model.compiled_rows import address_of, entries_at, pointer_to
+from desim_uav.engine.compiled.loop import STEP
+from desim_uav.model.compiled_rows import address_of, call, entries_at, pointer_to
 from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.model.rows import View
 from desim_uav.rules import battery, flight, requests, rewards, service
-from desim_uav.rules.episode import start_afresh as put_at_starts
 from desim_uav.rules.observations import encode
 from desim_uav.rules.rows import Constants, Drone, Path, State
 
@@ -41,6 +41,7 @@ def set_functions(constants: View) -> None:
     constants.foresee = address_of(looking.foresee, Constants, Path, State, Drone, int)
     constants.scan = address_of(first_come, Constants, Path, State, Drone, int)
     constants.reward_of = address_of(paper_reward, Constants, State)
+    constants.run = address_of(loop.run, Constants, Path, State, int)
 
 
 @stands_in_for(battery.drained_us)
@@ -60,21 +61,10 @@ def _lasts_us(world: Any, state: Any, drone: Any) -> Any:
 
 
 @kernel
-def start_afresh(world: int, state: int) -> None:
-    """Put the drones at their starts."""
-    put_at_starts(constants_at(world), state_at(state))
-
-
-@kernel
-def reset(world: int, path: int, state: int) -> None:
-    """Begin an episode with the drones as they are, and run up to its first decision epoch."""
-    loop.reset(constants_at(world), path_at(path), state_at(state))
-
-
-@kernel
-def step(world: int, path: int, state: int) -> None:
-    """Have the drones obey their commands, and run to the next decision epoch."""
-    loop.step(constants_at(world), path_at(path), state_at(state))
+def run(world: int, path: int, state: int, what: int) -> None:
+    """Do one of START_AFRESH, RESET and STEP (see ``loop.run``)."""
+    at = constants_at(world)
+    call(at.run, (at, path_at(path), state_at(state), what))
 
 
 @kernel
@@ -135,10 +125,10 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
     for k in range(len(environments)):
         if which[k]:
             row = environments[k]
-            own = state_at(row[2])
+            world, own = constants_at(row[0]), state_at(row[2])
             for d in range(commands.shape[1]):
                 own.drones[d].command = commands[k, d]
-            loop.step(constants_at(row[0]), path_at(row[1]), own)
+            call(world.run, (world, path_at(row[1]), own, STEP))
     return look_at_all(environments, which)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from desim_uav.engine.compiled.slots import is_before, next_slot
-from desim_uav.model.kernels import rule, stands_in_for
+from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.rules.attachment import settle
 from desim_uav.rules.charging import (
     await_full,
@@ -18,33 +18,40 @@ from desim_uav.rules.coverage import on_crossing
 from desim_uav.rules.crash import crash
 from desim_uav.rules.decide import go_home
 from desim_uav.rules.due import key, undo
-from desim_uav.rules.episode import begin, command, end_step, show_first
+from desim_uav.rules.episode import begin, command, end_step, show_first, start_afresh
 from desim_uav.rules.flight import arrive, end_move
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.words import ARRIVAL, ATTACHMENT, CHARGING, QUEUED, RECORD, RESPAWN, RETURNING
 
-
-@rule
-def reset(world: Constants, path: Path, state: State) -> None:
-    """Begin an episode with the drones as they are, and run up to its first decision epoch."""
-    begin(world, path, state)
-    _run_before(world, path, state, 0, key(RESPAWN, -1, -1))
-    show_first(world, path, state)
-    state.full |= _overrun(state)
+START_AFRESH, RESET, STEP = range(3)
+"""What ``run`` does."""
 
 
-@rule
-def step(world: Constants, path: Path, state: State) -> None:
-    """Have the drones obey their commands, and run to the next decision epoch."""
-    state.events.clear()
-    state.closed.clear()
-    state.handovers.clear()
-    command(world, path, state)
-    end_us = state.now_us + world.step_us
-    _run_before(world, path, state, end_us, key(RECORD, -1, -1))
-    state.now_us = end_us
-    end_step(world, path, state)
+@kernel
+def run(world: Constants, path: Path, state: State, what: int) -> None:
+    """Put the drones at their starts, begin an episode, or run a step (``what``).
+
+    It is one kernel, which others call by its address, so that all of it is compiled once.
+    """
+    if what == START_AFRESH:
+        start_afresh(world, state)
+        return
+    if what == RESET:
+        begin(world, path, state)
+        end_us, end = 0, key(RESPAWN, -1, -1)
+    else:
+        state.events.clear()
+        state.closed.clear()
+        state.handovers.clear()
+        command(world, path, state)
+        end_us, end = state.now_us + world.step_us, key(RECORD, -1, -1)
+    _run_before(world, path, state, end_us, end)
+    if what == RESET:
+        show_first(world, path, state)
+    else:
+        state.now_us = end_us
+        end_step(world, path, state)
     state.full |= _overrun(state)
 
 

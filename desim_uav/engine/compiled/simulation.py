@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 
 from desim_uav.copies import owned, usable
 from desim_uav.engine.base import Measures, Place, RunSettings
-from desim_uav.engine.compiled import calls
+from desim_uav.engine.compiled import calls, loop
+from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.engine.compiled.pack import pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.engine.compiled.walking import legs_of_step
@@ -176,7 +177,8 @@ class BatchSimulation(RowEngine):
 
     def start_afresh(self) -> None:
         """Put the drones at their starts."""
-        calls.start_afresh(*self._at())
+        world, state = self._at()
+        calls.run(world, state, state, START_AFRESH)
 
     def terms(self) -> tuple[dict[str, float], ...]:
         """Return the terms of the drones' rewards, by name."""
@@ -220,7 +222,7 @@ class BatchSimulation(RowEngine):
         self.shown = None
         self.path, _ = self.prepare(SamplePaths.of(path))
         self._began = self._drones_words()
-        calls.reset(*self.addresses())
+        calls.run(*self.addresses(), RESET)
         self.drain()
 
     def prepare(self, paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
@@ -242,7 +244,7 @@ class BatchSimulation(RowEngine):
     def step(self, commands: Sequence[int]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
         self.hear(commands)
-        calls.step(*self.addresses())
+        calls.run(*self.addresses(), STEP)
         self.drain()
         return self.snapshot()
 
@@ -256,12 +258,12 @@ class BatchSimulation(RowEngine):
             self._make_room()
             self._restore_drones(*self._began)
             self.new_log(self.log.episode)
-            calls.reset(*self.addresses())
+            calls.run(*self.addresses(), RESET)
             for commands in heard:  # before the last of them nothing can be short of memory
                 self.drain_log()
                 for drone, command in zip(self.drones, commands, strict=True):
                     drone.command = command
-                calls.step(*self.addresses())
+                calls.run(*self.addresses(), STEP)
         self.drain_log()
 
     def _drones_words(self) -> tuple[int, NDArray[Any], list[list[int]]]:
@@ -289,5 +291,5 @@ def named(cls: Any) -> Any:
 @cache
 def kernels_digest() -> str:
     """Return what the kernels of a step are compiled from: it changes with the layout of rows."""
-    step: Any = calls.step
-    return code_digest(getattr(step, "py_func", step))
+    run: Any = loop.run
+    return code_digest(getattr(run, "py_func", run))
