@@ -17,7 +17,7 @@ from desim_uav.learning.exploration import epsilon_greedy, value_of
 from desim_uav.learning.q_learning import update as q_learning
 from desim_uav.learning.sarsa import update as sarsa
 from desim_uav.model.compiled_rows import call
-from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.kernels import kernel, part, rule
 from desim_uav.rules.requests import measures
 from desim_uav.rules.rows import Constants, State
 from desim_uav.rules.words import CHARGED, CRASHED, FLYING, MINUTE_US, REMOVES
@@ -94,7 +94,7 @@ def play(
             return
 
 
-@rule
+@part
 def _decide(
     w: Constants,
     s: State,
@@ -144,7 +144,7 @@ def _close(
         _forget(pending[d], due[d])
 
 
-@rule
+@part
 def state_row(w: Constants, s: State, d: int, sizes: Ints) -> int:
     """Return the row of the paper's state in a table (see ``Position``)."""
     seen = s.seen[d]
@@ -156,14 +156,14 @@ def state_row(w: Constants, s: State, d: int, sizes: Ints) -> int:
     return int(row)
 
 
-@rule
+@part
 def _look(s: State, d: int, allowed: NDArray[np.bool_]) -> None:
     first = d * len(allowed)
     for k in range(len(allowed)):
         allowed[k] = s.masks[first + k] != 0
 
 
-@rule
+@part
 def _only(allowed: NDArray[np.bool_]) -> int:
     """Return the first allowed action."""
     for k in range(len(allowed)):
@@ -172,19 +172,19 @@ def _only(allowed: NDArray[np.bool_]) -> int:
     return 0
 
 
-@rule
+@part
 def _decides(s: State, d: int) -> bool:
     mode = s.seen[d].mode
     return mode in (FLYING, CHARGED)
 
 
-@rule
+@part
 def _is_lost(w: Constants, s: State, d: int) -> bool:
     """Return whether this drone has crashed and will not be replaced."""
     return s.seen[d].mode == CRASHED and w.on_crash == REMOVES
 
 
-@rule
+@part
 def _act(
     algorithm: int,
     q: NDArray[np.float32],
@@ -219,13 +219,13 @@ def _conclude(
     _forget(pending, due)
 
 
-@rule
+@part
 def _forget(pending: Ints, due: Floats) -> None:
     pending[PENDING_STATE] = -1
     due[GAINED], due[DISCOUNT] = 0.0, 1.0
 
 
-@rule
+@part
 def _learn(
     algorithm: int,
     q: NDArray[np.float32],

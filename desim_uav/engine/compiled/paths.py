@@ -48,11 +48,16 @@ def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
     starts, at, parts = Path.words * np.arange(episodes), header.size, [header.reshape(-1)]
     for name, section in sections.items():
         place, columns = Path.places[name], 4 if name == "asks" else 1
-        header[:, place] = 8 * (at + np.array(section.begins, np.int64) - starts)
-        header[:, place + 1] = np.array(section.counts, np.int64) // columns
+        header[:, place] = section.begins
+        header[:, place] += at
+        header[:, place + 1] = section.counts
+        header[:, place + 1] //= columns
         for part in section.parts:
             parts.append(part.view(np.int64) if part.dtype == np.float64 else part)
             at += part.size
+    for name in sections:  # where they begin, in bytes from each header on
+        header[:, Path.places[name]] -= starts
+        header[:, Path.places[name]] *= 8
     return np.concatenate(parts, dtype=np.int64), starts
 
 
@@ -66,10 +71,11 @@ def _block(numbers: NDArray[Any]) -> Section:
 
 def _listed(arrays: Sequence[NDArray[Any]]) -> Section:
     """An array per episode, or always the same."""
+    count, first = len(arrays), arrays[0]
+    if all(array is first for array in arrays):
+        return Section([np.ascontiguousarray(first).reshape(-1)], [0] * count, [first.size] * count)
     flat = [np.ascontiguousarray(array).reshape(-1) for array in arrays]
     sizes = [array.size for array in flat]
-    if len(set(map(id, arrays))) == 1:
-        return Section([flat[0]], [0] * len(arrays), sizes)
     return Section(flat, [0, *accumulate(sizes[:-1])], sizes)
 
 
