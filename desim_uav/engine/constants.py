@@ -11,7 +11,13 @@ from desim_uav.model.coverage import bucket_grid
 from desim_uav.model.mobility import RandomWalk
 from desim_uav.model.motion import REST, Transit
 from desim_uav.model.observations import Local, Position
-from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService, thresholds_us
+from desim_uav.model.rewards import (
+    Coverage,
+    CoverageBattery,
+    MultiService,
+    RowReward,
+    thresholds_us,
+)
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import MOVES, US
 from desim_uav.rules import observations, rewards
@@ -66,7 +72,6 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     made.weight_users = float(getattr(reward, "users", 0.0))
     weights = getattr(reward, "services", {})
     made.weights = Table(weights.get(name, 0.0) for name in world.services.names)
-    made.terms = len(term_names(world))
     low_battery = getattr(reward, "low_battery", 0.0)
     made.c1_us, made.c2_us, made.c3_us, made.c4_us = thresholds_us(low_battery, world.capacity_us)
     made.observation = OBSERVATIONS.get(type(scenario.observation), observations.NONE)
@@ -101,10 +106,14 @@ def _transit(transit: Transit) -> TransitRow:
 
 
 def term_names(world: World) -> tuple[str, ...]:
-    """Return the terms of a built-in reward, in their order."""
+    """Return the terms of a reward in their order; none if only its own function knows them."""
     reward = world.scenario.reward
+    if isinstance(reward, RowReward):
+        return reward.names
     if isinstance(reward, Coverage):
         return ("users",)
     if isinstance(reward, CoverageBattery):
         return ("users", "return")
-    return ("users", *world.services.names, "return", "charging")
+    if isinstance(reward, MultiService):
+        return ("users", *world.services.names, "return", "charging")
+    return ()

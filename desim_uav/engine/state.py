@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from desim_uav.engine.base import RunSettings
+from desim_uav.engine.constants import term_names
 from desim_uav.model.rows import Queue, Table, blank
 from desim_uav.rules.rows import (
     Closed,
@@ -55,7 +56,6 @@ def fill_state(made: State, world: World, settings: RunSettings, room: Room) -> 
     made.counts = _zeros(2 * services * drones)
     made.masks = _zeros(drones * len(world.actions))
     made.rewards = Table([0.0] * drones)
-    made.terms = Table([0.0] * (drones * (services + 3)))
     made.crashed.room = drones * (steps + 2)
     made.history = _zeros(steps * drones)
     made.events = Queue(of=Event, room=room.log * settings.keep_events)
@@ -74,6 +74,7 @@ def _drone(world: World, index: int, room: Room) -> Drone:
     made.ahead = Queue(of=Crossing, room=room.crossings)
     services = len(world.services.names)
     made.served, made.asking = _zeros(services), _zeros(services)
+    made.terms = Table([0.0] * len(term_names(world)))
     return made
 
 

@@ -16,6 +16,7 @@ from desim_uav.copies import Independent
 from desim_uav.engine.base import COUNTS, MEASURES, Engine, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.env.configure import Source, configured
+from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath, SamplePaths, at_once, draw_all
@@ -105,9 +106,7 @@ class Session(Independent):
         """
         path = self._next_path(seed)
         shown = self.engine.reset(path)
-        terms = self.scenario.reward.terms(
-            shown.observations[0], shown.open_requests, self.world.facts
-        )
+        terms = self._term_names(shown)
         self.term_keys = {name: f"reward_{name}" for name in terms}
         self.blank: dict[str, Any] = {
             **dict.fromkeys(MEASURES, 0.0),
@@ -119,6 +118,13 @@ class Session(Independent):
         self._no_terms = (dict.fromkeys(terms, 0.0),) * len(shown.observations)
         self._shown = shown
         return shown
+
+    def _term_names(self, shown: Snapshot) -> tuple[str, ...]:
+        """Return the names of the reward's terms."""
+        reward, facts = self.scenario.reward, self.world.facts
+        if isinstance(reward, RowReward):
+            return reward.names
+        return tuple(reward.terms(shown.observations[0], shown.open_requests, facts))
 
     def _next_path(self, seed: int | None) -> SamplePath:
         """Return the sample path of the next episode, or of the first of a new run."""

@@ -5,10 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Protocol
+from typing import Annotated, Any, ClassVar, Protocol
 
 from annotated_types import Ge, Le
 
+from desim_uav.errors import SimulationError
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.state import Facts, Observation
 from desim_uav.registry import register
@@ -33,6 +34,34 @@ class Reward(Protocol):
 
         ``open_requests`` counts all open requests by service, in the order of ``facts.services``.
         """
+
+
+class RowReward:
+    """A reward over rows, which is compiled: both engines run it, and training at full speed.
+
+    A subclass is a frozen dataclass whose fields are numbers. ``names`` are the terms; the reward
+    is their sum.
+    """
+
+    names: ClassVar[tuple[str, ...]] = ()
+
+    def pay(self, world: Any, state: Any, drone: Any) -> None:
+        """Write what a drone gets for the step that ends now: ``drone.terms``, which are 0.
+
+        ``world``, ``state`` and ``drone`` are rows (see ``rules.rows``: Constants, State, Drone).
+        ``state.seen[drone.index]`` is what the drone knows, and ``state.asked`` counts the open
+        requests by service. Compiled code knows no objects besides rows and numbers.
+        """
+        raise NotImplementedError
+
+    def terms(
+        self, drone: Observation, open_requests: tuple[int, ...], facts: Facts
+    ) -> dict[str, float]:
+        """Refuse: this reward is computed from rows, not from an observation."""
+        raise SimulationError(
+            f"reward {type(self).__name__!r} is computed from rows, and cannot be computed from an "
+            "observation alone"
+        )
 
 
 @register("reward", "coverage")

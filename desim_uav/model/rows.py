@@ -76,8 +76,11 @@ class Row:
     """How many words a row takes."""
 
 
-def row(cls: type[R]) -> type[R]:
-    """Make a class of rows of a class with annotations: slots, and a layout in memory."""
+def row(cls: type[R], shared: bool = True) -> type[R]:
+    """Make a class of rows of a class with annotations: slots, and a layout in memory.
+
+    ``shared``: all rules may depend on its layout.
+    """
     names = tuple(cls.__annotations__)
     body = {key: part for key, part in vars(cls).items() if key not in ("__dict__", "__weakref__")}
     made: Any = type(cls.__name__, cls.__bases__, {**body, "__slots__": names})
@@ -87,7 +90,8 @@ def row(cls: type[R]) -> type[R]:
         made.places[name] = at
         at += _words_of(kind)
     made.words = at
-    LAYOUTS.append(made)
+    if shared:
+        LAYOUTS.append(made)
     return made  # type: ignore[no-any-return]
 
 

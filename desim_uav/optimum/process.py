@@ -18,7 +18,7 @@ from desim_uav.model.battery import charged_us, time_to_full_us
 from desim_uav.model.demand import Continuous
 from desim_uav.model.motion import REST, Leg, Transit
 from desim_uav.model.planner import Node
-from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService
+from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService, RowReward
 from desim_uav.model.rules import MOVES, US, Action, Mode, mask
 from desim_uav.model.state import Observation
 from desim_uav.model.sums import in_order
@@ -309,6 +309,11 @@ class DroneProcess:
 
     def _rewarded(self, seen: Observation) -> float:
         world = self.world
+        if isinstance(world.scenario.reward, RowReward):
+            raise UsageError(
+                f"reward: {type(world.scenario.reward).__name__} is computed from rows; the best "
+                "policy can be computed only for a reward of an observation (its 'terms')"
+            )
         asked = (len(world.homes), *[0] * (len(world.services.names) - 1))
         return in_order(world.scenario.reward.terms(seen, asked, world.facts).values())
 

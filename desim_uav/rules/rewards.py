@@ -15,38 +15,50 @@ def paper_reward(world: Constants, state: State) -> None:
     """Write R1, R2 or R3."""
     for d in range(len(state.drones)):
         drone, seen = state.drones[d], state.seen[d]
-        first, total = d * world.terms, 0.0
-        for k in range(world.terms):
-            state.terms[first + k] = 0.0
+        clear_terms(drone)
         if not QUEUED <= seen.mode <= CRASHED:
-            _terms(world, state, drone, seen, first)
-        for k in range(world.terms):
-            total += state.terms[first + k]
-        state.rewards[d] = total
+            _terms(world, state, drone, seen)
+        add_up(state, drone)
 
 
 @rule
-def _terms(world: Constants, state: State, drone: Drone, seen: Seen, first: int) -> None:
-    terms = state.terms
+def clear_terms(drone: Drone) -> None:
+    """Begin with terms of 0."""
+    for k in range(len(drone.terms)):
+        drone.terms[k] = 0.0
+
+
+@rule
+def add_up(state: State, drone: Drone) -> None:
+    """Write a drone's reward: the sum of its terms, in their order."""
+    total = 0.0
+    for k in range(len(drone.terms)):
+        total += drone.terms[k]
+    state.rewards[drone.index] = total
+
+
+@rule
+def _terms(world: Constants, state: State, drone: Drone, seen: Seen) -> None:
+    terms = drone.terms
     share = seen.attached_users * len(state.drones) / len(state.users)
     share = share if share < 1.0 else 1.0
     if world.reward == COVERAGE:
-        terms[first] = share
+        terms[0] = share
         return
     service, cost, way_home = _weights(world, drone, seen)
     signed = world.cost_sign * cost
     if world.reward == COVERAGE_BATTERY:
-        terms[first] = service * share
-        terms[first + 1] = signed * way_home
+        terms[0] = service * share
+        terms[1] = signed * way_home
         return
     services = world.services
-    terms[first] = service * world.weight_users * share
+    terms[0] = service * world.weight_users * share
     for k in range(services):
         served, asked = state.counts[2 * services * drone.index + k], state.asked[k]
         if served and asked:
-            terms[first + 1 + k] = service * world.weights[k] * (served / asked)
-    terms[first + services + 1] = signed * way_home if cost else signed * 0.0
-    terms[first + services + 2] = signed * 0.0
+            terms[1 + k] = service * world.weights[k] * (served / asked)
+    terms[services + 1] = signed * way_home if cost else signed * 0.0
+    terms[services + 2] = signed * 0.0
 
 
 @rule

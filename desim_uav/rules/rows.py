@@ -98,7 +98,8 @@ class Constants(Row):
     ``transits``: the rest, then those of the moving actions, then those of hops along x, y and
     between levels, which begin at ``first_hop``. ``bandwidth_bps`` -1: unlimited. ``known``: the
     crossings of legs past users who stand still (see ``engine.compiled.standing``). ``foresee``,
-    ``reward_of``, ``scan`` and ``run`` are functions, in compiled code their addresses.
+    ``reward_of``, ``scan`` and ``run`` are functions, in compiled code their addresses;
+    ``reward_values``: the address of the fields of a reward of one's own.
     """
 
     steps: int
@@ -138,10 +139,10 @@ class Constants(Row):
     ceilings: Table[int]
     homes: Table[Place]
     reward: int
+    reward_values: int
     cost_sign: float
     weight_users: float
     weights: Table[float]
-    terms: int
     c1_us: int
     c2_us: int
     c3_us: int
@@ -212,6 +213,7 @@ class Drone(Row):
     ``served`` and ``asking``, by service: the requests it serves, and the open ones of all users it
     covers. ``scan``: its queue has to be scanned. ``believed``: the place at which it believes to
     be. ``landed_in``: the phase of its landing. ``counted_m``: what has been counted of its leg.
+    ``terms``: those of its reward.
     """
 
     index: int
@@ -250,6 +252,7 @@ class Drone(Row):
     ahead: Queue[Crossing]
     served: Table[int]
     asking: Table[int]
+    terms: Table[float]
 
 
 @row
@@ -443,7 +446,6 @@ class State(Row):
     counts: Table[int]
     masks: Table[int]
     rewards: Table[float]
-    terms: Table[float]
     crashed: Queue[int]
     history: Table[int]
     events: Queue[Event]

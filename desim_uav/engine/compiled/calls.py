@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.compiled import looking, loop
 from desim_uav.engine.compiled.loop import STEP
+from desim_uav.engine.compiled.own import Own
 from desim_uav.model.compiled_rows import address_of, call, entries_at, pointer_to
 from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.model.rows import View
@@ -36,11 +37,15 @@ def paper_reward(world: Constants, state: State) -> None:
     rewards.paper_reward(world, state)
 
 
-def set_functions(constants: View) -> None:
+def set_functions(constants: View, own_reward: Own | None) -> None:
     """Write the addresses of the functions that rows hold; they are valid in this process."""
     constants.foresee = address_of(looking.foresee, Constants, Path, State, Drone, int)
     constants.scan = address_of(first_come, Constants, Path, State, Drone, int)
-    constants.reward_of = address_of(paper_reward, Constants, State)
+    if own_reward is None:
+        constants.reward_of = address_of(paper_reward, Constants, State)
+    else:
+        constants.reward_of = own_reward.function
+        constants.reward_values = own_reward.values.ctypes.data
     constants.run = address_of(loop.run, Constants, Path, State, int)
 
 
@@ -152,7 +157,7 @@ def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
 
 @rule
 def _look_at(world: Constants, state: State, shown: Shown) -> int:
-    drones, terms, told = len(state.drones), world.terms, shown.told
+    drones, terms, told = len(state.drones), len(state.drones[0].terms), shown.told
     told[0] = state.now_us / 1_000_000
     first, second, third = requests.measures(world, state)
     told[1], told[2], told[3] = _number(first), _number(second), _number(third)
@@ -168,7 +173,7 @@ def _look_at(world: Constants, state: State, shown: Shown) -> int:
         if state.step > 0:
             reward += state.rewards[d]
             for term in range(terms):
-                told[7 + term] += state.terms[d * terms + term]
+                told[7 + term] += state.drones[d].terms[term]
     for term in range(terms):
         told[7 + term] /= drones
     shown.reward[0] = reward / drones

@@ -12,6 +12,7 @@ import numpy as np
 from desim_uav.copies import Unchanging, owned
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
+from desim_uav.engine.compiled.own import compiled_reward, why_not_compiled
 from desim_uav.engine.compiled.standing import tabulate
 from desim_uav.engine.compiled.walking import WALKING_COLUMNS
 from desim_uav.engine.constants import REWARDS, constants_of
@@ -20,6 +21,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.admission import FirstCome
 from desim_uav.model.battery import Endurance
 from desim_uav.model.coverage import SEEN_ROWS, bucket_grid
+from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import View, Words, packed
 from desim_uav.rules.due import slots
 from desim_uav.rules.rows import Constants
@@ -34,13 +36,14 @@ def lacking(world: World) -> list[str]:
     chosen = {
         "drones.battery": (scenario.drones.battery, (Endurance, type(None))),
         "drones.admission": (scenario.drones.admission, (FirstCome,)),
-        "reward": (scenario.reward, tuple(REWARDS)),
     }
     lacks = [
         f"{key}: {type(component).__name__!r} is not compiled"
         for key, (component, known) in chosen.items()
         if type(component) not in known
     ]
+    if type(scenario.reward) not in REWARDS and (why := why_not_compiled(scenario.reward)):
+        lacks.append(f"reward: {type(scenario.reward).__name__!r} is not compiled: {why}")
     return lacks + _too_large(world)
 
 
@@ -73,14 +76,17 @@ class Fixed(Unchanging):
     """The constants of a world and run settings in memory, with functions by their addresses."""
 
     block: Words
+    reward: RowReward | None
 
     def __post_init__(self) -> None:
         """Write the addresses, which are valid only in this process."""
-        set_functions(View(self.block, Constants))
+        own = None if self.reward is None else compiled_reward(self.reward)
+        set_functions(View(self.block, Constants), own)
 
     def __setstate__(self, value: dict[str, Any]) -> None:
         """Take the memory of a pickle."""
         object.__setattr__(self, "block", owned(value["block"]))
+        object.__setattr__(self, "reward", value["reward"])
         self.__post_init__()
 
     @property
@@ -98,7 +104,8 @@ def pack(world: World, settings: RunSettings) -> Fixed:
     constants: Any = constants_of(world, settings)
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
-    return Fixed(packed(constants))
+    reward = world.scenario.reward
+    return Fixed(packed(constants), reward if isinstance(reward, RowReward) else None)
 
 
 def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:

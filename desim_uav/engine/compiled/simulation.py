@@ -16,6 +16,7 @@ from desim_uav.copies import owned, usable
 from desim_uav.engine.base import Measures, Place, RunSettings
 from desim_uav.engine.compiled import calls, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
+from desim_uav.engine.compiled.own import LARGEST_REWARD, TOO_LARGE
 from desim_uav.engine.compiled.pack import pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.engine.compiled.walking import legs_of_step
@@ -41,13 +42,13 @@ ROOM, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
 """Rows for what is kept of a step, and for a leg's crossings; there is more if needed."""
 
 TABLES = (
-    *("drones", "users", "seen", "records", "counts", "masks", "asked", "rewards", "terms"),
+    *("drones", "users", "seen", "records", "counts", "masks", "asked", "rewards"),
     "history",
 )
 QUEUES = ("events", "closed", "handovers", "crashed")
 """The tables and queues of the state that Python reads."""
 
-DERIVED = ("arrays", "root", "constants", "drones")
+DERIVED = ("arrays", "root", "constants", "drones", "drone_terms")
 """What an engine has besides its value: names for parts of its memory."""
 
 
@@ -104,6 +105,7 @@ class BatchSimulation(RowEngine):
         first = int(self.state[State.places["drones"]]) // 8
         count = self.world.scenario.drones.count
         self.drones = [View(self.state, Drone, first + k * Drone.words) for k in range(count)]
+        self.drone_terms = [drone.terms for drone in self.drones]
 
     def refuse_unseen(self) -> None:
         """Raises ScenarioError if the scenario's observation is not compiled."""
@@ -182,9 +184,9 @@ class BatchSimulation(RowEngine):
 
     def terms(self) -> tuple[dict[str, float], ...]:
         """Return the terms of the drones' rewards, by name."""
-        names, terms = self.term_names, self.numbers("terms")
-        firsts = range(0, len(names) * len(self.drones), len(names))
-        return tuple(dict(zip(names, terms[at:], strict=False)) for at in firsts)
+        return tuple(
+            dict(zip(self.term_names, terms.tolist(), strict=True)) for terms in self.drone_terms
+        )
 
     def measures(self) -> Measures:
         """The quality of experience so far, open requests by what they have had so far."""
@@ -206,7 +208,7 @@ class BatchSimulation(RowEngine):
     def _at(self) -> tuple[int, int]:
         return self.fixed.at, self.state.ctypes.data
 
-    def addresses(self) -> tuple[int, ...]:
+    def addresses(self) -> tuple[int, int, int]:
         """Return where world, sample path and state are."""
         return self.fixed.at, self.path.ctypes.data, self.state.ctypes.data
 
@@ -234,6 +236,7 @@ class BatchSimulation(RowEngine):
     def check(self) -> None:
         """After episodes without Python. Raises SimulationError if one ran out of memory."""
         self.log.crashed[:] = self.numbers("crashed")
+        self._check_rewards()
         if self.number("full"):
             legs = f", or a step more than {self.leg_room} legs of users" if self.leg_room else ""
             raise SimulationError(
@@ -250,6 +253,7 @@ class BatchSimulation(RowEngine):
 
     def drain(self) -> None:
         """Move what has happened into the log; if it did not fit, make room and play again."""
+        self._check_rewards()
         while self.number("full"):
             drones = len(self.drones)
             heard = self.arrays["history"].reshape(-1, drones)[: self.number("step")].tolist()
@@ -265,6 +269,14 @@ class BatchSimulation(RowEngine):
                     drone.command = command
                 calls.run(*self.addresses(), STEP)
         self.drain_log()
+
+    def _check_rewards(self) -> None:
+        if self.number("full") & TOO_LARGE:
+            name, rewards = type(self.world.scenario.reward).__name__, self.numbers("rewards")
+            raise SimulationError(
+                f"reward {name!r} gave the drones {rewards} of the terms {self.terms()}; a reward "
+                f"must be a number between -{LARGEST_REWARD:g} and {LARGEST_REWARD:g}"
+            )
 
     def _drones_words(self) -> tuple[int, NDArray[Any], list[list[int]]]:
         """Return the time, the drones' rows, and the queues at the stations."""

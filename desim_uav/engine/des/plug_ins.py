@@ -8,8 +8,9 @@ from typing import Any
 from desim_uav.engine.constants import REWARDS
 from desim_uav.errors import SimulationError
 from desim_uav.model.admission import FirstCome
+from desim_uav.model.rewards import RowReward
 from desim_uav.model.sums import in_order
-from desim_uav.rules.rewards import paper_reward
+from desim_uav.rules.rewards import add_up, clear_terms, paper_reward
 from desim_uav.rules.service import first_come, refuse, serve
 from desim_uav.world import World
 
@@ -47,18 +48,38 @@ def reward(world: World) -> Callable[..., None]:
     own = world.scenario.reward
     if type(own) in REWARDS:
         return paper_reward
-    facts = world.facts
+    pay = _over_rows(own) if isinstance(own, RowReward) else _of_observations(world, own)
 
     def write(constants: Any, state: Any) -> None:
-        asked = tuple(state.asked)
-        terms = [own.terms(seen, asked, facts) for seen in state.observed()]
-        rewards = [in_order(each.values()) for each in terms]
-        state.rewards[:], state.named_terms = rewards, terms
-        if not all(-LARGEST_REWARD <= each <= LARGEST_REWARD for each in rewards):
+        pay(constants, state)
+        if not all(-LARGEST_REWARD <= each <= LARGEST_REWARD for each in state.rewards):
+            terms = state.named_terms or [drone.terms for drone in state.drones]
             raise SimulationError(
-                f"reward {type(own).__name__!r} gave the drones {rewards} of the terms "
+                f"reward {type(own).__name__!r} gave the drones {list(state.rewards)} of the terms "
                 f"{tuple(terms)}; a reward must be a number between -{LARGEST_REWARD:g} and "
                 f"{LARGEST_REWARD:g}"
             )
 
     return write
+
+
+def _over_rows(own: RowReward) -> Callable[..., None]:
+    def pay(constants: Any, state: Any) -> None:
+        for drone in state.drones:
+            clear_terms(drone)
+            own.pay(constants, state, drone)
+            add_up(state, drone)
+
+    return pay
+
+
+def _of_observations(world: World, own: Any) -> Callable[..., None]:
+    facts = world.facts
+
+    def pay(constants: Any, state: Any) -> None:
+        asked = tuple(state.asked)
+        terms = [own.terms(seen, asked, facts) for seen in state.observed()]
+        state.rewards[:] = [in_order(each.values()) for each in terms]
+        state.named_terms = terms
+
+    return pay

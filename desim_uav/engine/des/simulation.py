@@ -221,11 +221,8 @@ class Simulation(RowEngine):
         """Return the terms of the drones' rewards, by name."""
         if self.state.named_terms:
             return tuple(self.state.named_terms)
-        count, terms = len(self.names), self.state.terms
-        return tuple(
-            dict(zip(self.names, terms[first : first + count], strict=True))
-            for first in range(0, count * len(self.state.drones), count)
-        )
+        drones = self.state.drones
+        return tuple(dict(zip(self.names, drone.terms, strict=True)) for drone in drones)
 
     def measures(self) -> Measures:
         """The quality of experience so far, open requests by what they have had so far."""

@@ -1,0 +1,72 @@
+"""Components of one's own in compiled code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from typing import Any
+
+from numba.core.errors import NumbaError
+
+from desim_uav.engine.values import values_of
+from desim_uav.model.compiled_rows import address_of, pointer_to
+from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.rewards import RowReward
+from desim_uav.model.rows import Words, packed
+from desim_uav.rules.rewards import add_up, clear_terms
+from desim_uav.rules.rows import Constants, State
+
+LARGEST_REWARD = 1e100
+"""The largest magnitude of a drone's reward; sums of such rewards over a run stay finite."""
+
+TOO_LARGE = 2
+"""What ``State.full`` says after such a reward, or one that is no number."""
+
+
+@dataclass(frozen=True)
+class Own:
+    """A compiled function of one's own: its address, and the component's fields in memory."""
+
+    function: int
+    values: Words
+
+
+def why_not_compiled(reward: Any) -> str:
+    """Return why a reward of one's own is not compiled; nothing if it is."""
+    if not isinstance(reward, RowReward):
+        return "it has no 'pay' over rows (see RowReward)"
+    try:
+        compiled_reward(reward)
+    except TypeError as error:
+        return str(error)
+    except NumbaError as error:
+        lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+        return lines[1] if len(lines) > 1 else lines[0]
+    return ""
+
+
+@cache
+def _ruled(function: Any) -> Any:
+    return rule(function)
+
+
+@cache
+def compiled_reward(reward: RowReward) -> Own:
+    """Compile a reward, which stays loaded. Raises TypeError and Numba's errors."""
+    values = values_of(reward)
+    pay = _ruled(type(reward).pay)
+    values_at: Any = pointer_to(type(values))
+
+    def reward_all(world: Any, state: Any) -> None:
+        own = values_at(world.reward_values)
+        for d in range(len(state.drones)):
+            drone = state.drones[d]
+            clear_terms(drone)
+            pay(own, world, state, drone)
+            add_up(state, drone)
+            if not -LARGEST_REWARD <= state.rewards[d] <= LARGEST_REWARD:
+                state.full |= TOO_LARGE
+
+    kind = type(reward)
+    reward_all.__qualname__ = f"reward_of_{kind.__module__}_{kind.__qualname__}".replace(".", "_")
+    return Own(address_of(kernel(reward_all), Constants, State), packed(values))

@@ -1,0 +1,163 @@
+"""Components of one's own over rows: both engines run them, and training compiles them."""
+
+from __future__ import annotations
+
+import math
+import pickle
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.choose import engine_for
+from desim_uav.engine.compiled import BatchSimulation
+from desim_uav.engine.compiled.pack import lacking
+from desim_uav.engine.des import Simulation
+from desim_uav.errors import SimulationError
+from desim_uav.learning.training import Training
+from desim_uav.model.rewards import RowReward
+from desim_uav.rules.words import CRASHED, QUEUED
+from desim_uav.sample_path import draw
+from desim_uav.scenario.load import load
+from desim_uav.shipped import scenario_path
+from desim_uav.world import World, build_world
+from tests.verification.engines import differences
+
+
+@dataclass(frozen=True)
+class R1(RowReward):
+    """The paper's R1 once more."""
+
+    names = ("users",)
+
+    def pay(self, world: Any, state: Any, drone: Any) -> None:
+        if not QUEUED <= drone.mode <= CRASHED:
+            share = drone.attached_users * len(state.drones) / len(state.users)
+            drone.terms[0] = min(share, 1.0)
+
+
+@dataclass(frozen=True)
+class Careful(RowReward):
+    """Users served, less a penalty for a battery that is nearly empty."""
+
+    penalty: float = 0.5
+    below: float = 0.3
+    whole: int = 2
+    on: bool = True
+    names = ("served", "risk")
+
+    def pay(self, world: Any, state: Any, drone: Any) -> None:
+        seen = state.seen[drone.index]
+        drone.terms[0] = self.whole * seen.served_requests / len(state.users)
+        if self.on and world.limited and seen.battery_us < self.below * world.capacity_us:
+            drone.terms[1] = -self.penalty
+
+
+@dataclass(frozen=True)
+class Boundless(RowReward):
+    """A reward that is no number after some steps."""
+
+    names = ("users",)
+
+    def pay(self, world: Any, state: Any, drone: Any) -> None:
+        drone.terms[0] = 1e300 if state.step > 3 else 0.0
+
+
+@dataclass(frozen=True)
+class Wordy(RowReward):
+    """What compiled code cannot do."""
+
+    names = ("users",)
+
+    def pay(self, world: Any, state: Any, drone: Any) -> None:
+        drone.terms[0] = {"users": 1.0}[f"use{'rs'}"]
+
+
+@dataclass(frozen=True)
+class Named(RowReward):
+    """A field that is no number."""
+
+    name: str = "x"
+    names = ("users",)
+
+    def pay(self, world: Any, state: Any, drone: Any) -> None:
+        drone.terms[0] = float(len(self.name))
+
+
+def world_with(reward: str, case: str = "case8", **values: Any) -> World:
+    text = ", ".join(f"{key}: {value}" for key, value in values.items())
+    own = f"reward={{kind: '{__name__}:{reward}'{', ' if text else ''}{text}}}"
+    return build_world(load(scenario_path(case), [own]), 0)
+
+
+@pytest.mark.parametrize(("reward", "values"), [("R1", {}), ("Careful", {"penalty": 0.7})])
+def test_both_engines_pay_the_same(reward: str, values: dict[str, Any]):
+    world = world_with(reward, **values)
+    settings = RunSettings((True,) * 3, True, keep_events=True)
+    one, other = Simulation(world, settings), BatchSimulation(world, settings)
+    for episode in range(3):
+        assert differences(one, other, 0, episode) == []
+    names = world.scenario.reward.names  # type: ignore[attr-defined]
+    assert tuple(other.snapshot().reward_terms[0]) == names
+
+
+def test_training_with_a_copy_of_r1_is_training_with_r1():
+    own = Training(world_with("R1", "case2"), 3, "batch")
+    paper = build_world(load(scenario_path("case2"), ["reward={kind: coverage}"]), 0)
+    built_in = Training(paper, 3, "batch")
+    assert own.fuses and built_in.fuses
+    for _ in range(3):
+        assert own.play(8) == built_in.play(8)
+    assert np.array_equal(own.q, built_in.q)
+
+
+def test_values_are_those_of_the_scenario():
+    first = Training(world_with("Careful", penalty=0.1), 0, "batch").play(4)
+    other = Training(world_with("Careful", penalty=2.0), 0, "batch").play(4)
+    readable = Training(world_with("Careful", penalty=2.0), 0, "des")
+    assert first != other
+    assert [row for _ in range(4) for row in readable.play()] == other
+
+
+def test_an_engine_with_it_goes_on_in_another_memory():
+    world = world_with("Careful")
+    engine = BatchSimulation(world, RunSettings((True,) * 3, False))
+    engine.reset(draw(world, 0, 0))
+    engine.step([0, 1, 2])
+    other = pickle.loads(pickle.dumps(engine))
+    assert other.step([3, 3, 3]) == engine.step([3, 3, 3])
+
+
+@pytest.mark.parametrize("engine", [Simulation, BatchSimulation])
+def test_a_reward_that_is_too_large_is_refused_in_its_step(engine: Any):
+    world = world_with("Boundless", "case1")
+    one = engine(world, RunSettings((True,), False))
+    one.reset(draw(world, 0, 0))
+    for _ in range(3):
+        one.step([4])
+    with pytest.raises(SimulationError, match=r"'Boundless' gave the drones .* must be"):
+        one.step([4])
+
+
+def test_so_it_is_in_training():
+    with pytest.raises(SimulationError, match="reward 'Boundless' gave the drones"):
+        Training(world_with("Boundless", "case1"), 0, "batch").play(2)
+
+
+@pytest.mark.parametrize(
+    ("reward", "why"), [("Named", "its field 'name' is no number"), ("Wordy", "")]
+)
+def test_what_cannot_be_compiled_runs_in_the_simpy_engine(reward: str, why: str):
+    world = world_with(reward, "case1")
+    (problem,) = lacking(world)
+    assert problem.startswith(f"reward: {reward!r} is not compiled: {why}")
+    assert "\n" not in problem
+    said: list[str] = []
+    assert engine_for(world, said.append) == "des"
+    assert problem in said[0]
+    one = Simulation(world, RunSettings((True,), False))
+    one.reset(draw(world, 0, 0))
+    assert one.step([4]).rewards == (1.0,)
+    assert not math.isnan(one.measures().qoe3_percent or 0.0)
