@@ -31,9 +31,8 @@ def main() -> None:
     engine = many.compiled.sessions[0].engine
     arrays = engine.state.nbytes + engine.path.nbytes
     print(f"{count} environments: {taken:.1f} MiB (aim: {AIM_MIB} for 1024)")
-    print(
-        f"arrays of each: {arrays / 1024:.1f} KiB, {engine.path.nbytes / 1024:.1f} of the sample path"
-    )
+    path = engine.path.nbytes / 1024
+    print(f"memory of each: {arrays / 1024:.1f} KiB, of which the sample path {path:.1f}")
     one.close()
     many.close()
 
