@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from hypothesis import strategies as st
 
 from desim_uav.engine.audit import audit
-from desim_uav.engine.base import ClosedRequest, EpisodeLog, Event, RunSettings
+from desim_uav.engine.base import ClosedRequest, Engine, EpisodeLog, Event, RunSettings
+from desim_uav.engine.choose import make_engine
 from desim_uav.engine.des import Simulation
 from desim_uav.model.admission import Waiting
 from desim_uav.model.demand import Requests
@@ -141,7 +142,12 @@ def path_of(
 
 
 class Flight:
-    """An engine on a world, told what to do in words: a text of actions for each drone."""
+    """An engine on a world, told what to do in words: a text of actions for each drone.
+
+    It is the SimPy engine, under audit, unless the fixture ``every_engine`` names another one.
+    """
+
+    flown_by: ClassVar = "des"
 
     def __init__(
         self,
@@ -153,7 +159,12 @@ class Flight:
     ) -> None:
         ceilings = (ceiling,) * world.scenario.drones.count
         self.world = world
-        self.engine = Simulation(world, RunSettings(ceilings, carry_over, True), audit=check)
+        told = RunSettings(ceilings, carry_over, keep_events=True)
+        self.engine: Engine = (
+            Simulation(world, told, audit=check)
+            if self.flown_by == "des"
+            else make_engine(self.flown_by, world, told)
+        )
         self.shown: list[Snapshot] = []
 
     def episode(self, path: SamplePath, *told: str) -> EpisodeLog:

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import pytest
+
 from desim_uav.model.rules import Outcome
 from tests.engine.helpers import US, events, fly, path_of, seen, strip, the
+
+pytestmark = pytest.mark.usefixtures("every_engine")
 
 
 def test_a_handover_between_overlapping_footprints_is_no_interruption():

@@ -6,6 +6,8 @@ import pytest
 
 from tests.engine.helpers import HOP_US, US, Flight, events, fly, in_3d, path_of, returning, seen
 
+pytestmark = pytest.mark.usefixtures("every_engine")
+
 
 def test_a_return_from_a_mistaken_place_is_flown_as_relative_hops():
     # True cell 2, believed 0: four hops right end on cell 6, beyond the station on 4; two back.

@@ -260,6 +260,7 @@ def test_nothing_is_carried_unless_the_settings_say_so():
     assert engine.carried() is None
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_a_crash_that_ends_an_episode_carries_nothing():
     world = column({"on_crash": "end_episode"}, steps=2)
     flight = Flight(world, carry_over=True)
@@ -380,6 +381,7 @@ def test_three_episodes_are_to_drones_one_of_three_times_the_length(examples: in
 # ---- by hand
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_what_a_returning_drone_carries():
     # Told at 60 s to return over four hops: at 120 s it is 29.009337 s into the second one.
     world = returning(steps=2)
@@ -399,6 +401,7 @@ def test_what_a_returning_drone_carries():
     )
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_what_a_queue_carries_is_its_order():
     # Drone 2 lands first, then 0, then 1: one charges, two wait; drone 3 stays in the air.
     starts = [(3, 0), (2, 0), (4, 0), (0, 0)]
@@ -423,6 +426,7 @@ def test_what_a_queue_carries_is_its_order():
     ]
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_a_battery_may_run_out_in_a_hop_that_was_carried():
     # 61.2 s of battery for three hops: it falls 0.781326 s before the end of the second one.
     world = column({"autonomy_min": 1.02}, steps=1)

@@ -19,6 +19,7 @@ from tests.verification.queueing import (
 # ---- by hand
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_three_drones_at_one_pad_wait_for_0_d_and_2d():
     # 60 s of 600 are missing, full in 900 s: D = 90 s.
     world = queueing(drones=3, pads=1, steps=6)
@@ -54,6 +55,7 @@ def test_drones_with_a_pad_each_do_not_wait(drones: int, pads: int):
     assert log.charges == drones
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_three_drones_at_two_pads():
     world = queueing(drones=3, pads=2, steps=5)
     log = fly(world, path_of(world), *["hover charge"] * 3)
@@ -68,6 +70,7 @@ def test_three_drones_at_two_pads():
     assert log.queueing_us == 90 * US
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_first_come_first_served_and_the_lowest_drone_of_those_that_come_together():
     # Drones 2 and 1 are one hop from the station, drone 0 two; drone 3 comes from the other side,
     # two hops away as well. Each charges for as long as it has flown, at 1 s a second.
@@ -91,6 +94,7 @@ def test_first_come_first_served_and_the_lowest_drone_of_those_that_come_togethe
     assert log.queueing_us == (0 + 1 + 1 + 3) * HOP_US
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_a_charged_drone_frees_its_pad_though_it_stays():
     # Drone 0 is charged at 150 s and told nothing before 180 s; drone 1 charges from 150 s on.
     world = queueing(drones=2, pads=1, steps=4)
@@ -99,6 +103,7 @@ def test_a_charged_drone_frees_its_pad_though_it_stays():
     assert at_180 == [Mode.CHARGED, Mode.CHARGING]
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_a_queue_is_carried_over():
     # Three steps an episode: 150, 240 (= 180 + 60) and 330 s (= 180 + 150).
     world = queueing(drones=3, pads=1, steps=3)

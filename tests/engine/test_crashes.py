@@ -19,6 +19,8 @@ from tests.engine.helpers import (
     the,
 )
 
+pytestmark = pytest.mark.usefixtures("every_engine")
+
 
 def test_an_empty_battery_is_a_crash_and_a_new_drone_comes():
     # Empty at 93 s; 87 s later is the decision epoch at 180 s; the drawn station is the second.

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import pytest
+
 from desim_uav.model.rules import Action, Mode
 from tests.engine.helpers import (
     US,
@@ -16,6 +18,8 @@ from tests.engine.helpers import (
     strip,
     the,
 )
+
+pytestmark = pytest.mark.usefixtures("every_engine")
 
 
 def test_what_a_step_records():

@@ -7,6 +7,8 @@ import pytest
 from desim_uav.model.rules import Outcome
 from tests.engine.helpers import US, before_end, events, fly, path_of, seen, strip, the
 
+pytestmark = pytest.mark.usefixtures("every_engine")
+
 
 def test_a_passing_drone_serves_a_user_from_entry_to_exit():
     # The second hop begins at x = 360. The user at 480 is inside from 20 to 220 m of it, while the

@@ -7,6 +7,8 @@ import pytest
 from desim_uav.model.rules import Action
 from tests.engine.helpers import Flight, events, path_of, returning, seen, strip
 
+pytestmark = pytest.mark.usefixtures("every_engine")
+
 
 def test_a_command_that_is_masked_or_unknown_becomes_hover():
     world = strip(steps=5, battery={"autonomy_min": 30, "return_below": 0.2})

@@ -7,6 +7,8 @@ import pytest
 from desim_uav.model.rules import Action
 from tests.engine.helpers import US, Flight, before_end, events, fly, in_3d, path_of, seen, strip
 
+pytestmark = pytest.mark.usefixtures("every_engine")
+
 
 def test_a_move_off_the_map_is_a_hover_that_counts_and_costs():
     world = strip(users=[(120, 120)], steps=2, battery={"autonomy_min": 10})

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from desim_uav.engine.base import RunSettings
-from desim_uav.engine.des import Simulation
+import pytest
+
 from desim_uav.model.rules import Outcome
-from tests.engine.helpers import US, before_end, events, fly, path_of, seen, strip, the
+from tests.engine.helpers import US, Flight, before_end, events, fly, path_of, seen, strip, the
+
+pytestmark = pytest.mark.usefixtures("every_engine")
 
 
 def test_requests_at_the_start_meet_drones_that_are_there():
@@ -130,7 +132,7 @@ def test_two_arrivals_of_one_instant_are_one_request():
 
 def test_an_episode_has_the_requests_of_its_own_path():
     world = strip(users=[(120, 120)], steps=1)
-    engine = Simulation(world, RunSettings((True,), False))
+    engine = Flight(world).engine
     once, never = path_of(world, {0: [(0, 5, 0)]}), path_of(world, {})
     asked = [engine.reset(path).open_requests[0] for path in (once, once, never, once)]
     assert asked == [1, 1, 0, 1]

@@ -18,6 +18,8 @@ from tests.engine.helpers import (
     seen,
 )
 
+pytestmark = pytest.mark.usefixtures("every_engine")
+
 
 def test_a_return_lands_charges_waits_and_takes_off():
     # 80 m into the first hop the user at 300 is entered: 80 / 8.3 + 1.0375 = 10.676054 s. Three

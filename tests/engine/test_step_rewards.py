@@ -43,6 +43,7 @@ R1, R2 = {"kind": "coverage"}, {"kind": "coverage_battery"}
 # ---- by hand
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_a_drone_is_paid_for_whom_it_holds_when_the_step_ends():
     # Two drones for three users: a fair share of 1.5. Drone 0 leaves its two users for a cell
     # without any, drone 1 holds its one.
@@ -70,6 +71,7 @@ def test_a_reward_that_is_no_number_ends_the_simulation():
         Flight(world).episode(path_of(world), "hover right")
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_the_reward_comes_before_the_commands():
     # At 60 s it is told to return, and lets go of its user only then.
     world = returning(steps=2, users=[(120, 120)], reward=R1)
@@ -77,6 +79,7 @@ def test_the_reward_comes_before_the_commands():
     assert [step.reward for step in log.steps] == [1.0, 0.0]
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_the_reward_comes_before_the_respawn():
     # Empty at 93 s; at 120 s it is down, and another takes its place in the same instant.
     world = column({"respawn_after_min": 0.0}, users=[(120, 360)], steps=3, reward=R1)
@@ -88,6 +91,7 @@ def test_the_reward_comes_before_the_respawn():
     assert flight.shown[2].rewards == (0.0,)
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_the_way_home_costs_as_the_battery_runs_low():
     # 150 s of battery; c1 = 75, c2 = 50, c3 = 33.3, c4 = 22.2 s, the station a hop of 30.990663 s
     # away. At 60 s it holds 90 s: service alone. At 120 s it holds 30 s: n_B is more than that.
@@ -103,6 +107,7 @@ def test_the_way_home_costs_as_the_battery_runs_low():
     assert [step.reward for step in log.steps] == [0.5, -1.0, 0.0]
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_who_returns_pays_for_the_rest_of_the_way():
     # 300 s of battery, all of it low (c1 = 300, c2 = 200 s): a return of four hops from 60 s on.
     # At 120 s it is 29.0 s into its second hop and believes itself in the cell it flies to, two
@@ -117,6 +122,7 @@ def test_who_returns_pays_for_the_rest_of_the_way():
     assert second.reward == pytest.approx(-0.5 * 2 * 30.990663 / 180)
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_the_share_of_a_services_open_requests():
     # A band of 400 kbit/s serves two of user 0's, 1's and 2's requests for 200; user 3 asks out of
     # reach. Then s = 2/4 of throughput, and the drone holds 3 of its 4 users.
@@ -138,6 +144,7 @@ def test_the_share_of_a_services_open_requests():
     assert log.steps[1].reward == pytest.approx(0.375 + 0.1)
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_asking_counts_all_users_in_the_footprint_whoever_holds_them():
     # Two drones over one user; a third user's request ends, and a drone that charges counts none.
     users = [(120, 120), (120, 100)]
