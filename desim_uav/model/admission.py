@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
+from desim_uav.errors import SimulationError
 from desim_uav.registry import register
 
 
@@ -33,6 +34,27 @@ class Admission(Protocol):
         bit/s, inf if it is unlimited; the requests served must fit into it. A refused request is
         closed; all others go on waiting.
         """
+
+
+class RowAdmission:
+    """An admission rule over rows, which is compiled: both engines run it.
+
+    A subclass is a frozen dataclass whose fields are numbers.
+    """
+
+    def scan_rows(self, world: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
+        """Decide on the requests of the users in ``drone.waiting``.
+
+        They are in order of (request time, user), and ``state.users[u].request`` is the request of
+        user u. ``rules.service.admit`` serves one, whose bandwidth must fit ``drone.free_bps``
+        unless ``world.bandwidth_bps`` is -1; ``rules.service.turn_away`` closes one for good. Both
+        take it out of ``drone.waiting``. The others go on waiting.
+        """
+        raise NotImplementedError
+
+    def scan(self, waiting: Sequence[W], free_bps: float) -> tuple[Sequence[W], Sequence[W]]:
+        """Refuse: this rule works on rows."""
+        raise SimulationError(f"admission {type(self).__name__!r} works on rows (scan_rows)")
 
 
 @register("admission", "first_come")

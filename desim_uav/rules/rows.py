@@ -99,7 +99,8 @@ class Constants(Row):
     between levels, which begin at ``first_hop``. ``bandwidth_bps`` -1: unlimited. ``known``: the
     crossings of legs past users who stand still (see ``engine.compiled.standing``). ``foresee``,
     ``reward_of``, ``scan`` and ``run`` are functions, in compiled code their addresses;
-    ``reward_values``: the address of the fields of a reward of one's own.
+    ``reward_values`` and
+    ``admission_values``: the addresses of the fields of components of one's own.
     """
 
     steps: int
@@ -140,6 +141,7 @@ class Constants(Row):
     homes: Table[Place]
     reward: int
     reward_values: int
+    admission_values: int
     cost_sign: float
     weight_users: float
     weights: Table[float]

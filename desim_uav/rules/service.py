@@ -6,7 +6,14 @@ from desim_uav.model.kernels import rule
 from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Request, State, User
-from desim_uav.rules.words import COMPLETION, ON_REFUSE, ON_SERVE, ON_STOP, REQUEST
+from desim_uav.rules.words import (
+    COMPLETION,
+    ON_REFUSE,
+    ON_SERVE,
+    ON_STOP,
+    OVERBOOKED,
+    REQUEST,
+)
 
 
 @rule
@@ -45,6 +52,25 @@ def first_come(world: Constants, path: Path, state: State, drone: Drone, phase: 
             kept += 1
     while len(waiting) > kept:
         waiting.pop()
+
+
+@rule
+def admit(world: Constants, state: State, drone: Drone, number: int, phase: int) -> None:
+    """Serve the request of a user, by its number, that waits at a drone, which has bandwidth."""
+    user = state.users[number]
+    drone.waiting.remove(number)
+    if world.bandwidth_bps >= 0 and user.request.bandwidth_bps > drone.free_bps:
+        state.full |= OVERBOOKED
+    serve(world, state, drone, user, phase)
+
+
+@rule
+def turn_away(
+    world: Constants, path: Path, state: State, drone: Drone, number: int, phase: int
+) -> None:
+    """Refuse the request of a user, by its number, that waits at a drone, for good."""
+    drone.waiting.remove(number)
+    refuse(world, path, state, state.users[number], phase)
 
 
 @rule

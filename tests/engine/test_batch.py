@@ -182,6 +182,6 @@ class Flat:
 def test_a_component_without_a_kernel_is_refused_by_name(changes: dict[str, Any], told: str):
     world = build_world(from_mapping(changes), 0)
     with pytest.raises(
-        ScenarioError, match=rf"{told}: '\w+' is not compiled; --engine des runs it"
+        ScenarioError, match=rf"{told}: '\w+' is not compiled: .* rows; --engine des runs it"
     ):
         BatchSimulation(world, RunSettings((True,) * 3, False))

@@ -30,8 +30,8 @@ def test_what_has_no_kernel():
     assert engine_for(world, said.append) == "des"
     assert said == [
         "the SimPy engine (des) is used, which is slower: "
-        "drones.admission: 'Loss' is not compiled; "
-        "reward: 'Flat' is not compiled"
+        "drones.admission: 'Loss' is not compiled: it does not work on rows; "
+        "reward: 'Flat' is not compiled: it does not work on rows"
     ]
     assert type(make_engine("des", world, SETTINGS)) is Simulation
     with pytest.raises(ScenarioError) as told:

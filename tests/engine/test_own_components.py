@@ -17,7 +17,9 @@ from desim_uav.engine.compiled.pack import lacking
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import SimulationError
 from desim_uav.learning.training import Training
+from desim_uav.model.admission import RowAdmission
 from desim_uav.model.rewards import RowReward
+from desim_uav.rules.service import admit, turn_away
 from desim_uav.rules.words import CRASHED, QUEUED
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
@@ -84,6 +86,103 @@ class Named(RowReward):
 
     def pay(self, world: Any, state: Any, drone: Any) -> None:
         drone.terms[0] = float(len(self.name))
+
+
+@dataclass(frozen=True)
+class FirstComeAgain(RowAdmission):
+    """The paper's rule once more."""
+
+    def scan_rows(self, world: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
+        k = 0
+        while k < len(drone.waiting):
+            user = drone.waiting[k]
+            if state.users[user].request.bandwidth_bps <= drone.free_bps:
+                admit(world, state, drone, user, phase)
+            else:
+                k += 1
+
+
+@dataclass(frozen=True)
+class Smallest(RowAdmission):
+    """The smallest bandwidth first; a request above a limit is refused."""
+
+    limit_bps: int = 10**9
+
+    def scan_rows(self, world: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
+        k = 0
+        while k < len(drone.waiting):
+            user = drone.waiting[k]
+            if state.users[user].request.bandwidth_bps > self.limit_bps:
+                turn_away(world, path, state, drone, user, phase)
+            else:
+                k += 1
+        best = 0
+        while best >= 0:
+            best, best_bps = -1, drone.free_bps + 1
+            for k in range(len(drone.waiting)):
+                user = drone.waiting[k]
+                if state.users[user].request.bandwidth_bps < best_bps:
+                    best, best_bps = user, state.users[user].request.bandwidth_bps
+            if best >= 0:
+                admit(world, state, drone, best, phase)
+
+
+@dataclass(frozen=True)
+class Greedy(RowAdmission):
+    """Serves whatever waits, whether it fits or not."""
+
+    def scan_rows(self, world: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
+        while len(drone.waiting) > 0:
+            admit(world, state, drone, drone.waiting[0], phase)
+
+
+def world_admitting(rule: str, **values: Any) -> World:
+    text = "".join(f", {key}: {value}" for key, value in values.items())
+    own = f"drones.admission={{kind: '{__name__}:{rule}'{text}}}"
+    narrow = "drones.bandwidth_kbps=3000"
+    return build_world(load(scenario_path("case8"), [own, narrow]), 0)
+
+
+@pytest.mark.parametrize(
+    ("rule", "values", "refuses"),
+    [
+        ("FirstComeAgain", {}, False),
+        ("Smallest", {}, False),
+        ("Smallest", {"limit_bps": 600000}, True),
+    ],
+)
+def test_both_engines_admit_the_same(rule: str, values: dict[str, Any], refuses: bool):
+    world = world_admitting(rule, **values)
+    settings = RunSettings((True,) * 3, True, keep_events=True)
+    one, other = Simulation(world, settings), BatchSimulation(world, settings)
+    kinds = set()
+    for episode in range(2):
+        assert differences(one, other, 0, episode) == []
+        kinds |= {event[2] for event in one.log.events or ()}
+    assert ("refuse" in kinds) == refuses
+    assert "serve" in kinds
+
+
+def test_a_copy_of_first_come_admits_as_first_come():
+    settings = RunSettings((True,) * 3, True, keep_events=True)
+    own = BatchSimulation(world_admitting("FirstComeAgain"), settings)
+    paper = build_world(load(scenario_path("case8"), ["drones.bandwidth_kbps=3000"]), 0)
+    assert differences(Simulation(paper, settings), own, 0, 0) == []
+
+
+@pytest.mark.parametrize("engine", [Simulation, BatchSimulation])
+def test_more_than_the_bandwidth_is_refused(engine: Any):
+    world = world_admitting("Greedy")
+    one = engine(world, RunSettings((True,) * 3, False))
+
+    def play() -> None:
+        for episode in range(3):
+            shown = one.reset(draw(world, 0, episode))
+            while not shown.truncated:
+                shown = one.step([4, 4, 4])
+
+    with pytest.raises(SimulationError, match="'Greedy' served more than a drone's bandwidth"):
+        play()
 
 
 def world_with(reward: str, case: str = "case8", **values: Any) -> World:

@@ -428,7 +428,9 @@ class TestRefused:
         own = ("-S", "drones.admission={kind: 'compared:Own'}", "--engine", "batch", "-j", jobs)
         flags = ("--policies", "hover,random", "--seeds", 2, *SHORT, "--out", "v.csv")
         cli_run("compare", "case8", *flags, *own).failed(
-            3, "case8.yaml: drones.admission: 'Own' is not compiled; --engine des runs it"
+            3,
+            "case8.yaml: drones.admission: 'Own' is not compiled: it does not work on rows; "
+            "--engine des runs it",
         )
         assert list(Path.cwd().iterdir()) == []
 

@@ -89,7 +89,7 @@ def test_the_slower_engine_is_named_with_the_reason(tmp_path: Path, capsys: Any)
     trained(tmp_path / "t", small(drones=drones, learning=learning))
     assert capsys.readouterr().err.splitlines() == [
         "desim-uav: the SimPy engine (des) is used, which is slower: "
-        "drones.admission: 'Loss' is not compiled"
+        "drones.admission: 'Loss' is not compiled: it does not work on rows"
     ]
     trained(tmp_path / "told", small(drones=drones, learning=learning), engine="des")
     trained(tmp_path / "compiled", small(learning=learning))

@@ -37,10 +37,14 @@ def paper_reward(world: Constants, state: State) -> None:
     rewards.paper_reward(world, state)
 
 
-def set_functions(constants: View, own_reward: Own | None) -> None:
+def set_functions(constants: View, own_reward: Own | None, own_admission: Own | None) -> None:
     """Write the addresses of the functions that rows hold; they are valid in this process."""
     constants.foresee = address_of(looking.foresee, Constants, Path, State, Drone, int)
-    constants.scan = address_of(first_come, Constants, Path, State, Drone, int)
+    if own_admission is None:
+        constants.scan = address_of(first_come, Constants, Path, State, Drone, int)
+    else:
+        constants.scan = own_admission.function
+        constants.admission_values = own_admission.values.ctypes.data
     if own_reward is None:
         constants.reward_of = address_of(paper_reward, Constants, State)
     else:

@@ -12,13 +12,13 @@ import numpy as np
 from desim_uav.copies import Unchanging, owned
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
-from desim_uav.engine.compiled.own import compiled_reward, why_not_compiled
+from desim_uav.engine.compiled.own import compiled_admission, compiled_reward, why_not_compiled
 from desim_uav.engine.compiled.standing import tabulate
 from desim_uav.engine.compiled.walking import WALKING_COLUMNS
 from desim_uav.engine.constants import REWARDS, constants_of
 from desim_uav.engine.state import Room, state_of
 from desim_uav.errors import ScenarioError
-from desim_uav.model.admission import FirstCome
+from desim_uav.model.admission import FirstCome, RowAdmission
 from desim_uav.model.battery import Endurance
 from desim_uav.model.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.rewards import RowReward
@@ -35,15 +35,19 @@ def lacking(world: World) -> list[str]:
     scenario = world.scenario
     chosen = {
         "drones.battery": (scenario.drones.battery, (Endurance, type(None))),
-        "drones.admission": (scenario.drones.admission, (FirstCome,)),
     }
     lacks = [
         f"{key}: {type(component).__name__!r} is not compiled"
         for key, (component, known) in chosen.items()
         if type(component) not in known
     ]
-    if type(scenario.reward) not in REWARDS and (why := why_not_compiled(scenario.reward)):
-        lacks.append(f"reward: {type(scenario.reward).__name__!r} is not compiled: {why}")
+    own = {
+        "drones.admission": (scenario.drones.admission, (FirstCome,)),
+        "reward": (scenario.reward, tuple(REWARDS)),
+    }
+    for key, (component, built_in) in own.items():
+        if type(component) not in built_in and (why := why_not_compiled(component)):
+            lacks.append(f"{key}: {type(component).__name__!r} is not compiled: {why}")
     return lacks + _too_large(world)
 
 
@@ -77,16 +81,19 @@ class Fixed(Unchanging):
 
     block: Words
     reward: RowReward | None
+    admission: RowAdmission | None
 
     def __post_init__(self) -> None:
         """Write the addresses, which are valid only in this process."""
-        own = None if self.reward is None else compiled_reward(self.reward)
-        set_functions(View(self.block, Constants), own)
+        reward = None if self.reward is None else compiled_reward(self.reward)
+        admission = None if self.admission is None else compiled_admission(self.admission)
+        set_functions(View(self.block, Constants), reward, admission)
 
     def __setstate__(self, value: dict[str, Any]) -> None:
         """Take the memory of a pickle."""
         object.__setattr__(self, "block", owned(value["block"]))
         object.__setattr__(self, "reward", value["reward"])
+        object.__setattr__(self, "admission", value["admission"])
         self.__post_init__()
 
     @property
@@ -104,8 +111,12 @@ def pack(world: World, settings: RunSettings) -> Fixed:
     constants: Any = constants_of(world, settings)
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
-    reward = world.scenario.reward
-    return Fixed(packed(constants), reward if isinstance(reward, RowReward) else None)
+    reward, admission = world.scenario.reward, world.scenario.drones.admission
+    return Fixed(
+        packed(constants),
+        reward if isinstance(reward, RowReward) else None,
+        admission if isinstance(admission, RowAdmission) else None,
+    )
 
 
 def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:

@@ -16,7 +16,7 @@ from desim_uav.copies import owned, usable
 from desim_uav.engine.base import Measures, Place, RunSettings
 from desim_uav.engine.compiled import calls, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
-from desim_uav.engine.compiled.own import LARGEST_REWARD, TOO_LARGE
+from desim_uav.engine.compiled.own import LARGEST_REWARD
 from desim_uav.engine.compiled.pack import pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.engine.compiled.walking import legs_of_step
@@ -35,6 +35,7 @@ from desim_uav.model.rows import (
 from desim_uav.model.state import Snapshot
 from desim_uav.rules import observations
 from desim_uav.rules.rows import Constants, Drone, State, Station
+from desim_uav.rules.words import OVERBOOKED, TOO_LARGE
 from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.world import World
 
@@ -236,7 +237,7 @@ class BatchSimulation(RowEngine):
     def check(self) -> None:
         """After episodes without Python. Raises SimulationError if one ran out of memory."""
         self.log.crashed[:] = self.numbers("crashed")
-        self._check_rewards()
+        self._check_components()
         if self.number("full"):
             legs = f", or a step more than {self.leg_room} legs of users" if self.leg_room else ""
             raise SimulationError(
@@ -253,7 +254,7 @@ class BatchSimulation(RowEngine):
 
     def drain(self) -> None:
         """Move what has happened into the log; if it did not fit, make room and play again."""
-        self._check_rewards()
+        self._check_components()
         while self.number("full"):
             drones = len(self.drones)
             heard = self.arrays["history"].reshape(-1, drones)[: self.number("step")].tolist()
@@ -270,13 +271,18 @@ class BatchSimulation(RowEngine):
                 calls.run(*self.addresses(), STEP)
         self.drain_log()
 
-    def _check_rewards(self) -> None:
+    def _check_components(self) -> None:
+        """Raise SimulationError for what a component of one's own did wrong."""
         if self.number("full") & TOO_LARGE:
             name, rewards = type(self.world.scenario.reward).__name__, self.numbers("rewards")
             raise SimulationError(
                 f"reward {name!r} gave the drones {rewards} of the terms {self.terms()}; a reward "
                 f"must be a number between -{LARGEST_REWARD:g} and {LARGEST_REWARD:g}"
             )
+
+        if self.number("full") & OVERBOOKED:
+            name = type(self.world.scenario.drones.admission).__name__
+            raise SimulationError(f"admission {name!r} served more than a drone's bandwidth")
 
     def _drones_words(self) -> tuple[int, NDArray[Any], list[list[int]]]:
         """Return the time, the drones' rows, and the queues at the stations."""

@@ -7,11 +7,12 @@ from typing import Any
 
 from desim_uav.engine.constants import REWARDS
 from desim_uav.errors import SimulationError
-from desim_uav.model.admission import FirstCome
+from desim_uav.model.admission import FirstCome, RowAdmission
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.sums import in_order
 from desim_uav.rules.rewards import add_up, clear_terms, paper_reward
 from desim_uav.rules.service import first_come, refuse, serve
+from desim_uav.rules.words import OVERBOOKED
 from desim_uav.world import World
 
 LARGEST_REWARD = 1e100
@@ -23,6 +24,16 @@ def admission(world: World) -> Callable[..., None]:
     rule = world.scenario.drones.admission
     if type(rule) is FirstCome:
         return first_come
+
+    if isinstance(rule, RowAdmission):
+
+        def scan_rows(constants: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
+            rule.scan_rows(constants, path, state, drone, phase)
+            if state.full & OVERBOOKED:
+                name = type(rule).__name__
+                raise SimulationError(f"admission {name!r} served more than a drone's bandwidth")
+
+        return scan_rows
 
     def scan(constants: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
         if not drone.waiting:
