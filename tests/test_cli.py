@@ -583,7 +583,8 @@ class TestEngine:
         ended = cli_run("run", "case8", *SMALL, *own, "--engine", "batch", "--out", "deep/mine")
         ended.failed(3)
         assert [line.partition("case8.yaml: ")[2] for line in ended.err.splitlines()] == [
-            "drones.admission: 'Interrupting' is not compiled: it does not work on rows; --engine des runs it",
+            "drones.admission: 'Interrupting' is not compiled: it does not work on rows; "
+            "--engine des runs it",
             "reward: 'Flat' is not compiled: it does not work on rows; --engine des runs it",
         ]
         assert cli_run("run", "case8", *SMALL, *own, "--engine", "batch").code == 3
