@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
 
@@ -82,12 +82,15 @@ class Fixed(Unchanging):
     block: Words
     reward: RowReward | None
     admission: RowAdmission | None
+    at: int = field(init=False, default=0)
+    """The address of the constants."""
 
     def __post_init__(self) -> None:
         """Write the addresses, which are valid only in this process."""
         reward = None if self.reward is None else compiled_reward(self.reward)
         admission = None if self.admission is None else compiled_admission(self.admission)
         set_functions(View(self.block, Constants), reward, admission)
+        object.__setattr__(self, "at", int(self.block.ctypes.data))
 
     def __setstate__(self, value: dict[str, Any]) -> None:
         """Take the memory of a pickle."""
@@ -95,11 +98,6 @@ class Fixed(Unchanging):
         object.__setattr__(self, "reward", value["reward"])
         object.__setattr__(self, "admission", value["admission"])
         self.__post_init__()
-
-    @property
-    def at(self) -> int:
-        """Where the constants are."""
-        return int(self.block.ctypes.data)
 
 
 @lru_cache(maxsize=16)

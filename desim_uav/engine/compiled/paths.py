@@ -31,34 +31,20 @@ def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
     """Return sample paths in one block, and the word at which each one's row begins."""
     at_random, legs_at, legs, streams = _walking(paths.walking)
     asks, asks_at = _requests(paths.requests)
-    episodes = len(paths.episodes)
-    sections = {
-        "asks": asks,
-        "asks_at": asks_at,
-        "legs": legs,
-        "legs_at": legs_at,
-        "streams": streams,
-        "respawns": _block(paths.respawn),
-        "errors": _errors(paths),
-    }
-    header = np.zeros((episodes, Path.words), np.int64)
-    header[:, Path.places["after_previous"]] = _after_previous(paths.requests)
-    header[:, Path.places["at_random"]] = at_random
-    header[:, Path.places["respawns_drawn"]] = paths.respawn.shape[2]
-    starts, at, parts = Path.words * np.arange(episodes), header.size, [header.reshape(-1)]
-    for name, section in sections.items():
-        place, columns = Path.places[name], 4 if name == "asks" else 1
-        header[:, place] = section.begins
-        header[:, place] += at
-        header[:, place + 1] = section.counts
-        header[:, place + 1] //= columns
+    episodes, drawn = len(paths.episodes), paths.respawn.shape[2]
+    rows = [[after, at_random, drawn] for after in _after_previous(paths.requests)]
+    at, parts = episodes * Path.words, []
+    # In the order of the tables of Path, of whose rows asks have four words.
+    sections = (asks, asks_at, legs, legs_at, streams, _block(paths.respawn), _errors(paths))
+    for columns, section in zip((4, 1, 1, 1, 1, 1, 1), sections, strict=True):
+        for k, row in enumerate(rows):
+            row.append(8 * (at + section.begins[k] - k * Path.words))
+            row.append(section.counts[k] // columns)
         for part in section.parts:
             parts.append(part.view(np.int64) if part.dtype == np.float64 else part)
             at += part.size
-    for name in sections:  # where they begin, in bytes from each header on
-        header[:, Path.places[name]] -= starts
-        header[:, Path.places[name]] *= 8
-    return np.concatenate(parts, dtype=np.int64), starts
+    header = np.array(rows, np.int64).reshape(-1)
+    return np.concatenate([header, *parts], dtype=np.int64), Path.words * np.arange(episodes)
 
 
 def _block(numbers: NDArray[Any]) -> Section:

@@ -49,7 +49,7 @@ TABLES = (
 QUEUES = ("events", "closed", "handovers", "crashed")
 """The tables and queues of the state that Python reads."""
 
-DERIVED = ("arrays", "root", "constants", "drones", "drone_terms")
+DERIVED = ("arrays", "root", "constants", "drones", "drone_terms", "state_at", "queues")
 """What an engine has besides its value: names for parts of its memory."""
 
 
@@ -107,6 +107,9 @@ class BatchSimulation(RowEngine):
         count = self.world.scenario.drones.count
         self.drones = [View(self.state, Drone, first + k * Drone.words) for k in range(count)]
         self.drone_terms = [drone.terms for drone in self.drones]
+        self.state_at = int(self.state.ctypes.data)
+        first = int(self.state[State.places["stations"]]) // 8
+        self.queues = [first + k * Station.words for k in range(len(self.world.stations))]
 
     def refuse_unseen(self) -> None:
         """Raises ScenarioError if the scenario's observation is not compiled."""
@@ -136,8 +139,7 @@ class BatchSimulation(RowEngine):
         """Return the rows of a table or queue of the state, to be read."""
         kind = State.kinds[name]
         if name == "stations":
-            stations: Sequence[Any] = View(self.state, State).stations
-            return stations
+            return [named(Station)._make([queue]) for queue in self._queued()]
         array = self.arrays[name]
         if name in QUEUES:
             array = array[: self._count(name)]
@@ -173,10 +175,18 @@ class BatchSimulation(RowEngine):
 
     def queue_up(self, drone: int, station: int) -> None:
         """Put a drone last in a station's queue."""
-        place = int(self.state[State.places["stations"]]) // 8 + station * Station.words
+        place = self.queues[station]
         first, count = int(self.state[place]) // 8, int(self.state[place + 1])
         self.state[place + first + count] = drone
         self.state[place + 1] = count + 1
+
+    def _queued(self) -> list[list[int]]:
+        """Return the drones at each station."""
+        queued = []
+        for place in self.queues:
+            first, count = self.state[place : place + 2].tolist()
+            queued.append(self.state[place + first // 8 :][:count].tolist())
+        return queued
 
     def start_afresh(self) -> None:
         """Put the drones at their starts."""
@@ -200,18 +210,18 @@ class BatchSimulation(RowEngine):
 
     def doing(self, user: int) -> int:
         """Return what a user is doing now."""
-        return calls.user_doing(self.state.ctypes.data, user)
+        return calls.user_doing(self.state_at, user)
 
     def walks(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the users' walks in this episode."""
         return self._walking.drawn()
 
     def _at(self) -> tuple[int, int]:
-        return self.fixed.at, self.state.ctypes.data
+        return self.fixed.at, self.state_at
 
     def addresses(self) -> tuple[int, int, int]:
         """Return where world, sample path and state are."""
-        return self.fixed.at, self.path.ctypes.data, self.state.ctypes.data
+        return self.fixed.at, self.path.ctypes.data, self.state_at
 
     # ---- episodes
 
@@ -286,8 +296,7 @@ class BatchSimulation(RowEngine):
 
     def _drones_words(self) -> tuple[int, NDArray[Any], list[list[int]]]:
         """Return the time, the drones' rows, and the queues at the stations."""
-        queues = [station.queue.tolist() for station in self.rows("stations")]
-        return self.number("now_us"), self.arrays["drones"].copy(), queues
+        return self.number("now_us"), self.arrays["drones"].copy(), self._queued()
 
     def _restore_drones(self, now_us: int, drones: NDArray[Any], queues: list[list[int]]) -> None:
         """Put the drones where they were before the episode, in memory with more room."""
