@@ -62,6 +62,7 @@ def measured_along(world: World, asks: dict[int, Any], told: str) -> list[Measur
     return measured
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_by_hand():
     # User 0 is served from 0 s on, user 1 out of reach asks at 90 s, user 2 never asks and is
     # attached. At 120 s the drone leaves its cell: its users are out of its 100 m at 136.5 s.
@@ -78,6 +79,7 @@ def test_by_hand():
     assert third[2] == pytest.approx(100 * (gone_s + other_s) / (3 * 180), abs=1e-6)
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_an_open_request_counts_by_what_it_has_had():
     # 45 of 90 s served at the first decision epoch, when it has waited 15 s.
     world = strip(users=[(120, 120)], steps=2, bandwidth_kbps=100)
@@ -87,6 +89,7 @@ def test_an_open_request_counts_by_what_it_has_had():
     assert end == (pytest.approx(100.0), pytest.approx(0.0), pytest.approx(100.0))
 
 
+@pytest.mark.usefixtures("every_engine")
 def test_where_nothing_is_asked_for_there_is_no_quality_but_coverage():
     world = strip(users=[(120, 120)], steps=1)
     assert measured_along(world, {}, "hover") == [(None, None, None), (None, None, 100.0)]
