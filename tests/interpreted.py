@@ -1,12 +1,13 @@
 """Kernels as plain Python, whose lines a coverage tool sees: ``pytest -p tests.interpreted``.
 
 What Numba would compile is called as it stands, a hundred times slower. Floats may differ in the
-last bit, and pointers are arrays.
+last bit. The rules of ``desim_uav/rules`` need none of this, because the SimPy engine calls them as
+they stand. The compiled engine reads rows in memory by their addresses, which plain Python cannot:
+its tests are skipped.
 """
 
 from __future__ import annotations
 
-import ctypes
 import signal
 from collections.abc import Callable, Generator
 from types import FrameType, SimpleNamespace
@@ -17,10 +18,8 @@ import numba.extending
 import numpy as np
 import pytest
 from hypothesis import settings
-from numpy.typing import NDArray
 
-SOME = 1 << 24
-"""How far memory is looked at from an address: more than any array of a test."""
+from desim_uav.model import numba_parts
 
 
 def njit(**_: Any) -> Callable[[Any], Any]:
@@ -34,27 +33,19 @@ def njit(**_: Any) -> Callable[[Any], Any]:
     return plain
 
 
-def intrinsic(generator: Any) -> Any:
-    """In the place of Numba's: what the generated code would do."""
-    return POINTERS[generator.__name__]
+def only_compiled(*_: Any, **__: Any) -> Any:
+    """In the place of what gives or takes addresses: the test is skipped."""
+    pytest.skip("rows in memory are for compiled code only")
 
 
-def _at(address: int, kind: Any) -> NDArray[Any]:
-    memory = ctypes.cast(int(address), ctypes.POINTER(kind))
-    return np.ctypeslib.as_array(memory, (SOME,))
+def intrinsic(*functions: Any, **_: Any) -> Any:
+    """In the place of Numba's, with or without options."""
+    return only_compiled if functions else intrinsic
 
-
-POINTERS: dict[str, Callable[..., Any]] = {
-    "_pointer": lambda array: _at(array.ctypes.data, np.ctypeslib.as_ctypes_type(array.dtype)),
-    "_moved": lambda memory, by: memory[by:],
-    "_table": lambda memory, rows, columns: memory[: rows * columns].reshape(rows, columns),
-    "_whole_at": lambda address: _at(address, ctypes.c_int64),
-    "_real_at": lambda address: _at(address, ctypes.c_double),
-    "_small_at": lambda address: _at(address, ctypes.c_int8),
-}
 
 numba.njit = njit
 numba.extending.intrinsic = intrinsic
+numba_parts.address_of = only_compiled
 np.seterr(all="ignore")
 
 LONGEST_S = 4

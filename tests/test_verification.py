@@ -124,6 +124,12 @@ class TestMutations:
         assert mutated.applied(source) != source
         assert all((ROOT / "tests" / test).is_file() for test in mutated.tests)
 
+    def test_no_error_is_noticed_by_a_comparison_of_the_engines_alone(self):
+        both = "desim_uav.engine.compiled"
+        for mutated in MUTATIONS:
+            for test in mutated.tests:
+                assert both not in (ROOT / "tests" / test).read_text(encoding="utf-8"), test
+
     def test_what_is_not_noticed_is_said(self, monkeypatch, capsys):
         first = MUTATIONS[0]
         failures = iter(["", "", "test_x.py::test_y"])

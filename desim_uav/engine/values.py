@@ -19,6 +19,6 @@ def values_of(component: Any) -> Row:
         if not isinstance(value, bool | int | float):
             raise TypeError(f"its field {field.name!r} is no number")
         kinds[field.name] = float if isinstance(value, float) else int
-    cls: Any = row(type(type(component).__name__, (Row,), {"__annotations__": kinds}), shared=False)
+    cls: Any = row(type(type(component).__name__, (Row,), {"__annotations__": kinds}))
     made: Row = fill(cls, [kind(getattr(component, name)) for name, kind in kinds.items()])
     return made

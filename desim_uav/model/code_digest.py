@@ -15,7 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model.rows import LAYOUTS
+from desim_uav.model import compiled_rows, numba_parts
+from desim_uav.model.rows import is_row, layout_of
 
 NOT_OURS = ("numpy", "numba", "math", "builtins")
 """Packages whose functions Numba replaces by versions of its own."""
@@ -31,10 +32,19 @@ def code_digest(function: FunctionType) -> str:
     """Return the SHA-256 of a function and of every function it calls, directly or not.
 
     Docstrings, comments and line numbers do not count. What stands in compiled code in the place
-    of a function counts as called by it, and what rules are compiled for: the layout of rows.
+    of a function counts as called by it. If the functions are over rows, so do the layout of these
+    rows and the code by which rows are compiled.
     """
     found: dict[FunctionType, str] = {}
-    waiting = [function]
+    _reach(found, [function])
+    layouts = _layouts(found)
+    if layouts or RULES.intersection(found):
+        _reach(found, _functions_of(compiled_rows, numba_parts))
+    return hashlib.sha256("\n".join(sorted([*found.values(), *layouts])).encode()).hexdigest()
+
+
+def _reach(found: dict[FunctionType, str], waiting: list[FunctionType]) -> None:
+    """Add to ``found`` the functions that wait and all that they call, each with its code."""
     while waiting:
         one = waiting.pop()
         if one not in found:
@@ -42,13 +52,32 @@ def code_digest(function: FunctionType) -> str:
             waiting += called
             if one in STANDS_IN:
                 waiting.append(STANDS_IN[one])
-    layouts = _layouts() if RULES.intersection(found) else ()
-    return hashlib.sha256("\n".join([*sorted(found.values()), *layouts]).encode()).hexdigest()
 
 
-def _layouts() -> Iterator[str]:
-    for row in LAYOUTS:
-        yield f"{_name(row)} {[(name, str(kind)) for name, kind in row.kinds.items()]}"
+def _functions_of(*modules: ModuleType) -> list[FunctionType]:
+    """Return the functions of modules, and the methods of their classes."""
+    functions = list[FunctionType]()
+    for module in modules:
+        own = [value for value in vars(module).values() if _module_of(value) == module.__name__]
+        classes = [value for value in own if isinstance(value, type)]
+        own += [value for cls in classes for value in vars(cls).values()]
+        functions += [value for value in own if isinstance(value, FunctionType)]
+    return functions
+
+
+def _module_of(value: Any) -> str | None:
+    return getattr(value, "__module__", None)
+
+
+def _layouts(functions: Iterable[FunctionType]) -> list[str]:
+    """Return the layouts of the rows that functions are over, as text.
+
+    These are the rows that stand in the modules of the functions, which need them at least for
+    their annotations.
+    """
+    spaces = {id(function.__globals__): function.__globals__ for function in functions}
+    rows = {value for space in spaces.values() for value in space.values() if is_row(value)}
+    return list(map(layout_of, rows))
 
 
 @cache
@@ -105,13 +134,19 @@ def _value(value: Any, called: list[FunctionType]) -> str:
     if isinstance(value, np.ndarray):
         return f"{value.dtype} {value.shape} {value.tobytes().hex()}"
     if isinstance(value, type):
-        members = list(value) if issubclass(value, Enum) else getattr(value, "_fields", "")
-        return f"{_name(value)} {members}"
+        return _class(value)
     if isinstance(value, tuple | list):
         return _listed(value, called)
     if isinstance(value, bool | int | float | complex | str | bytes | None):
         return repr(value)
     return f"a {_name(type(value))} {getattr(value, '__name__', '')}"
+
+
+def _class(cls: Any) -> str:
+    if is_row(cls):
+        return layout_of(cls)
+    members = list(cls) if issubclass(cls, Enum) else getattr(cls, "_fields", "")
+    return f"{_name(cls)} {members}"
 
 
 def _listed(values: Iterable[Any], called: list[FunctionType]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import operator
 from typing import Any, get_origin
 
@@ -16,7 +17,7 @@ from desim_uav.model.numba_parts import (
     types,
 )
 from desim_uav.model.numba_parts import address_of as machine_code
-from desim_uav.model.rows import Queue, Row, Table, held_by, is_row, width_of
+from desim_uav.model.rows import Queue, Row, Table, held_by, is_row, layout_of, width_of
 
 infer_getattr: Any = extending.infer_getattr
 intrinsic: Any = extending.intrinsic
@@ -33,12 +34,18 @@ type_callable: Any = extending.type_callable
 I64, F64 = types.int64, types.float64
 
 
+def _name_of(kind: Any) -> str:
+    """Return a name that no other layout has: Numba takes types of one name for one type."""
+    layout = hashlib.sha256(layout_of(kind).encode()).hexdigest()[:8] if is_row(kind) else ""
+    return f"{kind.__module__}.{kind.__qualname__}{layout}"
+
+
 class Pointer(types.Type):
     """Where a row is."""
 
     def __init__(self, cls: type[Row]) -> None:
         self.cls = cls
-        super().__init__(name=f"{cls.__module__}.{cls.__qualname__}")
+        super().__init__(name=_name_of(cls))
 
 
 class Entries(types.Type):
@@ -46,7 +53,7 @@ class Entries(types.Type):
 
     def __init__(self, of: Any) -> None:
         self.of = of
-        super().__init__(name=f"Entries({of.__module__}.{of.__qualname__})")
+        super().__init__(name=f"Entries({_name_of(of)})")
 
 
 class Line(types.Type):
@@ -54,7 +61,7 @@ class Line(types.Type):
 
     def __init__(self, of: Any) -> None:
         self.of = of
-        super().__init__(name=f"Line({of.__module__}.{of.__qualname__})")
+        super().__init__(name=f"Line({_name_of(of)})")
 
 
 @register_model(Pointer)

@@ -31,10 +31,6 @@ Words = NDArray[np.int64]
 """A block of memory: eight bytes per entry, some of which are floats."""
 
 
-LAYOUTS: list[Any] = []
-"""All classes of rows, in the order of their declarations."""
-
-
 class Table(list[T], Generic[T]):
     """Rows or numbers whose count does not change.
 
@@ -58,7 +54,7 @@ class Queue(list[T], Generic[T]):
         self.room, self.of = room, of
 
     def added(self) -> T:
-        """Append a blank row and return it."""
+        """Append a row and return it. All of its fields have yet to be set."""
         one: T = self.of()
         self.append(one)
         return one
@@ -76,11 +72,8 @@ class Row:
     """How many words a row takes."""
 
 
-def row(cls: type[R], shared: bool = True) -> type[R]:
-    """Make a class of rows of a class with annotations: slots, and a layout in memory.
-
-    ``shared``: all rules may depend on its layout.
-    """
+def row(cls: type[R]) -> type[R]:
+    """Make a class of rows of a class with annotations: slots, and a layout in memory."""
     names = tuple(cls.__annotations__)
     body = {key: part for key, part in vars(cls).items() if key not in ("__dict__", "__weakref__")}
     made: Any = type(cls.__name__, cls.__bases__, {**body, "__slots__": names})
@@ -90,8 +83,6 @@ def row(cls: type[R], shared: bool = True) -> type[R]:
         made.places[name] = at
         at += _words_of(kind)
     made.words = at
-    if shared:
-        LAYOUTS.append(made)
     return made  # type: ignore[no-any-return]
 
 
@@ -108,6 +99,15 @@ def held_by(kind: Any) -> Any:
 def width_of(kind: Any) -> int:
     """Return how many words an entry of a table takes."""
     return kind.words if is_row(kind) else 1
+
+
+@cache
+def layout_of(cls: type[Row]) -> str:
+    """Return as text where the fields of a row are, and those of the rows in its fields."""
+    fields = [(name, str(kind), cls.places[name]) for name, kind in cls.kinds.items()]
+    kinds = (held_by(kind) if get_origin(kind) else kind for kind in cls.kinds.values())
+    inner = [layout_of(kind) for kind in kinds if is_row(kind)]
+    return f"{cls.__module__}.{cls.__qualname__} {cls.words} {fields} {inner}"
 
 
 TABLE_WORDS, QUEUE_WORDS = 2, 4

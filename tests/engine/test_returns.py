@@ -144,3 +144,15 @@ def test_landing_is_at_the_lowest_level():
         124484639   3  arrive  0
         124484639   3  land    0  -  -  0
     """)
+
+
+@pytest.mark.parametrize(("ceiling", "home_us"), [(True, 4 * HOP_US), (False, 79_919_882)])
+def test_a_wall_is_flown_around_under_the_ceiling_and_over_without_it(ceiling: bool, home_us: int):
+    # The station is on (2, 1), two cells to the left, behind a wall of 50 m that is open at (3, 2).
+    # Around it there are 4 hops of 30.990663 s; over it 2 of these, and 4 of 4.484639 s up to
+    # 60 m and down again.
+    battery = {"autonomy_min": 10, "return_below": 1.0}
+    wall = [[3, 0, 50], [3, 1, 50]]
+    world = in_3d(wall, [(4, 1)], cells=(5, 3), steps=3, battery=battery)
+    log = fly(world, path_of(world), "goto", ceiling=ceiling)
+    assert seen(log, "land") == [(home_us, 3, "land", 0, -1, -1, 0)]

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from types import FunctionType, ModuleType
 
 import numba
 import numpy as np
 import pytest
 
+from desim_uav.model import compiled_rows, numba_parts
 from desim_uav.model.code_digest import code_digest
+from desim_uav.model.rows import Row, row
 
 BEGINNING = """
 import math
@@ -42,8 +45,13 @@ def f(x, y=1):
 
 def digest(source: str) -> str:
     space: dict[str, object] = {"__name__": "mine"}
-    exec(source, space)
+    run(source, space)
     return code_digest(space["f"])  # type: ignore[arg-type]
+
+
+def run(source: str, space: dict[str, object]) -> None:
+    """Run a module's source, whose annotations are values."""
+    exec(compile(source, "<mine>", "exec", dont_inherit=True), space)
 
 
 @pytest.mark.parametrize(
@@ -103,3 +111,117 @@ def test_functions_of_other_packages_do_not():
         return float(np.median(np.array([x, math.pi]))) + numba.typed.List([1.0])[0]
 
     assert len(code_digest(f)) == 64
+
+
+# ---- rules over rows
+
+OVER_ROWS = """
+from desim_uav.model.kernels import rule, stands_in_for
+from desim_uav.model.rows import Queue, Row, Table, row
+
+STEP = 2
+
+@row
+class Part(Row):
+    size: int
+
+@row
+class Whole(Row):
+    weight: float
+    parts: Table[Part]
+
+def later(whole, size):
+    '''The seam.'''
+
+@stands_in_for(later)
+def _later(whole, size):
+    def later(whole, size):
+        # why
+        whole.weight = STEP * grown(size)
+    return later
+
+@rule
+def grown(size):
+    return size + 1.5
+
+@rule
+def add(whole, size):
+    '''What it does.'''
+    later(whole, size - 1)
+
+def f(whole: Whole, size: int):
+    add(whole, size)
+"""
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [
+        pytest.param("weight: float", "weight: int", id="the type of a field"),
+        pytest.param("weight: float", "mass: float", id="the name of a field"),
+        pytest.param("    weight: float\n    parts: Table[Part]", "    parts: Table[Part]\n"
+                     "    weight: float", id="the order of fields"),
+        pytest.param("Table[Part]", "Queue[Part]", id="the kind of a table"),
+        pytest.param("size: int\n", "size: int\n    more: int\n", id="the rows of a table"),
+        pytest.param("size - 1", "size - 2", id="a rule that is called"),
+        pytest.param("STEP * ", "3 * ", id="what stands in for the seam"),
+        pytest.param("STEP = 2", "STEP = 3", id="a constant of what stands in for the seam"),
+        pytest.param("size + 1.5", "size + 1.25", id="a rule that only the stand-in calls"),
+    ],
+)  # fmt: skip
+def test_what_a_rule_is_compiled_from_counts(before: str, after: str):
+    assert before in OVER_ROWS
+    assert digest(OVER_ROWS) == digest(OVER_ROWS)
+    assert digest(OVER_ROWS) != digest(OVER_ROWS.replace(before, after))
+
+
+@pytest.mark.parametrize(
+    ("before", "after"),
+    [("# why", "# whatever"), ("The seam.", "The seam!"), ("What it does.", "What it did.")],
+)
+def test_what_is_only_said_in_a_rule_does_not(before: str, after: str):
+    assert before in OVER_ROWS
+    assert digest(OVER_ROWS) == digest(OVER_ROWS.replace(before, after))
+
+
+def test_rows_elsewhere_do_not_count():
+    before = digest(OVER_ROWS)
+    run(OVER_ROWS.replace("size: int", "length: float"), {"__name__": "elsewhere"})
+    assert digest(OVER_ROWS) == before
+
+
+@pytest.mark.parametrize(
+    ("module", "name"),
+    [(compiled_rows, "_get"), (compiled_rows, "_append"), (numba_parts, "keep_in")],
+)
+def test_how_rows_are_compiled_counts_for_what_is_over_rows(
+    module: ModuleType, name: str, monkeypatch: pytest.MonkeyPatch
+):
+    before = digest(OVER_ROWS), digest(BEGINNING)
+    code = getattr(module, name).__code__.replace(co_consts=("changed",) * 9)
+    monkeypatch.setattr(module, name, FunctionType(code, vars(module)))
+    after = digest(OVER_ROWS), digest(BEGINNING)
+    assert before[0] != after[0] and before[1] == after[1]
+
+
+def test_the_layout_of_a_row_that_is_given_by_its_address_counts():
+    def over(kind: type) -> str:
+        own = row(type("Own", (Row,), {"__annotations__": {"before": kind, "value": float}}))
+        at = compiled_rows.pointer_to(own)
+        return code_digest(lambda address: at(address).value)
+
+    assert over(int) == over(int)
+    assert over(int) != over(float)
+
+
+def test_the_kernels_of_the_engine_are_over_rows(monkeypatch: pytest.MonkeyPatch):
+    """Those as well that call no rule themselves, but a kernel by its address."""
+    from desim_uav.engine.compiled import calls
+
+    kernels = [value for value in vars(calls).values() if hasattr(value, "py_func")]
+    before = [code_digest(kernel.py_func) for kernel in kernels]
+    code = compiled_rows._get.__code__.replace(co_consts=("changed",) * 9)
+    monkeypatch.setattr(compiled_rows, "_get", FunctionType(code, vars(compiled_rows)))
+    after = [code_digest(kernel.py_func) for kernel in kernels]
+    assert len(kernels) > 5
+    assert all(one != other for one, other in zip(before, after, strict=True))
