@@ -124,7 +124,8 @@ class Page:
         elif "file" in block.words:
             return
         elif block.language == "python":
-            code = compile("\n" * block.line + block.text, str(self.path), "exec")
+            text = "\n" * block.line + block.text  # and not this module's future imports
+            code = compile(text, str(self.path), "exec", dont_inherit=True)
             exec(code, self.names)
         elif block.language == "sh":
             for command in commands(block.text):

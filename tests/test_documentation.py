@@ -9,6 +9,7 @@ import sys
 from pathlib import Path
 
 import pytest
+import yaml
 
 from tests.documentation import (
     DIRECTIVES,
@@ -170,3 +171,13 @@ def test_the_picture_of_the_readme_is_one_of_the_site() -> None:
     (picture,) = re.findall(r"!\[[^]]*\]\(([^)]+)\)", README)
     assert (ROOT / picture).is_file()
     assert f"]({Path(picture).name})" in PAGES["docs/index.md"].read_text(encoding="utf-8")
+
+
+def test_a_commit_is_checked_by_the_linters_that_contributors_are_told_of() -> None:
+    text = (ROOT / ".pre-commit-config.yaml").read_text(encoding="utf-8")
+    hooks = [hook for repo in yaml.safe_load(text)["repos"] for hook in repo["hooks"]]
+    linters = next(block for block in blocks_of("CONTRIBUTING.md") if "ruff" in block.text)
+    assert [hook["name"] for hook in hooks] == [
+        line.removesuffix(" .").removesuffix(" --check") for line in linters.text.splitlines()
+    ]
+    assert all(hook["entry"].startswith(hook["name"]) for hook in hooks)
