@@ -5,8 +5,9 @@ python tests/covered.py [-n 2] [--keep DIR] [-- PYTEST ARGUMENTS]
 The whole suite runs as it is, with kernels compiled anew; then the tests of kernels run once more
 with kernels as plain Python (``tests/interpreted.py``), whose lines a coverage tool could not see
 otherwise. A line counts if one of the two runs has run it. The rules are plain Python in the SimPy
-engine. The clock of the compiled engine, and what else reads rows in memory, runs as machine code
-only, so its share is printed, but nothing is asked of it. Needs ``pip install pytest-cov``. The
+engine, except for those that only the compiled engine calls, such as the observations. The clock of
+the compiled engine, and what else reads rows in memory, runs as machine code only, so its share is
+printed, but nothing is asked of it. Needs ``pip install pytest-cov``. The
 exit code is 6 if too little has been run.
 """
 
@@ -30,7 +31,7 @@ NOT_MEASURED = (  # no file may be large, that of the coverage neither
     *("--deselect", "tests/faults/test_disk_full.py::test_a_limit_on_the_size_of_files"),
 )
 COMPILED_ONLY = ("engine/compiled/", "learning/fused.py", "model/compiled_rows.py")
-WHOLE = ("model/", "rules/", "engine/", "qoe.py", "run_folder.py")
+WHOLE = ("model/", "engine/", "qoe.py", "run_folder.py")
 ENOUGH, TOO_LITTLE = 90.0, 6
 
 
