@@ -28,12 +28,20 @@ import signal
 import time
 from pathlib import Path
 
-from desim_uav.model.admission import FirstCome
+from desim_uav.rules.admission import FirstCome
 from desim_uav.policies.hover import Hover
 
 
 class Own(FirstCome):
-    """An admission rule without a kernel."""
+    """An admission rule that is not compiled."""
+
+    def scan(self, waiting, free_bps):
+        served = []
+        for request in waiting:
+            if request.bandwidth_bps <= free_bps:
+                free_bps -= request.bandwidth_bps
+                served.append(request)
+        return served, ()
 
 
 class OnSeedTwo(Hover):

@@ -189,10 +189,11 @@ MUTATIONS = (
     ),
     Mutation(
         "admission stops at the first request that does not fit",
-        "rules/service.py",
-        "        if world.bandwidth_bps < 0 or user.request.bandwidth_bps <= drone.free_bps:\n",
-        "        fits = world.bandwidth_bps < 0 or user.request.bandwidth_bps <= drone.free_bps\n"
-        "        if kept == 0 and fits:\n",
+        "rules/admission.py",
+        "            if world.bandwidth_bps < 0 or user.request.bandwidth_bps <= drone.free_bps:\n",
+        "            asked_bps = user.request.bandwidth_bps\n"
+        "            fits = world.bandwidth_bps < 0 or asked_bps <= drone.free_bps\n"
+        "            if kept == 0 and fits:\n",
         ("engine/test_admission.py",),
     ),
     Mutation(
@@ -314,18 +315,18 @@ MUTATIONS = (
         ("test_qoe.py",),
     ),
     Mutation(
-        "R1 not limited to 1, as a component",
-        "model/rewards.py",
+        "R1 not limited to 1",
+        "rules/rewards.py",
         "return share if share < 1.0 else 1.0",
         "return share",
         ("model/test_rewards.py",),
     ),
     Mutation(
-        "R1 not limited to 1, in the engines",
+        "a battery at exactly c1 counts as above it",
         "rules/rewards.py",
-        "share = share if share < 1.0 else 1.0",
-        "share = share + 0.0",
-        ("engine/test_step_rewards.py",),
+        "if battery_us > round(c1_us):",
+        "if battery_us >= round(c1_us):",
+        ("model/test_rewards.py",),
     ),
     Mutation(
         "R3 pays for the requests in a footprint instead of those that are served",
@@ -336,9 +337,9 @@ MUTATIONS = (
     ),
     Mutation(
         "the cost of a risky return has the wrong sign",
-        "model/rewards.py",
-        '"return": self.cost_sign * cost * return_cost(drone),',
-        '"return": -self.cost_sign * cost * return_cost(drone),',
+        "rules/rewards.py",
+        "drone.terms[1] = self.cost_sign * cost * way_home",
+        "drone.terms[1] = -self.cost_sign * cost * way_home",
         ("model/test_rewards.py",),
     ),
     # ---- learning

@@ -33,7 +33,7 @@ import os
 import signal
 import time
 
-from desim_uav.model.admission import FirstCome
+from desim_uav.rules.admission import FirstCome
 from desim_uav.policies.hover import Hover
 
 
@@ -95,11 +95,11 @@ class Interrupting(FirstCome):
 
     asked = 0
 
-    def scan(self, waiting, free_bps):
+    def scan_rows(self, world, path, state, drone, phase):
         Interrupting.asked += 1
         if Interrupting.asked == 400:
             os.kill(os.getpid(), signal.SIGINT)
-        return super().scan(waiting, free_bps)
+        super().scan_rows(world, path, state, drone, phase)
 
 
 class Flat:
@@ -583,7 +583,8 @@ class TestEngine:
         ended = cli_run("run", "case8", *SMALL, *own, "--engine", "batch", "--out", "deep/mine")
         ended.failed(3)
         assert [line.partition("case8.yaml: ")[2] for line in ended.err.splitlines()] == [
-            "drones.admission: 'Interrupting' is not compiled: it does not work on rows; "
+            "drones.admission: 'Interrupting' is not compiled: Untyped global name "
+            "'Interrupting': Cannot determine Numba type of <class 'type'>; "
             "--engine des runs it",
             "reward: 'Flat' is not compiled: it does not work on rows; --engine des runs it",
         ]

@@ -15,7 +15,7 @@ import sys
 from dataclasses import dataclass
 
 from desim_uav.model.mobility import RandomWalk
-from desim_uav.model.rewards import Coverage
+from desim_uav.rules.rewards import Coverage
 
 
 @dataclass(frozen=True)

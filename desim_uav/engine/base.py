@@ -25,7 +25,8 @@ IN_ORDER = itemgetter(0, 1, 3, 4)
 """The order of a log: (t_us, phase, drone, user); rows that share it stand as they happened."""
 
 
-class ClosedRequest(Protocol):
+@dataclass(slots=True)
+class ClosedRequest:
     """A request that has ended; times in microseconds from the episode's start."""
 
     request_id: int

@@ -7,37 +7,25 @@ import math
 import numpy as np
 
 from desim_uav.engine.base import RunSettings
+from desim_uav.engine.values import works_on_rows
 from desim_uav.model.coverage import bucket_grid
 from desim_uav.model.mobility import RandomWalk
 from desim_uav.model.motion import REST, Transit
-from desim_uav.model.observations import Local, Position
-from desim_uav.model.rewards import (
-    Coverage,
-    CoverageBattery,
-    MultiService,
-    RowReward,
-    thresholds_us,
-)
+from desim_uav.model.planner import Node
+from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import MOVES, US
-from desim_uav.rules import observations, rewards
 from desim_uav.rules.rows import Cell, Constants, Move, Piece, Place, TransitRow
 from desim_uav.rules.words import CRASHES
 from desim_uav.world import World
 
 AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
-
-REWARDS = {
-    Coverage: rewards.COVERAGE,
-    CoverageBattery: rewards.COVERAGE_BATTERY,
-    MultiService: rewards.MULTI_SERVICE,
-}
-OBSERVATIONS = {Position: observations.POSITION, Local: observations.LOCAL}
+"""The hops of a return, along x, y and between levels."""
 
 
 def constants_of(world: World, settings: RunSettings) -> Constants:
     """Return the constants; what compiled code alone needs is left blank, and so are plans."""
-    scenario, grid, reward = world.scenario, world.grid, world.scenario.reward
+    scenario, grid = world.scenario, world.grid
     made = blank(Constants)
     made.steps = scenario.episode.steps
     made.step_us, made.horizon_us = world.step_us, world.horizon_us
@@ -67,14 +55,6 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     made.starts = Table(fill(Cell, cell) for cell in world.starts)
     made.ceilings = Table(map(int, settings.ceilings))
     made.homes = Table(fill(Place, home) for home in world.homes[:, :2].tolist())
-    made.reward = REWARDS.get(type(reward), -1)
-    made.cost_sign = getattr(reward, "cost_sign", 0.0)
-    made.weight_users = float(getattr(reward, "users", 0.0))
-    weights = getattr(reward, "services", {})
-    made.weights = Table(weights.get(name, 0.0) for name in world.services.names)
-    low_battery = getattr(reward, "low_battery", 0.0)
-    made.c1_us, made.c2_us, made.c3_us, made.c4_us = thresholds_us(low_battery, world.capacity_us)
-    made.observation = OBSERVATIONS.get(type(scenario.observation), observations.NONE)
     made.features = len(scenario.observation.features(world.facts))
     buckets = bucket_grid(*world.area, scenario.drones.footprint_radius_m)
     made.buckets_x, made.buckets_y = buckets
@@ -87,17 +67,25 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     return made
 
 
+def transits_of(world: World) -> list[Transit]:
+    """Return the transits in the order of their numbers: rest, moves, and hops along the axes."""
+    return [REST, *world.epoch_transits.values(), *(world.fastest_transits[axis] for axis in AXES)]
+
+
+def hop_transit(world: World, hop: Node) -> int:
+    """Return the number of the transit of a hop."""
+    return 1 + len(world.epoch_transits) + next(axis for axis in range(3) if hop[axis])
+
+
 def _set_flights(made: Constants, world: World) -> None:
     """Write the moves and transits."""
-    transits = [REST, *world.epoch_transits.values()]
     by_action = {action: 1 + k for k, action in enumerate(world.epoch_transits)}
     made.moves = Table(
         fill(Move, (int(action), *MOVES.get(action, (0, 0, 0)), by_action.get(action, 0)))
         for action in world.actions
     )
-    made.first_hop = len(transits)
-    transits += [world.fastest_transits[axis] for axis in AXES]
-    made.transits = Table(map(_transit, transits))
+    made.first_hop = hop_transit(world, AXES[0])
+    made.transits = Table(map(_transit, transits_of(world)))
 
 
 def _transit(transit: Transit) -> TransitRow:
@@ -108,12 +96,7 @@ def _transit(transit: Transit) -> TransitRow:
 def term_names(world: World) -> tuple[str, ...]:
     """Return the terms of a reward in their order; none if only its own function knows them."""
     reward = world.scenario.reward
-    if isinstance(reward, RowReward):
-        return reward.names
-    if isinstance(reward, Coverage):
-        return ("users",)
-    if isinstance(reward, CoverageBattery):
-        return ("users", "return")
-    if isinstance(reward, MultiService):
-        return ("users", *world.services.names, "return", "charging")
+    if works_on_rows(reward, RowReward):
+        assert isinstance(reward, RowReward)
+        return reward.term_names(world.services.names)
     return ()

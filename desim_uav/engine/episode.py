@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -18,6 +17,7 @@ from desim_uav.copies import Independent
 from desim_uav.engine.base import (
     Carried,
     CarriedDrone,
+    ClosedRequest,
     EpisodeLog,
     FlownLeg,
     Measures,
@@ -26,34 +26,17 @@ from desim_uav.engine.base import (
     Step,
     UserState,
 )
+from desim_uav.engine.constants import hop_transit, term_names
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot, observed, shown
-from desim_uav.rules.words import EVENT_KINDS, ON_LEG
+from desim_uav.rules.rewards import LARGEST_REWARD
+from desim_uav.rules.words import EVENT_KINDS, ON_LEG, OVERBOOKED, TOO_LARGE
 from desim_uav.world import World
 
 MODES, STATES = tuple(Mode), tuple(UserState)
 PHASES = (None, *Phase)
-
-
-@dataclass(slots=True)
-class ClosedRequest:
-    """A request that has ended (see ``engine.base.ClosedRequest``)."""
-
-    request_id: int
-    user: int
-    service: int
-    bandwidth_bps: int
-    required_us: int
-    served_us: int
-    attached_us: int
-    t_request_us: int
-    t_first_us: int | None
-    t_end_us: int
-    interruptions: int
-    drones: list[int]
-    outcome: Outcome
 
 
 class RowEngine(Independent, ABC):
@@ -62,6 +45,7 @@ class RowEngine(Independent, ABC):
     def __init__(self, world: World, settings: RunSettings) -> None:
         self.world = world
         self.settings = settings
+        self.term_names = term_names(world)
         self.shown: Snapshot | None = None
         self.log = EpisodeLog(0)
         self._carried: Carried | None = None
@@ -110,8 +94,12 @@ class RowEngine(Independent, ABC):
         """Return the terms of the drones' rewards, by name."""
 
     @abstractmethod
-    def measures(self) -> Measures:
-        """The quality of experience so far, open requests by what they have had so far."""
+    def features(self) -> Sequence[tuple[float, ...]]:
+        """Return what learners observe of the drones now, as far as rows hold it."""
+
+    @abstractmethod
+    def measured(self) -> tuple[float, float, float]:
+        """Return QoE1-3 so far; NaN if they do not exist yet."""
 
     @abstractmethod
     def position_m(self, drone: int) -> Place:
@@ -197,8 +185,7 @@ class RowEngine(Independent, ABC):
             if one.hop is not None:
                 to = [int(at) + by for at, by in zip(one.node, one.hop, strict=True)]
                 drone.to_x, drone.to_y, drone.to_level = to
-                axis = next(k for k in range(3) if one.hop[k])
-                drone.transit, drone.hopping = len(self.world.epoch_transits) + 1 + axis, 1
+                drone.transit, drone.hopping = hop_transit(self.world, one.hop), 1
             if one.fallen_m is not None:
                 drone.fallen = 1
                 drone.fallen_x_m, drone.fallen_y_m = one.fallen_m
@@ -219,15 +206,31 @@ class RowEngine(Independent, ABC):
         drones, count = self.world.scenario.drones.count, len(self.world.actions)
         if len(commands) != drones:
             raise ValueError(f"{len(commands)} commands for {drones} drones")
+        self.shown = None  # which it stays if the step fails
         for index, command in enumerate(commands):
             self.drone(index).command = int(command) if 0 <= command < count else -1
+
+    def check_components(self) -> None:
+        """Raise SimulationError for what a component of one's own has done wrong."""
+        faults, scenario = self.number("faults"), self.world.scenario
+        if faults & TOO_LARGE:
+            raise SimulationError(
+                f"reward {type(scenario.reward).__name__!r} gave the drones "
+                f"{list(self.numbers('rewards'))} of the terms {self.terms()}; a reward must be a "
+                f"number between -{LARGEST_REWARD:g} and {LARGEST_REWARD:g}"
+            )
+        if faults & OVERBOOKED:
+            name = type(scenario.drones.admission).__name__
+            raise SimulationError(f"admission {name!r} served more than a drone's bandwidth")
 
     def observations(self) -> tuple[Observation, ...]:
         """Return what each drone knows at the present decision epoch."""
         facts, step = self.world.facts, int(self.number("step"))
         capacity_s, counts = facts.capacity_s, self.numbers("counts")
         observations, first, services = [], 0, len(facts.services)
-        for index, seen in enumerate(self.rows("seen")):
+        for index, (seen, features) in enumerate(
+            zip(self.rows("seen"), self.features(), strict=True)
+        ):
             station = duration_s = drained_s = None
             if capacity_s is not None:
                 plan = self.plan(index, seen.believed)
@@ -254,6 +257,7 @@ class RowEngine(Independent, ABC):
                         duration_s,
                         tuple(counts[first : first + services]),
                         tuple(counts[first + services : first + 2 * services]),
+                        features,
                     )
                 )
             )
@@ -389,6 +393,10 @@ class RowEngine(Independent, ABC):
         log.put_in_order()
 
     # ---- what can be asked in between
+
+    def measures(self) -> Measures:
+        """The quality of experience so far, open requests by what they have had so far."""
+        return Measures(*(None if math.isnan(value) else value for value in self.measured()))
 
     def requests_made(self) -> int:
         """How many requests have been made in the episode so far, open ones among them."""

@@ -75,6 +75,7 @@ def _drone(world: World, index: int, room: Room) -> Drone:
     services = len(world.services.names)
     made.served, made.asking = _zeros(services), _zeros(services)
     made.terms = Table([0.0] * len(term_names(world)))
+    made.features = Table([0.0] * len(world.scenario.observation.features(world.facts)))
     return made
 
 

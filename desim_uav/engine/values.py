@@ -1,24 +1,64 @@
-"""The fields of a component of one's own as a row, for its compiled functions."""
+"""Components as the rules see them: their fields as numbers and tables."""
 
 from __future__ import annotations
 
-from dataclasses import fields
-from typing import Any
+import copy
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+from functools import cache
+from typing import Any, TypeVar
 
-from desim_uav.model.rows import Row, fill, row
+from desim_uav.model.rows import Row, Table, fill, row
+
+C = TypeVar("C")
+
+
+def works_on_rows(component: Any, base: Any) -> bool:
+    """Return whether a component works on rows: it has this base, and none of its plain methods."""
+    own = type(component)
+    return isinstance(component, base) and all(
+        getattr(own, name) is getattr(base, name) for name in base.plain
+    )
+
+
+def over_rows(component: C, services: tuple[str, ...]) -> C:
+    """Return a component whose mappings from services to numbers are tables, by service."""
+    if not is_dataclass(component):
+        return component
+    made = copy.copy(component)
+    for field in fields(component):
+        value = getattr(component, field.name)
+        if isinstance(value, Mapping):
+            table = Table(float(value.get(name, 0.0)) for name in services)
+            object.__setattr__(made, field.name, table)
+    return made
 
 
 def values_of(component: Any) -> Row:
-    """Return the numbers of a frozen dataclass as a row of a class of its own.
-
-    Raises TypeError, naming the field, if one is no number.
-    """
-    kinds: dict[str, type] = {}
-    for field in fields(component):
+    """Return the fields of a component that are numbers, or tables of numbers, as a row."""
+    kinds: list[tuple[str, Any]] = []
+    values = []
+    for field in fields(component) if is_dataclass(component) else ():
         value = getattr(component, field.name)
-        if not isinstance(value, bool | int | float):
-            raise TypeError(f"its field {field.name!r} is no number")
-        kinds[field.name] = float if isinstance(value, float) else int
-    cls: Any = row(type(type(component).__name__, (Row,), {"__annotations__": kinds}))
-    made: Row = fill(cls, [kind(getattr(component, name)) for name, kind in kinds.items()])
+        if isinstance(value, Table):
+            kinds.append((field.name, Table[float]))
+        elif isinstance(value, bool | int | float):
+            kinds.append((field.name, float if isinstance(value, float) else int))
+        else:
+            continue
+        values.append(value)
+    cls: Any = type(component)
+    made: Row = fill(_row_of(cls, tuple(kinds)), values)
     return made
+
+
+def left_out(component: Any) -> list[str]:
+    """Return the names of the fields that compiled code does not have."""
+    known = type(values_of(component)).kinds
+    return [name for name in vars(component) if name not in known]
+
+
+@cache
+def _row_of(component: Any, kinds: tuple[tuple[str, Any], ...]) -> Any:
+    """Return the class of rows for the fields of a class of components."""
+    return row(type(component.__name__, (Row,), {"__annotations__": dict(kinds)}))

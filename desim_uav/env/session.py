@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
 from desim_uav.engine.base import COUNTS, MEASURES, Engine, RunSettings
+from desim_uav.engine.constants import term_names
 from desim_uav.engine.des import Simulation
 from desim_uav.env.configure import Source, configured
-from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath, SamplePaths, at_once, draw_all
@@ -122,8 +122,8 @@ class Session(Independent):
     def _term_names(self, shown: Snapshot) -> tuple[str, ...]:
         """Return the names of the reward's terms."""
         reward, facts = self.scenario.reward, self.world.facts
-        if isinstance(reward, RowReward):
-            return reward.names
+        if names := term_names(self.world):
+            return names
         return tuple(reward.terms(shown.observations[0], shown.open_requests, facts))
 
     def _next_path(self, seed: int | None) -> SamplePath:

@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
-from desim_uav.model.rewards import Coverage
 from desim_uav.optimum.cover import FairCover, Places, cover, fair_cover, instant_bound
 from desim_uav.optimum.discounted import optimal_return
 from desim_uav.optimum.gain import best_policy, long_run
@@ -21,6 +20,7 @@ from desim_uav.optimum.itinerary import (
     without_battery,
 )
 from desim_uav.optimum.process import DroneProcess
+from desim_uav.rules.rewards import Coverage
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 

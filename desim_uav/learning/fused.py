@@ -90,7 +90,7 @@ def play(
             told[episode, d, 2], told[episode, d, 3], told[episode, d, 4] = qoe1, qoe2, qoe3
         for k in range(len(s.crashed)):
             crashes[episode, s.crashed[k]] += 1
-        if s.full:
+        if s.faults:
             return
 
 

@@ -17,11 +17,12 @@ from desim_uav.errors import PolicyError, UsageError
 from desim_uav.learning import fused
 from desim_uav.learning.initial_q import initial_q
 from desim_uav.learning.learner import Decision, Learner, load_algorithm
-from desim_uav.model.observations import Feature, Position, table_row, table_sizes
+from desim_uav.model.observations import Feature, table_row, table_sizes
 from desim_uav.model.rules import DECIDES, Mode
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Purpose, Streams, uniforms_of
 from desim_uav.registry import naming_plug_ins
+from desim_uav.rules.observations import Position
 from desim_uav.sample_path import at_once, draw, draw_all
 from desim_uav.world import World
 

@@ -1,13 +1,14 @@
-"""Admission control: which open requests of its attached users a drone serves."""
+"""Admission control: which open requests of its attached users a drone serves.
+
+The paper's rule is in ``rules.admission``.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Any, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol, TypeVar
 
 from desim_uav.errors import SimulationError
-from desim_uav.registry import register
 
 
 class Waiting(Protocol):
@@ -39,15 +40,18 @@ class Admission(Protocol):
 class RowAdmission:
     """An admission rule over rows, which is compiled: both engines run it.
 
-    A subclass is a frozen dataclass whose fields are numbers.
+    A subclass is a frozen dataclass whose fields are numbers, or mappings from services to numbers.
     """
+
+    plain: ClassVar = ("scan",)
+    """A subclass that overrides one of these works on Python's objects instead of rows."""
 
     def scan_rows(self, world: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
         """Decide on the requests of the users in ``drone.waiting``.
 
         They are in order of (request time, user), and ``state.users[u].request`` is the request of
-        user u. ``rules.service.admit`` serves one, whose bandwidth must fit ``drone.free_bps``
-        unless ``world.bandwidth_bps`` is -1; ``rules.service.turn_away`` closes one for good. Both
+        user u. ``rules.admission.admit`` serves one, whose bandwidth must fit ``drone.free_bps``
+        unless ``world.bandwidth_bps`` is -1; ``turn_away`` closes one for good. Both
         take it out of ``drone.waiting``. The others go on waiting.
         """
         raise NotImplementedError
@@ -55,21 +59,3 @@ class RowAdmission:
     def scan(self, waiting: Sequence[W], free_bps: float) -> tuple[Sequence[W], Sequence[W]]:
         """Refuse: this rule works on rows."""
         raise SimulationError(f"admission {type(self).__name__!r} works on rows (scan_rows)")
-
-
-@register("admission", "first_come")
-@dataclass(frozen=True)
-class FirstCome:
-    """Serves requests in order of request time, as in the paper.
-
-    A request that does not fit into the free bandwidth does not block those after it.
-    """
-
-    def scan(self, waiting: Sequence[W], free_bps: float) -> tuple[Sequence[W], Sequence[W]]:
-        """Serve each request in turn that fits into the free bandwidth, and refuse none."""
-        served = []
-        for request in waiting:
-            if request.bandwidth_bps <= free_bps:
-                free_bps -= request.bandwidth_bps
-                served.append(request)
-        return served, ()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Literal, Protocol
+from typing import Annotated, Any, ClassVar, Literal, Protocol
 
 from annotated_types import Ge, Gt, Le
 
@@ -34,9 +34,38 @@ class Energy(Protocol):
         """Return the least ``elapsed_us`` at which ``drained_us`` reaches ``battery_us``."""
 
 
+class RowEnergy:
+    """An energy model that is compiled, so that both engines run it.
+
+    A subclass is a frozen dataclass with the fields of ``Energy``. ``flight`` has
+    ``duration_us``, ``distance_m`` (0.0: a hover) and ``pieces``, of which each begins at
+    ``start_s`` and ``from_m`` with ``speed_mps`` and flies with ``acceleration_mps2``; the last one
+    is the rest at the destination. Compiled code knows no objects besides rows and numbers.
+    """
+
+    plain: ClassVar = ("drained_us", "lasts_us")
+    """A subclass that overrides one of these works on Python's objects instead of rows."""
+
+    def drains(self, flight: Any, elapsed_us: int) -> int:
+        """Return what ``Energy.drained_us`` returns."""
+        raise NotImplementedError
+
+    def lasts(self, flight: Any, battery_us: int) -> int:
+        """Return what ``Energy.lasts_us`` returns."""
+        raise NotImplementedError
+
+    def drained_us(self, flight: Any, elapsed_us: int) -> int:
+        """Return what ``drains`` returns."""
+        return self.drains(flight, elapsed_us)
+
+    def lasts_us(self, flight: Any, battery_us: int) -> int:
+        """Return what ``lasts`` returns."""
+        return self.lasts(flight, battery_us)
+
+
 @register("battery", "endurance")
 @dataclass(frozen=True)
-class Endurance:
+class Endurance(RowEnergy):
     """Drains one second of autonomy per second in the air, whatever the drone does (the paper).
 
     ``return_below``: goto_charging_station is allowed at or below this share of the capacity.
@@ -55,11 +84,11 @@ class Endurance:
     respawn_after_min: Annotated[float, Ge(0)] = 10.0
     """How many minutes after a crash the drone is replaced, at the next decision epoch."""
 
-    def drained_us(self, flight: Transit, elapsed_us: int) -> int:
+    def drains(self, flight: Any, elapsed_us: int) -> int:
         """Return the time in the air."""
         return elapsed_us
 
-    def lasts_us(self, flight: Transit, battery_us: int) -> int:
+    def lasts(self, flight: Any, battery_us: int) -> int:
         """Return the time left in the air."""
         return battery_us
 

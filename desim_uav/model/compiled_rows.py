@@ -318,23 +318,42 @@ def call(function: Any, arguments: tuple[Any, ...]) -> None:
     function(*arguments)
 
 
-def _call(typing_context: Any, function: Any, arguments: Any) -> Any:
-    def generate(context: Any, builder: Any, given: Any, values: Any) -> Any:
-        parts = cgutils.unpack_tuple(builder, values[1])
-        kind = ir.FunctionType(ir.VoidType(), [part.type for part in parts])
-        builder.call(builder.inttoptr(values[0], kind.as_pointer()), parts)
-        return context.get_dummy_value()
-
-    return types.none(I64, arguments), generate
+def call_for_int(function: Any, arguments: tuple[Any, ...]) -> int:
+    """Call a function that returns a whole number; compiled code has its address."""
+    return int(function(*arguments))
 
 
-_called: Any = intrinsic(_call)
+def _caller(returned: Any) -> Any:
+    """Return what compiled code calls addresses with, for functions that return this type."""
+
+    def typed(typing_context: Any, function: Any, arguments: Any) -> Any:
+        def generate(context: Any, builder: Any, given: Any, values: Any) -> Any:
+            parts = cgutils.unpack_tuple(builder, values[1])
+            result = ir.VoidType() if returned is types.none else context.get_value_type(returned)
+            kind = ir.FunctionType(result, [part.type for part in parts])
+            value = builder.call(builder.inttoptr(values[0], kind.as_pointer()), parts)
+            return context.get_dummy_value() if returned is types.none else value
+
+        return returned(I64, arguments), generate
+
+    return intrinsic(typed)
+
+
+_called, _called_for_int = _caller(types.none), _caller(I64)
 
 
 @overload(call)
 def _of_call(function: Any, arguments: Any) -> Any:
     def called(function: Any, arguments: Any) -> None:
         _called(function, arguments)
+
+    return called
+
+
+@overload(call_for_int)
+def _of_call_for_int(function: Any, arguments: Any) -> Any:
+    def called(function: Any, arguments: Any) -> Any:
+        return _called_for_int(function, arguments)
 
     return called
 

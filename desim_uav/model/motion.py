@@ -22,12 +22,26 @@ from desim_uav.registry import register
 START, DISTANCE, SPEED, ACCELERATION = range(4)
 
 
+class Piece(NamedTuple):
+    """A piece of a transit of constant acceleration; ``start_s`` and ``from_m`` at its start."""
+
+    start_s: float
+    from_m: float
+    speed_mps: float
+    acceleration_mps2: float
+
+
 class Transit(NamedTuple):
     """A rest-to-rest flight along one axis."""
 
     profile: NDArray[np.float64]
     duration_us: int
     distance_m: float
+
+    @property
+    def pieces(self) -> list[Piece]:
+        """The rows of the profile by name."""
+        return [Piece(*row) for row in self.profile.tolist()]
 
 
 class Motion(Protocol):

@@ -105,12 +105,3 @@ def mask(
         legal |= {Action.GOTO_CHARGING_STATION} if may_return else set()
         legal |= {Action.CHARGE} if may_charge else set()
     return tuple(action in legal for action in allowed)
-
-
-def obeyed(command: int, legal: tuple[bool, ...], allowed: tuple[Action, ...]) -> Action:
-    """Return the action that a command leads to: itself if allowed, else the only one, or hover."""
-    if 0 <= command < len(legal) and legal[command]:
-        return allowed[command]
-    if sum(legal) == 1:
-        return allowed[legal.index(True)]
-    return Action.HOVER

@@ -42,7 +42,8 @@ class Observation(NamedTuple):
     station takes from ``cell``: inf if there is no way, None without a battery. ``station`` is
     that station's index and ``flight_s`` the time of the flight; both are None if there is no way.
     ``served`` counts the requests that the drone serves, and ``asking`` the open requests of all
-    users in its footprint, by service.
+    users in its footprint, by service. ``features`` are the numbers that a learner gets instead,
+    as the scenario's observation component writes them.
     """
 
     drone: int
@@ -61,6 +62,7 @@ class Observation(NamedTuple):
     flight_s: float | None = None
     served: tuple[int, ...] = ()
     asking: tuple[int, ...] = ()
+    features: tuple[float, ...] = ()
 
 
 observed = partial(tuple.__new__, Observation)

@@ -12,17 +12,19 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.des import Simulation
 from desim_uav.errors import UsageError
-from desim_uav.model.admission import FirstCome
 from desim_uav.model.battery import charged_us, time_to_full_us
 from desim_uav.model.demand import Continuous
 from desim_uav.model.motion import REST, Leg, Transit
 from desim_uav.model.planner import Node
-from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService, RowReward
 from desim_uav.model.rules import MOVES, US, Action, Mode, mask
 from desim_uav.model.state import Observation
-from desim_uav.model.sums import in_order
 from desim_uav.optimum.footprints import Footprints
+from desim_uav.rules.admission import FirstCome
+from desim_uav.rules.note import place
+from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.world import World
 
 State = tuple[Node, int]
@@ -84,6 +86,7 @@ class DroneProcess:
         self.footprints = Footprints(world)
         self.stations = {(*cell, 0) for cell in world.stations}
         self.start: State = ((*world.starts[0], 0), world.capacity_us)
+        self._engine = Simulation(world, RunSettings((True,), carry_over=False))
         self._attached: dict[tuple[int, int], int] = {}
         self._masks: dict[tuple[bool, bool], tuple[Action, ...]] = {}
 
@@ -138,8 +141,7 @@ class DroneProcess:
         """Return the end of a step of serving flight in ``state``, with no time attached."""
         node, battery_us = state
         there = Stage(0, Mode.FLYING, node, self._leg(node, node, REST), battery_us)
-        seen = self._observe(there, 0)
-        return Step(self.reward(seen), seen, 0)
+        return Step(*self._paid(there, 0), 0)
 
     def _next(self, last: Stage) -> State | None:
         if last.mode is Mode.CRASHED:
@@ -226,9 +228,8 @@ class DroneProcess:
         for end_us in range(step_us, (count + 1) * step_us, step_us):
             while at + 1 < len(stages) and stages[at + 1].start_us <= end_us:
                 at += 1
-            seen = self._observe(stages[at], end_us - stages[at].start_us)
-            attached_us = self._attached_us(stages) if end_us == step_us else 0
-            yield Step(self.reward(seen), seen, attached_us)
+            paid = self._paid(stages[at], end_us - stages[at].start_us)
+            yield Step(*paid, self._attached_us(stages) if end_us == step_us else 0)
 
     def _free_us(self, last: Stage) -> int:
         """Return the time from which the drone, or its replacement, can be commanded."""
@@ -246,34 +247,47 @@ class DroneProcess:
         until_us = last.start_us if last.mode is Mode.CRASHED else self.world.step_us
         return self.footprints.attached_us(first.leg, self.world.step_us, until_us)
 
-    def _observe(self, now: Stage, elapsed_us: int) -> Observation:
-        """Return the drone's observation at a time of a stage, as an engine makes it."""
-        world, grid, limited = self.world, self.world.grid, self.energy is not None
+    def _paid(self, now: Stage, elapsed_us: int) -> tuple[float, Observation]:
+        """Return the reward and the observation of a step that ends at a time of a stage.
+
+        All requests are open. Raises UsageError if the reward depends on the step of the episode.
+        """
+        self._write(now, elapsed_us)
+        reward, scenario = self._reward(0), self.world.scenario
+        if type(scenario.reward) not in BUILT_IN:
+            for step in (1, max(1, scenario.episode.steps - 1)):
+                if self._reward(step) != reward:
+                    raise UsageError(
+                        f"reward: {type(scenario.reward).__name__} depends on the step of the "
+                        "episode; the best policy can be computed only if it does not"
+                    )
+        return reward, self._engine.observations()[0]
+
+    def _reward(self, step: int) -> float:
+        """Return what the drone of the rows is paid at the end of a step."""
+        world, state = self._engine.constants, self._engine.state
+        state.step, state.now_us = step, step * self.world.step_us
+        world.pay(world, state)  # type: ignore[operator]
+        self._engine.check_components()
+        state.step = 0
+        return state.rewards[0]
+
+    def _write(self, now: Stage, elapsed_us: int) -> None:
+        """Write what the drone knows at a time of a stage into the engine's rows."""
+        grid, state = self.world.grid, self._engine.state
+        drone, seen, services = state.drones[0], state.seen[0], len(state.asked)
         believed = now.node
         if now.leg.transit is not REST:
             x_m, y_m, z_m = now.leg.position_m(elapsed_us / US)
             believed = (*grid.cell_of(x_m, y_m), grid.level_of(z_m))
-        back = world.planner.plan(believed) if limited else None
         held = self.attached(now.node) if now.mode is Mode.FLYING else 0
-        by_service = (held, *[0] * (len(world.services.names) - 1))
-        return Observation(
-            drone=0,
-            step=0,
-            steps=world.scenario.episode.steps,
-            cell=believed[:2],
-            level=believed[2],
-            mode=now.mode,
-            battery_s=self._battery_us(now, elapsed_us) / US if limited else None,
-            capacity_s=world.capacity_us / US if limited else None,
-            return_s=(math.inf if back is None else back.drained_us / US) if limited else None,
-            attached_users=held,
-            served_requests=held,
-            bandwidth_kbps=0.0,
-            station=None if back is None else back.station,
-            flight_s=None if back is None else back.duration_us / US,
-            served=by_service,
-            asking=by_service,
-        )
+        drone.mode = seen.mode = int(now.mode)
+        seen.x, seen.y, seen.level = believed
+        drone.believed = seen.believed = place(self._engine.constants, *believed)
+        drone.battery_us = seen.battery_us = self._battery_us(now, elapsed_us)
+        drone.attached_users = seen.attached_users = seen.served_requests = held
+        drone.served[0] = drone.asking[0] = state.counts[0] = state.counts[services] = held
+        state.asked[0] = len(self.world.homes)
 
     def _battery_us(self, now: Stage, elapsed_us: int) -> int:
         if now.mode in (Mode.FLYING, Mode.RETURNING):
@@ -290,32 +304,6 @@ class DroneProcess:
         if cell not in self._attached:
             self._attached[cell] = len(self.footprints.held(self.world.grid.centre(*cell)))
         return self._attached[cell]
-
-    def reward(self, seen: Observation) -> float:
-        """Return the scenario's reward for a step that ends so, with all requests open.
-
-        Raises UsageError if the reward depends on the step of the episode.
-        """
-        gained = self._rewarded(seen)
-        reward = self.world.scenario.reward
-        if type(reward) not in BUILT_IN:
-            for step in (1, max(1, seen.steps - 1)):
-                if self._rewarded(seen._replace(step=step)) != gained:
-                    raise UsageError(
-                        f"reward: {type(reward).__name__} depends on the step of the episode; "
-                        f"the best policy can be computed only if it does not"
-                    )
-        return gained
-
-    def _rewarded(self, seen: Observation) -> float:
-        world = self.world
-        if isinstance(world.scenario.reward, RowReward):
-            raise UsageError(
-                f"reward: {type(world.scenario.reward).__name__} is computed from rows; the best "
-                "policy can be computed only for a reward of an observation (its 'terms')"
-            )
-        asked = (len(world.homes), *[0] * (len(world.services.names) - 1))
-        return in_order(world.scenario.reward.terms(seen, asked, world.facts).values())
 
 
 def refuse_what_is_random(world: World) -> None:

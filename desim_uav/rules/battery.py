@@ -2,23 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from desim_uav.model.battery import charged_us
+from desim_uav.model.compiled_rows import call_for_int
 from desim_uav.model.kernels import rule
 from desim_uav.rules.due import depletion_slot, due, key, undo
 from desim_uav.rules.rows import Constants, Drone, State
 from desim_uav.rules.words import CHARGING, DEPLETION, FLYING, RETURNING
 
 
-def drained_us(world: Any, state: Any, drone: Any, elapsed_us: int) -> int:
+@rule
+def drained_us(world: Constants, drone: Drone, elapsed_us: int) -> int:
     """Return what the first ``elapsed_us`` of a drone's transit take from its battery."""
-    return int(state.drained_us(drone.transit, elapsed_us))
+    return call_for_int(world.drained_us, (world, world.transits[drone.transit], elapsed_us))
 
 
-def lasts_us(world: Any, state: Any, drone: Any) -> int:
+@rule
+def lasts_us(world: Constants, drone: Drone) -> int:
     """Return for how long a drone's battery lasts on its transit."""
-    return int(state.lasts_us(drone.transit, drone.battery_us))
+    return call_for_int(world.lasts_us, (world, world.transits[drone.transit], drone.battery_us))
 
 
 @rule
@@ -28,7 +29,7 @@ def battery_now(world: Constants, state: State, drone: Drone) -> int:
         return 0
     elapsed_us = state.now_us - drone.since_us
     if drone.mode in (FLYING, RETURNING):
-        return drone.battery_us - drained_us(world, state, drone, elapsed_us)
+        return drone.battery_us - drained_us(world, drone, elapsed_us)
     if drone.mode == CHARGING:
         held_us, capacity_us = drone.battery_us, world.capacity_us
         return int(charged_us(held_us, elapsed_us, capacity_us, world.full_charge_us))
@@ -49,7 +50,7 @@ def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None
 def foresee_depletion(world: Constants, state: State, drone: Drone, span_us: int) -> None:
     """Foresee an empty battery if it does not outlast a leg of ``span_us``."""
     if world.limited:
-        lasts = lasts_us(world, state, drone)
+        lasts = lasts_us(world, drone)
         if lasts <= span_us:
             slot = depletion_slot(state, drone.index)
             due(state, slot, drone.since_us + lasts, key(DEPLETION, drone.index, -1))

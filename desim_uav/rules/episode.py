@@ -86,7 +86,7 @@ def _forget(state: State) -> None:
     state.now_us = state.step = state.terminated = state.truncated = 0
     state.opened = state.in_service = state.charges = state.crashes = state.suppressed = 0
     state.open_us = state.served_us = state.attached_us = state.attached_from_us = 0
-    state.queueing_us = state.bandwidth_us_bps = state.to_scan = state.full = 0
+    state.queueing_us = state.bandwidth_us_bps = state.to_scan = state.faults = 0
     state.closed_qoe1 = state.distance_m = 0.0
     state.loose.clear()
     state.crashed.clear()
@@ -161,7 +161,7 @@ def end_step(world: Constants, path: Path, state: State) -> None:
         any_crashed = any_crashed or state.drones[d].mode == CRASHED
     observe(world, state)
     record(world, state)
-    call(world.reward_of, (world, state))
+    call(world.pay, (world, state))
     state.terminated = int(any_crashed and world.on_crash == ENDS_EPISODE)
     state.truncated = int(state.step == world.steps)
     if state.terminated or state.truncated:

@@ -1,65 +1,107 @@
-"""What learners are given: ``position`` and ``local`` (see ``model.observations``)."""
+"""What learners observe: the paper's state, or a drone's surroundings as numbers."""
 
 from __future__ import annotations
 
 import math
-from typing import Any
+from dataclasses import dataclass
 
 from desim_uav.model.kernels import rule
+from desim_uav.model.observations import Feature, RowObservation
+from desim_uav.model.state import Facts
+from desim_uav.registry import register
 from desim_uav.rules.flight import way_back
 from desim_uav.rules.rows import Constants, Drone, Seen, State
-from desim_uav.rules.words import US
+from desim_uav.rules.words import MINUTE_US, US
 
-NONE, POSITION, LOCAL = range(3)
+
+@register("observation", "position")
+@dataclass(frozen=True)
+class Position(RowObservation):
+    """The paper's state: cell x and y, in 3D the level, with a battery its full minutes left."""
+
+    def features(self, facts: Facts) -> tuple[Feature, ...]:
+        """Return two to four features, all whole numbers from 0."""
+        nx, ny = facts.grid.cells
+        sizes = {"cell_x": nx, "cell_y": ny}
+        if facts.three_d:
+            sizes["level"] = facts.grid.levels_under_ceiling
+        if facts.capacity_s is not None:
+            sizes["battery_min"] = 1 + int(facts.capacity_s // 60)
+        return tuple(Feature(name, 0, size - 1, True) for name, size in sizes.items())
+
+    def write(self, world: Constants, state: State, drone: Drone) -> None:
+        """Write as many whole numbers as features."""
+        write_position(world, state, drone)
+
+
+@register("observation", "local")
+@dataclass(frozen=True)
+class Local(RowObservation):
+    """The drone's surroundings as numbers from 0 to 1 (the bearing: from -1 to 1).
+
+    These are the believed position, the attached users, the requests served and the open requests
+    in the footprint, by service (all over the number of users), the free bandwidth and the time
+    left. With a battery they also include its charge and n_B, and the bearing (sine and cosine
+    from north) and flight time of the nearest charging station; charge and times are divided by
+    the capacity.
+    """
+
+    def features(self, facts: Facts) -> tuple[Feature, ...]:
+        """Return the features, all real numbers."""
+        names = ["x", "y"] + ["altitude"] * facts.three_d + ["attached"]
+        names += [f"served_{name}" for name in facts.services]
+        names += [f"asking_{name}" for name in facts.services]
+        names += ["bandwidth_left", "time_left"]
+        lows = dict.fromkeys(names, 0.0)
+        if facts.capacity_s is not None:
+            lows |= {"battery": 0.0, "n_b": 0.0}
+            lows |= {"bearing_sin": -1.0, "bearing_cos": -1.0, "flight_time": 0.0}
+        return tuple(Feature(name, low, 1.0, False) for name, low in lows.items())
+
+    def write(self, world: Constants, state: State, drone: Drone) -> None:
+        """Write as many numbers as features."""
+        seen, out, users = state.seen[drone.index], drone.features, len(state.users)
+        out[0] = (seen.x + 0.5) / world.nx
+        out[1] = (seen.y + 0.5) / world.ny
+        k = 2
+        if world.three_d:
+            out[k] = (seen.level + 0.5) / world.levels_under_ceiling
+            k += 1
+        out[k] = seen.attached_users / users
+        k += 1
+        counts = 2 * world.services
+        for count in range(counts):
+            out[k + count] = state.counts[counts * drone.index + count] / users
+        k += counts
+        used = 0.0
+        if world.bandwidth_bps >= 0:
+            used = (seen.used_bps / 1000) / (world.bandwidth_bps / 1000)
+        out[k] = 1.0 - used
+        out[k + 1] = 1.0 - state.step / world.steps
+        if world.limited:
+            _write_way_home(world, drone, seen, k + 2)
 
 
 @rule
-def encode(world: Constants, state: State, drone: Drone, out: Any, k: int) -> None:
-    """Write a drone's features into ``out``, from entry ``k`` on."""
-    if world.observation == POSITION:
-        _position(world, state.seen[drone.index], out, k)
-    else:
-        _local(world, state, drone, state.seen[drone.index], out, k)
-
-
-@rule
-def _position(world: Constants, seen: Seen, out: Any, k: int) -> None:
-    out[k], out[k + 1] = seen.x, seen.y
-    k += 2
+def write_position(world: Constants, state: State, drone: Drone) -> int:
+    """Write the paper's state as a drone's first features; return how many they are."""
+    seen, out = state.seen[drone.index], drone.features
+    out[0], out[1] = seen.x, seen.y
+    k = 2
     if world.three_d:
         out[k] = seen.level
         k += 1
     if world.limited:
-        out[k] = (seen.battery_us / US) // 60
-
-
-@rule
-def _local(world: Constants, state: State, drone: Drone, seen: Seen, out: Any, k: int) -> None:
-    users, counts = len(state.users), 2 * world.services
-    out[k] = (seen.x + 0.5) / world.nx
-    out[k + 1] = (seen.y + 0.5) / world.ny
-    k += 2
-    if world.three_d:
-        out[k] = (seen.level + 0.5) / world.levels_under_ceiling
+        out[k] = seen.battery_us // MINUTE_US
         k += 1
-    out[k] = seen.attached_users / users
-    k += 1
-    for count in range(counts):
-        out[k + count] = state.counts[counts * drone.index + count] / users
-    k += counts
-    used = 0.0
-    if world.bandwidth_bps >= 0:
-        used = (seen.used_bps / 1000) / (world.bandwidth_bps / 1000)
-    out[k] = 1.0 - used
-    out[k + 1] = 1.0 - state.step / world.steps
-    if world.limited:
-        _way_home(world, drone, seen, out, k + 2)
+    return k
 
 
 @rule
-def _way_home(world: Constants, drone: Drone, seen: Seen, out: Any, k: int) -> None:
+def _write_way_home(world: Constants, drone: Drone, seen: Seen, k: int) -> None:
     """Write the battery, n_B, and the bearing and flight time of the nearest station."""
-    capacity_s, plan = world.capacity_us / US, way_back(world, drone, seen.believed)
+    out, capacity_s = drone.features, world.capacity_us / US
+    plan = way_back(world, drone, seen.believed)
     out[k] = (seen.battery_us / US) / capacity_s
     out[k + 1] = out[k + 4] = 1.0
     out[k + 2] = out[k + 3] = 0.0

@@ -1,24 +1,155 @@
-"""Rewards at the end of each step: R1, R2 and R3 of the paper (see ``model.rewards``)."""
+"""The rewards of the paper, R1 to R3, and how a drone is paid at the end of each step."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated
+
+from annotated_types import Ge, Le
+
 from desim_uav.model.kernels import rule
+from desim_uav.model.rewards import RowReward
+from desim_uav.registry import register
 from desim_uav.rules.flight import way_back
 from desim_uav.rules.rows import Constants, Drone, Seen, State
-from desim_uav.rules.words import CRASHED, QUEUED, US
+from desim_uav.rules.words import CRASHED, QUEUED, TOO_LARGE, US
 
-COVERAGE, COVERAGE_BATTERY, MULTI_SERVICE = range(3)
+LARGEST_REWARD = 1e100
+"""The largest magnitude of a drone's reward; sums of such rewards over a run stay finite."""
+
+Weight = Annotated[float, Ge(0), Le(1e6)]
+Sign = Annotated[float, Ge(-1), Le(1)]
+Share = Annotated[float, Ge(0), Le(1)]
+
+
+@register("reward", "coverage")
+@dataclass(frozen=True)
+class Coverage(RowReward):
+    """R1: the drone's attached users, divided by its fair share of all users; at most 1."""
+
+    names = ("users",)
+
+    def pay(self, world: Constants, state: State, drone: Drone) -> None:
+        """Write one term: users."""
+        seen = state.seen[drone.index]
+        if is_in_the_air(seen):
+            drone.terms[0] = fair_share(state, seen)
+
+
+@register("reward", "coverage_battery")
+@dataclass(frozen=True)
+class CoverageBattery(RowReward):
+    """R2: attached users, weighed against the cost of a return as the battery runs low.
+
+    ``low_battery`` is the share of the capacity (c1) at or below which the cost counts.
+    ``cost_sign`` is -1 for a cost; the paper writes a plus.
+    """
+
+    cost_sign: Sign = -1.0
+    """-1: danger is a cost. 1: it is paid, as the paper writes it."""
+    low_battery: Share = 0.2
+    """The share of the capacity (c1) at or below which the way to a station counts."""
+    names = ("users", "return")
+
+    def pay(self, world: Constants, state: State, drone: Drone) -> None:
+        """Write two terms: users and return."""
+        seen = state.seen[drone.index]
+        if is_in_the_air(seen):
+            service, cost, way_home = battery_weights(world, drone, seen, self.low_battery)
+            drone.terms[0] = service * fair_share(state, seen)
+            drone.terms[1] = self.cost_sign * cost * way_home
+
+
+@register("reward", "multi_service")
+@dataclass(frozen=True)
+class MultiService(RowReward):
+    """R3: as R2, with the share of each service's open requests that the drone serves.
+
+    ``services`` holds the weight of each service by name. The cost of charging (the paper's r_cs)
+    is 0.
+    """
+
+    cost_sign: Sign = -1.0
+    """-1: danger is a cost. 1: it is paid, as the paper writes it."""
+    low_battery: Share = 0.2
+    """The share of the capacity (c1) at or below which the way to a station counts."""
+    users: Weight = 0.5
+    """The weight of the attached users."""
+    services: Mapping[str, Weight] = field(
+        default_factory=lambda: {"throughput": 0.2, "edge_computing": 0.2, "data_gathering": 0.1}
+    )
+    """The weight of each service, by name."""
+
+    def term_names(self, services: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the names of the terms: users, each service, return and charging."""
+        return ("users", *services, "return", "charging")
+
+    def pay(self, world: Constants, state: State, drone: Drone) -> None:
+        """Write the terms: users, each service, return and charging."""
+        seen, terms, services = state.seen[drone.index], drone.terms, world.services
+        if is_in_the_air(seen):
+            service, cost, way_home = battery_weights(world, drone, seen, self.low_battery)
+            terms[0] = service * self.users * fair_share(state, seen)
+            for k in range(services):
+                served, asked = state.counts[2 * services * drone.index + k], state.asked[k]
+                if served and asked:
+                    terms[1 + k] = service * self.services[k] * (served / asked)  # type: ignore[index]
+            signed = self.cost_sign * cost
+            terms[services + 1] = signed * way_home if cost else signed * 0.0
+            terms[services + 2] = signed * 0.0
 
 
 @rule
-def paper_reward(world: Constants, state: State) -> None:
-    """Write R1, R2 or R3."""
-    for d in range(len(state.drones)):
-        drone, seen = state.drones[d], state.seen[d]
-        clear_terms(drone)
-        if not QUEUED <= seen.mode <= CRASHED:
-            _terms(world, state, drone, seen)
-        add_up(state, drone)
+def is_in_the_air(seen: Seen) -> bool:
+    """Return whether a drone flies or returns; one that has landed or crashed is paid nothing."""
+    return not QUEUED <= seen.mode <= CRASHED
+
+
+@rule
+def fair_share(state: State, seen: Seen) -> float:
+    """Return r_u: the drone's users divided by the mean number of users per drone, at most 1."""
+    share = seen.attached_users * len(state.drones) / len(state.users)
+    return share if share < 1.0 else 1.0
+
+
+@rule
+def battery_weights(
+    world: Constants, drone: Drone, seen: Seen, low_battery: float
+) -> tuple[float, float, float]:
+    """Return w_s and w_c, how much service and the way to a station count, and r_c, its cost.
+
+    w_s and w_c sum to 1: the fuller the battery, the more service counts. c1 is ``low_battery``
+    times the capacity, and each of c2 to c4 is the one before divided by 1.5. The battery is
+    compared with them in whole microseconds, rounded half to even, as masks compare it. If it only
+    just suffices for the return, or does not, only the return counts.
+
+    r_c is n_B divided by the battery, at most 1. It is 1 if the battery is empty or if there is no
+    way to a station, and 0 without a battery.
+    """
+    if not world.limited:
+        return 1.0, 0.0, 0.0
+    battery_us, plan = seen.battery_us, way_back(world, drone, seen.believed)
+    battery_s, return_s, lost = battery_us / US, plan.drained_us / US, plan.station < 0
+    cost = 1.0
+    if battery_us > 0 and not lost:
+        cost = min(1.0, return_s / battery_s)
+    c1_us = low_battery * world.capacity_us
+    c2_us = c1_us / 1.5
+    c3_us = c2_us / 1.5
+    if battery_us > round(c1_us):
+        return 1.0, 0.0, cost
+    if not lost and battery_s > return_s:
+        if battery_us > round(c2_us):
+            return 0.8, 0.2, cost
+        if battery_us > round(c3_us):
+            return 0.5, 0.5, cost
+        if battery_us > round(c3_us / 1.5):
+            return 0.2, 0.8, cost
+    return 0.0, 1.0, cost
+
+
+# ---- payment
 
 
 @rule
@@ -30,55 +161,16 @@ def clear_terms(drone: Drone) -> None:
 
 @rule
 def add_up(state: State, drone: Drone) -> None:
-    """Write a drone's reward: the sum of its terms, in their order."""
+    """Give a drone the sum of its terms, in their order."""
     total = 0.0
     for k in range(len(drone.terms)):
         total += drone.terms[k]
-    state.rewards[drone.index] = total
+    give(state, drone, total)
 
 
 @rule
-def _terms(world: Constants, state: State, drone: Drone, seen: Seen) -> None:
-    terms = drone.terms
-    share = seen.attached_users * len(state.drones) / len(state.users)
-    share = share if share < 1.0 else 1.0
-    if world.reward == COVERAGE:
-        terms[0] = share
-        return
-    service, cost, way_home = _weights(world, drone, seen)
-    signed = world.cost_sign * cost
-    if world.reward == COVERAGE_BATTERY:
-        terms[0] = service * share
-        terms[1] = signed * way_home
-        return
-    services = world.services
-    terms[0] = service * world.weight_users * share
-    for k in range(services):
-        served, asked = state.counts[2 * services * drone.index + k], state.asked[k]
-        if served and asked:
-            terms[1 + k] = service * world.weights[k] * (served / asked)
-    terms[services + 1] = signed * way_home if cost else signed * 0.0
-    terms[services + 2] = signed * 0.0
-
-
-@rule
-def _weights(world: Constants, drone: Drone, seen: Seen) -> tuple[float, float, float]:
-    """Return (w_s, w_c, r_c): how much service and the way home count, and what that costs."""
-    if not world.limited:
-        return 1.0, 0.0, 0.0
-    battery_s = seen.battery_us / US
-    plan = way_back(world, drone, seen.believed)
-    return_s, lost = plan.drained_us / US, plan.station < 0
-    cost = 1.0
-    if battery_s > 0.0 and not lost:
-        cost = min(1.0, return_s / battery_s)
-    if seen.battery_us > world.c1_us:
-        return 1.0, 0.0, cost
-    if not lost and battery_s > return_s:
-        if seen.battery_us > world.c2_us:
-            return 0.8, 0.2, cost
-        if seen.battery_us > world.c3_us:
-            return 0.5, 0.5, cost
-        if seen.battery_us > world.c4_us:
-            return 0.2, 0.8, cost
-    return 0.0, 1.0, cost
+def give(state: State, drone: Drone, reward: float) -> None:
+    """Write a drone's reward, which must be a number of a sensible size."""
+    state.rewards[drone.index] = reward
+    if not -LARGEST_REWARD <= reward <= LARGEST_REWARD:
+        state.faults |= TOO_LARGE

@@ -97,10 +97,10 @@ class Constants(Row):
     ``plans`` by place, without the ceiling and then under it; ``station_at`` (-1: none) by cell.
     ``transits``: the rest, then those of the moving actions, then those of hops along x, y and
     between levels, which begin at ``first_hop``. ``bandwidth_bps`` -1: unlimited. ``known``: the
-    crossings of legs past users who stand still (see ``engine.compiled.standing``). ``foresee``,
-    ``reward_of``, ``scan`` and ``run`` are functions, in compiled code their addresses;
-    ``reward_values`` and
-    ``admission_values``: the addresses of the fields of components of one's own.
+    crossings of legs past users who stand still (see ``engine.compiled.standing``).
+    ``features``: how many numbers a learner observes. From ``foresee`` on the fields are functions,
+    in compiled code their addresses; ``reward_values`` and the like are the addresses of the
+    components' fields.
     """
 
     steps: int
@@ -139,17 +139,10 @@ class Constants(Row):
     starts: Table[Cell]
     ceilings: Table[int]
     homes: Table[Place]
-    reward: int
     reward_values: int
     admission_values: int
-    cost_sign: float
-    weight_users: float
-    weights: Table[float]
-    c1_us: int
-    c2_us: int
-    c3_us: int
-    c4_us: int
-    observation: int
+    observation_values: int
+    battery_values: int
     features: int
     buckets_x: int
     buckets_y: int
@@ -160,8 +153,11 @@ class Constants(Row):
     known_at: Table[int]
     known: Table[Crossing]
     foresee: int
-    reward_of: int
     scan: int
+    pay: int
+    describe: int
+    drained_us: int
+    lasts_us: int
     run: int
 
 
@@ -215,7 +211,7 @@ class Drone(Row):
     ``served`` and ``asking``, by service: the requests it serves, and the open ones of all users it
     covers. ``scan``: its queue has to be scanned. ``believed``: the place at which it believes to
     be. ``landed_in``: the phase of its landing. ``counted_m``: what has been counted of its leg.
-    ``terms``: those of its reward.
+    ``terms``: those of its reward; ``features``: what its learner observes.
     """
 
     index: int
@@ -255,6 +251,7 @@ class Drone(Row):
     served: Table[int]
     asking: Table[int]
     terms: Table[float]
+    features: Table[float]
 
 
 @row
@@ -436,7 +433,7 @@ class State(Row):
     to_scan: int
     keeps_events: int
     keeps_requests: int
-    full: int
+    faults: int
     drones: Table[Drone]
     users: Table[User]
     stations: Table[Station]

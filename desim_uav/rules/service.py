@@ -11,7 +11,6 @@ from desim_uav.rules.words import (
     ON_REFUSE,
     ON_SERVE,
     ON_STOP,
-    OVERBOOKED,
     REQUEST,
 )
 
@@ -37,40 +36,6 @@ def scan_later(state: State, drone: Drone) -> None:
     if not drone.scan:
         drone.scan = 1
         state.to_scan += 1
-
-
-@rule
-def first_come(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
-    """Scan a drone's queue in order: each request that fits the free bandwidth is served."""
-    waiting, kept = drone.waiting, 0
-    for k in range(len(waiting)):
-        user = state.users[waiting[k]]
-        if world.bandwidth_bps < 0 or user.request.bandwidth_bps <= drone.free_bps:
-            serve(world, state, drone, user, phase)
-        else:
-            waiting[kept] = waiting[k]
-            kept += 1
-    while len(waiting) > kept:
-        waiting.pop()
-
-
-@rule
-def admit(world: Constants, state: State, drone: Drone, number: int, phase: int) -> None:
-    """Serve the request of a user, by its number, that waits at a drone, which has bandwidth."""
-    user = state.users[number]
-    drone.waiting.remove(number)
-    if world.bandwidth_bps >= 0 and user.request.bandwidth_bps > drone.free_bps:
-        state.full |= OVERBOOKED
-    serve(world, state, drone, user, phase)
-
-
-@rule
-def turn_away(
-    world: Constants, path: Path, state: State, drone: Drone, number: int, phase: int
-) -> None:
-    """Refuse the request of a user, by its number, that waits at a drone, for good."""
-    drone.waiting.remove(number)
-    refuse(world, path, state, state.users[number], phase)
 
 
 @rule

@@ -63,8 +63,8 @@ EVENT_KINDS = (
 ) = range(len(EVENT_KINDS) + 1)
 
 OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED = 1, 2, 4
-"""What ``State.full`` says: something did not fit in memory; a reward was too large or no number;
-an admission rule served more than a drone's bandwidth."""
+"""The flags of ``State.faults``: something did not fit in memory; a reward was too large or not a
+number; an admission rule served more than a drone's bandwidth."""
 
 NEVER = 2**62
 """A time that does not come."""

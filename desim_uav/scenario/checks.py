@@ -12,10 +12,10 @@ import numpy as np
 from desim_uav.model.battery import LONGEST_MIN
 from desim_uav.model.grid import Cell, reachable
 from desim_uav.model.mobility import Area
-from desim_uav.model.rewards import MultiService
 from desim_uav.model.sums import in_order
 from desim_uav.notices import notice
 from desim_uav.registry import FAULTS, did_you_mean, what_failed
+from desim_uav.rules.rewards import MultiService
 from desim_uav.scenario.components import place_of_problem
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario

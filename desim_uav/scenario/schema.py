@@ -20,20 +20,25 @@ from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 import desim_uav.model
+import desim_uav.rules
 from desim_uav import registry
-from desim_uav.model.admission import Admission, FirstCome
+from desim_uav.model.admission import Admission
 from desim_uav.model.battery import Endurance, Energy
 from desim_uav.model.demand import Demand, Dynamic
 from desim_uav.model.mobility import Mobility, RandomWalk
 from desim_uav.model.motion import BangCoastBang, Motion
-from desim_uav.model.observations import Encoding, Position
-from desim_uav.model.rewards import MultiService, Reward
+from desim_uav.model.observations import Encoding
+from desim_uav.model.rewards import Reward
 from desim_uav.model.services import PAPER, Service
+from desim_uav.rules.admission import FirstCome
+from desim_uav.rules.observations import Position
+from desim_uav.rules.rewards import MultiService
 from desim_uav.scenario.components import Slot, errors, strictly
 from desim_uav.scenario.meanings import with_meanings
 from desim_uav.scenario.yaml12 import KeyPath
 
 registry.discover(desim_uav.model)
+registry.discover(desim_uav.rules)
 
 MOTION = Slot("motion", "bang_coast_bang", Motion)
 BATTERY = Slot("battery", "endurance", Energy)

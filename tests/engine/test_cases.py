@@ -16,7 +16,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError
 from desim_uav.experiment.run import decide, run_settings
-from desim_uav.model.rules import Mode, obeyed
+from desim_uav.model.rules import Action, Mode
 from desim_uav.model.state import Snapshot
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
@@ -47,6 +47,13 @@ def test_every_case_keeps_the_invariants(case: str, policy_name: str, seed: int)
             check_step(engine, before, commands)
         check_episode(engine)
         check_demand(engine, case)
+
+
+def obeyed(command: int, legal: tuple[bool, ...], allowed: tuple[Action, ...]) -> Action:
+    """What the model says a command leads to: itself if allowed, else the only one, or hover."""
+    if 0 <= command < len(legal) and legal[command]:
+        return allowed[command]
+    return allowed[legal.index(True)] if sum(legal) == 1 else Action.HOVER
 
 
 def check_step(engine: Simulation, before: Snapshot, commands: list[int]) -> None:

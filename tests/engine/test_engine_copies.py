@@ -157,7 +157,7 @@ def test_a_copy_of_an_engine_that_has_failed_waits_for_the_next_episode():
     def fail(*_: Any) -> None:
         raise SimulationError("no reward")
 
-    engine.constants.reward_of = fail
+    engine.constants.pay = fail
     with pytest.raises(SimulationError, match="no reward"):
         engine.step([0, 0, 0])
     other = copy.deepcopy(engine)

@@ -15,11 +15,15 @@ from desim_uav.engine.choose import engine_for
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.compiled.pack import lacking
 from desim_uav.engine.des import Simulation
+from desim_uav.env import UavEnv, UavVectorEnv
 from desim_uav.errors import SimulationError
 from desim_uav.learning.training import Training
 from desim_uav.model.admission import RowAdmission
+from desim_uav.model.battery import Endurance
+from desim_uav.model.observations import Feature, RowObservation
 from desim_uav.model.rewards import RowReward
-from desim_uav.rules.service import admit, turn_away
+from desim_uav.rules.admission import admit, turn_away
+from desim_uav.rules.observations import Position, write_position
 from desim_uav.rules.words import CRASHED, QUEUED
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
@@ -136,6 +140,102 @@ class Greedy(RowAdmission):
             admit(world, state, drone, drone.waiting[0], phase)
 
 
+@dataclass(frozen=True)
+class Crowd(RowObservation):
+    """The paper's state and how many users are attached, by classes."""
+
+    per_class: int = 4
+
+    def features(self, facts: Any) -> Any:
+        return (*Position().features(facts), Feature("crowd", 0, 3, True))
+
+    def write(self, world: Any, state: Any, drone: Any) -> None:
+        k = write_position(world, state, drone)
+        drone.features[k] = min(3, state.seen[drone.index].attached_users // self.per_class)
+
+
+@dataclass(frozen=True)
+class Costly(Endurance):
+    """Flight costs more than a hover, and the faster it cruises, the more."""
+
+    percent: int = 150
+
+    def drains(self, flight: Any, elapsed_us: int) -> int:
+        return elapsed_us * self._percent(flight) // 100
+
+    def lasts(self, flight: Any, battery_us: int) -> int:
+        return -(-battery_us * 100 // self._percent(flight))
+
+    def _percent(self, flight: Any) -> int:
+        return 100 if flight.distance_m == 0.0 else self.percent
+
+
+@dataclass(frozen=True)
+class ByPieces(Costly):
+    """The same as one function, which can be compiled; fast flight costs more."""
+
+    fast_mps: float = 5.0
+
+    def drains(self, flight: Any, elapsed_us: int) -> int:
+        fast = len(flight.pieces) > 1 and flight.pieces[1].speed_mps > self.fast_mps
+        return elapsed_us * self.percent // 100 if fast else elapsed_us
+
+    def lasts(self, flight: Any, battery_us: int) -> int:
+        fast = len(flight.pieces) > 1 and flight.pieces[1].speed_mps > self.fast_mps
+        return -(-battery_us * 100 // self.percent) if fast else battery_us
+
+
+def test_both_engines_drain_batteries_alike():
+    own = f"drones.battery={{kind: '{__name__}:ByPieces', autonomy_min: 9, fast_mps: 4.0}}"
+    paper = "drones.battery={kind: endurance, autonomy_min: 9}"
+    worlds = [build_world(load(scenario_path("case8"), [battery]), 0) for battery in (own, paper)]
+    settings = RunSettings((True,) * 3, True, keep_events=True)
+    one, other = Simulation(worlds[0], settings), BatchSimulation(worlds[0], settings)
+    crashes = 0
+    for episode in range(4):
+        assert differences(one, other, 0, episode) == []
+        crashes += one.log.crashes
+    assert crashes > 0
+    assert differences(BatchSimulation(worlds[1], settings), other, 0, 0) != []
+
+
+def test_a_battery_that_cannot_be_compiled_runs_in_the_simpy_engine():
+    own = f"drones.battery={{kind: '{__name__}:Costly'}}"
+    world = build_world(load(scenario_path("case8"), [own]), 0)
+    (problem,) = lacking(world)
+    assert problem.startswith("drones.battery: 'Costly' is not compiled: ")
+    engine = Simulation(world, RunSettings((True,) * 3, True))
+    engine.reset(draw(world, 0, 0))
+    shown = engine.step([3, 3, 3])
+    assert {seen.battery_s for seen in shown.observations} == {1800.0 - 1.5 * 60}
+
+
+def test_all_environments_have_an_observation_of_ones_own():
+    own = {"observation": {"kind": f"{__name__}:Crowd", "per_class": 2}}
+    one, other = UavEnv("case8", own), UavEnv("case8", own, engine="batch")
+    vector = UavVectorEnv("case8", 2, own)
+    seen, _ = one.reset(seed=5)
+    assert np.array_equal(seen, other.reset(seed=5)[0])
+    assert np.array_equal(seen, vector.reset(seed=5)[0][0])
+    crowds = set()
+    for _ in range(20):
+        seen, *_ = one.step([0, 1, 2])
+        assert np.array_equal(seen, other.step([0, 1, 2])[0])
+        assert np.array_equal(seen, vector.step(np.array([[0, 1, 2]] * 2))[0][0])
+        crowds |= set(seen[len(seen) // 3 - 1 :: len(seen) // 3].tolist())
+    assert len(crowds) > 1
+
+
+def test_training_with_an_observation_of_ones_own():
+    own = f"observation={{kind: '{__name__}:Crowd'}}"
+    world = build_world(load(scenario_path("case8"), [own]), 0)
+    one, other = Training(world, 0, "des"), Training(world, 0, "batch")
+    assert [row for _ in range(3) for row in one.play()] == [
+        row for _ in range(3) for row in other.play()
+    ]
+    assert np.array_equal(one.q, other.q)
+
+
 def world_admitting(rule: str, **values: Any) -> World:
     text = "".join(f", {key}: {value}" for key, value in values.items())
     own = f"drones.admission={{kind: '{__name__}:{rule}'{text}}}"
@@ -238,6 +338,35 @@ def test_a_reward_that_is_too_large_is_refused_in_its_step(engine: Any):
         one.step([4])
     with pytest.raises(SimulationError, match=r"'Boundless' gave the drones .* must be"):
         one.step([4])
+
+
+@pytest.mark.parametrize("engine", [Simulation, BatchSimulation])
+def test_after_such_a_step_an_engine_waits_for_the_next_episode(engine: Any):
+    world = world_with("Boundless", "case1")
+    one = engine(world, RunSettings((True,), False))
+    one.reset(draw(world, 0, 0))
+    for _ in range(3):
+        one.step([4])
+    with pytest.raises(SimulationError, match="'Boundless'"):
+        one.step([4])
+    with pytest.raises(SimulationError, match="call reset first"):
+        one.step([4])
+    one.reset(draw(world, 0, 1))
+    one.step([4])
+
+
+def test_such_a_reward_ends_an_episode_that_is_played_again_with_more_room():
+    """What does not fit is played again, in which the reward is too large once more."""
+    walk = "users.mobility={kind: random_walk, speed_mps: 190.0, leg_s: 2.0}"
+    own = f"reward={{kind: '{__name__}:Boundless'}}"
+    world = build_world(load(scenario_path("case8"), [walk, own]), 0)
+    one = BatchSimulation(world, RunSettings((True,) * 3, False, keep_events=True))
+    one.room = one.room._replace(log=20, crossings=8)
+    one._make_room()
+    one.reset(draw(world, 0, 0))
+    with pytest.raises(SimulationError, match="'Boundless'"):
+        for _ in range(5):
+            one.step([3, 3, 3])
 
 
 def test_so_it_is_in_training():

@@ -14,7 +14,7 @@ from gymnasium.vector import AutoresetMode, SyncVectorEnv
 from desim_uav.env import UavEnv, UavVectorEnv
 from desim_uav.env.session import ActionError
 from desim_uav.errors import ScenarioError
-from desim_uav.model.rewards import Coverage
+from desim_uav.rules.rewards import Coverage
 
 CASES = [f"case{k}" for k in range(1, 10)]
 MODES = list(AutoresetMode)
@@ -323,7 +323,10 @@ def test_what_cannot_be_asked_for(wrong: dict[str, Any]):
 
 
 class Mine(Coverage):
-    """A reward without a kernel."""
+    """A reward that is not compiled."""
+
+    def terms(self, observation: Any, asked: Any, facts: Any) -> Any:
+        return {"users": observation.attached_users / facts.users}
 
 
 class Shown:

@@ -20,7 +20,7 @@ from pathlib import Path
 
 import numba
 
-from desim_uav.model.rewards import Coverage
+from desim_uav.rules.rewards import Coverage
 from desim_uav.policies.hover import Hover
 
 
@@ -79,11 +79,11 @@ class StuckOnSeedTwo(Hover):
 class StuckReward(Coverage):
     """Gets stuck in machine code in the third episode."""
 
-    def terms(self, observation, asked, facts):
+    def pay(self, world, state, drone):
         StuckReward.calls = getattr(StuckReward, "calls", 0) + 1
-        if StuckReward.calls == 2 * facts.steps * facts.drones + 1:
+        if StuckReward.calls == 2 * world.steps * len(state.drones) + 1:
             get_stuck()
-        return super().terms(observation, asked, facts)
+        super().pay(world, state, drone)
 '''
 
 

@@ -8,10 +8,10 @@ from hypothesis import strategies as st
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, UsageError
-from desim_uav.model.admission import FirstCome
-from desim_uav.model.rewards import Coverage
 from desim_uav.model.rules import Action, Mode
 from desim_uav.optimum.process import DroneProcess
+from desim_uav.rules.admission import FirstCome
+from desim_uav.rules.rewards import Coverage
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world

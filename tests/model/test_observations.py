@@ -16,14 +16,16 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.grid import Grid
-from desim_uav.model.observations import Encoding, Feature, Local, Position, table_row
+from desim_uav.model.observations import Encoding, Feature, RowObservation, table_row
 from desim_uav.model.rules import Mode
 from desim_uav.model.state import Facts, Observation
+from desim_uav.rules.observations import Local, Position
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import dump, from_mapping, load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
 from tests.engine.helpers import Flight, path_of, scenarios, some_command, strip
+from tests.rows import features_of
 
 SERVICES = ("throughput", "edge_computing", "data_gathering")
 
@@ -69,7 +71,9 @@ UNLIMITED |= {"station": None, "flight_s": None}
 
 def named(encoding: Encoding, observation: Observation, facts: Facts) -> dict[str, float]:
     """The numbers by name; as many as there are features, within their bounds."""
-    features, values = encoding.features(facts), encoding.encode(observation, facts)
+    features = encoding.features(facts)
+    read = features_of if isinstance(encoding, RowObservation) else type(encoding).encode
+    values = read(encoding, observation, facts)
     assert len(values) == len(features) == len({feature.name for feature in features})
     for value, feature in zip(values, features, strict=True):
         assert feature.low <= value <= feature.high, feature.name
@@ -280,6 +284,8 @@ def check_bounds(world: World, seed: int, episodes: int, encodings: list[Encodin
                 modes.add(drone.mode)
                 for encoding in encodings:
                     assert all(map(math.isfinite, named(encoding, drone, world.facts).values()))
+                if isinstance(own := world.scenario.observation, RowObservation):
+                    assert drone.features == features_of(own, drone, world.facts)
             if shown.terminated or shown.truncated:
                 break
             shown = engine.step([some_command(world, mask, rng) for mask in shown.masks])
@@ -318,7 +324,7 @@ def test_a_position_stands_for_no_other():
         for iy in range(8):
             for level in range(2):
                 drones += [seen(cell=(ix, iy), level=level, battery_s=60.0 * m) for m in range(31)]
-    encoded = {Position().encode(drone, facts) for drone in drones}
+    encoded = {features_of(Position(), drone, facts) for drone in drones}
     sizes = [int(feature.high) + 1 for feature in Position().features(facts)]
     assert len(encoded) == len(drones) == math.prod(sizes)
 

@@ -3,28 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
-from typing import Annotated
 
 import numpy as np
 import pytest
-from annotated_types import Ge
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 
 from desim_uav.errors import ScenarioError
 from desim_uav.model.grid import Grid
-from desim_uav.model.rewards import (
-    Coverage,
-    CoverageBattery,
-    MultiService,
-    battery_weights,
-    thresholds_us,
-)
-from desim_uav.model.rules import Mode
+from desim_uav.model.rules import US, Mode
 from desim_uav.model.state import Facts, Observation
-from desim_uav.scenario.load import dump, loads
+from desim_uav.rules import rewards as rules
+from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
+from desim_uav.scenario.load import loads
+from tests.rows import rows_of, terms_of
 
 SERVICES = ("throughput", "edge_computing", "data_gathering")
 LANDED_OR_DOWN = (Mode.QUEUED, Mode.CHARGING, Mode.CHARGED, Mode.CRASHED)
@@ -49,7 +42,13 @@ def seen(
 
 
 def paid(reward, drone, asked=(0, 0, 0), facts=None) -> float:
-    return sum(reward.terms(drone, tuple(asked), facts or facts_of()).values())
+    return sum(terms_of(reward, drone, asked, facts or facts_of()).values())
+
+
+def battery_weights(drone, low) -> tuple[float, float]:
+    world, state, row = rows_of(drone, facts_of())
+    service, cost, _ = rules.battery_weights(world, row, state.seen[drone.drone], low)
+    return service, cost
 
 
 # ---- R1
@@ -76,7 +75,7 @@ def paid(reward, drone, asked=(0, 0, 0), facts=None) -> float:
 def test_r1_is_the_share_of_a_fair_share_at_most_one(attached, drones, users, expected):
     facts = facts_of(drones, users)
     for limited in (True, False):
-        terms = Coverage().terms(seen(attached, limited=limited), (0, 0, 0), facts)
+        terms = terms_of(Coverage(), seen(attached, limited=limited), (0, 0, 0), facts)
         assert terms == {"users": pytest.approx(expected, abs=1e-15)}
         assert terms["users"] <= 1.0
 
@@ -88,7 +87,7 @@ def test_r1_minds_no_battery():
 # ---- R2: capacity 1800 s, so c1 = 360, c2 = 240, c3 = 160, c4 = 106 2/3 s
 
 ABOVE, BELOW = 1e-6, -1e-6
-C4 = 320 / 3
+C4 = 106.666667  # in whole microseconds, as all times
 BANDS = [
     # (battery, n_B): (w_s, w_c)
     (1800.0, 100.0, 1.0, 0.0),
@@ -129,7 +128,7 @@ def test_the_weights_of_service_and_of_the_way_home(battery_s, return_s, service
     assert battery_weights(drone, 0.2) == (service, cost)
     way_home = 1.0 if battery_s == 0 else min(1.0, return_s / battery_s)
     for sign in (-1.0, 1.0, 0.5):
-        terms = CoverageBattery(sign).terms(drone, (0, 0, 0), facts_of())
+        terms = terms_of(CoverageBattery(sign), drone, (0, 0, 0), facts_of())
         assert terms == {
             "users": pytest.approx(service * 0.5, abs=1e-15),
             "return": pytest.approx(sign * cost * way_home, abs=1e-15),
@@ -189,7 +188,6 @@ def test_without_a_threshold_only_an_empty_battery_counts():
     ],
 )
 def test_thresholds_are_whole_microseconds(low, capacity_us, thresholds):
-    assert thresholds_us(low, capacity_us) == thresholds
     drone = seen()._replace(capacity_s=capacity_us / 1e6, return_s=0.0)
     weights = ((1.0, 0.0), (0.8, 0.2), (0.5, 0.5), (0.2, 0.8), (0.0, 1.0))
     for battery_us in {us + by for us in thresholds for by in (-1, 0, 1)} - {-1, 0}:
@@ -222,7 +220,7 @@ def test_r3_on_a_full_battery(attached, served, asked, expected):
 @pytest.mark.parametrize("sign", [-1.0, 1.0])
 def test_r3_term_by_term_on_a_low_battery(sign):
     drone = seen(6, battery_s=200.0, return_s=50.0, served=(1, 2, 3))
-    assert MultiService(sign).terms(drone, (4, 4, 4), facts_of()) == pytest.approx(
+    assert terms_of(MultiService(sign), drone, (4, 4, 4), facts_of()) == pytest.approx(
         {
             "users": 0.5 * 0.5 * 0.5,
             "throughput": 0.5 * 0.2 * 0.25,
@@ -237,7 +235,7 @@ def test_r3_term_by_term_on_a_low_battery(sign):
 
 def test_r3_weighs_services_by_name_in_their_order():
     facts = facts_of(services=("data_gathering", "video", "throughput"))
-    terms = MultiService().terms(seen(served=(1, 1, 1)), (2, 2, 2), facts)
+    terms = terms_of(MultiService(), seen(served=(1, 1, 1)), (2, 2, 2), facts)
     assert list(terms) == ["users", *facts.services, "return", "charging"]
     assert list(terms.values()) == [0.0, 0.05, 0.0, 0.1, 0.0, 0.0]
     own = MultiService(users=0.0, services={"video": 2.0})
@@ -256,7 +254,7 @@ def rewards():
 def test_who_is_landed_or_down_gets_nothing(mode, battery_s):
     drone = seen(mode=mode, battery_s=battery_s)
     for reward in rewards():
-        assert set(reward.terms(drone, (1, 2, 3), facts_of()).values()) == {0.0}
+        assert set(terms_of(reward, drone, (1, 2, 3), facts_of()).values()) == {0.0}
 
 
 @pytest.mark.parametrize(
@@ -279,19 +277,22 @@ def test_the_names_of_the_terms_never_change():
         for limited in (True, False)
     ]
     for reward in rewards():
-        names = {tuple(reward.terms(drone, (0, 1, 2), facts_of())) for drone in drones}
+        names = {tuple(terms_of(reward, drone, (0, 1, 2), facts_of())) for drone in drones}
         assert len(names) == 1
 
 
 # ---- the formulas once more, in fractions, and compared on whatever comes
 
+MICROSECONDS = st.integers(0, int(CAPACITY_S) * US).map(lambda us: us / US)
 BATTERIES = st.one_of(
-    st.floats(0.0, CAPACITY_S),
+    MICROSECONDS,
     st.integers(0, 1800).map(float),
-    st.floats(0.0, 120.0),
+    st.integers(0, 120 * US).map(lambda us: us / US),
     st.sampled_from([row[0] for row in BANDS]),
 )
-RETURNS = st.one_of(st.floats(0.0, 2000.0), st.floats(0.0, 200.0), st.just(math.inf))
+RETURNS = st.one_of(
+    MICROSECONDS, st.integers(0, 200 * US).map(lambda us: us / US), st.just(math.inf)
+)
 
 
 def stated(kind, sign, low, mode, battery, home, attached, drones, users, served, asked):
@@ -382,29 +383,6 @@ def test_the_weights_sum_to_one_and_service_falls_with_the_battery(battery, home
 
 
 # ---- rewards of a user's own
-
-
-@dataclass(frozen=True)
-class Charged(MultiService):
-    """R3 with a cost of charging, the paper's r_cs."""
-
-    tariff: Annotated[float, Ge(0)] = 0.25
-
-    def charging_cost(self, drone: Observation, facts: Facts) -> float:
-        assert drone.capacity_s is not None
-        return self.tariff * (1.0 - drone.battery_s / drone.capacity_s)
-
-
-def test_a_cost_of_charging_of_ones_own():
-    scenario = loads(f'reward: {{kind: "{__name__}:Charged", tariff: 0.5, cost_sign: 1}}')
-    assert scenario.reward == Charged(cost_sign=1.0, tariff=0.5)
-    assert loads(dump(scenario)) == scenario
-    # w_s = w_c = 1/2 at 180 of 1800 s: r_cs = 0.5 (1 - 0.1).
-    terms = scenario.reward.terms(seen(12, battery_s=180.0, return_s=90.0), (0, 0, 0), facts_of())
-    assert terms["charging"] == pytest.approx(0.5 * 0.45)
-    assert sum(terms.values()) == pytest.approx(0.5 * (0.5 + 0.5 + 0.45))
-    with pytest.raises(ScenarioError, match=r"reward\.tariff: -1: must be at least 0"):
-        loads(f'reward: {{kind: "{__name__}:Charged", tariff: -1}}')
 
 
 class Nothing:

@@ -4,6 +4,7 @@ import itertools
 
 import pytest
 
+from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import (
     AIRBORNE,
     MOVES,
@@ -13,8 +14,9 @@ from desim_uav.model.rules import (
     Phase,
     actions,
     mask,
-    obeyed,
 )
+from desim_uav.rules.decide import taken
+from desim_uav.rules.rows import Constants, Drone, Move, State
 
 GOTO, CHARGE, HOVER = Action.GOTO_CHARGING_STATION, Action.CHARGE, Action.HOVER
 FLAT = ("FORWARD", "BACKWARD", "RIGHT", "LEFT", "HOVER")
@@ -28,6 +30,14 @@ EVERY = [
     )
     if battery or mode not in WITH_BATTERY
 ]
+
+
+def obeyed(command, marks, allowed):
+    """The action that a drone's row says it takes."""
+    world, state, drone = blank(Constants), blank(State), blank(Drone)
+    world.moves = Table(fill(Move, (int(action), 0, 0, 0, 0)) for action in allowed)
+    state.masks, drone.command = Table(map(int, marks)), command if command < len(marks) else -1
+    return allowed[taken(world, state, drone)]
 
 
 def legal(mode, *, three_d=True, battery=True, may_return=False, may_charge=False):

@@ -255,7 +255,7 @@ def test_networks_of_other_forms(algorithm: str, settings: dict[str, Any], train
     env.reset()
     for x in range(10):
         for y in range(10):
-            seen = env.session.shown.observations[0]._replace(cell=(x, y))
+            seen = env.session.shown.observations[0]._replace(features=(x, y))
             mask = env.action_masks()
             assert [policy.act(seen, mask)] == predicted(model, np.array([x, y]), mask).tolist()
 

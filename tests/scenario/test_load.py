@@ -14,9 +14,9 @@ from desim_uav.errors import ScenarioError, UsageError
 from desim_uav.model.battery import Endurance
 from desim_uav.model.demand import Dynamic, Poisson
 from desim_uav.model.mobility import RandomWalk
-from desim_uav.model.observations import Position
-from desim_uav.model.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.model.services import PAPER
+from desim_uav.rules.observations import Position
+from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.load import dump, from_mapping, json_schema, load, loads, scenario_hash
 from desim_uav.scenario.schema import ListedObstacles, Scenario, Schedule

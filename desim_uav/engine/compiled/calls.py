@@ -10,12 +10,10 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.compiled import looking, loop
 from desim_uav.engine.compiled.loop import STEP
-from desim_uav.engine.compiled.own import Own
 from desim_uav.model.compiled_rows import address_of, call, entries_at, pointer_to
-from desim_uav.model.kernels import kernel, rule, stands_in_for
+from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.rows import View
-from desim_uav.rules import battery, flight, requests, rewards, service
-from desim_uav.rules.observations import encode
+from desim_uav.rules import flight, requests
 from desim_uav.rules.rows import Constants, Drone, Path, State
 
 Ints = NDArray[np.int64]
@@ -25,48 +23,13 @@ path_at: Any = pointer_to(Path)
 state_at: Any = pointer_to(State)
 
 
-@kernel
-def first_come(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
-    """Scan a drone's queue (see ``rules.service.first_come``)."""
-    service.first_come(world, path, state, drone, phase)
+def set_functions(constants: View) -> None:
+    """Write the addresses of the engine's functions, which are valid in this process.
 
-
-@kernel
-def paper_reward(world: Constants, state: State) -> None:
-    """Write the drones' rewards (see ``rules.rewards``)."""
-    rewards.paper_reward(world, state)
-
-
-def set_functions(constants: View, own_reward: Own | None, own_admission: Own | None) -> None:
-    """Write the addresses of the functions that rows hold; they are valid in this process."""
+    Those of components are written by ``components.point_at``.
+    """
     constants.foresee = address_of(looking.foresee, Constants, Path, State, Drone, int)
-    if own_admission is None:
-        constants.scan = address_of(first_come, Constants, Path, State, Drone, int)
-    else:
-        constants.scan = own_admission.function
-        constants.admission_values = own_admission.values.ctypes.data
-    if own_reward is None:
-        constants.reward_of = address_of(paper_reward, Constants, State)
-    else:
-        constants.reward_of = own_reward.function
-        constants.reward_values = own_reward.values.ctypes.data
     constants.run = address_of(loop.run, Constants, Path, State, int)
-
-
-@stands_in_for(battery.drained_us)
-def _drained_us(world: Any, state: Any, drone: Any, elapsed_us: Any) -> Any:
-    def drained_us(world: Any, state: Any, drone: Any, elapsed_us: Any) -> Any:
-        return elapsed_us
-
-    return drained_us
-
-
-@stands_in_for(battery.lasts_us)
-def _lasts_us(world: Any, state: Any, drone: Any) -> Any:
-    def lasts_us(world: Any, state: Any, drone: Any) -> Any:
-        return drone.battery_us
-
-    return lasts_us
 
 
 @kernel
@@ -74,6 +37,13 @@ def run(world: int, path: int, state: int, what: int) -> None:
     """Do one of START_AFRESH, RESET and STEP (see ``loop.run``)."""
     at = constants_at(world)
     call(at.run, (at, path_at(path), state_at(state), what))
+
+
+@kernel
+def describe(world: int, state: int) -> None:
+    """Write what learners observe of the drones (see ``model.observations.RowObservation``)."""
+    at = constants_at(world)
+    call(at.describe, (at, state_at(state)))
 
 
 @kernel
@@ -109,7 +79,7 @@ class Shown(NamedTuple):
 
     ``values`` (drones * features,), ``mask`` (drones * actions,); ``reward`` (1,), the mean over
     the drones; ``told``, the MEASURES (0 if they do not exist yet), COUNTS and mean terms; ``over``
-    (3,): terminated, truncated, out of memory.
+    (3,): terminated, truncated, stopped by a fault.
     """
 
     values: Any
@@ -121,7 +91,7 @@ class Shown(NamedTuple):
 
 @kernel
 def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> int:
-    """Step many environments, ``which`` of them; return how many have run out of memory.
+    """Step many environments, ``which`` of them; return how many a fault has stopped.
 
     ``environments`` (n, ADDRESSES), ``commands`` (n, drones). -1, and no step, if a command is no
     index of an action.
@@ -143,8 +113,8 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
 
 @kernel
 def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
-    """Write what many environments show, ``which`` of them; return how many are out of memory."""
-    full = 0
+    """Write what many environments show, ``which`` of them; return how many a fault has stopped."""
+    stopped = 0
     for k in range(len(environments)):
         if which[k]:
             row = environments[k]
@@ -155,8 +125,8 @@ def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
                 floats_at(row[6], 0),
                 bytes_at(row[7], 0),
             )
-            full += _look_at(constants_at(row[0]), state_at(row[2]), shown)
-    return full
+            stopped += _look_at(constants_at(row[0]), state_at(row[2]), shown)
+    return stopped
 
 
 @rule
@@ -171,8 +141,10 @@ def _look_at(world: Constants, state: State, shown: Shown) -> int:
     for k in range(len(state.masks)):
         shown.mask[k] = state.masks[k]
     reward = 0.0
+    call(world.describe, (world, state))
     for d in range(drones):
-        encode(world, state, state.drones[d], shown.values, d * world.features)
+        for k in range(world.features):
+            shown.values[d * world.features + k] = state.drones[d].features[k]
         told[4] += state.seen[d].attached_users
         if state.step > 0:
             reward += state.rewards[d]
@@ -182,8 +154,9 @@ def _look_at(world: Constants, state: State, shown: Shown) -> int:
         told[7 + term] /= drones
     shown.reward[0] = reward / drones
     over = shown.over
-    over[0], over[1], over[2] = state.terminated, state.truncated, state.full
-    return state.full
+    stopped = int(state.faults != 0)
+    over[0], over[1], over[2] = state.terminated, state.truncated, stopped
+    return stopped
 
 
 @rule

@@ -22,7 +22,16 @@ from desim_uav.rules.episode import begin, command, end_step, show_first, start_
 from desim_uav.rules.flight import arrive, end_move
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.words import ARRIVAL, ATTACHMENT, CHARGING, QUEUED, RECORD, RESPAWN, RETURNING
+from desim_uav.rules.words import (
+    ARRIVAL,
+    ATTACHMENT,
+    CHARGING,
+    OUT_OF_MEMORY,
+    QUEUED,
+    RECORD,
+    RESPAWN,
+    RETURNING,
+)
 
 START_AFRESH, RESET, STEP = range(3)
 """What ``run`` does."""
@@ -52,7 +61,8 @@ def run(world: Constants, path: Path, state: State, what: int) -> None:
     else:
         state.now_us = end_us
         end_step(world, path, state)
-    state.full |= _overrun(state)
+    if _overrun(state):
+        state.faults |= OUT_OF_MEMORY
 
 
 @rule

@@ -12,16 +12,19 @@ import numpy as np
 from desim_uav.copies import Unchanging, owned
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
-from desim_uav.engine.compiled.own import compiled_admission, compiled_reward, why_not_compiled
+from desim_uav.engine.compiled.components import (
+    SLOTS,
+    compiled,
+    components_of,
+    point_at,
+    why_not_compiled,
+)
 from desim_uav.engine.compiled.standing import tabulate
 from desim_uav.engine.compiled.walking import WALKING_COLUMNS
-from desim_uav.engine.constants import REWARDS, constants_of
+from desim_uav.engine.constants import constants_of
 from desim_uav.engine.state import Room, state_of
 from desim_uav.errors import ScenarioError
-from desim_uav.model.admission import FirstCome, RowAdmission
-from desim_uav.model.battery import Endurance
 from desim_uav.model.coverage import SEEN_ROWS, bucket_grid
-from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import View, Words, packed
 from desim_uav.rules.due import slots
 from desim_uav.rules.rows import Constants
@@ -32,22 +35,11 @@ Array = np.ndarray[Any, Any]
 
 def lacking(world: World) -> list[str]:
     """Return what keeps a world out of the compiled engine: each component it cannot run."""
-    scenario = world.scenario
-    chosen = {
-        "drones.battery": (scenario.drones.battery, (Endurance, type(None))),
-    }
-    lacks = [
-        f"{key}: {type(component).__name__!r} is not compiled"
-        for key, (component, known) in chosen.items()
-        if type(component) not in known
-    ]
-    own = {
-        "drones.admission": (scenario.drones.admission, (FirstCome,)),
-        "reward": (scenario.reward, tuple(REWARDS)),
-    }
-    for key, (component, built_in) in own.items():
-        if type(component) not in built_in and (why := why_not_compiled(component)):
-            lacks.append(f"{key}: {type(component).__name__!r} is not compiled: {why}")
+    lacks = []
+    for slot in SLOTS:
+        component = slot.chosen(world)
+        if why := why_not_compiled(slot, component, world.services.names):
+            lacks.append(f"{slot.key}: {type(component).__name__!r} is not compiled: {why}")
     return lacks + _too_large(world)
 
 
@@ -80,23 +72,31 @@ class Fixed(Unchanging):
     """The constants of a world and run settings in memory, with functions by their addresses."""
 
     block: Words
-    reward: RowReward | None
-    admission: RowAdmission | None
+    components: dict[str, Any]
+    """The components that are compiled, by the keys of their slots."""
+    services: tuple[str, ...]
     at: int = field(init=False, default=0)
     """The address of the constants."""
 
     def __post_init__(self) -> None:
         """Write the addresses, which are valid only in this process."""
-        reward = None if self.reward is None else compiled_reward(self.reward)
-        admission = None if self.admission is None else compiled_admission(self.admission)
-        set_functions(View(self.block, Constants), reward, admission)
+        constants = View(self.block, Constants)
+        set_functions(constants)
+        loaded = [
+            compiled(slot, self.components[slot.key], self.services)
+            for slot in SLOTS
+            if slot.key in self.components
+        ]
+        for component in loaded:
+            point_at(constants, component)
         object.__setattr__(self, "at", int(self.block.ctypes.data))
+        object.__setattr__(self, "_loaded", loaded)  # the constants point at their values
 
     def __setstate__(self, value: dict[str, Any]) -> None:
         """Take the memory of a pickle."""
         object.__setattr__(self, "block", owned(value["block"]))
-        object.__setattr__(self, "reward", value["reward"])
-        object.__setattr__(self, "admission", value["admission"])
+        object.__setattr__(self, "components", value["components"])
+        object.__setattr__(self, "services", value["services"])
         self.__post_init__()
 
 
@@ -109,12 +109,7 @@ def pack(world: World, settings: RunSettings) -> Fixed:
     constants: Any = constants_of(world, settings)
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
-    reward, admission = world.scenario.reward, world.scenario.drones.admission
-    return Fixed(
-        packed(constants),
-        reward if isinstance(reward, RowReward) else None,
-        admission if isinstance(admission, RowAdmission) else None,
-    )
+    return Fixed(packed(constants), components_of(world), world.services.names)
 
 
 def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:

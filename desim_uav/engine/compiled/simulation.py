@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections import namedtuple
 from collections.abc import Sequence
 from functools import cache
@@ -13,14 +12,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import owned, usable
-from desim_uav.engine.base import Measures, Place, RunSettings
+from desim_uav.engine.base import Place, RunSettings
 from desim_uav.engine.compiled import calls, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
-from desim_uav.engine.compiled.own import LARGEST_REWARD
 from desim_uav.engine.compiled.pack import pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.engine.compiled.walking import legs_of_step
-from desim_uav.engine.constants import term_names
 from desim_uav.engine.episode import RowEngine
 from desim_uav.engine.state import Room
 from desim_uav.errors import ScenarioError, SimulationError
@@ -33,9 +30,8 @@ from desim_uav.model.rows import (
     room_of,
 )
 from desim_uav.model.state import Snapshot
-from desim_uav.rules import observations
 from desim_uav.rules.rows import Constants, Drone, State, Station
-from desim_uav.rules.words import OVERBOOKED, TOO_LARGE
+from desim_uav.rules.words import OUT_OF_MEMORY
 from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.world import World
 
@@ -49,7 +45,7 @@ TABLES = (
 QUEUES = ("events", "closed", "handovers", "crashed")
 """The tables and queues of the state that Python reads."""
 
-DERIVED = ("arrays", "root", "constants", "drones", "drone_terms", "state_at", "queues")
+DERIVED = ("arrays", "root", "constants", "drones", "state_at", "queues")
 """What an engine has besides its value: names for parts of its memory."""
 
 
@@ -71,7 +67,6 @@ class BatchSimulation(RowEngine):
         users = len(world.homes)
         self.room = Room(ROOM + REQUESTS_A_USER * users, CROSSINGS_A_USER * users + 16)
         self.leg_room = legs_of_step(world)
-        self.term_names = term_names(world)
         self._make_room()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -106,18 +101,15 @@ class BatchSimulation(RowEngine):
         first = int(self.state[State.places["drones"]]) // 8
         count = self.world.scenario.drones.count
         self.drones = [View(self.state, Drone, first + k * Drone.words) for k in range(count)]
-        self.drone_terms = [drone.terms for drone in self.drones]
         self.state_at = int(self.state.ctypes.data)
         first = int(self.state[State.places["stations"]]) // 8
         self.queues = [first + k * Station.words for k in range(len(self.world.stations))]
 
     def refuse_unseen(self) -> None:
         """Raises ScenarioError if the scenario's observation is not compiled."""
-        observation = self.world.scenario.observation
-        if self.fixed.block[Constants.places["observation"]] == observations.NONE:
-            raise ScenarioError(
-                f"observation: {type(observation).__name__!r} is not compiled; engine='des' runs it"
-            )
+        if "observation" not in self.fixed.components:
+            name = type(self.world.scenario.observation).__name__
+            raise ScenarioError(f"observation: {name!r} is not compiled; engine='des' runs it")
 
     # ---- where the rows are
 
@@ -196,13 +188,19 @@ class BatchSimulation(RowEngine):
     def terms(self) -> tuple[dict[str, float], ...]:
         """Return the terms of the drones' rewards, by name."""
         return tuple(
-            dict(zip(self.term_names, terms.tolist(), strict=True)) for terms in self.drone_terms
+            dict(zip(self.term_names, drone.terms.tolist(), strict=True)) for drone in self.drones
         )
 
-    def measures(self) -> Measures:
-        """The quality of experience so far, open requests by what they have had so far."""
-        found = calls.measures(*self._at())
-        return Measures(*(None if math.isnan(value) else value for value in found))
+    def features(self) -> list[tuple[float, ...]]:
+        """Return what learners observe of the drones now."""
+        if "observation" not in self.fixed.components:
+            return [()] * len(self.drones)
+        calls.describe(*self._at())
+        return [tuple(drone.features.tolist()) for drone in self.drones]
+
+    def measured(self) -> tuple[float, float, float]:
+        """Return QoE1-3 so far; NaN if they do not exist yet."""
+        return calls.measures(*self._at())
 
     def position_m(self, drone: int) -> Place:
         """Return where a drone is now."""
@@ -247,8 +245,8 @@ class BatchSimulation(RowEngine):
     def check(self) -> None:
         """After episodes without Python. Raises SimulationError if one ran out of memory."""
         self.log.crashed[:] = self.numbers("crashed")
-        self._check_components()
-        if self.number("full"):
+        self.check_components()
+        if self.number("faults") & OUT_OF_MEMORY:
             legs = f", or a step more than {self.leg_room} legs of users" if self.leg_room else ""
             raise SimulationError(
                 f"a drone's leg has more than {self.room.crossings} crossings{legs}; "
@@ -264,8 +262,7 @@ class BatchSimulation(RowEngine):
 
     def drain(self) -> None:
         """Move what has happened into the log; if it did not fit, make room and play again."""
-        self._check_components()
-        while self.number("full"):
+        while self.number("faults") & OUT_OF_MEMORY:
             drones = len(self.drones)
             heard = self.arrays["history"].reshape(-1, drones)[: self.number("step")].tolist()
             self.room = Room(2 * self.room.log, 2 * self.room.crossings)
@@ -279,20 +276,8 @@ class BatchSimulation(RowEngine):
                 for drone, command in zip(self.drones, commands, strict=True):
                     drone.command = command
                 calls.run(*self.addresses(), STEP)
+        self.check_components()
         self.drain_log()
-
-    def _check_components(self) -> None:
-        """Raise SimulationError for what a component of one's own did wrong."""
-        if self.number("full") & TOO_LARGE:
-            name, rewards = type(self.world.scenario.reward).__name__, self.numbers("rewards")
-            raise SimulationError(
-                f"reward {name!r} gave the drones {rewards} of the terms {self.terms()}; a reward "
-                f"must be a number between -{LARGEST_REWARD:g} and {LARGEST_REWARD:g}"
-            )
-
-        if self.number("full") & OVERBOOKED:
-            name = type(self.world.scenario.drones.admission).__name__
-            raise SimulationError(f"admission {name!r} served more than a drone's bandwidth")
 
     def _drones_words(self) -> tuple[int, NDArray[Any], list[list[int]]]:
         """Return the time, the drones' rows, and the queues at the stations."""

@@ -1,38 +1,36 @@
-"""Admission rules and rewards as functions over rows: the built-in ones and one's own."""
+"""The components of a scenario as functions over rows, as Python runs them."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from typing import Any
 
-from desim_uav.engine.constants import REWARDS
-from desim_uav.errors import SimulationError
-from desim_uav.model.admission import FirstCome, RowAdmission
+from desim_uav.engine.constants import transits_of
+from desim_uav.engine.values import over_rows, works_on_rows
+from desim_uav.model.admission import RowAdmission
+from desim_uav.model.observations import RowObservation
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.sums import in_order
-from desim_uav.rules.rewards import add_up, clear_terms, paper_reward
-from desim_uav.rules.service import first_come, refuse, serve
-from desim_uav.rules.words import OVERBOOKED
+from desim_uav.rules.admission import admit, turn_away
+from desim_uav.rules.rewards import add_up, clear_terms, give
+from desim_uav.rules.rows import Constants
 from desim_uav.world import World
 
-LARGEST_REWARD = 1e100
-"""The largest magnitude of a drone's reward; sums of such rewards over a run stay finite."""
+
+def set_components(constants: Any, world: World) -> None:
+    """Give the constants the functions of the scenario's components."""
+    constants.scan = _scan(world)
+    constants.pay = _pay(world)
+    constants.describe = _describe(world)
+    if constants.limited:
+        constants.drained_us, constants.lasts_us = _energy(constants, world)
 
 
-def admission(world: World) -> Callable[..., None]:
+def _scan(world: World) -> Callable[..., None]:
     """Return a function that scans a drone's queue once by the scenario's admission rule."""
-    rule = world.scenario.drones.admission
-    if type(rule) is FirstCome:
-        return first_come
-
-    if isinstance(rule, RowAdmission):
-
-        def scan_rows(constants: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
-            rule.scan_rows(constants, path, state, drone, phase)
-            if state.full & OVERBOOKED:
-                name = type(rule).__name__
-                raise SimulationError(f"admission {name!r} served more than a drone's bandwidth")
-
+    rule: Any = world.scenario.drones.admission
+    if works_on_rows(rule, RowAdmission):
+        scan_rows: Callable[..., None] = over_rows(rule, world.services.names).scan_rows
         return scan_rows
 
     def scan(constants: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
@@ -42,55 +40,62 @@ def admission(world: World) -> Callable[..., None]:
         requests = tuple(state.users[user].request for user in drone.waiting)
         served, refused = rule.scan(requests, free_bps)
         for request in served:
-            drone.waiting.remove(request.user)
-            if constants.bandwidth_bps >= 0 and request.bandwidth_bps > drone.free_bps:
-                name = type(rule).__name__
-                raise SimulationError(f"admission {name!r} served more than a drone's bandwidth")
-            serve(constants, state, drone, state.users[request.user], phase)
+            admit(constants, state, drone, request.user, phase)
         for request in refused:
-            drone.waiting.remove(request.user)
-            refuse(constants, path, state, state.users[request.user], phase)
+            turn_away(constants, path, state, drone, request.user, phase)
 
     return scan
 
 
-def reward(world: World) -> Callable[..., None]:
+def _pay(world: World) -> Callable[..., None]:
     """Return a function that writes the drones' rewards for a step."""
-    own = world.scenario.reward
-    if type(own) in REWARDS:
-        return paper_reward
-    pay = _over_rows(own) if isinstance(own, RowReward) else _of_observations(world, own)
-
-    def write(constants: Any, state: Any) -> None:
-        pay(constants, state)
-        if not all(-LARGEST_REWARD <= each <= LARGEST_REWARD for each in state.rewards):
-            terms = state.named_terms or [drone.terms for drone in state.drones]
-            raise SimulationError(
-                f"reward {type(own).__name__!r} gave the drones {list(state.rewards)} of the terms "
-                f"{tuple(terms)}; a reward must be a number between -{LARGEST_REWARD:g} and "
-                f"{LARGEST_REWARD:g}"
-            )
-
-    return write
-
-
-def _over_rows(own: RowReward) -> Callable[..., None]:
-    def pay(constants: Any, state: Any) -> None:
-        for drone in state.drones:
-            clear_terms(drone)
-            own.pay(constants, state, drone)
-            add_up(state, drone)
-
-    return pay
-
-
-def _of_observations(world: World, own: Any) -> Callable[..., None]:
+    reward: Any = world.scenario.reward
     facts = world.facts
+    if works_on_rows(reward, RowReward):
+        by_rows = over_rows(reward, world.services.names)
 
-    def pay(constants: Any, state: Any) -> None:
+        def pay(constants: Any, state: Any) -> None:
+            for drone in state.drones:
+                clear_terms(drone)
+                by_rows.pay(constants, state, drone)
+                add_up(state, drone)
+
+        return pay
+
+    def pay_by_observation(constants: Any, state: Any) -> None:
         asked = tuple(state.asked)
-        terms = [own.terms(seen, asked, facts) for seen in state.observed()]
-        state.rewards[:] = [in_order(each.values()) for each in terms]
-        state.named_terms = terms
+        state.named_terms = [reward.terms(seen, asked, facts) for seen in state.observed()]
+        for drone, terms in zip(state.drones, state.named_terms, strict=True):
+            give(state, drone, in_order(terms.values()))
 
-    return pay
+    return pay_by_observation
+
+
+def _describe(world: World) -> Callable[..., None]:
+    """Return a function that writes what learners observe; an encoding of one's own comes later."""
+    observation: Any = world.scenario.observation
+    by_rows = works_on_rows(observation, RowObservation)
+    if by_rows:
+        observation = over_rows(observation, world.services.names)
+
+    def describe(constants: Any, state: Any) -> None:
+        if by_rows:
+            for drone in state.drones:
+                observation.write(constants, state, drone)
+
+    return describe
+
+
+def _energy(constants: Constants, world: World) -> tuple[Callable[..., int], Callable[..., int]]:
+    """Return what a part of a transit takes from a battery, and how long a battery lasts on it."""
+    energy = world.scenario.drones.battery
+    assert energy is not None
+    flights = dict(zip(map(id, constants.transits), transits_of(world), strict=True))
+
+    def drained_us(constants: Any, transit: Any, elapsed_us: int) -> int:
+        return energy.drained_us(flights[id(transit)], elapsed_us)
+
+    def lasts_us(constants: Any, transit: Any, battery_us: int) -> int:
+        return energy.lasts_us(flights[id(transit)], battery_us)
+
+    return drained_us, lasts_us

@@ -2,24 +2,22 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import Carried, Measures, Place, RunSettings
-from desim_uav.engine.constants import constants_of, term_names
+from desim_uav.engine.base import Carried, Place, RunSettings
+from desim_uav.engine.constants import constants_of, transits_of
 from desim_uav.engine.des.clock import Clock
 from desim_uav.engine.des.crossings import Crossings
 from desim_uav.engine.des.lives import Lives
 from desim_uav.engine.des.plans import Plans
-from desim_uav.engine.des.plug_ins import admission, reward
+from desim_uav.engine.des.plug_ins import set_components
 from desim_uav.engine.episode import RowEngine
 from desim_uav.engine.state import Room, fill_state
 from desim_uav.model.demand import Requests
-from desim_uav.model.motion import REST, Transit
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.rules.attachment import settle
@@ -36,10 +34,8 @@ from desim_uav.world import World
 class LiveState(State):
     """The state of an episode under SimPy's clock."""
 
-    __slots__ = ("clock", "drained_us", "lasts_us", "named_terms", "observed")
+    __slots__ = ("clock", "named_terms", "observed")
     clock: Clock
-    drained_us: Callable[[int, int], int]
-    lasts_us: Callable[[int, int], int]
     named_terms: Sequence[dict[str, float]]
     observed: Callable[[], tuple[Observation, ...]]
 
@@ -64,13 +60,11 @@ class Simulation(RowEngine):
         self.audit = audit
         self._began: tuple[SamplePath, Carried | None] | None = None
         self._commands: list[tuple[int, ...]] = []
-        self.transits: list[Transit] = [REST, *world.epoch_transits.values()]
-        self.transits += [world.fastest_transits[axis] for axis in AXES]
+        self.transits = transits_of(world)
         self.constants = self._constants()
         self.state = self._state()
         self._crossings = Crossings(world.scenario.drones.footprint_radius_m, world.area)
         self._asks: tuple[Requests | None, Table[Any]] = (None, Table())
-        self.names = term_names(world)
         self.clock = Clock(0)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -85,8 +79,7 @@ class Simulation(RowEngine):
         made.plans = Plans(world.planner, world.grid)
         made.hops = made.plans.hops
         made.foresee = self._foresee
-        made.scan = admission(world)
-        made.reward_of = reward(world)
+        set_components(made, world)
         constants: Constants = made
         return constants
 
@@ -94,11 +87,6 @@ class Simulation(RowEngine):
         made = blank(LiveState)
         fill_state(made, self.world, self.settings, Room())
         made.keeps_requests = 1
-        energy = self.world.scenario.drones.battery
-        if energy is not None:
-            transits = self.transits
-            made.drained_us = lambda k, elapsed_us: energy.drained_us(transits[k], elapsed_us)
-            made.lasts_us = lambda k, battery_us: energy.lasts_us(transits[k], battery_us)
         made.named_terms, made.observed = (), self.observations
         return made
 
@@ -120,13 +108,13 @@ class Simulation(RowEngine):
         self._lives.begin()
         self.clock.run_before(0, key(RESPAWN, -1, -1))
         show_first(world, own, state)
+        self.check_components()
         self.drain_log()
         return self.snapshot()
 
     def step(self, commands: Sequence[int]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the episode's end."""
         self.hear(commands)
-        self.shown = None  # which it stays if anything fails
         world, state, lives = self.constants, self.state, self._lives
         state.events.clear()
         state.closed.clear()
@@ -140,6 +128,7 @@ class Simulation(RowEngine):
         self.clock.run_before(state.now_us + world.step_us, key(RECORD, -1, -1))
         state.now_us = int(self.clock.now)
         end_step(world, self.own_path, state)
+        self.check_components()
         self._commands.append(tuple(commands))
         self.drain_log()
         return self.snapshot()
@@ -222,12 +211,16 @@ class Simulation(RowEngine):
         if self.state.named_terms:
             return tuple(self.state.named_terms)
         drones = self.state.drones
-        return tuple(dict(zip(self.names, drone.terms, strict=True)) for drone in drones)
+        return tuple(dict(zip(self.term_names, drone.terms, strict=True)) for drone in drones)
 
-    def measures(self) -> Measures:
-        """The quality of experience so far, open requests by what they have had so far."""
-        found = measures(self.constants, self.state)
-        return Measures(*(None if math.isnan(value) else value for value in found))
+    def features(self) -> list[tuple[float, ...]]:
+        """Return what learners observe of the drones now."""
+        self.constants.describe(self.constants, self.state)  # type: ignore[operator]
+        return [tuple(drone.features) for drone in self.state.drones]
+
+    def measured(self) -> tuple[float, float, float]:
+        """Return QoE1-3 so far; NaN if they do not exist yet."""
+        return measures(self.constants, self.state)
 
     def position_m(self, drone: int) -> Place:
         """Return where a drone is now."""
@@ -240,9 +233,6 @@ class Simulation(RowEngine):
     def walks(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
         """Return the users' walks in this episode."""
         return self.path.walks
-
-
-AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 
 
 def _played_again(
