@@ -29,7 +29,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-import numba
 import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
@@ -39,7 +38,7 @@ from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.compiled.loop import RESET, STEP
 from desim_uav.engine.compiled.pack import pack
 from desim_uav.engine.des import Simulation
-from desim_uav.model import coverage
+from desim_uav.model import coverage, crossings
 from desim_uav.model.rules import Action
 from desim_uav.rules.rows import Constants
 from desim_uav.sample_path import SamplePath, SamplePaths, draw
@@ -284,59 +283,38 @@ def second_pass(size: Size, rounds: int) -> tuple[float, float]:
     """CPU time of the second pass for all drones, who fly east, with and without buckets."""
     world, (path, _) = size.world, size.episodes[0]
     legs, offsets = path.walks
-    seen = np.zeros((coverage.SEEN_ROWS, size.users))
-    coverage.look_around(legs, offsets, 0, world.step_us, seen)
+    users = coverage.Users(legs, offsets, np.zeros((coverage.SEEN_ROWS, size.users)))
+    coverage.look_around(users, 0, world.step_us)
     shape = coverage.bucket_grid(*world.area, world.scenario.drones.footprint_radius_m)
     side = (world.area.width_m / shape[0], world.area.depth_m / shape[1])
-    starts = np.array([world.grid.centre(*cell) for cell in world.starts])
-    room = np.empty((4 * size.users, 3), np.int64)
-    flight = (
-        *(world.epoch_transits[Action.RIGHT].profile, starts, world.grid.cell_m[0], world.step_us),
-        world.scenario.drones.footprint_radius_m,
-        *(legs, offsets, seen, room),
-    )
     lists = np.empty(shape[0] * shape[1], np.int64), np.empty(size.users, np.int64)
+    buckets = coverage.Buckets(shape, side, *lists)
+    starts = [world.grid.centre(*cell) for cell in world.starts]
+    profile, hop_m = world.epoch_transits[Action.RIGHT].profile, world.grid.cell_m[0]
+    radius_m, span = world.scenario.drones.footprint_radius_m, (0, world.step_us)
+    legs = [
+        coverage.DroneLeg(profile, (x, y, x + hop_m, y), span, radius_m, fresh=False)
+        for x, y in starts
+    ]
+    room = np.empty((4 * size.users, 3), np.int64)
 
-    def cost(buckets: bool) -> float:
+    def near() -> int:
+        far_m = coverage.sort_into_buckets(users.seen, buckets)
+        return sum(crossings.crossings_near(leg, users, buckets, far_m, room) for leg in legs)
+
+    def all_users() -> int:
+        return sum(crossings.crossings(leg, users, room) for leg in legs)
+
+    def cost(look: Callable[[], int]) -> float:
         start = time.process_time()
         for _ in range(20):
-            all_crossings(*flight, buckets, shape, side, *lists)
+            look()
         return time.process_time() - start
 
-    assert all_crossings(*flight, True, shape, side, *lists) > 0
-    pairs = [(cost(True), cost(False)) for _ in range(rounds)]
-    near, all_users = (statistics.median(costs) for costs in zip(*pairs, strict=True))
-    return near, all_users
-
-
-@numba.njit
-def all_crossings(
-    profile: Floats,
-    starts: Floats,
-    hop_m: float,
-    span_us: int,
-    radius_m: float,
-    legs: Floats,
-    offsets: Commands,
-    seen: Floats,
-    room: Commands,
-    buckets: bool,
-    shape: tuple[int, int],
-    side: tuple[float, float],
-    heads: Commands,
-    following: Commands,
-) -> int:
-    """The second pass of a step; how many crossings it finds."""
-    found, far_m = 0, 0.0
-    if buckets:
-        far_m = coverage.sort_into_buckets(seen, shape, side, heads, following)
-    for x, y in starts:
-        leg = (profile, x, y, x + hop_m, y, 0, span_us, radius_m, legs, offsets, seen, False, room)
-        if buckets:
-            found += coverage.crossings_near(*leg, shape, side, far_m, heads, following)
-        else:
-            found += coverage.crossings(*leg)
-    return found
+    assert near() == all_users() > 0
+    pairs = [(cost(near), cost(all_users)) for _ in range(rounds)]
+    quick, slow = (statistics.median(costs) for costs in zip(*pairs, strict=True))
+    return quick, slow
 
 
 def write(rows: list[Row], path: Path) -> None:

@@ -75,7 +75,7 @@ MUTATIONS = (
     ),
     Mutation(
         "crossing times rounded half up instead of half to even",
-        "model/coverage.py",
+        "model/crossings.py",
         "int(np.rint((at + root) * 1e6))",
         "int(np.floor((at + root) * 1e6 + 0.5))",
         ("model/test_coverage.py",),

@@ -169,7 +169,7 @@ def _kernels() -> Iterator[Finding]:
         return
     from desim_uav.engine.compiled import loop
     from desim_uav.learning import fused
-    from desim_uav.model.coverage import crossings
+    from desim_uav.model.crossings import crossings
     from desim_uav.model.kernels import NOWHERE, cache_folder, compiled_before
 
     asked = os.environ.get("NUMBA_CACHE_DIR")

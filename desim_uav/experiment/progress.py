@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import Any, Protocol
 
 from desim_uav.experiment.display import Update, display
-from desim_uav.model.coverage import crossings
+from desim_uav.model.crossings import crossings
 from desim_uav.model.kernels import compiled_before
 from desim_uav.model.sums import in_order
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
-from desim_uav.model.coverage import ENTERS, SEEN_ROWS, TIME_US, USER, crossings, look_around
+from desim_uav.model.coverage import SEEN_ROWS, DroneLeg, Users, look_around
+from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings
 from desim_uav.model.mobility import Static
 from desim_uav.model.motion import REST, Leg
 from desim_uav.model.planner import Node
@@ -31,7 +32,8 @@ class Footprints:
                 f"not for {type(mobility).kind!r}"  # type: ignore[attr-defined]
             )
         self.world = world
-        self.legs, self.offsets = world.walks(world.seed, 0)
+        users = len(world.homes)
+        self.users = Users(*world.walks(world.seed, 0), np.zeros((SEEN_ROWS, users)))
         self._found = np.empty((4 * len(world.homes) + 4, 3), np.int64)
 
     def held(self, centre_m: tuple[float, float]) -> NDArray[np.int64]:
@@ -65,21 +67,11 @@ class Footprints:
 
     def _crossings(self, leg: Leg, span_us: int) -> NDArray[np.int64]:
         """Return the entries and exits of a leg; users inside at its start enter then."""
-        near = np.zeros((SEEN_ROWS, len(self.offsets) - 1))
-        look_around(self.legs, self.offsets, 0, span_us, near)
-        count = crossings(
-            leg.transit.profile,
-            *leg.from_m,
-            *leg.to_m,
-            0,
-            span_us,
-            self.world.scenario.drones.footprint_radius_m,
-            self.legs,
-            self.offsets,
-            near,
-            True,
-            self._found,
-        )
+        look_around(self.users, 0, span_us)
+        route = (*leg.from_m, *leg.to_m)
+        radius_m = self.world.scenario.drones.footprint_radius_m
+        flown = DroneLeg(leg.transit.profile, route, (0, span_us), radius_m, fresh=True)
+        count = crossings(flown, self.users, self._found)
         if count > len(self._found):
             self._found = np.empty((2 * count, 3), np.int64)
             return self._crossings(leg, span_us)

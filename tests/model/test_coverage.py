@@ -10,14 +10,16 @@ from hypothesis import strategies as st
 from desim_uav.model.coverage import (
     SEEN_ROWS,
     STRAY,
+    Buckets,
+    DroneLeg,
+    Users,
     bucket_grid,
-    crossings,
-    crossings_near,
     leg_at,
     look_around,
     sort_into_buckets,
     walked,
 )
+from desim_uav.model.crossings import crossings, crossings_near
 from desim_uav.model.mobility import Area, RandomWalk
 from desim_uav.model.motion import REST, BangCoastBang
 from desim_uav.model.rules import US
@@ -191,22 +193,12 @@ def test_what_does_not_fit_is_counted_and_not_written():
     whole = hover((0, 2000 * US), users)
     assert len(whole) == 6
     legs = np.array([leg for user in users for leg in user], float)
-    seen = np.zeros((SEEN_ROWS, 3))
-    look_around(legs, np.arange(4), 0, 2000 * US, seen)
+    walking, span = Users(legs, np.arange(4), np.zeros((SEEN_ROWS, 3))), (0, 2000 * US)
+    look_around(walking, *span)
     for room in range(7):
         out = np.full((room + 2, 3), -7, np.int64)
-        count = crossings(
-            REST.profile,
-            *(0.0, 0.0, 0.0, 0.0),
-            *(0, 2000 * US),
-            R,
-            legs,
-            np.arange(4),
-            seen,
-            False,
-            out[:room],
-        )
-        assert count == 6
+        leg = DroneLeg(REST.profile, (0.0, 0.0, 0.0, 0.0), span, R, False)
+        assert crossings(leg, walking, out[:room]) == 6
         assert out[:room].tolist() == [list(row) for row in whole[:room]]
         assert (out[room:] == -7).all()
 
@@ -357,22 +349,23 @@ def test_users_in_buckets_cross_as_all_users_do(seed):
     assert shape[0] * shape[1] >= 48
     side = (area.width_m / shape[0], area.depth_m / shape[1])
     heads, following = np.empty(shape[0] * shape[1], np.int64), np.empty(400, np.int64)
-    seen, found = np.zeros((SEEN_ROWS, 400)), 0
+    buckets = Buckets(shape, side, heads, following)
+    users, found = Users(legs, offsets, np.zeros((SEEN_ROWS, 400))), 0
     out, near = np.empty((5000, 3), np.int64), np.empty((5000, 3), np.int64)
     for _ in range(40):
         start = int(rng.integers(0, 540)) * US
         span = (start, start + 60 * US)
-        look_around(legs, offsets, *span, seen)
-        far = sort_into_buckets(seen, shape, side, heads, following)
+        look_around(users, *span)
+        far = sort_into_buckets(users.seen, buckets)
         x, y = rng.uniform(-0.02, 1.02, 2) * area
         route = (x, y, x + 240.0, y) if rng.random() < 0.5 else (x, y, x, y - 240.0)
         profile = (FILL if rng.random() < 0.5 else FAST).profile
-        leg = (profile, *route, *span, radius, legs, offsets, seen, bool(rng.random() < 0.5))
-        count = crossings(*leg, out)
-        assert crossings_near(*leg, near, shape, side, far, heads, following) == count
+        leg = DroneLeg(profile, route, span, radius, bool(rng.random() < 0.5))
+        count = crossings(leg, users, out)
+        assert crossings_near(leg, users, buckets, far, near) == count
         assert sorted(map(tuple, out[:count])) == sorted(map(tuple, near[:count]))
-        seen[STRAY] = 1e6  # then everybody may be near
-        assert crossings(*leg, near) == count
+        users.seen[STRAY] = 1e6  # then everybody may be near
+        assert crossings(leg, users, near) == count
         assert (out[:count] == near[:count]).all()
         found += count
     assert found > 20

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from desim_uav.model.coverage import SEEN_ROWS, crossings, look_around
+from desim_uav.model.coverage import SEEN_ROWS, DroneLeg, Users, look_around
+from desim_uav.model.crossings import crossings
 from desim_uav.model.motion import REST, BangCoastBang
 from desim_uav.model.rules import US
 from tests.model.sampler import Flight, Pair, Walk, look
@@ -23,19 +24,10 @@ def find(transit, route, span_us, users, *, fresh=False, radius=R, room=1000):
     legs = np.array([leg for user in users for leg in user], float).reshape(-1, 5)
     offsets = np.cumsum([0, *map(len, users)])
     out = np.full((room, 3), -7, np.int64)
-    seen = np.zeros((SEEN_ROWS, len(users)))
-    look_around(legs, offsets, *span_us, seen)
-    count = crossings(
-        transit.profile,
-        *map(float, route),
-        *span_us,
-        radius,
-        legs,
-        offsets,
-        seen,
-        fresh,
-        out,
-    )
+    walking = Users(legs, offsets, np.zeros((SEEN_ROWS, len(users))))
+    look_around(walking, *span_us)
+    leg = DroneLeg(transit.profile, tuple(map(float, route)), span_us, radius, fresh)
+    count = crossings(leg, walking, out)
     return [(int(t), int(u), bool(e)) for t, u, e in out[:count]]
 
 

@@ -8,15 +8,14 @@ from desim_uav.engine.compiled.standing import recall, stand
 from desim_uav.engine.compiled.walking import begin_walks, walk
 from desim_uav.model.compiled_rows import as_array, set_word
 from desim_uav.model.coverage import (
-    ENTERS,
     SEEN_ROWS,
-    TIME_US,
-    USER,
-    crossings,
-    crossings_near,
+    Buckets,
+    DroneLeg,
+    Users,
     look_around,
     sort_into_buckets,
 )
+from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings, crossings_near
 from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.rules import coverage as seam
 from desim_uav.rules.rows import Constants, Drone, Path, State
@@ -54,44 +53,49 @@ def foresee(world: Constants, path: Path, state: State, drone: Drone, span_us: i
 @rule
 def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> int:
     """Find the crossings of a drone's leg; return how many, perhaps more than there is room for."""
-    now_us, look, users = state.now_us, state.look, len(state.users)
-    seen: Any = as_array(look.users, (SEEN_ROWS, users))
-    shape, side = (world.buckets_x, world.buckets_y), (world.bucket_x_m, world.bucket_y_m)
-    buckets = shape[0] * shape[1]
-    heads, following = as_array(look.heads, (buckets,)), as_array(look.following, (users,))
-    is_new = look.from_us != now_us or look.to_us != now_us + span_us
+    look, count = state.look, len(state.users)
+    start_us, end_us = state.now_us, state.now_us + span_us
+    is_new = look.from_us != start_us or look.to_us != end_us
     if path.at_random:
         if is_new:
-            walk(world, look, now_us, now_us + span_us)
+            walk(world, look, start_us, end_us)
         rows, begins = look.walked, look.walked_at
     else:
         rows, begins = path.legs, path.legs_at
-    legs = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS))
-    offsets = as_array(begins, (users + 1,))
-    if is_new:
-        look_around(legs, offsets, now_us, now_us + span_us, seen)
-        look.from_us, look.to_us = now_us, now_us + span_us
-        if buckets > 0:
-            look.far_m = sort_into_buckets(seen, shape, side, heads, following)
-    pieces = world.transits[drone.transit].pieces
-    leg = (
-        as_array(pieces, (len(pieces), PIECE_COLUMNS)),
-        (drone.x + 0.5) * world.cell_x_m,
-        (drone.y + 0.5) * world.cell_y_m,
-        (drone.to_x + 0.5) * world.cell_x_m,
-        (drone.to_y + 0.5) * world.cell_y_m,
-        now_us,
-        now_us + span_us,
-        world.radius_m,
-        legs,
-        offsets,
-        seen,
-        drone.serving == 0,
-        as_array(drone.ahead, (drone.ahead.room, CROSSING_COLUMNS)),
+    users = Users(
+        as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS)),
+        as_array(begins, (count + 1,)),
+        as_array(look.users, (SEEN_ROWS, count)),
     )
-    if buckets > 0:
-        return crossings_near(*leg, shape, side, look.far_m, heads, following)
-    return crossings(*leg)
+    buckets = Buckets(
+        (world.buckets_x, world.buckets_y),
+        (world.bucket_x_m, world.bucket_y_m),
+        as_array(look.heads, (len(look.heads),)),
+        as_array(look.following, (len(look.following),)),
+    )
+    in_buckets = len(look.heads) > 0
+    if is_new:
+        look_around(users, start_us, end_us)
+        look.from_us, look.to_us = start_us, end_us
+        if in_buckets:
+            look.far_m = sort_into_buckets(users.seen, buckets)
+    pieces, ahead = world.transits[drone.transit].pieces, drone.ahead
+    leg = DroneLeg(
+        as_array(pieces, (len(pieces), PIECE_COLUMNS)),
+        (
+            (drone.x + 0.5) * world.cell_x_m,
+            (drone.y + 0.5) * world.cell_y_m,
+            (drone.to_x + 0.5) * world.cell_x_m,
+            (drone.to_y + 0.5) * world.cell_y_m,
+        ),
+        (start_us, end_us),
+        world.radius_m,
+        drone.serving == 0,
+    )
+    found = as_array(ahead, (ahead.room, CROSSING_COLUMNS))
+    if in_buckets:
+        return crossings_near(leg, users, buckets, look.far_m, found)
+    return crossings(leg, users, found)
 
 
 GAPS = (1750, 701, 301, 132, 57, 23, 10, 4, 1)

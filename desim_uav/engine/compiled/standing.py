@@ -6,18 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.compiled_rows import set_word
-from desim_uav.model.coverage import (
-    ENTERS,
-    SEEN_ROWS,
-    TIME_US,
-    USER,
-    VX,
-    VY,
-    X0,
-    Y0,
-    crossings,
-    look_around,
-)
+from desim_uav.model.coverage import SEEN_ROWS, VX, VY, X0, Y0, DroneLeg, Users, look_around
+from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings
 from desim_uav.model.kernels import rule
 from desim_uav.model.mobility import Static
 from desim_uav.model.motion import Transit
@@ -65,10 +55,9 @@ class _Looks:
 
     def __init__(self, world: World) -> None:
         self.world, users = world, len(world.homes)
-        self.walks = world.walks(world.seed, 0)
-        self.seen = np.zeros((SEEN_ROWS, users))
+        self.users = Users(*world.walks(world.seed, 0), np.zeros((SEEN_ROWS, users)))
         self.found = np.empty((2 * users, CROSSING_COLUMNS), np.int64)
-        look_around(*self.walks, 0, world.step_us, self.seen)
+        look_around(self.users, 0, world.step_us)
 
     def along(
         self, cell: tuple[int, int], course: tuple[int, int], transit: Transit | None
@@ -77,21 +66,15 @@ class _Looks:
         if transit is None:
             return self.found[:0]
         cell_x_m, cell_y_m = self.world.grid.cell_m
-        count = crossings(
-            transit.profile,
+        route = (
             (cell[0] + 0.5) * cell_x_m,
             (cell[1] + 0.5) * cell_y_m,
             (cell[0] + course[0] + 0.5) * cell_x_m,
             (cell[1] + course[1] + 0.5) * cell_y_m,
-            0,
-            self.world.step_us,
-            self.world.scenario.drones.footprint_radius_m,
-            *self.walks,
-            self.seen,
-            False,
-            self.found,
         )
-        rows = self.found[:count]
+        radius_m = self.world.scenario.drones.footprint_radius_m
+        leg = DroneLeg(transit.profile, route, (0, self.world.step_us), radius_m, fresh=False)
+        rows = self.found[: crossings(leg, self.users, self.found)]
         return rows[np.lexsort((rows[:, USER], rows[:, ENTERS], rows[:, TIME_US]))[::-1]]
 
 

@@ -1,4 +1,4 @@
-"""The crossings of a drone's leg, found by the kernels of ``model.coverage``."""
+"""The crossings of a drone's leg, found by the kernels of ``model.crossings``."""
 
 from __future__ import annotations
 
@@ -8,18 +8,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from desim_uav.model.coverage import (
-    ENTERS,
     SEEN_ROWS,
-    TIME_US,
-    USER,
     VX,
     VY,
+    Buckets,
+    DroneLeg,
+    Users,
     bucket_grid,
-    crossings,
-    crossings_near,
     look_around,
     sort_into_buckets,
 )
+from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings, crossings_near
 from desim_uav.model.mobility import Area, Walks
 from desim_uav.model.motion import Transit
 
@@ -50,7 +49,7 @@ class Crossings:
         self.radius_m = radius_m
         self._shape = bucket_grid(*area, radius_m)
         nx, ny = self._shape
-        self._side = (area.width_m / max(nx, 1), area.depth_m / max(ny, 1))
+        self._side_m = (area.width_m / max(nx, 1), area.depth_m / max(ny, 1))
         self._heads = np.empty(nx * ny, np.int64)
         self._far_m = 0.0
         self.walks = Walks(np.empty((0, 5)), np.zeros(1, np.int64))
@@ -69,8 +68,9 @@ class Crossings:
         self._still = standing
         self.walks = walks
         users = len(walks.offsets) - 1
-        self._seen = np.zeros((SEEN_ROWS, users))
-        self._buckets = (self._shape, self._side, self._heads, np.empty(users, np.int64))
+        self._users = Users(*walks, np.zeros((SEEN_ROWS, users)))
+        following = np.empty(users, np.int64)
+        self._buckets = Buckets(self._shape, self._side_m, self._heads, following)
         self._span = (-1, -1)
 
     def of(
@@ -91,19 +91,18 @@ class Crossings:
     def _find(
         self, transit: Transit, way: Way, start_us: int, span_us: int, fresh: bool
     ) -> list[Crossing]:
-        end_us, seen = start_us + span_us, self._seen
-        if self._span != (start_us, end_us):
-            look_around(*self.walks, start_us, end_us, seen)
-            self._span = (start_us, end_us)
+        users, buckets, span = self._users, self._buckets, (start_us, start_us + span_us)
+        if self._span != span:
+            look_around(users, *span)
+            self._span = span
             if self._shape[0]:
-                self._far_m = sort_into_buckets(seen, *self._buckets)
-        leg = (transit.profile, *way, start_us, end_us, self.radius_m, *self.walks, seen, fresh)
+                self._far_m = sort_into_buckets(users.seen, buckets)
+        leg = DroneLeg(transit.profile, way, span, self.radius_m, fresh)
         while True:
             if self._shape[0]:
-                shape, side, *lists = self._buckets
-                count = crossings_near(*leg, self._found, shape, side, self._far_m, *lists)
+                count = crossings_near(leg, users, buckets, self._far_m, self._found)
             else:
-                count = crossings(*leg, self._found)
+                count = crossings(leg, users, self._found)
             if count <= len(self._found):
                 found: list[Any] = self._found[:count].tolist()
                 found.sort(key=_BY_TIME, reverse=True)
