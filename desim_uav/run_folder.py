@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import hashlib
 import json
 import os
@@ -324,12 +325,12 @@ def file_place(out: Path, option: str = "") -> Path:
     """
     named = f"{option} {out}".strip()
     try:
-        place = out.resolve()
+        place = _followed(out)
         if place.exists() and not place.is_file():
             raise UsageError(f"{named}: exists and is not a file")
         try_writing(next(folder for folder in place.parents if folder.exists()))
-    except (OSError, RuntimeError) as error:
-        reason = getattr(error, "strerror", None) or error
+    except OSError as error:
+        reason = error.strerror or error
         raise UsageError(f"{named}: the folder cannot be written to: {reason}") from error
     return place
 
@@ -386,7 +387,7 @@ def world_hash(world: World) -> str:
 def _vacant(out: Path) -> Path:
     """Return the target of ``--out``, with links followed. Raises UsageError if it is taken."""
     try:
-        target = out.resolve()
+        target = _followed(out)
         if target.exists():
             if not target.is_dir():
                 raise UsageError(f"--out {out}: exists and is not a folder")
@@ -398,8 +399,20 @@ def _vacant(out: Path) -> Path:
                 raise UsageError(
                     f"--out {out}: this folder cannot be replaced; name a folder in it"
                 )
-    except (OSError, RuntimeError) as error:
-        raise UsageError(f"--out {out}: {getattr(error, 'strerror', None) or error}") from error
+    except OSError as error:
+        raise UsageError(f"--out {out}: {error.strerror or error}") from error
+    return target
+
+
+def _followed(path: Path) -> Path:
+    """Return a path with links followed. Raises OSError if they lead in a circle."""
+    circle = OSError(errno.ELOOP, os.strerror(errno.ELOOP), str(path))
+    try:
+        target = path.resolve()
+    except RuntimeError as error:  # Python up to 3.12
+        raise circle from error
+    if target.is_symlink():  # later versions leave the circle as it is
+        raise circle
     return target
 
 
