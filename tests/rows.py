@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from typing import Any
 
-from desim_uav.engine.values import over_rows
+from desim_uav.model.components import over_rows
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import US
 from desim_uav.model.state import Facts, Observation

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from desim_uav.engine.base import RunSettings
-from desim_uav.engine.values import works_on_rows
+from desim_uav.model.components import works_on_rows
 from desim_uav.model.coverage import bucket_grid
 from desim_uav.model.mobility import RandomWalk
 from desim_uav.model.motion import REST, Transit

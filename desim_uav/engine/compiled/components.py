@@ -11,11 +11,17 @@ from typing import Any, NamedTuple
 
 from numba.core.errors import NumbaError
 
-from desim_uav.engine.values import left_out, over_rows, values_of, works_on_rows
 from desim_uav.model.admission import RowAdmission
 from desim_uav.model.battery import RowEnergy
 from desim_uav.model.compiled_rows import address_of, pointer_to
-from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.components import (
+    cause_of,
+    over_rows,
+    own_kernel,
+    ruled,
+    values_of,
+    works_on_rows,
+)
 from desim_uav.model.observations import RowObservation
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import View, Words, packed
@@ -146,15 +152,8 @@ def compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> Compiled:
 @cache
 def _address(one: Function, cls: Any, values: Any) -> int:
     """Compile a function of a class of components, which has a file of its own on disk."""
-    made = one.around(_ruled(getattr(cls, one.method)), pointer_to(values))
-    name = f"{one.field}_of_{cls.__module__}_{cls.__qualname__}"
-    made.__qualname__ = name.replace(".", "_")
-    return address_of(kernel(made), *one.arguments)
-
-
-@cache
-def _ruled(function: Any) -> Any:
-    return rule(function)
+    made = one.around(ruled(getattr(cls, one.method)), pointer_to(values))
+    return address_of(own_kernel(made, cls), *one.arguments)
 
 
 def why_not_compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> str:
@@ -164,22 +163,8 @@ def why_not_compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> s
     try:
         compiled(slot, component, services)
     except NumbaError as error:
-        for name in left_out(over_rows(component, services)):
-            if f"'{name}'" in str(error):
-                return f"its field {name!r} is no number"
-        return _cause(str(error))
+        return cause_of(error, over_rows(component, services))
     return ""
-
-
-CAUSES = ("Untyped global name", "Unknown attribute", "NameError", "nsupported", "Cannot unify")
-"""What lines of Numba's messages say that name the cause; the lines around them do not."""
-
-
-def _cause(message: str) -> str:
-    """Return the line of a message of Numba that says best why something is not compiled."""
-    lines = [line.strip(" -") for line in message.splitlines() if line.strip()]
-    named = (line for cause in CAUSES for line in lines if cause in line)
-    return next(named, lines[1] if len(lines) > 1 else lines[0])
 
 
 def components_of(world: World) -> dict[str, Any]:

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from typing import Any
 
 from desim_uav.engine.constants import transits_of
-from desim_uav.engine.values import over_rows, works_on_rows
 from desim_uav.model.admission import RowAdmission
+from desim_uav.model.components import over_rows, works_on_rows
 from desim_uav.model.observations import RowObservation
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.sums import in_order

@@ -1,4 +1,4 @@
-"""Components as the rules see them: their fields as numbers and tables."""
+"""Components over rows: their fields as numbers and tables, their methods as machine code."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any, TypeVar
 
+from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.rows import Row, Table, fill, row
 
 C = TypeVar("C")
@@ -62,3 +63,31 @@ def left_out(component: Any) -> list[str]:
 def _row_of(component: Any, kinds: tuple[tuple[str, Any], ...]) -> Any:
     """Return the class of rows for the fields of a class of components."""
     return row(type(component.__name__, (Row,), {"__annotations__": dict(kinds)}))
+
+
+@cache
+def ruled(method: Any) -> Any:
+    """Return a method of a component as a rule, which kernels that call it have compiled."""
+    return rule(method)
+
+
+def own_kernel(function: Any, cls: Any) -> Any:
+    """Return a kernel around a method of a class of components, with a file of its own on disk."""
+    name = f"{function.__name__}_of_{cls.__module__}_{cls.__qualname__}"
+    function.__qualname__ = name.replace(".", "_")
+    return kernel(function)
+
+
+CAUSES = ("Untyped global name", "Unknown attribute", "NameError", "nsupported", "Cannot unify")
+"""What lines of Numba's messages say that name the cause; the lines around them do not."""
+
+
+def cause_of(error: Exception, component: Any) -> str:
+    """Return in one line why Numba has not compiled a component over rows."""
+    message = str(error)
+    for name in left_out(component):
+        if f"'{name}'" in message:
+            return f"its field {name!r} is no number"
+    lines = [line.strip(" -") for line in message.splitlines() if line.strip()]
+    named = (line for cause in CAUSES for line in lines if cause in line)
+    return next(named, lines[1] if len(lines) > 1 else lines[0])
