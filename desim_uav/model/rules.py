@@ -85,23 +85,3 @@ def actions(three_d: bool, limited_battery: bool) -> tuple[Action, ...]:
     if limited_battery:
         chosen += [Action.GOTO_CHARGING_STATION, Action.CHARGE]
     return tuple(chosen)
-
-
-def mask(
-    allowed: tuple[Action, ...], mode: Mode, may_return: bool, may_charge: bool
-) -> tuple[bool, ...]:
-    """Return which of the actions ``allowed`` a drone may choose now; at least one is True.
-
-    A move into a building is not masked, because the drone has no map.
-    """
-    if mode is Mode.RETURNING:
-        legal = {Action.GOTO_CHARGING_STATION}
-    elif mode in (Mode.QUEUED, Mode.CHARGING):
-        legal = {Action.CHARGE}
-    elif mode is Mode.CRASHED:
-        legal = {Action.HOVER}
-    else:
-        legal = {*MOVES, Action.HOVER}
-        legal |= {Action.GOTO_CHARGING_STATION} if may_return else set()
-        legal |= {Action.CHARGE} if may_charge else set()
-    return tuple(action in legal for action in allowed)

@@ -19,10 +19,11 @@ from desim_uav.model.battery import charged_us, time_to_full_us
 from desim_uav.model.demand import Continuous
 from desim_uav.model.motion import REST, Leg, Transit
 from desim_uav.model.planner import Node
-from desim_uav.model.rules import MOVES, US, Action, Mode, mask
+from desim_uav.model.rules import MOVES, US, Action, Mode
 from desim_uav.model.state import Observation
 from desim_uav.optimum.footprints import Footprints
 from desim_uav.rules.admission import FirstCome
+from desim_uav.rules.decide import mask
 from desim_uav.rules.note import place
 from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.world import World

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from desim_uav.model.kernels import rule
+from desim_uav.model.rules import Action, Mode
 from desim_uav.rules.battery import battery_now
 from desim_uav.rules.charging import land
 from desim_uav.rules.flight import fly, fly_home, position, station_under, turn_back
@@ -67,20 +68,31 @@ def allow(world: Constants, state: State) -> None:
         may_return = battery_us <= world.return_below_us
         may_charge = battery_us < world.capacity_us and station_under(world, drone) >= 0
         for k in range(len(world.moves)):
-            action = world.moves[k].action
-            if drone.mode == RETURNING:
-                allowed = action == GOTO
-            elif drone.mode in (QUEUED, CHARGING):
-                allowed = action == CHARGE
-            elif drone.mode == CRASHED:
-                allowed = action == HOVER
-            elif action == GOTO:
-                allowed = may_return
-            elif action == CHARGE:
-                allowed = may_charge
-            else:
-                allowed = True
+            allowed = is_allowed(world.moves[k].action, drone.mode, may_return, may_charge)
             state.masks[d * len(world.moves) + k] = int(allowed)
+
+
+@rule
+def is_allowed(action: int, mode: int, may_return: bool, may_charge: bool) -> bool:
+    """Return whether a drone in this mode may be commanded an action."""
+    if mode == RETURNING:
+        return action == GOTO
+    if mode in (QUEUED, CHARGING):
+        return action == CHARGE
+    if mode == CRASHED:
+        return action == HOVER
+    if action == GOTO:
+        return may_return
+    if action == CHARGE:
+        return may_charge
+    return True
+
+
+def mask(
+    actions: tuple[Action, ...], mode: Mode, may_return: bool, may_charge: bool
+) -> tuple[bool, ...]:
+    """Return which of the actions a drone in this mode may be commanded; at least one is True."""
+    return tuple(is_allowed(int(each), int(mode), may_return, may_charge) for each in actions)
 
 
 @rule

@@ -13,9 +13,8 @@ from desim_uav.model.rules import (
     Outcome,
     Phase,
     actions,
-    mask,
 )
-from desim_uav.rules.decide import taken
+from desim_uav.rules.decide import mask, taken
 from desim_uav.rules.rows import Constants, Drone, Move, State
 
 GOTO, CHARGE, HOVER = Action.GOTO_CHARGING_STATION, Action.CHARGE, Action.HOVER

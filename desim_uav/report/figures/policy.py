@@ -17,11 +17,12 @@ from numpy.typing import NDArray
 from desim_uav.errors import DesimError, PolicyError, UsageError
 from desim_uav.learning.initial_q import initial_q
 from desim_uav.learning.learner import load_algorithm
-from desim_uav.model.rules import MOVES, Action, Mode, mask
+from desim_uav.model.rules import MOVES, Action, Mode
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.tabular import QTable
 from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
 from desim_uav.report.figures.style import grid_of, headed, styled
+from desim_uav.rules.decide import mask
 from desim_uav.run_folder import world_content, world_hash
 from desim_uav.scenario.load import loads
 from desim_uav.world import World, build_world

@@ -10,11 +10,12 @@ from matplotlib.quiver import Quiver
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.train import table_of
 from desim_uav.learning.training import Training
-from desim_uav.model.rules import MOVES, Mode, actions, mask
+from desim_uav.model.rules import MOVES, Mode, actions
 from desim_uav.model.state import Observation
 from desim_uav.policies.tabular import Greedy, read_table
 from desim_uav.report.figures import policy_figure
 from desim_uav.report.figures.policy import SYMBOLS, UNTRIED, Reading
+from desim_uav.rules.decide import mask
 from desim_uav.scenario.load import load
 from desim_uav.shipped import find_table, scenario_path
 from desim_uav.world import build_world
