@@ -69,8 +69,12 @@ class Interrupted(OnSeedTwo):
 """A module of policies that are in trouble on seed 2."""
 
 
-AT_TIMES = re.compile(r"^desim-uav: (compiling the engine .*|[\d,]+ of [\d,]+ \w+)\n", re.MULTILINE)
-"""What a command says only the first time, or on a slow machine: of its progress."""
+AT_TIMES = re.compile(
+    r"^desim-uav: (compiling the engine .*|compiled code cannot be kept on disk: .* too large|"
+    r"[\d,]+ of [\d,]+ \w+)\n",
+    re.MULTILINE,
+)
+"""What a command says only the first time, or on a slow machine: of compiling, of its progress."""
 
 
 class Ended:

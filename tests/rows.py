@@ -27,9 +27,15 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     world.stations = Table(fill(Cell, cell) for cell in facts.stations)
     world.ceilings = Table([0] * facts.drones)
     plan = (-1, 0, 0, 0, 0)
-    if limited and not math.isinf(observation.return_s):
+    if limited and not math.isinf(observation.return_s or 0.0):
         flight_us = round((observation.flight_s or 0.0) * US)
-        plan = (observation.station or 0, flight_us, round(observation.return_s * US), 0, 0)
+        plan = (
+            observation.station or 0,
+            flight_us,
+            round((observation.return_s or 0.0) * US),
+            0,
+            0,
+        )
     world.plans = Table([fill(Plan, plan)])
     state.drones = Table(blank(Drone) for _ in range(max(facts.drones, observation.drone + 1)))
     state.seen = Table(blank(Seen) for _ in state.drones)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import HealthCheck, assume, example, given, settings
 from hypothesis import strategies as st
 
 from desim_uav.engine.base import EpisodeLog, Measures, RunSettings
@@ -122,6 +122,15 @@ def test_at_the_end_they_are_those_of_the_tables(case: str, before_the_end: list
         assert None not in expected
 
 
+ENDED_BY_A_CRASH = {
+    "users": {"count": 6},
+    "map": {"size_m": [480, 480], "cells": [2, 2], "dimensions": 2},
+    "drones": {"count": 2, "battery": {"autonomy_min": 2.2, "on_crash": "end_episode"}},
+    "stations": {"count": 1},
+    "episode": {"steps": 6},
+}
+
+
 def test_in_random_scenarios_closing_adds_nothing(before_the_end: list[Measures]):
     seen: Counter[str] = Counter()
 
@@ -131,6 +140,7 @@ def test_in_random_scenarios_closing_adds_nothing(before_the_end: list[Measures]
         derandomize=True,
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.filter_too_much],
     )
+    @example(scenario=ENDED_BY_A_CRASH, seed=0)
     @given(scenario=scenarios(), seed=st.integers(0, 10**6))
     def check(scenario: dict[str, Any], seed: int) -> None:
         try:

@@ -93,7 +93,7 @@ def test_a_training_goes_on_from_its_last_checkpoint(disk, command):
 
 
 def test_a_sweep_keeps_its_rows(disk, command, monkeypatch):
-    ballast = fill(disk, 56)
+    ballast = fill(disk, 40)
     ended = command(*SWEEP, "--out", disk / "s")
     ended.failed(1, "cannot write disk/s/results/", ".parquet: " + NO_SPACE)
     assert ended.err.count("\n") == 1

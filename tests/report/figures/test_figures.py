@@ -356,6 +356,8 @@ class TestSnapshot:
 
 
 def get_faces(collection):
+    if hasattr(collection, "_segslices"):  # Matplotlib below 3.10
+        return np.array([collection._vec[:3, face].T for face in collection._segslices])
     faces = getattr(collection, "_faces", None)
     return np.zeros((0, 4, 3)) if faces is None else np.asarray(faces)
 

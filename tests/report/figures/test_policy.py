@@ -16,9 +16,11 @@ from desim_uav.policies.tabular import Greedy, read_table
 from desim_uav.report.figures import policy_figure
 from desim_uav.report.figures.policy import SYMBOLS, UNTRIED, Reading
 from desim_uav.rules.decide import mask
+from desim_uav.rules.observations import Position
 from desim_uav.scenario.load import load
 from desim_uav.shipped import find_table, scenario_path
 from desim_uav.world import build_world
+from tests.rows import features_of
 
 
 def table(name):
@@ -60,6 +62,7 @@ def test_each_cell_shows_what_the_policy_does_there(name, battery_min, level):
                 *(drone, 0, 30, cell, level or 0, Mode.FLYING, charge_s),
                 *(world.facts.capacity_s, None, 0, 0, 0.0),
             )
+            seen = seen._replace(features=features_of(Position(), seen, world.facts))
             action = world.actions[policy.act(seen, legal)]
             dx, dy, _ = MOVES.get(action, (0, 0, 0))
             assert what == ((dx, dy) if dx or dy else SYMBOLS[action][0])
