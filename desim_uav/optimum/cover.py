@@ -14,28 +14,24 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from desim_uav.model.grid import Cell
 from desim_uav.optimum.footprints import Footprints, flown_to, moves
-from desim_uav.optimum.search import (
-    as_bits,
-    best_cover,
-    best_shares,
-    greedy_cover,
-    sizes,
-    undominated,
-    union_of,
-)
+from desim_uav.optimum.search import Held, Placement, best_cover, covered, greedy_cover
+from desim_uav.optimum.shares import as_bits, best_shares, undominated
 from desim_uav.world import World
 
-BUDGET = 5 * 10**7
-"""The number of footprints that a search examines before it gives up, after some seconds."""
+LIMIT_S = 60.0
+"""The time after which the search for a cover gives up."""
 
-MOST_IN_TURN = 10**7
-"""The product of drones and footprints above which the best cover is not searched for."""
+MOST_PAIRS = 10**6
+"""The number of pairs of a footprint and a user in it above which no cover is searched for."""
+
+BUDGET = 5 * 10**7
+"""The number of footprints that the search for fair shares examines before it gives up."""
 
 MOST_SHARING = 8
 """The number of drones above which fair shares are not searched for, as it takes all subsets."""
@@ -82,7 +78,8 @@ class FairCover:
 class Places:
     """The different footprints of the cells that drones can reach, the largest first.
 
-    ``cells`` has the first cell of each, ``best`` the indices of those contained in no other.
+    ``held`` (footprints, users) says which users they contain; ``cells`` has the first cell of
+    each.
     """
 
     def __init__(self, world: World) -> None:
@@ -92,60 +89,60 @@ class Places:
         self.users = len(world.homes)
         held = self.footprints.by_cell()
         cells = sorted({(ix, iy) for ix, iy, _ in flown_to(world)})
-        rows = as_bits(np.array([held[cell] for cell in cells]))
+        rows = np.array([held[cell] for cell in cells])
         different = np.sort(np.unique(rows, axis=0, return_index=True)[1])
-        order = different[np.argsort(-sizes(rows[different]), kind="stable")]
-        self.sets = rows[order]
+        order = different[np.argsort(-rows[different].sum(axis=1), kind="stable")]
+        self.held: Held = rows[order]
         self.cells = [cells[k] for k in order.tolist()]
-        self.best = np.flatnonzero(undominated(self.sets))
 
-    def cells_of(self, chosen: NDArray[np.int64]) -> list[Cell]:
-        """Return the cells of some footprints, in order."""
-        return sorted(self.cells[k] for k in chosen.tolist())
+    def cells_of(self, placement: Placement) -> list[Cell]:
+        """Return the cells of a placement, in order."""
+        return sorted(self.cells[k] for k in placement.tolist())
 
-    def on_the_way(self) -> NDArray[np.uint64]:
-        """Return the footprints over and between cells that are contained in no other."""
-        held = set()
+    def on_the_way(self) -> Held:
+        """Return the different footprints over and between cells."""
+        sets = set()
         for leg in moves(self.world):
-            held |= self.footprints.sets_along(leg, self.world.step_us)
-        bytes_ = self.sets.shape[1] * 8
-        packed = b"".join(one.to_bytes(bytes_, "little") for one in held)
-        rows = np.concatenate(
-            (self.sets, np.frombuffer(packed, np.uint64).reshape(-1, bytes_ // 8))
+            sets |= self.footprints.sets_along(leg, self.world.step_us)
+        bytes_ = -(-self.users // 8)
+        packed = np.frombuffer(b"".join(one.to_bytes(bytes_, "little") for one in sets), np.uint8)
+        between = np.unpackbits(
+            packed.reshape(-1, bytes_), axis=1, count=self.users, bitorder="little"
         )
-        rows = np.unique(rows, axis=0)
-        rows = rows[np.argsort(-sizes(rows), kind="stable")]
-        return rows[undominated(rows)]
+        return np.unique(np.concatenate((self.held, between.astype(bool))), axis=0)
 
 
-def cover(places: Places, budget: int = BUDGET) -> Cover:
-    """Return the cells that cover most users, by branch and bound.
+def cover(places: Places, limit_s: float = LIMIT_S) -> Cover:
+    """Return the cells that cover most users.
 
-    If the search gives up, the best cover found so far and a bound are returned. The search begins
-    with the greedy cover, so the result reaches at least 1 - 1/e of the best.
+    If the search gives up, the best cover found so far and a bound are returned. The result is at
+    least the greedy cover, which reaches 1 - 1/e of the best.
     """
-    drones = min(places.drones, len(places.best))
-    chosen, users, at_most = _most_covered(places.sets[places.best], drones, budget)
-    cells = places.cells_of(places.best[chosen])
-    return Cover(sorted(cells + cells[:1] * (places.drones - drones)), users, at_most)
+    placement, at_most = _most_covered(places.held, places.drones, limit_s, in_order=True)
+    return Cover(places.cells_of(placement), covered(places.held, placement), at_most)
 
 
-def instant_bound(places: Places, budget: int = BUDGET) -> int:
+def instant_bound(places: Places, limit_s: float = LIMIT_S) -> int:
     """Return a number of attached users that no policy exceeds at any instant."""
-    sets = places.on_the_way()
-    return _most_covered(sets, min(places.drones, len(sets)), budget)[2]
+    return _most_covered(places.on_the_way(), places.drones, limit_s)[1]
 
 
 def _most_covered(
-    sets: NDArray[np.uint64], drones: int, budget: int
-) -> tuple[NDArray[np.int64], int, int]:
-    """Return the best sets found, the users they cover, and an upper bound for all sets."""
-    chosen, users, at_most = greedy_cover(sets, drones)
-    at_most = min(at_most, int(users / GUARANTEE), int(sizes(union_of(sets))[0]))
-    if users < at_most and drones * len(sets) <= MOST_IN_TURN:
-        chosen, users, proven = best_cover(sets, drones, chosen, users, budget)
-        at_most = users if proven else at_most
-    return chosen, int(users), int(at_most)
+    held: Held, drones: int, limit_s: float, in_order: bool = False
+) -> tuple[Placement, int]:
+    """Return the best placement found, and an upper bound on the users that any one covers.
+
+    ``in_order`` makes the choice among equally good placements a matter of their order.
+    """
+    placement, bound = greedy_cover(held, drones)
+    users = covered(held, placement)
+    at_most = min(bound, int(users / GUARANTEE), int(held.any(axis=0).sum()))
+    if users < at_most and held.sum() <= MOST_PAIRS:
+        found, most = best_cover(held, drones, limit_s, in_order)
+        at_most = int(min(at_most, most))
+        if found is not None:
+            placement = max(found, placement, key=partial(covered, held))
+    return placement, at_most
 
 
 def fair_cover(places: Places, budget: int = BUDGET) -> FairCover | None:
@@ -156,18 +153,18 @@ def fair_cover(places: Places, budget: int = BUDGET) -> FairCover | None:
     drones, users = places.drones, places.users
     if drones > MOST_SHARING:
         return None
-    sets, base = places.sets[places.best], users + 1
-    none = np.zeros(drones, np.int64)
-    chosen, key, proven = best_shares(sets, drones, users, 1, none, -1, budget)
+    sets, base = as_bits(places.held), users + 1
+    best, none = undominated(sets), np.zeros(drones, np.int64)
+    chosen, key, proven = best_shares(sets[best], drones, users, 1, none, -1, budget)
+    chosen = best[chosen]
     score, most = divmod(int(key), base)
     least = None
     if proven:
         # With sign -1 the key is score (users + 1) - covered, so that fewer users are better.
-        first = places.best[chosen]
         start = score * base - most
-        _, key, proven_least = best_shares(places.sets, drones, users, -1, first, start, budget)
+        _, key, proven_least = best_shares(sets, drones, users, -1, chosen, start, budget)
         least = score * base - int(key) if proven_least else None
     quota, rest = divmod(users, drones)
     top = (drones - rest) * drones * quota + rest * min(users, drones * (quota + 1))
-    cells = places.cells_of(places.best[chosen])
+    cells = places.cells_of(chosen)
     return FairCover(cells, score, score if proven else top, most, least)

@@ -1,7 +1,9 @@
-"""The search for the best footprints: branch and bound over sets of users, as bits.
+"""The search for the best cover: an integer program, which HiGHS solves.
 
-``sets`` (footprints, words) has a bit for each user. Both searches count the footprints that they
-examine, and give up after ``budget`` of them; the result is then the best found so far.
+A footprint is the set of users that a drone at one place covers, as a row of ``held`` (footprints,
+users). A placement has the index of each drone's footprint; several drones may have the same one.
+Users are counted in whole numbers. Only the bound on what other placements cover is HiGHS's, which
+computes with floating-point numbers.
 """
 
 from __future__ import annotations
@@ -9,253 +11,69 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import maker
+Held = NDArray[np.bool_]
+Placement = NDArray[np.int64]
+
+SLACK = 1e-3
+"""What is added to a bound before it is rounded down, which is far more than its rounding error."""
 
 
-def as_bits(rows: NDArray[np.bool_]) -> NDArray[np.uint64]:
-    """Return an array (footprints, users) as (footprints, words), with a bit for each user."""
-    count, users = rows.shape
-    bytes_ = np.zeros((count, 8 * max(1, -(-users // 64))), np.uint8)
-    packed = np.packbits(rows, axis=1, bitorder="little")
-    bytes_[:, : packed.shape[1]] = packed
-    return bytes_.view(np.uint64)
+def covered(held: Held, placement: Placement) -> int:
+    """Return the number of users that a placement covers."""
+    return int(held[placement].any(axis=0).sum())
 
 
-@maker
-def _bits(word: np.uint64) -> int:
-    """Return the number of ones."""
-    m1, m2 = np.uint64(0x5555555555555555), np.uint64(0x3333333333333333)
-    m4, ones = np.uint64(0x0F0F0F0F0F0F0F0F), np.uint64(0x0101010101010101)
-    word = word - ((word >> np.uint64(1)) & m1)
-    word = (word & m2) + ((word >> np.uint64(2)) & m2)
-    word = (word + (word >> np.uint64(4))) & m4
-    return int((word * ones) >> np.uint64(56))
-
-
-@maker
-def _size(one: NDArray[np.uint64]) -> int:
-    """Return the number of users in a set."""
-    total = 0
-    for word in one:
-        total += _bits(word)
-    return total
-
-
-@maker
-def _gain(union: NDArray[np.uint64], one: NDArray[np.uint64]) -> int:
-    """Return how many users a set adds to a union."""
-    total = 0
-    for k in range(len(one)):
-        total += _bits(one[k] & ~union[k])
-    return total
-
-
-@maker
-def _unite(one: NDArray[np.uint64], other: NDArray[np.uint64], union: NDArray[np.uint64]) -> int:
-    """Write the union of two sets into ``union``, and return its number of users."""
-    total = 0
-    for k in range(len(one)):
-        union[k] = one[k] | other[k]
-        total += _bits(union[k])
-    return total
-
-
-@maker
-def sizes(sets: NDArray[np.uint64]) -> NDArray[np.int64]:
-    """Return the number of users in each set."""
-    counted = np.empty(len(sets), np.int64)
-    for k in range(len(sets)):
-        counted[k] = _size(sets[k])
-    return counted
-
-
-def union_of(sets: NDArray[np.uint64]) -> NDArray[np.uint64]:
-    """Return the union of all sets, as (1, words)."""
-    union: NDArray[np.uint64] = np.bitwise_or.reduce(sets, axis=0, keepdims=True)
-    return union
-
-
-@maker
-def undominated(sets: NDArray[np.uint64]) -> NDArray[np.bool_]:
-    """Return which sets are contained in no other; all must differ and the largest be first."""
-    kept = np.ones(len(sets), np.bool_)
-    for k in range(len(sets)):
-        for larger in range(k):
-            if kept[larger] and _gain(sets[larger], sets[k]) == 0:
-                kept[k] = False
-                break
-    return kept
-
-
-@maker
-def greedy_cover(sets: NDArray[np.uint64], drones: int) -> tuple[NDArray[np.int64], int, int]:
+def greedy_cover(held: Held, drones: int) -> tuple[Placement, int]:
     """Place each drone in turn where it adds most users.
 
-    Returns the sets, the users covered, and a bound on the best cover: after any turn, no cover
+    Returns the placement, and a bound on the users that any placement covers: after any turn, none
     exceeds the users covered so far by more than the ``drones`` largest gains at that time.
     """
-    chosen = np.zeros(drones, np.int64)
-    union = np.zeros(sets.shape[1], np.uint64)
-    gains = np.empty(len(sets), np.int64)
-    covered = 0
-    bound = np.int64(2**62)
-    for turn in range(drones + 1):
-        best = 0
-        for k in range(len(sets)):
-            gains[k] = _gain(union, sets[k])
-            if gains[k] > gains[best]:
-                best = k
-        ranked = np.sort(gains)[::-1]
-        bound = min(bound, covered + ranked[:drones].sum())
-        if turn < drones:
-            chosen[turn] = best
-            covered += gains[best]
-            union |= sets[best]
-    return chosen, int(covered), int(bound)
+    placement = np.zeros(0, np.int64)
+    left, bound = held, held.shape[1]
+    while True:
+        gains = left.sum(axis=1)
+        bound = min(bound, covered(held, placement) + int(np.sort(gains)[-drones:].sum()))
+        if len(placement) == drones:
+            return placement, bound
+        best = gains.argmax()
+        placement = np.append(placement, best)
+        left = left & ~held[best]
 
 
-@maker
 def best_cover(
-    sets: NDArray[np.uint64], drones: int, chosen: NDArray[np.int64], covered: int, budget: int
-) -> tuple[NDArray[np.int64], int, bool]:
-    """Find the ``drones`` sets that cover most users.
+    held: Held, drones: int, limit_s: float, in_order: bool
+) -> tuple[Placement | None, float]:
+    """Return the placement that covers most users, and a bound on the users that any one covers.
 
-    Returns the sets, the users covered, and whether that is proven to be the best. The search
-    begins from a known cover; ``drones`` is at most the number of sets. At each depth the remaining
-    sets are ordered by the users they add, the most first. A set that was tried is not tried again
-    at a greater depth, and a branch ends if the next sets add too little to improve the result.
+    Among equally good placements ``in_order`` chooses one with the least sum of indices. After
+    ``limit_s`` seconds the placement is the best found so far, or None. The variables of the
+    program are the number of drones over each footprint, and the covered part of each group of
+    users, who are those in the same footprints.
     """
-    count, words = sets.shape
-    unions = np.zeros((drones, words), np.uint64)
-    line = np.empty((drones, count), np.int64)
-    gains = np.empty((drones, count), np.int64)
-    length = np.zeros(drones, np.int64)
-    at = np.zeros(drones, np.int64)
-    now = np.zeros(drones + 1, np.int64)
-    taken = np.zeros(drones, np.int64)
-    best = chosen.copy()
-    line[0], gains[0] = _ranked(sets, unions[0], np.arange(count))
-    length[0] = count
-    looked_at = depth = 0
-    while depth >= 0 and looked_at <= budget:
-        k, end = at[depth], length[depth]
-        reach = now[depth] + gains[depth, k : min(k + drones - depth, end)].sum()
-        if k == end or reach <= covered:
-            depth -= 1
-            continue
-        at[depth] += 1
-        taken[depth] = line[depth, k]
-        now[depth + 1] = now[depth] + gains[depth, k]
-        if depth + 1 == drones:
-            covered = now[drones]
-            best[:] = taken
-            continue
-        depth += 1
-        unions[depth] = unions[depth - 1] | sets[taken[depth - 1]]
-        at[depth], length[depth] = 0, end - k - 1
-        looked_at += length[depth]
-        ranked, added = _ranked(sets, unions[depth], line[depth - 1, k + 1 : end])
-        line[depth, : length[depth]], gains[depth, : length[depth]] = ranked, added
-    return best, int(covered), depth < 0
+    from scipy.optimize import Bounds, LinearConstraint, milp  # type: ignore[import-untyped]
+    from scipy.sparse import csr_array, eye_array, hstack  # type: ignore[import-untyped]
 
-
-@maker
-def _ranked(
-    sets: NDArray[np.uint64], union: NDArray[np.uint64], line: NDArray[np.int64]
-) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the sets and the users they add, the most first."""
-    added = np.empty(len(line), np.int64)
-    for k in range(len(line)):
-        added[k] = _gain(union, sets[line[k]])
-    order = np.argsort(-added, kind="mergesort")
-    return line[order], added[order]
-
-
-@maker
-def _shared(counted: NDArray[np.int64], drones: int, most: int) -> int:
-    """Return the most users that can be attached to ``drones`` drones with at most ``most`` each.
-
-    ``counted`` has the number of users in the union of each subset of the drones. Each user is
-    attached to one of the drones that cover it; the result is the minimum cut of this flow.
-    """
-    held = np.int64(2**62)
-    for subset in range(1 << drones):
-        outside = drones - _bits(np.uint64(subset))
-        held = min(held, outside * most + counted[subset])
-    return int(held)
-
-
-@maker
-def best_shares(
-    sets: NDArray[np.uint64],
-    drones: int,
-    users: int,
-    sign: int,
-    chosen: NDArray[np.int64],
-    key: int,
-    budget: int,
-) -> tuple[NDArray[np.int64], int, bool]:
-    """Find the sets with the largest key; several drones may have the same set.
-
-    ``sets`` are ordered by size, the largest first. The key is
-    score (users + 1) + sign · users covered. The score is ``users`` times the largest sum over
-    drones of min(1, U_c / (users / drones)) that an attachment of users to covering drones gives.
-    With q, r = divmod(users, drones), it is (drones - r) F(q) + r F(q + 1), where F(m) is the
-    largest number of users attached if each drone takes at most m; one attachment is the best for
-    all m. Returns the sets, the key, and whether they are proven to be the best. The search begins
-    from known sets and their key.
-    """
-    count, words = sets.shape
-    quota, rest = users // drones, users % drones
-    unions = np.zeros((1 << drones, words), np.uint64)
-    counted = np.zeros(1 << drones, np.int64)
-    size = np.empty(count, np.int64)
-    for k in range(count):
-        size[k] = _size(sets[k])
-    first = np.zeros(drones + 1, np.int64)
-    largest_gain = np.zeros(drones + 1, np.int64)
-    largest_gain[0] = size[0] if count else 0
-    at = np.full(drones, -1, np.int64)
-    best = chosen.copy()
-    looked_at = 0
-    depth = 0
-    while depth >= 0:
-        at[depth] = first[depth] if at[depth] < 0 else at[depth] + 1
-        k = at[depth]
-        left = drones - depth
-        known = 1 << depth
-        reach = key
-        if k < count:
-            low = _shared(counted[:known], depth, quota) + left * min(quota, size[k])
-            high = _shared(counted[:known], depth, quota + 1) + left * min(quota + 1, size[k])
-            most = counted[known - 1] + left * min(largest_gain[depth], size[k])
-            low, high = min(low, most), min(high, most)
-            covers = most if sign > 0 else counted[known - 1]
-            reach = ((drones - rest) * low + rest * high) * (users + 1) + sign * covers
-        if looked_at > budget:
-            return best, key, False
-        if reach <= key:
-            at[depth] = -1
-            depth -= 1
-            continue
-        looked_at += 1
-        for subset in range(known):
-            counted[known + subset] = _unite(unions[subset], sets[k], unions[known + subset])
-        if depth + 1 == drones:
-            low = _shared(counted, drones, quota)
-            high = _shared(counted, drones, quota + 1)
-            score = (drones - rest) * low + rest * high
-            reached = score * (users + 1) + sign * counted[-1]
-            if reached > key:
-                key = reached
-                best[:] = at
-        else:
-            depth += 1
-            first[depth] = k
-            at[depth] = -1
-            largest_gain[depth] = 0
-            for later in range(k, count):
-                added = _gain(unions[2 * known - 1], sets[later])
-                largest_gain[depth] = max(largest_gain[depth], added)
-            looked_at += count - k
-    return best, key, True
+    contained, users = np.unique(held.T, axis=0, return_counts=True)
+    places, groups = len(held), len(users)
+    of_drones = np.repeat([1.0, 0.0], [places, groups])
+    by_drones = hstack([csr_array(-contained.astype(float)), eye_array(groups)], format="csr")
+    rows = [LinearConstraint(of_drones[None], drones, drones), LinearConstraint(by_drones, ub=0)]
+    order = -np.arange(places + groups) * of_drones
+    placement, bound = None, np.inf
+    for gains in (np.append(np.zeros(places), users), order)[: 1 + in_order]:
+        found = milp(
+            -gains,
+            integrality=of_drones,
+            bounds=Bounds(0, np.where(of_drones, drones, 1)),
+            constraints=rows,
+            options={"mip_rel_gap": 0.0, "time_limit": limit_s},
+        )
+        if gains is not order and found.mip_dual_bound is not None:
+            bound = np.floor(SLACK - found.mip_dual_bound)
+        if found.x is not None:
+            placement = np.repeat(np.arange(places), np.rint(found.x[:places]).astype(int))
+        if found.status != 0:
+            break
+        rows.append(LinearConstraint(gains[None], round(-found.fun) - 0.5))
+    return placement, float(bound)

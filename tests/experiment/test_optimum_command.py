@@ -117,9 +117,12 @@ def test_a_table(told, scenario):
     assert ("forever" in out) == (scenario[0] not in ("case2", "case3"))
 
 
-def test_a_bound_where_nothing_is_proven(told):
+def test_many_drones(told, found):
+    """The best cover is proven; a fair one is not searched for."""
     many = ("-S", "drones.count=12", "-S", "drones.footprint_radius_m=250")
-    crowd = ("-S", "users.count=400", "-S", "users.clusters.count=30", "-S", "map.cells=[30,30]")
+    crowd = ("-S", "users.count=100", "-S", "users.clusters.count=30")
+    best = found("case3", *many, *crowd)
+    assert best["cover"]["exact"] and best["fair_cover"] is None
     code, out, _ = told("case3", *many, *crowd)
     assert code == 0 and "reward, hovering" not in out
 

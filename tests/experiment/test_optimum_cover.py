@@ -14,6 +14,7 @@ from desim_uav.model.rules import Action
 from desim_uav.optimum import footprints
 from desim_uav.optimum.cover import GUARANTEE, Places, cover, fair_cover, instant_bound
 from desim_uav.optimum.footprints import flown_to
+from desim_uav.optimum.search import best_cover, greedy_cover
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
@@ -153,19 +154,30 @@ def test_larger_maps(drones, cells, seed):
     assert fair.users <= best.users
 
 
+def test_the_first_of_equally_good_covers():
+    """Two drones, four footprints: the greedy cover has five users, others all six."""
+    held = np.array(
+        [[1, 1, 0, 1, 1, 0], [1, 1, 1, 0, 0, 0], [0, 0, 0, 1, 1, 1], [1, 1, 1, 0, 0, 0]]
+    )
+    greedy, bound = greedy_cover(held.astype(bool), 2)
+    assert greedy.tolist() == [0, 1] and bound == 6
+    found, most = best_cover(held.astype(bool), 2, 60.0, in_order=True)
+    assert (found.tolist(), most) == ([1, 2], 6)
+
+
 def test_an_interrupted_search_still_knows_its_bounds():
     rng = np.random.default_rng(5)
     users = (rng.random((300, 2)) * 2400).tolist()
     world = strip([(0, 0)] * 6, users, (10, 10), radius_m=300.0)
     places = Places(world)
-    proven, found = cover(places), cover(places, budget=0)
+    proven, found = cover(places), cover(places, limit_s=0.0)
     assert proven.exact and not found.exact
     assert found.users <= proven.users <= found.at_most
     assert found.users >= GUARANTEE * proven.users
     most, fair = fair_cover(places), fair_cover(places, budget=0)
     assert most.exact and not fair.exact and fair.least is None
     assert fair.score <= most.score <= fair.at_most
-    assert instant_bound(places, budget=0) >= instant_bound(places) >= proven.users
+    assert instant_bound(places, limit_s=0.0) >= instant_bound(places) >= proven.users
 
 
 # ---- on the engine
