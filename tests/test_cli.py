@@ -582,12 +582,13 @@ class TestEngine:
         own += ("-S", "reward={kind: 'plugged:Flat'}")
         ended = cli_run("run", "case8", *SMALL, *own, "--engine", "batch", "--out", "deep/mine")
         ended.failed(3)
-        assert [line.partition("case8.yaml: ")[2] for line in ended.err.splitlines()] == [
-            "drones.admission: 'Interrupting' is not compiled: Untyped global name "
-            "'Interrupting': Cannot determine Numba type of <class 'type'>; "
-            "--engine des runs it",
-            "reward: 'Flat' is not compiled: it does not work on rows; --engine des runs it",
-        ]
+        admission, reward = (line.partition("case8.yaml: ")[2] for line in ended.err.splitlines())
+        assert admission.startswith("drones.admission: 'Interrupting' is not compiled: ")
+        assert "name 'Interrupting'" in admission or "opcode" in admission
+        assert admission.endswith("; --engine des runs it")
+        assert reward == (
+            "reward: 'Flat' is not compiled: it does not work on rows; --engine des runs it"
+        )
         assert cli_run("run", "case8", *SMALL, *own, "--engine", "batch").code == 3
         assert list(Path.cwd().iterdir()) == []
 

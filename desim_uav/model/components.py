@@ -8,6 +8,8 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import Any, TypeVar
 
+from numba.core.errors import NumbaError, UnsupportedBytecodeError
+
 from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.rows import Row, Table, fill, row
 
@@ -77,6 +79,9 @@ def own_kernel(function: Any, cls: Any) -> Any:
     function.__qualname__ = name.replace(".", "_")
     return kernel(function)
 
+
+NOT_COMPILED = (NumbaError, UnsupportedBytecodeError)
+"""What Numba raises for Python that it does not compile."""
 
 CAUSES = ("Untyped global name", "Unknown attribute", "NameError", "nsupported", "Cannot unify")
 """What lines of Numba's messages say that name the cause; the lines around them do not."""

@@ -9,12 +9,11 @@ from collections.abc import Callable
 from functools import cache
 from typing import Any, NamedTuple
 
-from numba.core.errors import NumbaError
-
 from desim_uav.model.admission import RowAdmission
 from desim_uav.model.battery import RowEnergy
 from desim_uav.model.compiled_rows import address_of, pointer_to
 from desim_uav.model.components import (
+    NOT_COMPILED,
     cause_of,
     over_rows,
     own_kernel,
@@ -162,7 +161,7 @@ def why_not_compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> s
         return "it does not work on rows" if slot.required and component is not None else ""
     try:
         compiled(slot, component, services)
-    except NumbaError as error:
+    except NOT_COMPILED as error:
         return cause_of(error, over_rows(component, services))
     return ""
 
