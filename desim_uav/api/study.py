@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +23,11 @@ from desim_uav.experiment import reproduce as paper
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.optimum import optimum
 from desim_uav.experiment.progress import progress as shown
-from desim_uav.experiment.sweep_command import BACKENDS, Asked, Done, sweep_to_folder
+from desim_uav.experiment.sweep.plan import Asked
+from desim_uav.experiment.sweep.run import BACKENDS, sweep_to_folder
+from desim_uav.experiment.sweep.table import Done
 from desim_uav.registry import did_you_mean
-from desim_uav.scenario.load import Overrides, override_texts
+from desim_uav.scenario.load import Overrides
 from desim_uav.shipped import find_scenario
 
 PRESETS: dict[str, list[str | None]] = {
@@ -37,7 +39,7 @@ PRESETS: dict[str, list[str | None]] = {
 
 def sweep(
     scenario: str | Path,
-    values: Mapping[str, Any] | Sequence[str] = (),
+    values: Overrides = (),
     *,
     out: str | Path,
     policies: Sequence[str | Path] | None = None,
@@ -93,17 +95,17 @@ def sweep(
     if jobs is not None:
         whole("jobs", jobs, 1, MOST_JOBS)
     asked = Asked(
-        _axes(values),
-        None if policies is None else ",".join(map(str, policies)),
+        find_scenario(str(scenario)),
+        values,
+        None if policies is None else [str(policy) for policy in policies],
         train,
-        None if algorithms is None else ",".join(algorithms),
+        algorithms,
         range(first_seed, first_seed + seeds),
         episodes,
         warmup,
         engine,
     )
     done = sweep_to_folder(
-        find_scenario(str(scenario)),
         asked,
         Path(out),
         resume=resume,
@@ -117,18 +119,6 @@ def sweep(
     if done.interrupted:
         raise Interrupted("interrupted; the jobs that had ended are kept", done)
     return done
-
-
-def _axes(values: Mapping[str, Any] | Sequence[str]) -> list[str]:
-    """Return the values of each key as the command line has them."""
-    if not isinstance(values, Mapping):
-        return list(values)
-    texts = []
-    for key, each in values.items():
-        several = each if isinstance(each, list | tuple | range) else [each]
-        pairs = (override_texts({key: value})[0] for value in several)
-        texts.append(f"{key}=" + ",".join(pair.partition("=")[2] for pair in pairs))
-    return texts
 
 
 def reproduce(

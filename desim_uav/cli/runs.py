@@ -215,7 +215,7 @@ def compare(
             found = du.compare(
                 the_scenario(what),
                 overrides,
-                policies=policy_names(policies),
+                policies=policy_names(policies.split(",")),
                 seeds=seeds,
                 first_seed=first_seed,
                 world_seed=world_seed,
@@ -350,7 +350,7 @@ def sweep(
 ) -> None:
     """Run or train policies for every combination of values of some keys, on common seeds."""
     import desim_uav as du
-    from desim_uav.experiment.sweep_command import BACKENDS
+    from desim_uav.experiment.sweep.run import BACKENDS
 
     end_politely()
     interrupted = False

@@ -10,6 +10,7 @@ import csv
 import io
 import pickle
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -191,15 +192,13 @@ def compare_policies(
     drawn = [(policy, seed) for seed in seeds for policy in policies]
     tasks = [(scenario, policies[policy], seed, episodes, warmup, engine) for policy, seed in drawn]
     done: list[Replication] = []
-
-    def on_end(number: int, measured: Measures) -> None:
-        policy, seed = drawn[number]
-        done.append(Replication(policy, seed, _world_seed(scenario, seed), measured))
-        on_replication()
-
     interrupted = False
     try:
-        run_each(evaluate, tasks, jobs, on_end)
+        with closing(run_each(evaluate, tasks, jobs)) as ended:
+            for number, measured in ended:
+                policy, seed = drawn[number]
+                done.append(Replication(policy, seed, _world_seed(scenario, seed), measured))
+                on_replication()
     except KeyboardInterrupt:
         if not done:
             raise
@@ -218,12 +217,12 @@ def _check_portable(policies: Mapping[str, PolicyLike]) -> None:
             ) from error
 
 
-def policy_names(text: str) -> list[str]:
-    """Return the policies of a list that is separated by commas.
+def policy_names(asked: Sequence[str]) -> list[str]:
+    """Return the policies of a command line's list, which was separated at its commas.
 
     Raises UsageError if a name is empty or given twice, and PolicyError if one cannot be loaded.
     """
-    names = [name.strip() for name in text.split(",")]
+    text, names = ",".join(asked), [name.strip() for name in asked]
     for name in names:
         if not name:
             raise UsageError(

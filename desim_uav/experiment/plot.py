@@ -40,7 +40,7 @@ def _compare(folders: Sequence[Path], against: str | None = None) -> Figure:
 
 
 def _sweep(folder: Path, **options: Any) -> Figure:
-    from desim_uav.experiment.sweep_report import plot_sweep
+    from desim_uav.experiment.sweep.pictures import plot_sweep
 
     return plot_sweep(folder, **options)
 

@@ -7,36 +7,37 @@ import os
 import pickle
 import signal
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from itertools import islice
 from multiprocessing import resource_tracker
 from multiprocessing.connection import Connection, wait
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from desim_uav.errors import SimulationError
 from desim_uav.experiment.interrupt import at_once
 from desim_uav.registry import FAULTS, what_failed
 
+T = TypeVar("T")
+
 DIED = "a process has died; if memory ran out, run fewer at a time (-j)"
 
 
 def run_each(
-    function: Callable[..., Any],
+    function: Callable[..., T],
     tasks: Sequence[tuple[Any, ...]],
     jobs: int,
-    on_end: Callable[[int, Any], None],
-    on_death: Callable[[int, str], None] | None = None,
-) -> None:
+    died: Callable[[str], T] | None = None,
+) -> Generator[tuple[int, T]]:
     """Call ``function`` with the arguments of each task, ``jobs`` at a time.
 
-    ``on_end`` gets the number and the result of a task that has ended. The first error ends all
-    tasks, and so does a process that dies. With ``on_death``, which gets the number of the dead
-    process's task and the reason, a new process continues with the other tasks instead.
+    Yields the number and the result of each task when it has ended; the other tasks end if the
+    iterator is closed. The first error ends all tasks, and so does a process that dies. With
+    ``died``, which makes a result of the reason, a new process continues with the other tasks.
     """
     if jobs == 1 or len(tasks) < 2:
         for number, task in enumerate(tasks):
-            on_end(number, at_once(function, *task))
+            yield number, at_once(function, *task)
         return
     numbers = iter(range(len(tasks)))
     with _workers(function, tasks) as start:
@@ -44,16 +45,13 @@ def run_each(
         while busy:
             for worker in cast(list[Connection], wait(busy)):
                 number, result = busy.pop(worker), _answer(worker)
-                if result is DIED and on_death is None:
+                if result is DIED and died is None:
                     raise SimulationError(DIED)
                 for following in islice(numbers, 1):
                     busy[_sent(start() if result is DIED else worker, following)] = following
                 if isinstance(result, Exception):
                     raise result
-                if result is DIED and on_death is not None:
-                    on_death(number, DIED)
-                else:
-                    on_end(number, result)
+                yield number, died(DIED) if result is DIED and died is not None else result
 
 
 def _sent(worker: Connection, number: int) -> Connection:

@@ -15,8 +15,8 @@ from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare import compare_runs
 from desim_uav.experiment.replay import playing_again
 from desim_uav.experiment.statistics import estimate
-from desim_uav.experiment.sweep_report import sweep_report
-from desim_uav.experiment.sweep_results import is_sweep
+from desim_uav.experiment.sweep.pictures import sweep_report
+from desim_uav.experiment.sweep.results import is_sweep
 from desim_uav.report.comparison_page import Compared, comparison_page
 from desim_uav.report.page import Reported
 from desim_uav.report.run_page import run_page

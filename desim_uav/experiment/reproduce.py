@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -162,13 +163,11 @@ def run_jobs(
     rows = [row for row in finished.values() if row is not None]
     for _ in rows:
         on_job()
-
-    def on_end(number: int, row: dict[str, Any]) -> None:
-        rows.append(row)
-        on_job()
-
     left = [(job, folder, engine) for job, row in finished.items() if row is None]
-    run_each(run_job, left, workers, on_end)
+    with closing(run_each(run_job, left, workers)) as ended:
+        for _, row in ended:
+            rows.append(row)
+            on_job()
     return rows
 
 

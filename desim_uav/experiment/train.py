@@ -108,11 +108,12 @@ def train(
 ) -> tuple[QTable, list[Progress]]:
     """Train from beginning to end; return the learned table, and a row per drone and episode.
 
-    ``engine`` is des or batch, by default that of ``engine_for``.
+    ``engine`` is des or batch, by default that of ``engine_for``. Raises SimulationError if values
+    are learned that are not finite.
     """
     course = Course(Training(world, scenario.seed, engine or engine_for(world)))
     learn(course, (), on_episode)
-    return table_of(course.training), course.rows
+    return _learned(course.training), course.rows
 
 
 def learn(
@@ -165,6 +166,16 @@ def table_of(training: Training) -> QTable:
         },
     }
     return QTable(training.q.mean(axis=1, dtype=np.float32), about)
+
+
+def _learned(training: Training) -> QTable:
+    """Return the policy of a finished training. Raises SimulationError if it is not of numbers."""
+    if not np.isfinite(training.q).all():
+        raise SimulationError(
+            f"learning.algorithm: {training.settings.algorithm!r} has learned values that are not "
+            "finite"
+        )
+    return table_of(training)
 
 
 def train_to_folder(
@@ -351,12 +362,7 @@ def _save(course: Course, folder: Path) -> None:
 def _finish(course: Course, folder: Path) -> None:
     """Write the files of a finished training; the manifest comes last."""
     training = course.training
-    if not np.isfinite(training.q).all():
-        raise SimulationError(
-            f"learning.algorithm: {training.settings.algorithm!r} has learned values that are not "
-            "finite"
-        )
-    table = table_of(training)
+    table = _learned(training)
     manifest = {key: table.about[key] for key in PROVENANCE} | {
         "kind": "training",
         "resumed_at": course.first,

@@ -14,7 +14,7 @@ from desim_uav.report.figures import intervals_figure, sweep_figure
 from desim_uav.report.intervals import have_interval, mean_words, sentence
 from desim_uav.report.markup import Html, code, facts, html, joined, paragraph, table, tag
 from desim_uav.report.page import Picture, count, gallery, heading, number, page
-from desim_uav.report.text import COMPARED
+from desim_uav.report.text import COMPARED, word
 
 DRAWN = ("qoe1_percent", "qoe2_iterations", "qoe3_percent")
 MOST_FAILURES = 100
@@ -25,7 +25,7 @@ class Swept:
     """A sweep in a report.
 
     ``content`` is the data of its table and ``shown`` that of its figures (see ``sweep_figure``);
-    ``left_out`` says why there are none. ``words`` formats a value of a key.
+    ``left_out`` says why there are none.
     """
 
     folder: Path
@@ -35,7 +35,6 @@ class Swept:
     left_out: str
     ended: int
     failures: Sequence[dict[str, Any]]
-    words: Callable[[Any], str]
 
 
 def sweep_page(found: Swept, title: str | None) -> str:
@@ -59,7 +58,7 @@ def _results(found: Swept) -> Html:
     headings += [heading(label) for label, _ in COMPARED.values()]
     rows = (
         [
-            *(found.words(row[key]) for key in keys),
+            *(word(row[key]) for key in keys),
             row["policy"],
             max(of["n"] for of in row["measures"].values()),
             *(_estimate(row["measures"][name], form) for name, (_, form) in COMPARED.items()),
@@ -113,9 +112,7 @@ def _failed(found: Swept) -> Html:
     text += " desim-uav sweep with --resume runs the missing jobs."
     keys = [key for key in found.content["keys"] if all(key in row for row in found.failures)]
     names = [*keys, "policy", "seed", "reason"]
-    rows = (
-        [found.words(row.get(name, "")) for name in names] for row in found.failures[:MOST_FAILURES]
-    )
+    rows = ([word(row.get(name, "")) for name in names] for row in found.failures[:MOST_FAILURES])
     listed = table(names, rows, range(len(names))) if found.failures else None
     return joined([paragraph(text), listed])
 
@@ -128,7 +125,7 @@ def _provenance(found: Swept) -> Html:
         ("scenario", scenario.get("name")),
         ("scenario file", scenario.get("file")),
         ("its SHA-256", scenario.get("sha256")),
-        *((key, ", ".join(map(found.words, of))) for key, of in found.content["keys"].items()),
+        *((key, ", ".join(map(word, of))) for key, of in found.content["keys"].items()),
         ("policies", ", ".join(map(str, manifest.get("policies") or ()))),
         ("trained", ", ".join(map(str, manifest.get("algorithms") or ()))),
         ("seeds", ", ".join(map(str, manifest.get("seeds") or ()))),

@@ -124,6 +124,13 @@ def _itinerary(policy: dict[str, Any]) -> str:
     return f"{begin}forever: {_words(steps[again_from:])}"
 
 
+def word(value: Any) -> str:
+    """Return a value of a key as it is written in a scenario."""
+    if value is None:
+        return "null"
+    return str(value).lower() if isinstance(value, bool) else f"{value}"
+
+
 def _words(steps: list[dict[str, Any]]) -> str:
     counts: list[list[Any]] = []
     for step in steps:

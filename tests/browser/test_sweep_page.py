@@ -2,7 +2,7 @@
 
 import pytest
 
-from desim_uav.experiment.sweep_report import sweep_report
+from desim_uav.experiment.sweep.pictures import sweep_report
 from tests.experiment.test_sweep_pictures import COUNTS, RADII, make_sweep
 
 FOUR = (COUNTS, RADII, "episode.steps=3,4", "users.mobility.speed_mps=1.4,2.8")

@@ -164,19 +164,17 @@ class TestEvaluate:
 
         unknown = [trial("hover"), trial("nobody")]
         with pytest.raises(PolicyError, match="unknown policy 'nobody'"):
-            run_each(evaluate, unknown, jobs, lambda *_: None)
+            list(run_each(evaluate, unknown, jobs))
         tight = ["map.size_m=[20, 20]", "map.cells=[2, 2]", "stations.count=0"]
         tight += ["drones.battery=null", "users.clusters.radius_m=[9e5, 1e6]"]
         with pytest.raises(ScenarioError, match="map is too small"):
-            run_each(evaluate, [trial("hover"), trial("hover", *tight)], jobs, lambda *_: None)
+            list(run_each(evaluate, [trial("hover"), trial("hover", *tight)], jobs))
 
     @pytest.mark.thorough
     def test_more_processes_than_tasks(self):
-        ended = {}
         tasks = [(small(), "hover", seed, 1, 0) for seed in range(2)]
-        run_each(evaluate, tasks, 5, ended.__setitem__)
-        assert ended == {k: evaluate(*task) for k, task in enumerate(tasks)}
-        run_each(evaluate, [], 5, pytest.fail)
+        assert dict(run_each(evaluate, tasks, 5)) == {k: evaluate(*task) for k, task in enumerate(tasks)}
+        assert list(run_each(evaluate, [], 5)) == []
 
 
 class TestComparison:

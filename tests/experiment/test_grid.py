@@ -3,7 +3,7 @@
 import pytest
 
 from desim_uav.errors import UsageError
-from desim_uav.experiment.grid import axes, combinations
+from desim_uav.experiment.sweep.grid import axes, combinations
 
 
 def texts(override):

@@ -8,7 +8,7 @@ import types
 import pytest
 
 from desim_uav.errors import UsageError
-from desim_uav.experiment import on_ray
+from desim_uav.experiment.sweep import on_ray
 
 
 @pytest.fixture

@@ -12,9 +12,11 @@ import pytest
 
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
-from desim_uav.experiment import sweep, sweep_command
 from desim_uav.experiment.evaluate import MEASURES, evaluate
 from desim_uav.experiment.statistics import estimate
+from desim_uav.experiment.sweep import job, run
+from desim_uav.experiment.sweep.grid import axes
+from desim_uav.experiment.sweep.plan import Asked, arms
 from desim_uav.policies.tabular import read_table
 from desim_uav.run_folder import held
 from desim_uav.scenario.load import load
@@ -61,6 +63,12 @@ def files(out):
 
 def manifest(out):
     return json.loads((Path(out) / "manifest.json").read_text())
+
+
+def jobs(policies, values, seeds, episodes, warmup):
+    """The jobs of a sweep of the tiny scenario."""
+    asked = Asked(scenario_path("tiny"), values, policies, False, None, seeds, episodes, warmup)
+    return job.jobs(asked, arms(asked, axes(values)))
 
 
 class TestDataset:
@@ -213,17 +221,8 @@ class TestPrinted:
 
 class TestIdentity:
     def jobs(self, policies="hover", *overrides, seed=0, episodes=2, warmup=1):
-        asked = sweep_command.Asked(
-            overrides, policies, False, None, range(seed, seed + 1), episodes, warmup, None
-        )
-        tried = sweep_command.arms(
-            scenario_path("tiny"),
-            sweep_command.axes(asked.overrides),
-            asked.policy_names(),
-            [],
-            seed,
-        )
-        return [job.id for job in sweep.jobs(tried, asked.seeds, episodes, warmup)]
+        found = jobs(policies.split(","), overrides, range(seed, seed + 1), episodes, warmup)
+        return [one.id for one in found]
 
     def test_is_the_same_each_time(self):
         assert self.jobs() == self.jobs()
@@ -254,14 +253,13 @@ class TestIdentity:
 
     def test_is_of_the_version(self, monkeypatch):
         before = self.jobs()
-        monkeypatch.setattr(sweep, "__version__", "9.9.9")
+        monkeypatch.setattr(job, "__version__", "9.9.9")
         assert self.jobs() != before
 
     def test_another_version_refuses_a_job(self):
-        path, axes = scenario_path("tiny"), sweep_command.axes([])
-        (job,) = sweep.jobs(sweep_command.arms(path, axes, ["hover"], [], 0), range(1), 1, 0)
-        assert sweep.run_job(job).failure == ""
-        assert "9.9.9" in sweep.run_job(job, "9.9.9").failure
+        (one,) = jobs(["hover"], [], range(1), 1, 0)
+        assert job.run_job(one).failure == ""
+        assert "9.9.9" in job.run_job(one, "9.9.9").failure
 
 
 class TestResume:
@@ -287,7 +285,7 @@ class TestResume:
     def test_finished_jobs_are_not_run_again(self, swept, monkeypatch):
         flags = (*GRID, "--policies", "hover", "--seeds", 2)
         first = swept(*flags)
-        monkeypatch.setattr(sweep, "evaluate", lambda *_: pytest.fail("run again"))
+        monkeypatch.setattr(job, "evaluate", lambda *_: pytest.fail("run again"))
         again = swept(*flags, "--resume")
         assert (again.code, again.out) == (0, first.out)
 
@@ -358,7 +356,7 @@ class TestFailures:
 
     def test_leave_no_list_once_there_are_none(self, swept, monkeypatch):
         with monkeypatch.context() as patched:
-            patched.setattr(sweep, "evaluate", lambda *_: 1 / 0)
+            patched.setattr(job, "evaluate", lambda *_: 1 / 0)
             ended = swept("--policies", "hover", "--seeds", 2, "-q")
             ended.failed(1, "hover, seed 0: ZeroDivisionError: division by zero")
             assert not list(Path("out/results").iterdir())
@@ -366,7 +364,7 @@ class TestFailures:
         assert not Path("out/failed.json").exists() and len(dataset("out")) == 2
 
     def test_many_are_told_in_short(self, swept, monkeypatch):
-        monkeypatch.setattr(sweep, "evaluate", lambda *_: 1 / 0)
+        monkeypatch.setattr(job, "evaluate", lambda *_: 1 / 0)
         ended = swept("--policies", "hover", "--seeds", 25, "-q")
         assert len(ended.err.splitlines()) == 12 and "and 15 more" in ended.message
         assert len(json.loads(Path("out/failed.json").read_text())) == 25
@@ -381,13 +379,13 @@ class TestFailures:
     def test_a_policy_that_changes_meanwhile(self, swept, here, monkeypatch):
         script = here / "fly.csv"
         script.write_text("step,drone,action\n0,0,right\n")
-        real = sweep.run_job
+        real = job.run_job
 
-        def changed(job, version):
+        def changed(one, version):
             script.write_text("step,drone,action\n0,0,left\n")
-            return real(job, version)
+            return real(one, version)
 
-        monkeypatch.setattr(sweep, "run_job", changed)
+        monkeypatch.setattr(run, "run_job", changed)
         ended = swept("--policies", "script:fly.csv", "--seeds", 1, "-q")
         ended.failed(1, "script:fly.csv: the file has changed since the sweep began")
 

@@ -11,7 +11,7 @@ import pytest
 
 from desim_uav import run_folder
 from desim_uav.experiment import command as commands
-from desim_uav.experiment import sweep_folder
+from desim_uav.experiment.sweep import folder as sweep_folder
 from tests.command_line import runner
 from tests.faults.kill import SWEPT, same_files, same_run, same_sweep, same_training
 

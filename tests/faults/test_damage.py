@@ -211,17 +211,17 @@ def test_a_checkpoint(damage, learned, tmp_path):
 
 def test_a_row_of_a_sweep(tmp_path, capsys, monkeypatch):
     """A damaged row is made again, be it in a page or in what Parquet says about it."""
-    from desim_uav.experiment import sweep_command
-    from desim_uav.experiment.sweep import jobs
-    from desim_uav.experiment.sweep_folder import SweepFolder
+    from desim_uav.experiment.sweep.folder import SweepFolder
+    from desim_uav.experiment.sweep.job import jobs
+    from desim_uav.experiment.sweep.plan import Asked, arms
     from desim_uav.shipped import scenario_path
 
     monkeypatch.chdir(tmp_path)
     command = runner(capsys, monkeypatch)
     flags = ("--policies", "random", "--seeds", 1, "--episodes", 1, "--warmup", 0, "-q")
     assert command("sweep", "tiny", *flags, "--out", "s").code == 0
-    arms = sweep_command.arms(scenario_path("tiny"), [], ["random"], [], 0)
-    (job,), folder = jobs(arms, range(1), 1, 0), SweepFolder(Path("s"), [])
+    asked = Asked(scenario_path("tiny"), [], ["random"], False, None, range(1), 1, 0)
+    (job,), folder = jobs(asked, arms(asked, [])), SweepFolder(Path("s"), [])
     whole, chance = folder.rows([job]), np.random.default_rng(1)
     (file,) = Path("s/results").iterdir()
     content, damaged = file.read_bytes(), 0

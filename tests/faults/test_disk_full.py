@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from desim_uav.experiment import sweep
+from desim_uav.experiment.sweep import run as sweep
 from tests.command_line import ROOT, elsewhere, program, runner
 from tests.faults.kill import same_sweep, same_training
 
@@ -101,8 +101,8 @@ def test_a_sweep_keeps_its_rows(disk, command, monkeypatch):
     assert 1 < len(kept) < 12 and not hidden(disk)
     ballast.unlink()
     assert command(*SWEEP, "--out", "whole").code == 0
-    run, again = sweep.run_job, []
-    monkeypatch.setattr(sweep, "run_job", lambda *task: (again.append(task), run(*task))[1])
+    run_job, again = sweep.run_job, []
+    monkeypatch.setattr(sweep, "run_job", lambda *task: (again.append(task), run_job(*task))[1])
     assert command(*SWEEP, "--resume", "--out", disk / "s").code == 0
     assert len(again) == 12 - len(kept)
     assert all(path.stat().st_mtime_ns == at for path, at in kept.items())

@@ -11,7 +11,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager, redirect_stderr, redirect_stdout, suppress
 from functools import partial
 from itertools import islice
@@ -37,7 +37,7 @@ ray.init(sys.argv[1], log_to_driver=False, logging_level="ERROR")
 @contextmanager
 def ray_backend(
     jobs: int | None, address: str | None, quiet: bool = False
-) -> Iterator[Callable[..., None]]:
+) -> Iterator[Callable[..., Generator[tuple[int, Any]]]]:
     """Connect to Ray and yield a function that runs tasks on it, as ``run_each`` does.
 
     ``jobs`` is the largest number of tasks at a time, ``address`` that of a cluster (None: this
@@ -56,14 +56,12 @@ def _run_each(
     jobs: int | None,
     function: Callable[..., Any],
     tasks: Sequence[tuple[Any, ...]],
-    *,
-    on_end: Callable[[int, Any], None],
-    on_death: Callable[[int, str], None],
-) -> None:
+    died: Callable[[str], Any],
+) -> Generator[tuple[int, Any]]:
     """Call ``function`` with the arguments of each task, on as many cores as Ray has.
 
-    ``on_end`` gets the number and the result of a task that has ended, ``on_death`` the number of a
-    task that Ray has given up, and the reason.
+    Yields the number and the result of each task when it has ended; ``died`` makes the result of a
+    task that Ray has given up of the reason.
     """
     numbers = iter(range(len(tasks)))
     remote = ray.remote(function).options(num_cpus=1, max_retries=RETRIES)
@@ -78,9 +76,8 @@ def _run_each(
             try:
                 result = ray.get(ended)
             except ray.exceptions.RayError as error:
-                on_death(number, f"Ray has given it up: {_first_line(error)}")
-            else:
-                on_end(number, result)
+                result = died(f"Ray has given it up: {_first_line(error)}")
+            yield number, result
 
 
 def _require_cluster(address: str) -> None:

@@ -13,11 +13,18 @@ from typing import Any
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.evaluate import MEASURES
 from desim_uav.experiment.statistics import estimate
-from desim_uav.experiment.sweep import Row
-from desim_uav.experiment.sweep_folder import FAILED, MANIFEST, RESULTS, read_manifest, read_row
+from desim_uav.experiment.sweep.folder import (
+    FAILED,
+    MANIFEST,
+    RESULTS,
+    read_manifest,
+    read_row,
+)
+from desim_uav.experiment.sweep.job import Row
 from desim_uav.registry import did_you_mean
 from desim_uav.regular_file import text_of
 from desim_uav.report.json_file import MOST_BYTES
+from desim_uav.report.text import word
 
 MOST_KEYS = 2
 """The most keys that a figure shows."""
@@ -147,13 +154,6 @@ def chosen_keys(results: SweepResults, wanted: Mapping[str, str | None]) -> Swee
     if not chosen.keys:
         raise UsageError(f"{results.folder}: no key is left that varies, so there is no figure")
     return chosen
-
-
-def word(value: Any) -> str:
-    """Return a value of a key as it is written in a scenario."""
-    if value is None:
-        return "null"
-    return str(value).lower() if isinstance(value, bool) else f"{value}"
 
 
 def _named(key: str, text: str, values: Sequence[Any]) -> Any:

@@ -8,14 +8,9 @@ from typing import TYPE_CHECKING
 
 from desim_uav.errors import UsageError
 from desim_uav.experiment.evaluate import MEASURES
-from desim_uav.experiment.sweep_results import (
-    MOST_KEYS,
-    chosen_keys,
-    content,
-    read_sweep,
-    word,
-)
+from desim_uav.experiment.sweep.results import MOST_KEYS, chosen_keys, content, read_sweep
 from desim_uav.registry import did_you_mean
+from desim_uav.report.text import COMPARED, word
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -33,7 +28,6 @@ def plot_sweep(
     value. Raises PolicyError if the folder cannot be read, UsageError for a wrong name.
     """
     from desim_uav.report.figures import intervals_figure, sweep_figure
-    from desim_uav.report.text import COMPARED
 
     for name in measure or ():
         if name not in MEASURES:
@@ -73,7 +67,6 @@ def sweep_report(folder: Path, title: str | None) -> str:
             left_out,
             len(results.rows),
             results.failures,
-            word,
         ),
         title,
     )

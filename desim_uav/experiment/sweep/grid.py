@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from itertools import product
@@ -12,6 +12,7 @@ from typing import Any, NamedTuple
 
 from desim_uav.errors import UsageError
 from desim_uav.scenario.draft import named_override, override_path
+from desim_uav.scenario.load import Overrides, override_texts
 from desim_uav.scenario.yaml12 import read
 
 MOST = 10**6
@@ -73,9 +74,12 @@ class Combination:
         return ", ".join(self.varied)
 
 
-def axes(overrides: Sequence[str]) -> list[Axis]:
-    """Return the keys and values of ``-S`` options. Raises UsageError if they are not valid."""
-    found = [_axis(override) for override in overrides]
+def axes(values: Overrides) -> list[Axis]:
+    """Return the keys and values of ``-S`` options, or of a mapping from keys to their values.
+
+    Raises UsageError if they are not valid.
+    """
+    found = [_axis(override) for override in _overrides(values)]
     keys = [axis.key for axis in found]
     for key in keys:
         if keys.count(key) > 1:
@@ -99,6 +103,17 @@ def combinations(swept: Sequence[Axis]) -> Iterator[Combination]:
             {axis.key: axis.cell(value.plain) for axis, value in chosen},
             tuple(f"{axis.key}={value.text}" for axis, value in chosen if len(axis.values) > 1),
         )
+
+
+def _overrides(values: Overrides) -> Iterator[str]:
+    """Yield the values of each key as the command line has them."""
+    if not isinstance(values, Mapping):
+        yield from values
+        return
+    for key, each in values.items():
+        several = each if isinstance(each, list | tuple | range) else [each]
+        texts = (override_texts({key: value})[0] for value in several)
+        yield f"{key}=" + ",".join(text.partition("=")[2] for text in texts)
 
 
 def _axis(override: str) -> Axis:

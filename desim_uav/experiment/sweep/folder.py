@@ -19,8 +19,8 @@ from desim_uav.checksums import of_row
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import versions
 from desim_uav.experiment.evaluate import MEASURES
-from desim_uav.experiment.grid import Axis
-from desim_uav.experiment.sweep import Failure, Job, Outcome, Row
+from desim_uav.experiment.sweep.grid import Axis
+from desim_uav.experiment.sweep.job import Failure, Job, Outcome, Row
 from desim_uav.regular_file import text_of
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.run_folder import held, write_whole

@@ -1,0 +1,192 @@
+"""The plan of a sweep: the policies and trainings in each combination of values."""
+
+from __future__ import annotations
+
+import hashlib
+import inspect
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from desim_uav.engine.choose import check_engine, engine_for
+from desim_uav.errors import PolicyError, UsageError, located
+from desim_uav.experiment.compare import out_of_place, policy_names
+from desim_uav.experiment.sweep.grid import Axis, Combination, combinations
+from desim_uav.experiment.sweep.problems import Problems
+from desim_uav.learning.learner import load_algorithm
+from desim_uav.learning.training import table_features
+from desim_uav.model.streams import Purpose, Streams
+from desim_uav.policies import load_policy
+from desim_uav.policies.base import file_of, parts
+from desim_uav.registry import names
+from desim_uav.regular_file import content_of
+from desim_uav.scenario.draft import named_override
+from desim_uav.scenario.load import Overrides, load, scenario_hash
+from desim_uav.scenario.schema import Scenario
+from desim_uav.world import World, build_world
+
+LARGEST_POLICY = 2**32
+"""The most bytes of a policy's file that are read to tell whether it has changed."""
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a sweep is to run, of the scenario in the file ``path``.
+
+    ``values`` are those of ``axes``. ``policies`` None means the baseline, or no policy if
+    something is trained, ``algorithms`` None the scenario's own, and ``engine`` None the compiled
+    engine if it can run the scenario.
+    """
+
+    path: Path
+    values: Overrides
+    policies: Sequence[str] | None
+    train: bool
+    algorithms: Sequence[str] | None
+    seeds: range
+    episodes: int
+    warmup: int
+    engine: str | None = None
+
+    def policy_names(self) -> list[str]:
+        """Return the policies to run. Raises UsageError, or PolicyError if one cannot be loaded."""
+        if self.policies is None:
+            return [] if self.train else ["baseline"]
+        return policy_names(self.policies or [""])
+
+    def algorithm_names(self, swept: Sequence[Axis]) -> list[str | None]:
+        """Return the algorithms to train by. Raises UsageError for wrong options."""
+        if self.algorithms is None:
+            return [None] if self.train else []
+        if not self.train:
+            raise UsageError("--algorithm needs --train")
+        if any(axis.key == "learning.algorithm" for axis in swept):
+            raise UsageError(
+                f"{named_override('learning.algorithm')}: --algorithm sets this key already"
+            )
+        names = [name.strip() for name in self.algorithms]
+        for name in names:
+            if not name or names.count(name) > 1:
+                problem = f"{name!r} is given twice" if name else "a name is empty"
+                raise UsageError(f"--algorithm {','.join(self.algorithms)}: {problem}")
+        return list(names)
+
+
+@dataclass(frozen=True)
+class Arm:
+    """A policy in a combination, or an ``algorithm`` that learns one there.
+
+    ``source`` is the policy with the absolute path of its file, ``digest`` that file's SHA-256.
+    ``engine`` is des or batch.
+    """
+
+    combination: Combination
+    policy: str
+    algorithm: str | None
+    source: str
+    digest: str
+    scenario: Scenario
+    scenario_hash: str
+    engine: str
+
+    @property
+    def name(self) -> str:
+        """The name of the arm in messages."""
+        return ", ".join(filter(None, (self.combination.name, self.policy)))
+
+
+def arms(
+    asked: Asked, swept: Sequence[Axis], say: Callable[[str], None] = lambda notice: None
+) -> list[Arm]:
+    """Return what a sweep runs on each seed, by combination, after a check on its first seed.
+
+    ``say`` gets each reason why the compiled engine cannot run a scenario. Raises ScenarioError
+    with all problems of all scenarios, or else PolicyError with all problems of the policies.
+    """
+    algorithms, policies = asked.algorithm_names(swept), asked.policy_names()
+    found: list[Arm] = []
+    problems, reasons = Problems(), dict[str, None]()
+    for combination in combinations(swept):
+        problems.combinations.append(combination)
+        if policies:
+            with problems.noted():
+                found += _policy_arms(asked, combination, policies, reasons)
+        for algorithm in algorithms:
+            with problems.noted():
+                found.append(_learning_arm(asked, combination, algorithm, reasons))
+    problems.complain()
+    for reason in reasons:
+        say(reason)
+    return found
+
+
+def warnings(tried: Sequence[Arm], seeds: range) -> list[str]:
+    """Return a warning for each policy that was learned in a world outside the sweep."""
+    worlds = {(arm.scenario.world_seed, arm.policy): arm for arm in tried if not arm.algorithm}
+    found = (out_of_place(arm.scenario, {arm.policy: arm.policy}, seeds) for arm in worlds.values())
+    return list(dict.fromkeys(warning for some in found for warning in some))
+
+
+def policy_digest(policy: str) -> str:
+    """Return the SHA-256 of a policy's file or of its class's file; "" for a built-in policy.
+
+    Raises PolicyError if the file cannot be read.
+    """
+    file = file_of(policy)
+    if file is None and policy in names("policy"):
+        return ""
+    try:
+        file = file or Path(inspect.getsourcefile(type(load_policy(policy))) or "")
+        return hashlib.sha256(content_of(file, LARGEST_POLICY)).hexdigest()
+    except (OSError, TypeError, ValueError) as error:
+        raise PolicyError(f"policy {policy!r}: its file cannot be read: {error}") from error
+
+
+def _policy_arms(
+    asked: Asked, combination: Combination, policies: Sequence[str], reasons: dict[str, None]
+) -> Iterator[Arm]:
+    scenario, world, engine = _prepared(asked, combination.settings, reasons)
+    hashed = _hash(scenario)
+    for policy in policies:
+        load_policy(policy).begin(world, Streams(asked.seeds[0], Purpose.LEARNER), False)
+        source = _source(policy)
+        digest = policy_digest(policy)
+        yield Arm(combination, policy, None, source, digest, scenario, hashed, engine)
+
+
+def _learning_arm(
+    asked: Asked, combination: Combination, algorithm: str | None, reasons: dict[str, None]
+) -> Arm:
+    own = () if algorithm is None else (f'learning.algorithm="{algorithm}"',)
+    scenario, world, engine = _prepared(asked, combination.settings + own, reasons)
+    name = scenario.learning.algorithm
+    table_features(world, load_algorithm(name).tables)
+    return Arm(combination, name, name, "", "", scenario, _hash(scenario), engine)
+
+
+def _prepared(
+    asked: Asked, settings: Sequence[str], reasons: dict[str, None]
+) -> tuple[Scenario, World, str]:
+    """Return a scenario, its world and the engine; note why it is not the compiled one.
+
+    Raises ScenarioError with the file's name.
+    """
+    scenario = load(asked.path, settings)
+    with located(asked.path):
+        drawn = scenario.model_copy(update={"seed": asked.seeds[0]})
+        world = build_world(drawn, drawn.effective_world_seed)
+        engine = asked.engine or engine_for(world, reasons.setdefault)
+        check_engine(engine, world)
+    return scenario, world, engine
+
+
+def _hash(scenario: Scenario) -> str:
+    return scenario_hash(scenario.model_copy(update={"seed": 0}))
+
+
+def _source(policy: str) -> str:
+    """Return a policy's name with an absolute path, so that it is valid in any folder."""
+    _, argument = parts(policy)
+    if file_of(policy) is None or not Path(argument).exists():
+        return policy
+    return f"{policy.removesuffix(argument)}{Path(argument).absolute()}"

@@ -1,0 +1,129 @@
+"""The result of a sweep: its rows, and the table of means over seeds."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+
+from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.statistics import LEVEL, Estimate, estimate
+from desim_uav.experiment.sweep.folder import FAILED
+from desim_uav.experiment.sweep.grid import Axis
+from desim_uav.experiment.sweep.job import Failure, Job, Row
+from desim_uav.experiment.sweep.plan import Arm
+from desim_uav.report import notebook
+from desim_uav.report.intervals import mean_words, sentence
+
+SHOWN_FAILURES = 10
+SHOWN = {
+    "qoe1_percent": ("QoE1 %", ".1f"),
+    "qoe2_iterations": ("QoE2 it.", ".2f"),
+    "qoe3_percent": ("QoE3 %", ".1f"),
+    "crashes_per_drone_episode": ("crashes/drone/ep.", ".3f"),
+    "reward_mean": ("reward", ".2f"),
+}
+"""Headings and formats of the table at the end of a sweep."""
+
+
+@dataclass(frozen=True)
+class Done:
+    """A sweep that has ended or was interrupted."""
+
+    out: Path
+    axes: Sequence[Axis]
+    jobs: Sequence[Job]
+    rows: Sequence[Row]
+    failures: Sequence[Failure]
+    interrupted: bool
+
+    def content(self) -> dict[str, Any]:
+        """Return all as plain data: rows, estimates by combination and policy, and failures."""
+        first = self.jobs[0]
+        return {
+            "scenario": first.arm.scenario.name,
+            "out": str(self.out),
+            "episodes": first.episodes,
+            "warmup": first.warmup,
+            "confidence": LEVEL,
+            "interrupted": self.interrupted,
+            "rows": list(self.rows),
+            "estimates": [
+                arm.combination.cells | {"policy": arm.policy, "measures": _plain(found)}
+                for arm, found in self._estimates()
+            ],
+            "failed": [failure.content() for failure in self.failures],
+        }
+
+    @property
+    def frame(self) -> pd.DataFrame:
+        """One row per job that has ended: the values of the keys, the policy and its measures."""
+        return pd.DataFrame(list(self.rows))
+
+    def __repr__(self) -> str:
+        ended = f"{len(self.rows)} of {len(self.jobs)} jobs have ended"
+        return f"<Sweep in {self.out}: {ended}, {len(self.failures)} have failed>"
+
+    def _repr_html_(self) -> str:
+        words = range(self.headings().index("policy") + 1)
+        return notebook.heading(repr(self)[1:-1]) + notebook.table(
+            self.headings(), self.lines(), words
+        )
+
+    def headings(self) -> list[str]:
+        """Return the table's headings: the keys that vary, the policy, and the measures."""
+        return [*self._varied(), "policy", "seeds", *(heading for heading, _ in SHOWN.values())]
+
+    def lines(self) -> list[list[str]]:
+        """Return a line of means and half-widths for each combination and policy."""
+        return [
+            [
+                *("null" if (v := arm.combination.cells[k]) is None else f"{v}" for k in varied),
+                arm.policy,
+                str(found["reward_mean"].n),
+                *(format(found[name], form) for name, (_, form) in SHOWN.items()),
+            ]
+            for varied in [self._varied()]
+            for arm, found in self._estimates()
+        ]
+
+    def markdown(self, command: Sequence[str]) -> str:
+        """Return the table as Markdown, with the command that made it."""
+        first = self.jobs[0]
+        rule = ["---" for _ in self.headings()]
+        lines = [[cell.replace("|", "\\|") for cell in line] for line in self.lines()]
+        table = ["| " + " | ".join(row) + " |" for row in (self.headings(), rule, *lines)]
+        rows = [{"measures": _plain(found)} for _, found in self._estimates()]
+        words = sentence(mean_words(rows)).removesuffix(".")
+        about = f"{words}, of {first.episodes} episode(s) after {first.warmup} of warm-up per seed."
+        return "\n".join([f"`{' '.join(command)}`", "", about, "", *table]) + "\n"
+
+    def complaint(self) -> str:
+        """Return the first failures, and the file that lists all of them."""
+        lines = [f"{f.job.arm.name}, seed {f.job.seed}: {f.reason}" for f in self.failures]
+        more = len(lines) - SHOWN_FAILURES
+        rest = [f"and {more} more"] if more > 0 else []
+        rest += [f"{len(lines)} of {len(self.jobs)} jobs failed, see {self.out / FAILED}"]
+        return "\n".join(lines[:SHOWN_FAILURES] + rest)
+
+    def _varied(self) -> list[str]:
+        return [axis.key for axis in self.axes if len(axis.values) > 1]
+
+    def _estimates(self) -> list[tuple[Arm, dict[str, Estimate]]]:
+        """Return for each arm the estimates of its measures over the seeds that have ended."""
+        row_of = {row["job"]: row for row in self.rows}
+        of_arm: dict[int, tuple[Arm, list[Row]]] = {}
+        for job in self.jobs:
+            _, found = of_arm.setdefault(id(job.arm), (job.arm, []))
+            found += [row_of[job.id]] if job.id in row_of else []
+        return [
+            (arm, {name: estimate(row[name] for row in found) for name in MEASURES})
+            for arm, found in of_arm.values()
+        ]
+
+
+def _plain(found: dict[str, Estimate]) -> dict[str, dict[str, Any]]:
+    return {name: asdict(of) for name, of in found.items()}
