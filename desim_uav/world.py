@@ -15,7 +15,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.demand import Requests, requests_of
 from desim_uav.model.grid import Cell, Grid, altitudes, connected
 from desim_uav.model.mobility import Area, RandomWalks, Walks, walks_of
-from desim_uav.model.motion import Transit
+from desim_uav.model.motion import Transit, return_transit
 from desim_uav.model.planner import Node, Planner
 from desim_uav.model.rules import MOVES, US, Action, actions
 from desim_uav.model.services import Catalogue, catalogue
@@ -169,15 +169,20 @@ class World(Unchanging):
         }
 
     @cached_property
-    def fastest_transits(self) -> dict[Node, Transit]:
-        """The minimum-time transit of each hop (dx, dy, dlevel) of a return."""
-        motion = self.scenario.drones.motion
-        return {move: motion.fastest_transit(self._hop_m(move)) for move in MOVES.values()}
+    def return_transits(self) -> dict[Node, Transit]:
+        """The transit of each hop (dx, dy, dlevel) of a return."""
+        motion, step_s = self.scenario.drones.motion, self.scenario.episode.step_s
+        return {
+            move: return_transit(motion, self._hop_m(move), step_s)
+            if self._has_hop(move)
+            else motion.fastest_transit(self._hop_m(move))  # never flown: it need not fit a step
+            for move in MOVES.values()
+        }
 
     @cached_property
     def planner(self) -> Planner:
         """The planner of returns to the stations."""
-        hops = [self.fastest_transits[axis] for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+        hops = [self.return_transits[axis] for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
         hop_us = tuple(hop.duration_us for hop in hops)
         energy = self.scenario.drones.battery
         if energy is None:

@@ -69,7 +69,7 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
 
 def transits_of(world: World) -> list[Transit]:
     """Return the transits in the order of their numbers: rest, moves, and hops along the axes."""
-    return [REST, *world.epoch_transits.values(), *(world.fastest_transits[axis] for axis in AXES)]
+    return [REST, *world.epoch_transits.values(), *(world.return_transits[axis] for axis in AXES)]
 
 
 def hop_transit(world: World, hop: Node) -> int:

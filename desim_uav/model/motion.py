@@ -45,7 +45,11 @@ class Transit(NamedTuple):
 
 
 class Motion(Protocol):
-    """A motion model, which determines how fast drones fly."""
+    """A motion model, which determines how fast drones fly.
+
+    It may have a method ``return_transit`` like ``BangCoastBang``; without one, the hops of a
+    return are flown in minimum time.
+    """
 
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
         """Return the transit that a moving action commands.
@@ -57,6 +61,15 @@ class Motion(Protocol):
         """Return the transit in minimum time, as it is used to return to a charging station."""
 
 
+def return_transit(motion: Motion, distance_m: float, step_s: float) -> Transit:
+    """Return the transit of a hop of a return: in minimum time, unless the motion has its own."""
+    own = getattr(motion, "return_transit", None)
+    if own is None:
+        return motion.fastest_transit(distance_m)
+    transit: Transit = own(distance_m, step_s)
+    return transit
+
+
 @register("motion", "bang_coast_bang")
 @dataclass(frozen=True)
 class BangCoastBang:
@@ -64,7 +77,7 @@ class BangCoastBang:
 
     ``fill_epoch``: the drone cruises at the speed with which the transit lasts exactly one step
     (the paper's "240 m in about 60 s"). ``minimum_time``: it cruises at the highest speed and then
-    hovers.
+    hovers. ``return_timing`` says the same of the hops of a return, which follow upon each other.
     """
 
     max_speed_mps: Annotated[float, Ge(0.001), Le(1000)] = 8.3
@@ -74,6 +87,10 @@ class BangCoastBang:
     timing: Literal["fill_epoch", "minimum_time"] = "fill_epoch"
     """`fill_epoch`: a move lasts exactly one step. `minimum_time`: it is as quick as possible,
     and the drone hovers for the rest of the step.
+    """
+    return_timing: Literal["fill_epoch", "minimum_time"] = "minimum_time"
+    """The same for each hop of a return to a charging station. `fill_epoch`: it takes as long as
+    a step.
     """
 
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
@@ -86,6 +103,16 @@ class BangCoastBang:
                     f"longer than the step of {step_s:g} s"
                 )
             return transit
+        return self._filling_transit(distance_m, step_s)
+
+    def return_transit(self, distance_m: float, step_s: float) -> Transit:
+        """Return the transit of a hop of a return. Raises ValueError if it cannot fill a step."""
+        if self.return_timing == "minimum_time":
+            return self.fastest_transit(distance_m)
+        return self._filling_transit(distance_m, step_s)
+
+    def _filling_transit(self, distance_m: float, step_s: float) -> Transit:
+        """Return the transit that lasts exactly a step. Raises ValueError if there is none."""
         speed = cruise_speed(distance_m, step_s, self.max_acceleration_mps2)
         if speed > self.max_speed_mps:
             raise ValueError(

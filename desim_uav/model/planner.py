@@ -35,7 +35,7 @@ class Return:
 class Planner:
     """Plans returns and keeps the plans, because a world does not change.
 
-    ``hop_us``: the minimum time of a hop along x, y and between levels, in microseconds;
+    ``hop_us``: the time of a hop along x, y and between levels, in microseconds;
     ``drain_us``: the battery that a hop takes (None: its time).
     """
 

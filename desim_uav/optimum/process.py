@@ -176,7 +176,7 @@ class DroneProcess:
         now_us = 0
         for hop in () if planned is None else planned.hops:
             there = (node[0] + hop[0], node[1] + hop[1], node[2] + hop[2])
-            transit = self.world.fastest_transits[hop]
+            transit = self.world.return_transits[hop]
             leg = self._leg(node, there, transit)
             yield Stage(now_us, Mode.RETURNING, node, leg, battery_us)
             if self._lasts(transit, battery_us) < transit.duration_us:

@@ -8,7 +8,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from desim_uav.model.motion import REST, Leg, Transit
+from desim_uav.model.motion import REST, Leg, Transit, return_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
 from desim_uav.report.run import Run
@@ -32,11 +32,11 @@ class Track:
         length_m = in_order(abs(b - a) for a, b in zip(start, end, strict=True))
         transit: Transit = REST
         if self.ends_us[number] > self.starts_us[number]:
-            motion = run.scenario.drones.motion
+            motion, step_s = run.scenario.drones.motion, run.scenario.episode.step_s
             if self.modes[number] is Mode.FLYING:
-                transit = motion.epoch_transit(length_m, run.scenario.episode.step_s)
+                transit = motion.epoch_transit(length_m, step_s)
             else:
-                transit = motion.fastest_transit(length_m)
+                transit = return_transit(motion, length_m, step_s)
         return Leg(transit, start[:2], end[:2], start[2], end[2])
 
     def position_m(self, t_us: int) -> tuple[float, float, float]:

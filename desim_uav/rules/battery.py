@@ -29,7 +29,8 @@ def battery_now(world: Constants, state: State, drone: Drone) -> int:
         return 0
     elapsed_us = state.now_us - drone.since_us
     if drone.mode in (FLYING, RETURNING):
-        return drone.battery_us - drained_us(world, drone, elapsed_us)
+        # A model that drains faster than time passes may drain more than is left in a microsecond.
+        return max(0, drone.battery_us - drained_us(world, drone, elapsed_us))
     if drone.mode == CHARGING:
         held_us, capacity_us = drone.battery_us, world.capacity_us
         return int(charged_us(held_us, elapsed_us, capacity_us, world.full_charge_us))

@@ -12,6 +12,7 @@ import numpy as np
 from desim_uav.model.battery import LONGEST_MIN
 from desim_uav.model.grid import Cell, reachable
 from desim_uav.model.mobility import Area
+from desim_uav.model.motion import return_transit
 from desim_uav.model.sums import in_order
 from desim_uav.notices import notice
 from desim_uav.registry import FAULTS, did_you_mean, what_failed
@@ -234,7 +235,7 @@ def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
 
 
 def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
-    """What components say themselves: traces of users, services or places there are not."""
+    """What components say themselves, such as a trace of users that there are not."""
     walks = getattr(scenario.users.mobility, "problems", None)
     if walks:
         area = Area(*scenario.map.size_m)
@@ -243,6 +244,14 @@ def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
             scenario.users.mobility,
             walks(scenario.users.count, area),
             (*_USER_COUNT, ("map", "size_m")),
+        )
+    drained = getattr(scenario.drones.battery, "problems", None)
+    if drained:
+        yield from _own_problems(
+            ("drones", "battery"),
+            scenario.drones.battery,
+            drained(scenario.drones.motion, scenario.episode.step_s),
+            (("drones", "motion"), ("episode", "step_s")),
         )
     asked = getattr(scenario.demand, "problems", None)
     if asked:
@@ -316,8 +325,11 @@ def _cut_off(
 
 
 def _transit_problem(scenario: Scenario, distance_m: float) -> str:
+    motion, step_s = scenario.drones.motion, scenario.episode.step_s
     try:
-        scenario.drones.motion.epoch_transit(distance_m, scenario.episode.step_s)
+        motion.epoch_transit(distance_m, step_s)
+        if scenario.limited_battery:
+            return_transit(motion, distance_m, step_s)
     except ValueError as error:
         return str(error)
     except FAULTS as error:

@@ -16,6 +16,7 @@ from tests.engine.helpers import (
     path_of,
     returning,
     seen,
+    strip,
 )
 
 pytestmark = pytest.mark.usefixtures("every_engine")
@@ -125,6 +126,72 @@ def test_the_nearest_station_and_of_two_the_first():
         61981326  3  land  1  -  -  1
         92971989  3  land  0  -  -  0
     """)
+
+
+def test_hops_of_a_return_can_fill_a_step_each():
+    # Two hops of 60 s; then 120 s of battery are missing, and 2 s are charged a second. In 90 s it
+    # is half-way between cells 3 and 4, where it is told in vain to hover.
+    motion = {"kind": "bang_coast_bang", "timing": "minimum_time", "return_timing": "fill_epoch"}
+    world = returning(starts=[(2, 0)], steps=4, drones={"motion": motion})
+    flight = Flight(world)
+    log = flight.episode(path_of(world), "goto hover hover left")
+    assert flight.shown[0].observations[0].return_s == 120.0
+    assert seen(log) == events("""
+                0  10  depart   0
+         60000000   3  arrive   0
+         60000000   3  depart   0
+        120000000   3  arrive   0
+        120000000   3  land     0  -  -  0
+        120000000   3  charge   0  -  -  0
+        180000000   3  charged  0  -  -  0
+        180000000  10  depart   0
+        210990663   3  arrive   0
+    """)
+    assert [step.battery_us for step in log.steps] == [540 * US, 480 * US, 600 * US, 540 * US]
+    assert [(leg.duration_us, leg.mode) for leg in log.legs[1:]] == [
+        (60 * US, Mode.RETURNING), (60 * US, Mode.RETURNING), (HOP_US, Mode.FLYING),
+    ]  # fmt: skip
+
+
+def test_a_drone_that_returns_at_its_leisure_falls_on_the_way():
+    # Empty after 90 s, half-way through its second hop from cell 2 (x = 600) to cell 4.
+    motion = {"kind": "bang_coast_bang", "return_timing": "fill_epoch"}
+    battery = {"autonomy_min": 1.5, "return_below": 1.0}
+    world = strip([(2, 0)], battery=battery, steps=2, drones={"motion": motion})
+    log = fly(world, path_of(world), "goto")
+    assert seen(log, "crash") == events("90000000  6  crash  0")
+    assert (log.steps[1].x_m, log.steps[1].y_m) == pytest.approx((600 + 240 + 120, 120))
+    assert log.distance_m == pytest.approx(360)
+
+
+PER_ACTION = {"kind": "per_action", "autonomy_min": 10, "return_below": 1.0}
+
+
+def test_a_minute_for_each_action():
+    # A move, a blocked move and a hover take a minute each, and so does each of the three hops of
+    # the return from 180 s on, though it lasts 30.990663 s. At 240 s the second hop has lasted
+    # 29.009337 s: 56.164 s of its minute are gone, rounded down. The battery holds 240 s on landing
+    # at 272.971989 s, and gains 2 s a second.
+    world = strip(battery=PER_ACTION, steps=5, timing="fill_epoch")
+    flight = Flight(world)
+    log = flight.episode(path_of(world), "right forward hover goto")
+    assert flight.shown[3].observations[0].return_s == 180.0
+    assert seen(log, "land") == [(180 * US + 3 * HOP_US, 3, "land", 0, -1, -1, 0)]
+    on_the_way_us = 60 * US * (60 * US - HOP_US) // HOP_US
+    charged_us = 2 * (300 * US - 180 * US - 3 * HOP_US)
+    assert [step.battery_us for step in log.steps] == [
+        540 * US, 480 * US, 420 * US, 360 * US - on_the_way_us, 240 * US + charged_us,
+    ]  # fmt: skip
+
+
+def test_a_battery_of_actions_is_empty_within_a_hop():
+    # A minute and 2 us: the second hop takes 60 / 30.990663 us a us, 1 after one and 3 after two.
+    battery = PER_ACTION | {"autonomy_min": 60_000_002 / 60e6}
+    world = strip([(2, 0)], battery=battery, steps=1, timing="fill_epoch")
+    assert world.capacity_us == 60_000_002
+    log = fly(world, path_of(world), "goto")
+    assert seen(log, "crash") == [(HOP_US + 2, 6, "crash", 0, -1, -1, -1)]
+    assert log.steps[0].battery_us == 0
 
 
 def test_landing_is_at_the_lowest_level():

@@ -2,11 +2,20 @@
 
 from fractions import Fraction
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from desim_uav.model.battery import LONGEST_MIN, Endurance, charged_us, time_to_full_us
+from desim_uav.errors import ScenarioError
+from desim_uav.model.battery import (
+    LONGEST_MIN,
+    Endurance,
+    PerAction,
+    charged_us,
+    time_to_full_us,
+)
 from desim_uav.model.motion import REST, BangCoastBang
+from desim_uav.scenario.load import loads
 
 CAPACITY_US = 1_800_000_000
 FULL_CHARGE_US = 300_000_000
@@ -43,6 +52,48 @@ class TestEndurance:
         lasts_us = Endurance().lasts_us(flight, battery_us)
         assert Endurance().drained_us(flight, lasts_us) >= battery_us
         assert Endurance().drained_us(flight, lasts_us - 1) < battery_us
+
+
+class TestPerAction:
+    FLIGHTS = (
+        BangCoastBang().epoch_transit(240.0, 60.0),
+        BangCoastBang().fastest_transit(240.0),
+        BangCoastBang().fastest_transit(20.0),
+    )
+
+    @pytest.mark.parametrize("flight", FLIGHTS)
+    def test_a_flight_takes_a_minute_however_long_it_lasts(self, flight):
+        assert PerAction().drained_us(flight, 0) == 0
+        assert PerAction().drained_us(flight, flight.duration_us // 2) == pytest.approx(30e6, abs=7)
+        assert PerAction().drained_us(flight, flight.duration_us) == 60_000_000
+
+    @settings(deadline=None)
+    @given(st.integers(1, CAPACITY_US), st.sampled_from((REST, *FLIGHTS)))
+    def test_it_lasts_until_just_when_all_is_drained(self, battery_us, flight):
+        lasts_us = PerAction().lasts_us(flight, battery_us)
+        if flight is not REST and lasts_us > flight.duration_us:
+            assert battery_us > 60_000_000, "a flight does not empty it"
+            return
+        assert PerAction().drained_us(flight, lasts_us) >= battery_us
+        assert PerAction().drained_us(flight, lasts_us - 1) < battery_us
+
+    @pytest.mark.parametrize(
+        ("text", "message"),
+        [
+            ("drones: {motion: {timing: minimum_time}, battery: {kind: per_action}}", "two act"),
+            ("{episode: {step_s: 45}, drones: {battery: {kind: per_action}}}", "takes 0.75"),
+            ("drones: {battery: {kind: per_action, action_min: 2}}", "takes 2 min, but a step"),
+        ],
+    )
+    def test_it_is_refused_where_actions_would_differ(self, text, message):
+        with pytest.raises(ScenarioError, match=message):
+            loads(text)
+
+    def test_a_step_of_two_minutes_needs_actions_of_two(self):
+        scenario = loads(
+            "{episode: {step_s: 120}, drones: {battery: {kind: per_action, action_min: 2}}}"
+        )
+        assert scenario.drones.battery == PerAction(action_min=2.0)
 
 
 class TestCharging:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from desim_uav.model.motion import return_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.replay.checks import Checks, Whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, plain
@@ -80,13 +81,13 @@ class Flights:
         """Return the number of a transit's profile, and its duration (µs)."""
         key = commanded, round(length_m, 6)
         if key not in self._profile_of:
-            motion = self.scenario.drones.motion
+            motion, step_s = self.scenario.drones.motion, self.scenario.episode.step_s
             self.check.expect(length_m > 0, "legs", "a transit leads nowhere")
             try:
                 transit = (
-                    motion.epoch_transit(length_m, self.scenario.episode.step_s)
+                    motion.epoch_transit(length_m, step_s)
                     if commanded
-                    else motion.fastest_transit(length_m)
+                    else return_transit(motion, length_m, step_s)
                 )
             except ValueError as error:
                 raise self.check.error("legs", str(error)) from error
