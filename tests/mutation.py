@@ -257,6 +257,20 @@ MUTATIONS = (
         ("model/test_battery.py",),
     ),
     Mutation(
+        "hops of a return are flown in minimum time although they should fill a step",
+        "model/motion.py",
+        'if self.return_timing == "minimum_time":',
+        "if True:",
+        ("engine/test_returns.py",),
+    ),
+    Mutation(
+        "a battery that drains a minute per action drains only the time of a hop",
+        "model/battery.py",
+        "round(self.action_min * MINUTE_US), elapsed_us, flight.duration_us",
+        "flight.duration_us, elapsed_us, flight.duration_us",
+        ("engine/test_returns.py",),
+    ),
+    Mutation(
         "a battery runs empty 1 µs too late",
         "rules/battery.py",
         "due(state, slot, drone.since_us + lasts, key",
@@ -317,7 +331,7 @@ MUTATIONS = (
     Mutation(
         "R1 not limited to 1",
         "rules/rewards.py",
-        "return share if share < 1.0 else 1.0",
+        "return 1.0 if capped and share > 1.0 else share",
         "return share",
         ("model/test_rewards.py",),
     ),
@@ -331,8 +345,22 @@ MUTATIONS = (
     Mutation(
         "R3 pays for the requests in a footprint instead of those that are served",
         "rules/rewards.py",
-        "state.counts[2 * services * drone.index + k], state.asked[k]",
-        "state.counts[2 * services * drone.index + services + k], state.asked[k]",
+        "+ (0 if self.served_only else services)",
+        "+ services",
+        ("engine/test_step_rewards.py",),
+    ),
+    Mutation(
+        "R3 pays for the requests that are served although those that are covered should count",
+        "rules/rewards.py",
+        "+ (0 if self.served_only else services)",
+        "+ 0",
+        ("engine/test_step_rewards.py",),
+    ),
+    Mutation(
+        "the cost of a return is limited to 1 although it should not be",
+        "rules/rewards.py",
+        "if capped and cost > 1.0:",
+        "if cost > 1.0:",
         ("engine/test_step_rewards.py",),
     ),
     Mutation(

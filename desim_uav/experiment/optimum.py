@@ -61,7 +61,7 @@ def _covers(world: World) -> dict[str, Any]:
     """Return the best cells for drones that hover, by QoE3 and, if it is the reward, by R1."""
     places, users = Places(world), len(world.homes)
     best = cover(places)
-    fair = fair_cover(places) if type(world.scenario.reward) is Coverage else None
+    fair = fair_cover(places) if world.scenario.reward == Coverage() else None
     return {
         "cover": {
             "cells": [list(cell) for cell in best.cells],

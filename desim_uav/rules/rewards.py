@@ -26,15 +26,17 @@ Share = Annotated[float, Ge(0), Le(1)]
 @register("reward", "coverage")
 @dataclass(frozen=True)
 class Coverage(RowReward):
-    """R1: the drone's attached users, divided by its fair share of all users; at most 1."""
+    """R1: the drone's attached users, divided by its fair share of all users."""
 
+    capped: bool = True
+    """Whether the reward is at most 1. The paper writes no limit."""
     names = ("users",)
 
     def pay(self, world: Constants, state: State, drone: Drone) -> None:
         """Write one term: users."""
         seen = state.seen[drone.index]
         if is_in_the_air(seen):
-            drone.terms[0] = fair_share(state, seen)
+            drone.terms[0] = fair_share(state, seen, self.capped)
 
 
 @register("reward", "coverage_battery")
@@ -50,14 +52,20 @@ class CoverageBattery(RowReward):
     """-1: danger is a cost. 1: it is paid, as the paper writes it."""
     low_battery: Share = 0.2
     """The share of the capacity (c1) at or below which the way to a station counts."""
+    capped: bool = True
+    """Whether the share of users (r_u) and the cost of the way to a station (r_c) are at most 1.
+    The paper writes no limits.
+    """
     names = ("users", "return")
 
     def pay(self, world: Constants, state: State, drone: Drone) -> None:
         """Write two terms: users and return."""
         seen = state.seen[drone.index]
         if is_in_the_air(seen):
-            service, cost, way_home = battery_weights(world, drone, seen, self.low_battery)
-            drone.terms[0] = service * fair_share(state, seen)
+            service, cost, way_home = battery_weights(
+                world, drone, seen, self.low_battery, self.capped
+            )
+            drone.terms[0] = service * fair_share(state, seen, self.capped)
             drone.terms[1] = self.cost_sign * cost * way_home
 
 
@@ -80,6 +88,14 @@ class MultiService(RowReward):
         default_factory=lambda: {"throughput": 0.2, "edge_computing": 0.2, "data_gathering": 0.1}
     )
     """The weight of each service, by name."""
+    capped: bool = True
+    """Whether the share of users (r_u) and the cost of the way to a station (r_c) are at most 1.
+    The paper writes no limits.
+    """
+    served_only: bool = True
+    """Whether only requests that the drone serves count. If not, all open requests of the users in
+    its footprint do.
+    """
 
     def term_names(self, services: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of the terms: users, each service, return and charging."""
@@ -89,12 +105,15 @@ class MultiService(RowReward):
         """Write the terms: users, each service, return and charging."""
         seen, terms, services = state.seen[drone.index], drone.terms, world.services
         if is_in_the_air(seen):
-            service, cost, way_home = battery_weights(world, drone, seen, self.low_battery)
-            terms[0] = service * self.users * fair_share(state, seen)
+            service, cost, way_home = battery_weights(
+                world, drone, seen, self.low_battery, self.capped
+            )
+            terms[0] = service * self.users * fair_share(state, seen, self.capped)
+            first = 2 * services * drone.index + (0 if self.served_only else services)
             for k in range(services):
-                served, asked = state.counts[2 * services * drone.index + k], state.asked[k]
-                if served and asked:
-                    terms[1 + k] = service * self.services[k] * (served / asked)  # type: ignore[index]
+                counted, asked = state.counts[first + k], state.asked[k]
+                if counted and asked:
+                    terms[1 + k] = service * self.services[k] * (counted / asked)  # type: ignore[index]
             signed = self.cost_sign * cost
             terms[services + 1] = signed * way_home if cost else signed * 0.0
             terms[services + 2] = signed * 0.0
@@ -107,15 +126,18 @@ def is_in_the_air(seen: Seen) -> bool:
 
 
 @rule
-def fair_share(state: State, seen: Seen) -> float:
-    """Return r_u: the drone's users divided by the mean number of users per drone, at most 1."""
+def fair_share(state: State, seen: Seen, capped: bool) -> float:
+    """Return r_u: the drone's users divided by the mean number of users per drone.
+
+    If it is ``capped``, it is at most 1.
+    """
     share = seen.attached_users * len(state.drones) / len(state.users)
-    return share if share < 1.0 else 1.0
+    return 1.0 if capped and share > 1.0 else share
 
 
 @rule
 def battery_weights(
-    world: Constants, drone: Drone, seen: Seen, low_battery: float
+    world: Constants, drone: Drone, seen: Seen, low_battery: float, capped: bool
 ) -> tuple[float, float, float]:
     """Return w_s and w_c, how much service and the way to a station count, and r_c, its cost.
 
@@ -124,8 +146,8 @@ def battery_weights(
     compared with them in whole microseconds, rounded half to even, as masks compare it. If it only
     just suffices for the return, or does not, only the return counts.
 
-    r_c is n_B divided by the battery, at most 1. It is 1 if the battery is empty or if there is no
-    way to a station, and 0 without a battery.
+    r_c is n_B divided by the battery; if it is ``capped``, it is at most 1. It is 1 if the battery
+    is empty or if there is no way to a station, and 0 without a battery.
     """
     if not world.limited:
         return 1.0, 0.0, 0.0
@@ -133,7 +155,9 @@ def battery_weights(
     battery_s, return_s, lost = battery_us / US, plan.drained_us / US, plan.station < 0
     cost = 1.0
     if battery_us > 0 and not lost:
-        cost = min(1.0, return_s / battery_s)
+        cost = return_s / battery_s
+        if capped and cost > 1.0:
+            cost = 1.0
     c1_us = low_battery * world.capacity_us
     c2_us = c1_us / 1.5
     c3_us = c2_us / 1.5

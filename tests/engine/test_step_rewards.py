@@ -108,6 +108,28 @@ def test_the_way_home_costs_as_the_battery_runs_low():
 
 
 @pytest.mark.usefixtures("every_engine")
+def test_without_caps_more_than_a_fair_share_is_worth_more_than_one():
+    # Two drones for three users, one of them with two: 2 / 1.5 and 1 / 1.5.
+    users = [(120, 120), (120, 100), (1080, 120)]
+    world = strip([(0, 0), (4, 0)], users, steps=1, reward=R1 | {"capped": False})
+    flight = Flight(world)
+    flight.episode(path_of(world))
+    assert flight.shown[1].rewards == (2 / 1.5, 1 / 1.5)
+
+
+@pytest.mark.parametrize("kind", ["coverage_battery", "multi_service"])
+@pytest.mark.usefixtures("every_engine")
+def test_without_caps_a_way_home_can_cost_more_than_one(kind: str):
+    # At 60 s the battery holds 30 s, and a station is two hops of 30.990663 s away.
+    battery = {"autonomy_min": 1.5, "return_below": 1.0}
+    reward = {"kind": kind, "low_battery": 0.5, "capped": False}
+    world = strip([(2, 0)], [(120, 120)], battery=battery, steps=1, reward=reward)
+    flight = Flight(world)
+    flight.episode(path_of(world))
+    assert flight.shown[1].reward_terms[0]["return"] == -(2 * 30.990663) / 30
+
+
+@pytest.mark.usefixtures("every_engine")
 def test_who_returns_pays_for_the_rest_of_the_way():
     # 300 s of battery, all of it low (c1 = 300, c2 = 200 s): a return of four hops from 60 s on.
     # At 120 s it is 29.0 s into its second hop and believes itself in the cell it flies to, two
@@ -142,6 +164,22 @@ def test_the_share_of_a_services_open_requests():
     assert flight.shown[2].open_requests == (2, 0, 0)
     assert flight.shown[2].observations[0].asking == (1, 0, 0)
     assert log.steps[1].reward == pytest.approx(0.375 + 0.1)
+
+
+@pytest.mark.usefixtures("every_engine")
+def test_requests_that_are_covered_can_count_instead_of_those_served():
+    # As above, and user 0, whom the first drone holds, is in the footprint of the second one, 240 m
+    # away: they cover 3/4 and 1/4 of the requests.
+    users = [(120, 120), (120, 100), (120, 80), (1080, 120)]
+    starts, reward = [(0, 0), (1, 0)], {"kind": "multi_service", "served_only": False}
+    world = strip(starts, users, steps=1, radius_m=240.5, bandwidth_kbps=400, reward=reward)
+    flight = Flight(world)
+    flight.episode(path_of(world, {user: [(0, 100, 200)] for user in range(4)}))
+    first, second = flight.shown[1].observations
+    assert (first.served[0], first.asking[0]) == (2, 3)
+    assert (second.served[0], second.asking[0]) == (0, 1)
+    terms = [terms["throughput"] for terms in flight.shown[1].reward_terms]
+    assert terms == [0.2 * (3 / 4), 0.2 * (1 / 4)]
 
 
 @pytest.mark.usefixtures("every_engine")
@@ -201,6 +239,7 @@ REWARDS = (
     {"kind": "multi_service"},
     {"kind": "multi_service", "low_battery": 1.0},
     {"kind": "multi_service", "cost_sign": 1, "low_battery": 0.5},
+    {"kind": "multi_service", "low_battery": 0.8, "capped": False, "served_only": False},
 )
 
 
@@ -210,7 +249,8 @@ def paid(world: World, step: Step, drone: int, counted: Counts) -> float:
         return 0.0
     reward: Any = world.scenario.reward
     fair = len(world.homes) / world.scenario.drones.count
-    users = min(1.0, counted.attached[drone] / fair)
+    most = 1.0 if reward.capped else math.inf
+    users = min(most, counted.attached[drone] / fair)
     if reward.kind == "coverage":
         return users
     weight, danger = 1.0, 0.0
@@ -224,14 +264,15 @@ def paid(world: World, step: Step, drone: int, counted: Counts) -> float:
         if step.battery_us == 0 or math.isinf(step.return_us):
             danger = 1.0
         else:
-            danger = min(1.0, step.return_us / step.battery_us)
+            danger = min(most, step.return_us / step.battery_us)
     worth = users
     if reward.kind == "multi_service":
-        shares = zip(counted.served[drone], counted.open_requests, strict=True)
+        had = counted.served if reward.served_only else counted.asking
+        shares = zip(had[drone], counted.open_requests, strict=True)
         weights = (0.2, 0.2, 0.1)  # in the order of the services
         worth = 0.5 * users + sum(
-            w * (served / asked if asked else 0.0)
-            for w, (served, asked) in zip(weights, shares, strict=True)
+            w * (share / asked if asked else 0.0)
+            for w, (share, asked) in zip(weights, shares, strict=True)
         )
     return weight * worth + reward.cost_sign * (1 - weight) * danger
 
