@@ -197,6 +197,10 @@ class Stations(Section):
     """The radius of the circle around the middle of the map on which they stand, in metres. The
     default is for a map of 2400 m; it is scaled with the shorter side of the map.
     """
+    placement: Literal["nearest", "equidistant"] = "nearest"
+    """`nearest`: each stands on the cell that contains its point of the circle. `equidistant`: on
+    cells whose centres are all equally far from the middle of the map.
+    """
     pads: Annotated[int, Field(ge=1, le=10_000)] = 1
     """The number of drones that a station can charge at the same time."""
     full_charge_min: Annotated[float, Field(ge=1e-6, le=1e6)] = 5.0

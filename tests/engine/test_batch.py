@@ -53,6 +53,11 @@ CHANGES = {
         *("drones.battery.autonomy_min=43200", "stations.full_charge_min=20001.7"),
         "drones.battery.return_below=1",
     ],
+    "other readings": [
+        *("drones.battery.kind=per_action", "drones.battery.return_below=0.5"),
+        *("reward.capped=false", "reward.served_only=false", "stations.placement=equidistant"),
+    ],
+    "slow returns": ["drones.motion.return_timing=fill_epoch"],
     "fast": ["drones.motion.timing=minimum_time", "stations.pads=2"],
 }
 

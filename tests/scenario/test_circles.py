@@ -1,8 +1,12 @@
 """Clusters and stations fit the map: defaults are scaled with it, and a misfit is warned of."""
 
+import math
+
 import pytest
 
+from desim_uav.errors import ScenarioError
 from desim_uav.scenario.checks import doubts
+from desim_uav.scenario.layout import station_cells
 from desim_uav.scenario.load import dump, load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
@@ -40,6 +44,41 @@ def test_radii_that_were_given_stay():
     )
     assert scenario.users.clusters.radius_m == (240.0, 480.0)
     assert scenario.stations.radius_m == 240.0
+
+
+@pytest.mark.parametrize(
+    ("count", "nearest", "equidistant"),
+    [
+        (2, [(5, 9), (5, 1)], [(5, 8), (5, 1)]),
+        (3, [(5, 9), (8, 3), (1, 3)], [(5, 8), (7, 2), (2, 2)]),
+    ],
+)
+def test_stations_can_be_exactly_as_far_from_the_middle(count, nearest, equidistant):
+    # In half cells from the middle, (5, 8) is (1, 7), (5, 1) is (1, -7), (7, 2) is (5, -5) and
+    # (2, 2) is (-5, -5): all of them have a square of 50.
+    drones = "drones: {count: 2}"
+    stations = f"stations: {{count: {count}, placement: %s}}"
+    assert station_cells(loads(f"{{{drones}, {stations % 'nearest'}}}")) == nearest
+    assert station_cells(loads(f"{{{drones}, {stations % 'equidistant'}}}")) == equidistant
+
+
+@pytest.mark.parametrize("cells", ["[10, 10]", "[9, 9]", "[12, 7]", "[3, 3]"])
+@pytest.mark.parametrize("radius_m", [10, 700, 960, 1500])
+def test_equidistant_stations_are_so_on_any_map(cells, radius_m):
+    scenario = loads(
+        f"{{map: {{size_m: [2400, 2100], cells: {cells}, dimensions: 2}}, drones: {{count: 1}}, "
+        f"episode: {{step_s: 300}}, stations: {{count: 1, radius_m: {radius_m}}}}}"
+    )
+    (dx, dy), stations = scenario.map.cell_m, scenario.stations
+    several = stations.model_copy(update={"count": 4, "placement": "equidistant"})
+    found = station_cells(scenario.model_copy(update={"stations": several}))
+    from_middle = [((x + 0.5) * dx - 1200, (y + 0.5) * dy - 1050) for x, y in found]
+    assert len({round(math.hypot(*place), 6) for place in from_middle}) == 1
+
+
+def test_equidistant_stations_on_one_cell_are_refused():
+    with pytest.raises(ScenarioError, match=r"stations 0 and 1 stand on one cell .*fewer stations"):
+        loads("stations: {count: 40, placement: equidistant}")
 
 
 @pytest.mark.parametrize(
