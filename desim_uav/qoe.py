@@ -122,6 +122,31 @@ def of_each_user(requests: pd.DataFrame) -> NDArray[np.float64]:
     return Fairness().add(requests).of_each_user()
 
 
+def covered_once(requests: pd.DataFrame, duration_s: pd.Series, users: int) -> pd.Series:
+    """Return the share of users that drones covered at least once in each episode, in percent.
+
+    ``duration_s`` is the length of each episode by its number. A user was covered if it was
+    attached for some time while a request of it was open. It was not if it was never attached and
+    had a request open for the whole episode. A share is NaN if requests do not tell of all users.
+    """
+    to_end = requests["t_end_s"] == requests["episode"].map(duration_s)
+    rows = requests[["episode", "user"]].assign(
+        covered=requests["attached_s"] > 0, told=to_end & (requests["t_request_s"] == 0)
+    )
+    of_users = rows.groupby(["episode", "user"])[["covered", "told"]].any()
+    of_users["told"] |= of_users["covered"]
+    counts = of_users.groupby("episode").sum().reindex(duration_s.index, fill_value=0)
+    return (100 * counts["covered"] / users).where(counts["told"] == users)
+
+
+def covered_once_by_events(events: pd.DataFrame, duration_s: pd.Series, users: int) -> pd.Series:
+    """Return the same as ``covered_once`` from events, which tell of all users."""
+    ends = events[events["kind"].isin(("attach", "detach"))]
+    signed_us = ends["t_us"].where(ends["kind"] == "detach", -ends["t_us"])
+    covered = signed_us.groupby([ends["episode"], ends["user"]]).sum() > 0
+    return 100 * covered.groupby("episode").sum().reindex(duration_s.index, fill_value=0) / users
+
+
 class Totals:
     """Running sums of the measures of ``summary``; the added requests are not kept."""
 

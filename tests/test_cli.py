@@ -743,6 +743,16 @@ class TestQoe:
             2, "--by", "(did you mean 'service'?)", "allowed: service, episode, user, outcome"
         )
 
+    def test_covered_once(self, cli_run, folder):
+        plain = cli_run("qoe", folder, "--json").json
+        found = cli_run("qoe", folder, "--covered-once", "--json").json
+        share = found.pop("covered_once_percent")
+        assert found == plain
+        assert found["qoe3_percent"] < share <= 100
+        text = cli_run("qoe", folder, "--covered-once").out
+        assert f"covered_once_percent   {share:.6g}\n" in text
+        cli_run("qoe", folder, "--covered-once", "--by", "user").failed(2, "not with --by")
+
     def test_no_folder_given(self, cli_run):
         cli_run("qoe").failed(2, "Missing argument")
 

@@ -236,6 +236,56 @@ class TestGroups:
         assert qoe.grouped(frame(), by) == []
 
 
+class TestCoveredOnce:
+    DURATIONS = pd.Series({0: DURATION_S, 1: DURATION_S})
+    ALWAYS = (0.0, DURATION_S)
+
+    def of(self, *requests, users=2, durations=DURATIONS):
+        return qoe.covered_once(frame(*requests), durations, users).tolist()
+
+    def test_users_that_ask_all_the_time(self):
+        # In episode 0 user 0 is attached for a second and user 1 never; in episode 1 both are.
+        requests = [
+            request(*self.ALWAYS, attached_s=1.0, user=0),
+            request(*self.ALWAYS, attached_s=0.0, user=1),
+            request(*self.ALWAYS, (0, 0.0, 9.0), user=0, episode=1),
+            request(*self.ALWAYS, attached_s=0.001, user=1, episode=1),
+        ]
+        assert self.of(*requests) == [50.0, 100.0]
+
+    def test_one_attachment_in_any_request_will_do(self):
+        requests = [
+            request(0.0, 60.0, (0, 0.0, 60.0), user=0),
+            request(600.0, 60.0, user=0),
+            request(*self.ALWAYS, attached_s=0.0, user=1),
+        ]
+        assert self.of(*requests, durations=self.DURATIONS[:1]) == [50.0]
+
+    @pytest.mark.parametrize(
+        "second",
+        [
+            [],  # it asks for nothing
+            [request(1.0, DURATION_S, user=1)],  # only from 1 s on
+            [request(0.0, DURATION_S, end_s=1799.0, user=1)],  # its request is refused
+        ],
+    )
+    def test_of_a_user_that_does_not_ask_all_the_time_requests_do_not_tell(self, second):
+        first = request(*self.ALWAYS, attached_s=1.0, user=0)
+        (share,) = self.of(first, *second, durations=self.DURATIONS[:1])
+        assert math.isnan(share)
+
+    def test_nobody_asks(self):
+        assert all(math.isnan(share) for share in self.of())
+
+    def test_events_tell_of_everybody(self):
+        # User 0 is handed over and comes back; user 1 is attached for 0 us; user 2 never is.
+        rows = [(5, "attach", 0), (7, "detach", 0), (7, "attach", 0), (9, "detach", 0)]
+        rows += [(5, "request", 1), (5, "attach", 1), (5, "detach", 1), (8, "enter", 2)]
+        events = pd.DataFrame(rows, columns=["t_us", "kind", "user"]).assign(episode=0)
+        shares = qoe.covered_once_by_events(events, self.DURATIONS, 4)
+        assert shares.tolist() == [25.0, 0.0]
+
+
 class TestFairness:
     def of(self, *shares):
         return qoe.fairness(pd.DataFrame({"user": range(len(shares)), "qoe1": shares}))

@@ -169,6 +169,19 @@ class RunResult:
             return pd.DataFrame(columns=list(measures.summary(self._runs[0].table("requests"))))
         return _numbers(rows, by).groupby(by).mean()
 
+    def covered_once(self) -> pd.Series:
+        """Return the share of users that drones covered at least once, in percent, for each seed.
+
+        It is the mean over the counted episodes. QoE3 is a time average instead. A user who was
+        covered for 0 µs does not count.
+
+        Raises:
+            NoEventsError: a user had no open request for part of an episode, so requests do not
+                tell whether it was covered, and the run has not kept its events.
+        """
+        shares = {run.manifest["seed"]: _covered_once(run) for run in self._runs}
+        return pd.Series(shares, name="covered_once_percent").rename_axis("seed")
+
     def summaries(self) -> list[dict[str, Any]]:
         """Return for each seed the measures of everything together, and what was run."""
         return [run.summary for run in self._runs]
@@ -282,6 +295,16 @@ class RunResult:
             for row in groups:
                 found.setdefault(row["service"], []).append(row)
         return [found[service] for service in sorted(found)]
+
+
+def _covered_once(run: Kept) -> float:
+    """Return the mean share of users covered at least once, from events if requests do not tell."""
+    episodes, users = run.table("episodes"), run.scenario.users.count
+    duration_s = episodes[episodes["episode"] >= 0].set_index("episode")["duration_s"]
+    shares = measures.covered_once(run.table("requests"), duration_s, users)
+    if shares.isna().any():
+        shares = measures.covered_once_by_events(run.table("events"), duration_s, users)
+    return float(shares.mean())
 
 
 def run(

@@ -123,6 +123,13 @@ def qoe(
             help="Print a row per group of requests, grouped by this.",
         ),
     ] = None,
+    covered_once: Annotated[
+        bool,
+        typer.Option(
+            "--covered-once",
+            help="Also print the share of users that drones covered at least once in an episode.",
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Print the quality of experience of a finished run."""
@@ -131,9 +138,14 @@ def qoe(
 
     if by is not None:
         one_of(GROUPS, by, "--by")
+        if covered_once:
+            raise UsageError("--covered-once: it is one number for all requests; not with --by")
     found = du.read_run(run_dir)
     groups = None if by is None else found.groups(by)[0]
     summary = found.summaries()[0]
+    if covered_once:
+        share = found.covered_once().dropna().tolist()  # none if no episode has ended
+        summary = summary | {"covered_once_percent": share[0] if share else None}
     if as_json:
         added = {} if groups is None else {"by": by, "groups": groups}
         print(json.dumps(summary | added, indent=1))

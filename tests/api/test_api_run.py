@@ -162,6 +162,28 @@ class TestQoe:
         with pytest.raises(UsageError, match="did you mean 'service'"):
             du.run("tiny").qoe("servce")
 
+    @pytest.mark.parametrize("case", ["case3", "case7", "case8"])
+    def test_covered_once_is_more_than_covered_on_average(self, case, command):
+        changes = {"episode.steps": 4, "drones.count": 1, "drones.footprint_radius_m": 300}
+        result = du.run(case, changes, seeds=2, episodes=3, events=True, out="there")
+        shares, average = result.covered_once(), result.qoe("seed")["qoe3_percent"]
+        assert shares.index.equals(average.index)
+        assert (shares > average).all() and (shares < 100).any()
+        attached = result.events.query("kind == 'attach' and episode >= 0")
+        users = attached.groupby(["seed", "episode"])["user"].nunique().groupby("seed").sum() / 3
+        expected = 100 * users / result.scenario.users.count
+        assert shares.tolist() == pytest.approx(expected.tolist())
+        said = json.loads(command("qoe", "there/s1", "--covered-once", "--json"))
+        assert said["covered_once_percent"] == shares[1]
+
+    def test_covered_once_needs_events_if_some_do_not_ask(self):
+        seldom = {"demand": {"kind": "poisson", "rate_per_hour": 1}, "episode.steps": 4}
+        with pytest.raises(NoEventsError, match="the run kept no events"):
+            du.run("case8", seldom).covered_once()
+        result = du.run("case8", seldom, events=True)
+        users = result.events.query("kind == 'attach'")["user"].nunique()
+        assert result.covered_once().tolist() == pytest.approx([100 * users / 48])
+
     def test_a_run_without_requests(self):
         silent = {"demand": {"kind": "static", "none": 1.0, "mix": {"data_gathering": 1}}}
         result = du.run("tiny", silent)
