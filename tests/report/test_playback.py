@@ -119,6 +119,17 @@ def test_between_epochs_a_battery_is_that_of_an_endurance(played):
     assert landed > 10 or run.scenario.stations.count != 1
 
 
+def test_a_return_at_the_pace_of_a_step_is_half_way_after_half_a_step(tmp_path):
+    slowly = ("drones.motion.return_timing=fill_epoch",)
+    run = Run(make_run(tmp_path / "run", "case4", "baseline", slowly))
+    legs = run.of("legs", 0)
+    hop = legs[(legs["mode"] == "returning") & (legs["duration_s"] > 0)].iloc[0]
+    assert hop["duration_s"] == 60.0
+    shown_m = Playback(run, 0).at(round((hop["t_s"] + 30) * US)).drones_m[hop["drone"]]
+    half_way = [(hop[f"{axis}_from_m"] + hop[f"{axis}_to_m"]) / 2 for axis in "xyz"]
+    assert shown_m == pytest.approx(half_way, abs=1e-6)
+
+
 def test_a_run_without_events(tmp_path):
     run = Run(make_run(tmp_path / "r", "tiny", "baseline", events=False))
     with pytest.raises(PolicyError, match="kept no events"):

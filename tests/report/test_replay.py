@@ -35,7 +35,10 @@ RUNS = {
     "queueing": (
         "case9",
         "random",
-        (*SMALL, "stations.count=1", "drones.count=5", "drones.battery.return_below=0.6"),
+        (
+            *(*SMALL, "stations.count=1", "drones.count=5", "drones.battery.return_below=0.6"),
+            "drones.motion.return_timing=fill_epoch",
+        ),
     ),
     "unlimited": ("tiny", "baseline", ()),
 }
