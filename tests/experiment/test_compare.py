@@ -173,7 +173,9 @@ class TestEvaluate:
     @pytest.mark.thorough
     def test_more_processes_than_tasks(self):
         tasks = [(small(), "hover", seed, 1, 0) for seed in range(2)]
-        assert dict(run_each(evaluate, tasks, 5)) == {k: evaluate(*task) for k, task in enumerate(tasks)}
+        assert dict(run_each(evaluate, tasks, 5)) == {
+            k: evaluate(*task) for k, task in enumerate(tasks)
+        }
         assert list(run_each(evaluate, [], 5)) == []
 
 
