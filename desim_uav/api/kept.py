@@ -16,7 +16,7 @@ from desim_uav import qoe
 from desim_uav.checksums import verify
 from desim_uav.errors import DesimError, NoEventsError
 from desim_uav.experiment.command import Done, Recorded, place_of, read_summary
-from desim_uav.experiment.replay import Source
+from desim_uav.experiment.replay.page import Source
 from desim_uav.experiment.run import counted
 from desim_uav.records import REQUESTS, TABLES
 from desim_uav.report.manifest import read_manifest

@@ -6,7 +6,7 @@ import tempfile
 import webbrowser
 from pathlib import Path
 
-from desim_uav.experiment.replay import Made
+from desim_uav.experiment.replay.page import Made
 from desim_uav.report.markup import tag
 from desim_uav.run_folder import file_place, write_at
 

@@ -33,7 +33,7 @@ from desim_uav.experiment.command import (
     write_run,
 )
 from desim_uav.experiment.progress import progress as shown
-from desim_uav.experiment.replay import make_replay
+from desim_uav.experiment.replay.page import make_replay
 from desim_uav.experiment.statistics import estimate
 from desim_uav.policies.base import PolicyLike
 from desim_uav.registry import did_you_mean

@@ -13,7 +13,7 @@ from desim_uav import qoe
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare import compare_runs
-from desim_uav.experiment.replay import playing_again
+from desim_uav.experiment.replay.again import playing_again
 from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep.pictures import sweep_report
 from desim_uav.experiment.sweep.results import is_sweep

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from typing import Any
@@ -83,7 +83,7 @@ def play(
     warmup: int = 0,
     keep_events: bool = False,
     engine: str = "des",
-) -> Iterator[tuple[EpisodeLog, SamplePath]]:
+) -> Generator[Played]:
     """Yield the log and the sample path of each episode of a run when it has ended."""
     settings = run_settings(world, policy, keep_events)
     simulation = make_engine(engine, world, settings)

@@ -4,7 +4,7 @@ import pandas as pd
 import pytest
 
 from desim_uav.experiment.command import run_to_folder
-from desim_uav.experiment.replay import write_replay
+from desim_uav.experiment.replay.page import write_replay
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 

@@ -11,7 +11,7 @@ import pytest
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.experiment.command import run_to_folder
-from desim_uav.experiment.replay import write_replay
+from desim_uav.experiment.replay.page import write_replay
 from desim_uav.model.motion import travelled
 from desim_uav.model.rules import US, Phase
 from desim_uav.model.streams import Purpose, Streams

@@ -14,7 +14,7 @@ import pytest
 from desim_uav.checksums import SUMS, of_files
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.command import read_summary
-from desim_uav.experiment.replay import write_replay
+from desim_uav.experiment.replay.page import write_replay
 from desim_uav.learning import checkpoint
 from desim_uav.policies import load_policy
 from desim_uav.policies.tabular import QTable, TableFile

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from desim_uav.errors import PolicyError
-from desim_uav.experiment import replay
+from desim_uav.experiment.replay import again
 from tests.command_line import runner
 from tests.report.helpers import make_run
 
@@ -69,7 +69,7 @@ def kept(tmp_path_factory):
 def flown(kept, monkeypatch):
     """A copy in the working folder, of which nothing may be played again."""
     shutil.copytree(kept, "flown")
-    monkeypatch.setattr(replay, "play", lambda *_: pytest.fail("played again"))
+    monkeypatch.setattr(again, "play", lambda *_: pytest.fail("played again"))
     return Path("flown")
 
 
@@ -162,7 +162,7 @@ def test_a_drawing_that_fails_leaves_no_folder(name, flown, command, here, monke
     def wrong(*_):
         raise PolicyError("it went wrong")
 
-    monkeypatch.setattr(replay, "play", wrong)
+    monkeypatch.setattr(again, "play", wrong)
     (words, file), before = DRAWN[name], names(here)
     command(*words, f"new/deep/{file}").failed(4, "it went wrong")
     assert names(here) == before

@@ -16,7 +16,8 @@ from desim_uav import cli
 from desim_uav.checksums import SUMS
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import run_to_folder
-from desim_uav.experiment.replay import played_again, write_replay
+from desim_uav.experiment.replay.again import played_again
+from desim_uav.experiment.replay.page import write_replay
 from desim_uav.report.batteries import battery_knots
 from desim_uav.report.replay.columns import codes, delta, floats, pack, plain, unpack
 from desim_uav.report.replay.data import KINDS, TAKING, Encoder
@@ -590,7 +591,7 @@ class TestCommand:
         assert opened == [(busy / "replay.html").as_uri()]
 
     def test_says_what_it_leaves_out(self, replay, busy, monkeypatch):
-        monkeypatch.setattr("desim_uav.experiment.replay.MOST_BYTES", 1)
+        monkeypatch.setattr("desim_uav.experiment.replay.page.MOST_BYTES", 1)
         code, _, err = replay(busy)
         assert code == 0
         assert "it holds episodes 0 to 0" in err and "--episodes" in err
