@@ -28,7 +28,7 @@ def main() -> None:
     before = resident_mib()
     many = flown(count)
     taken = resident_mib() - before
-    engine = many.compiled.sessions[0].engine
+    engine = many.sessions[0].engine
     arrays = engine.state.nbytes + engine.path.nbytes
     print(f"{count} environments: {taken:.1f} MiB (aim: {AIM_MIB} for 1024)")
     path = engine.path.nbytes / 1024
@@ -41,7 +41,7 @@ def flown(count: int) -> UavVectorEnv:
     """Environments that have flown whole episodes, so that nothing is still to be made."""
     env = UavVectorEnv("case8", count, {"world_seed": 0})
     env.reset(seed=0)
-    hover = np.full((count, env.compiled.drones), 4)
+    hover = np.full((count, env.sessions[0].drones), 4)
     for _ in range(EPISODES * 30):
         env.step(hover)
     return env

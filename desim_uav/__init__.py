@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import importlib
+import sys
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from desim_uav.env.registration import register_with_gymnasium
-
 __version__ = "0.1.0"
-
-register_with_gymnasium()
 
 if TYPE_CHECKING:
     from desim_uav.api.compare import Comparison, compare, compare_runs
@@ -108,6 +106,10 @@ __all__ = [
     "write_replay",
     "write_report",
 ]
+
+
+if Path(*sys.argv[:1]).stem != "desim-uav":  # whose commands need no ids, and start faster
+    importlib.import_module("desim_uav.env")  # registers the ids with Gymnasium
 
 
 def __getattr__(name: str) -> Any:

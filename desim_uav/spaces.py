@@ -65,11 +65,6 @@ def flat_mask(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
     return _array(masks).flatten()
 
 
-def mask_row(mask: Mask) -> NDArray[np.int8]:
-    """Return one drone's mask, 1 for allowed actions, in a new array."""
-    return _array(mask).copy()
-
-
 @lru_cache(maxsize=1024)
-def _array(masks: Mask | tuple[Mask, ...]) -> NDArray[np.int8]:
+def _array(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
     return np.array(masks, np.int8)

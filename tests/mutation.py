@@ -373,7 +373,7 @@ MUTATIONS = (
     # ---- learning
     Mutation(
         "the greedy action may be a forbidden one",
-        "learning/exploration.py",
+        "learning/learner.py",
         "    for action in range(len(allowed)):\n        if allowed[action]:\n            value =",
         "    for action in range(len(allowed)):\n        if True:\n            value =",
         ("learning/test_algorithms.py",),
@@ -381,15 +381,15 @@ MUTATIONS = (
     Mutation(
         "the steps of a return are not discounted",
         "learning/learner.py",
-        "self.discount *= self.gamma",
-        "self.discount = self.gamma",
+        "lesson.discount *= learner.gamma",
+        "lesson.discount = learner.gamma",
         ("learning/test_learner.py",),
     ),
     Mutation(
         "Q-learning bootstraps from a forbidden action",
         "learning/q_learning.py",
-        "        if allowed[candidate]:\n",
-        "        if True:\n",
+        "            if lesson.allowed[action]:\n",
+        "            if True:\n",
         ("learning/test_algorithms.py",),
     ),
 )

@@ -206,7 +206,7 @@ class TestProgram:
 
     def test_help_needs_none_of_the_heavy_packages(self, somewhere):
         code = (
-            "import sys, desim_uav.cli\n"
+            "import sys; sys.argv[0] = '/usr/bin/desim-uav'; import desim_uav.cli\n"
             "heavy = {'numba', 'numpy', 'pandas', 'pyarrow', 'pydantic', 'simpy', 'matplotlib'}\n"
             "print(sorted(heavy & set(sys.modules)))\n"
         )

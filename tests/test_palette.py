@@ -5,8 +5,8 @@ from itertools import combinations, pairwise, product
 import numpy as np
 import pytest
 
+from desim_uav.drawing.sprites import dot, drone
 from desim_uav.engine.base import UserState
-from desim_uav.env.sprites import dot, drone
 from desim_uav.palette import DRONES, USERS, drone_colour, ink_on, luminance
 from desim_uav.report.figures.style import COLOURS, drone_look
 

@@ -1,9 +1,14 @@
-"""Environments for reinforcement learning: PettingZoo's (an agent per drone) and Gymnasium's."""
+"""Environments for reinforcement learning: PettingZoo's (an agent per drone) and Gymnasium's.
+
+Importing this package registers the ids of Gymnasium's.
+"""
 
 from __future__ import annotations
 
 import importlib
 from typing import TYPE_CHECKING, Any
+
+from desim_uav.env.registration import register_envs
 
 if TYPE_CHECKING:
     from desim_uav.env.parallel import UavParallelEnv
@@ -20,9 +25,11 @@ _PUBLIC = {
 
 __all__ = ["UavEnv", "UavParallelEnv", "UavVecEnv", "UavVectorEnv"]
 
+register_envs()
+
 
 def __getattr__(name: str) -> Any:
-    """Import an environment when it is first used, so that registration stays fast."""
+    """Import an environment when it is first used, so that ``import desim_uav`` stays fast."""
     if name in _PUBLIC:
         return getattr(importlib.import_module(_PUBLIC[name]), name)
     raise AttributeError(f"module 'desim_uav.env' has no attribute {name!r}")

@@ -1,191 +1,166 @@
-"""Several sessions in the compiled engine, which one call steps together."""
+"""Sessions in the compiled engine, which writes what environments return into arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from itertools import pairwise
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
-from gymnasium import error
 from numpy.typing import NDArray
 
-from desim_uav.copies import Independent, owned
 from desim_uav.engine.base import COUNTS, MEASURES, Engine, RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
-from desim_uav.env.session import ActionError, Session
+from desim_uav.engine.constants import term_names
+from desim_uav.env.session import ActionError, Session, info_keys
 from desim_uav.model.state import Snapshot
-from desim_uav.spaces import features, observation_space
-
-SEEDS = ("seed", "world_seed", "episode_number")
+from desim_uav.sample_path import SamplePath
+from desim_uav.scenario.schema import Scenario
+from desim_uav.spaces import features
+from desim_uav.world import World
 
 MEASURED = len(MEASURES)
 COUNTED = MEASURED + len(COUNTS)
-"""The columns at which measures and counts end in an environment's row (see ``calls.Shown``)."""
+"""Where the MEASURES and the COUNTS end in a row of ``Outputs.numbers``."""
+
+ONE = np.ones(1, np.bool_)
+
+
+class Outputs(NamedTuple):
+    """What n environments return at their present epochs, in arrays with a row for each.
+
+    ``observations`` (n, drones * features); ``masks`` int8 (n, drones * actions); ``rewards``
+    (n, 1), means over the drones; ``numbers``, the MEASURES, the COUNTS and the mean terms of the
+    reward; ``over`` bool (n, 3): terminated, truncated, stopped by a fault. ``addresses`` (n,
+    ADDRESSES) tells kernels where the environments and these rows are.
+    """
+
+    observations: NDArray[np.float64]
+    masks: NDArray[np.int8]
+    rewards: NDArray[np.float64]
+    numbers: NDArray[np.float64]
+    over: NDArray[np.bool_]
+    addresses: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, session: Session, count: int) -> Outputs:
+        """Return arrays for ``count`` sessions like this one, of which none has begun."""
+        world, drones = session.world, session.drones
+        outputs = cls(
+            np.zeros((count, drones * len(features(world)))),
+            np.zeros((count, drones * len(world.actions)), np.int8),
+            np.zeros((count, 1)),
+            np.zeros((count, COUNTED + len(session.terms))),
+            np.zeros((count, 3), np.bool_),
+            np.zeros((count, calls.ADDRESSES), np.int64),
+        )
+        for k, addresses in enumerate(outputs.addresses):
+            addresses[3:] = [array[k:].ctypes.data for array in outputs[:5]]
+        return outputs
 
 
 class CompiledSession(Session):
-    """A session that runs in the compiled engine (see ``Session``).
+    """A session in the compiled engine (see ``Session``), whose outputs are a row of arrays.
 
     Raises ScenarioError if a component of the scenario cannot be compiled.
     """
 
     engine: BatchSimulation
 
-    def _engine_of(self, settings: RunSettings) -> Engine:
+    def __init__(
+        self, scenario: Scenario, world: World | None = None, draws_ahead: bool = True
+    ) -> None:
+        super().__init__(scenario, world, draws_ahead)
+        self.terms = term_names(self.world)
+        self.keys = info_keys(self.terms)
+        self.write_to(Outputs.of(self, 1), 0)
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return everything except addresses and outputs, which a copy makes again."""
+        kept = super().__getstate__()
+        del kept["_row"]
+        return kept
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        """Take what was kept, with outputs of this object's own."""
+        vars(self).update(kept)
+        self.write_to(Outputs.of(self, 1), 0)
+
+    def write_to(self, outputs: Outputs, k: int) -> None:
+        """Make row k of these outputs the one of this session, from now on."""
+        rows = (array[k] for array in outputs[:5])
+        self._row = Outputs._make([*rows, outputs.addresses[k : k + 1]])
+        if self.episode >= 0:
+            self._look()
+
+    def go_on(self) -> None:
+        """Repeat a step that has run out of memory, in more of it.
+
+        Raises SimulationError if the step was stopped by a component of one's own.
+        """
+        self.engine.drain()
+        self._look()
+
+    def _look(self) -> None:
+        """Write the outputs of the present epoch."""
+        self._row.addresses[0, :3] = self.engine.addresses()
+        calls.look_at_all(self._row.addresses, ONE)
+
+    def _new_engine(self, settings: RunSettings) -> Engine:
         engine = BatchSimulation(self.world, settings)
         engine.refuse_unseen()
         return engine
 
-    def begin(self, seed: int | None = None) -> None:
-        """Begin the next episode as ``reset`` does, without making a snapshot."""
-        path = self._next_path(seed)
+    def _begin(self, path: SamplePath) -> None:
         self.engine.begin(path)
+        self._look()
+
+    def _step(self, action: Any) -> tuple[float, bool, bool]:
+        commands = whole_numbers(action, (1, self.drones))
+        stopped = calls.step_all(self._row.addresses, commands, ONE)
+        if stopped < 0:
+            raise out_of_range(commands, self.world)
+        if stopped > 0:
+            self.go_on()
+        terminated, truncated, _ = self._row.over.tolist()
+        return self._row.rewards.item(), terminated, truncated
 
     @property
-    def shown(self) -> Snapshot:
-        """The snapshot at the present epoch. Raises ResetNeeded before the first episode."""
-        if self.episode < 0:
-            raise error.ResetNeeded("call reset first: no episode has begun")
+    def snapshot(self) -> Snapshot:
+        """See ``Session``, here and below."""
+        self.require_episode()
         return self.engine.snapshot()
 
+    def observation(self) -> NDArray[Any]:
+        """Return what a kernel has encoded."""
+        observation: NDArray[Any] = self._row.observations.astype(self.dtype)
+        return observation
 
-class Compiled(Independent):
-    """The observations, masks and rewards of n sessions of one scenario, in arrays.
+    def mask(self) -> NDArray[np.int8]:
+        """Return what a kernel has written."""
+        return self._row.masks.copy()
 
-    ``values``: (n, drones * features); ``masks``: int8 (n, drones * actions); ``rewards``: (n,),
-    each the mean over the drones. One call steps all or some of the sessions.
-    """
-
-    def __init__(self, sessions: Sequence[CompiledSession], threads: int = 1) -> None:
-        """Take ``sessions``, which ``threads`` threads step, each thread a share of them."""
-        self.sessions = sessions
-        first, count = sessions[0], len(sessions)
-        world, drones = first.world, first.scenario.drones.count
-        shown = features(world)
-        self.drones, self.actions = drones, len(world.actions)
-        self.dtype = observation_space(shown).dtype
-        terms = tuple(f"reward_{name}" for name in first.engine.term_names)
-        self.keys = (*MEASURES, *SEEDS, *COUNTS, *terms)
-        self.values = np.zeros((count, drones * len(shown)))
-        self.masks = np.zeros((count, drones * self.actions), np.int8)
-        self.rewards = np.zeros(count)
-        self._told = np.zeros((count, COUNTED + len(terms)))
-        self._over = np.zeros((count, 3), np.bool_)
-        self._seeds = np.zeros((count, len(SEEDS)), np.int64)
-        self._seeds_of = [(0, 0, 0)] * count
-        bounds = np.linspace(0, count, threads + 1).astype(int).tolist()
-        self._shares = [slice(*pair) for pair in pairwise(bounds)]
-        self._set_up()
-
-    def _set_up(self) -> None:
-        """Make the addresses and threads, which are valid only in this process."""
-        count, threads = len(self.sessions), len(self._shares)
-        self._table = np.zeros((count, calls.ADDRESSES), np.int64)
-        shown_in = (self.values, self.masks, self.rewards, self._told, self._over)
-        for k, session in enumerate(self.sessions):
-            self._table[k, -len(shown_in) :] = [array[k:].ctypes.data for array in shown_in]
-            if session.episode >= 0:
-                self._point_at(k)
-        self._pool = ThreadPoolExecutor(threads) if threads > 1 else None
-
-    def __getstate__(self) -> dict[str, Any]:
-        """Return everything except addresses and threads."""
-        return {key: part for key, part in vars(self).items() if key not in ("_table", "_pool")}
-
-    def __setstate__(self, kept: dict[str, Any]) -> None:
-        """Make new addresses and threads, for this object's own arrays."""
-        for key, part in kept.items():
-            setattr(self, key, owned(part) if isinstance(part, np.ndarray) else part)
-        self._set_up()
-
-    @property
-    def over(self) -> NDArray[np.bool_]:
-        """Whether a crash has ended each episode, and whether its time has run out: bool (n, 2)."""
-        over: NDArray[np.bool_] = self._over[:, :2]
-        return over
-
-    def begin(self, which: NDArray[np.bool_], seeds: Sequence[int | None]) -> None:
-        """Begin the next episode of the sessions ``which``; with a seed, the first of a new run."""
-        for k in which.nonzero()[0].tolist():
-            session = self.sessions[k]
-            session.begin(seeds[k])
-            self._point_at(k)
-            self._seeds_of[k] = session.seed, session.world.seed, session.episode
-            self._seeds[k] = self._seeds_of[k]
-        self._look(which)
-
-    def step(self, commands: NDArray[np.int64], which: NDArray[np.bool_]) -> None:
-        """Give the sessions ``which`` their commands (n, drones), and run each to its next epoch.
-
-        Raises ActionError for a number that is not an action; no session is stepped then.
-        """
-        if self._pool is not None and (commands.min() < 0 or commands.max() >= self.actions):
-            full = -1  # before any thread has begun
-        else:
-            full = self._share(calls.step_all, commands, which)
-        if full < 0:
-            raise ActionError(f"actions must be from 0 to {self.actions - 1}: {commands.tolist()}")
-        if full > 0:
-            self._make_room()
-
-    def commands(self, actions: Any) -> NDArray[np.int64]:
-        """Return actions as int64 (n, drones); a single drone's may be (n,). Raises ActionError."""
-        try:
-            told = np.asarray(actions)
-        except ValueError as problem:
-            raise ActionError(f"actions must be whole numbers: {problem}") from problem
-        shape = len(self.sessions), self.drones
-        if told.dtype != np.int64:
-            if told.dtype.kind not in "iu":
-                raise ActionError(f"actions must be whole numbers, not {told.dtype}")
-            told = told.astype(np.int64)
-        if told.size != shape[0] * shape[1]:
-            raise ActionError(f"actions must have the shape {shape}, not {told.shape}")
-        commands: NDArray[np.int64] = told.reshape(shape)
-        return commands
-
-    def info(self) -> dict[str, NDArray[Any]]:
-        """Return the infos of all sessions: for each key, an array of n numbers or masks."""
-        told, seeds = self._told.T.copy(), self._seeds.T.copy()
-        measures, counts, terms = told[:MEASURED], told[MEASURED:COUNTED], told[COUNTED:]
-        columns = (*measures, *seeds, *counts.astype(np.int64), *terms)
-        return {**dict(zip(self.keys, columns, strict=True)), "action_mask": self.masks.copy()}
-
-    def info_of(self, k: int) -> dict[str, Any]:
-        """Return the info of session k, with Python numbers."""
-        row = self._told[k].tolist()
+    def info_values(self) -> list[float]:
+        """Return the values of ``info``, in the order of ``keys``."""
+        row = self._row.numbers.tolist()
         measures, counts, terms = row[:MEASURED], row[MEASURED:COUNTED], row[COUNTED:]
-        values = (*measures, *self._seeds_of[k], *map(int, counts), *terms)
-        told: dict[str, Any] = dict(zip(self.keys, values, strict=True))
-        told["action_mask"] = self.masks[k].copy()
-        return told
+        return [*measures, *self.seeds(), *map(int, counts), *terms]
 
-    def close(self) -> None:
-        """Stop the threads."""
-        if self._pool is not None:
-            self._pool.shutdown()
 
-    def _look(self, which: NDArray[np.bool_]) -> None:
-        self._share(calls.look_at_all, which)
+def whole_numbers(actions: Any, shape: tuple[int, int]) -> NDArray[np.int64]:
+    """Return actions as int64 (environments, drones). Raises ActionError."""
+    try:
+        numbers = np.asarray(actions)
+    except ValueError as problem:
+        raise ActionError(f"actions must be whole numbers: {problem}") from problem
+    if numbers.dtype != np.int64:
+        if numbers.dtype.kind not in "iu":
+            raise ActionError(f"actions must be whole numbers, not {numbers.dtype}")
+        numbers = numbers.astype(np.int64)
+    if numbers.size != shape[0] * shape[1]:
+        raise ActionError(f"actions must have the shape {shape}, not {numbers.shape}")
+    commands: NDArray[np.int64] = numbers.reshape(shape)
+    return commands
 
-    def _share(self, work: Callable[..., int], *given: NDArray[Any]) -> int:
-        """Run a kernel on all environments, each thread on its share of them."""
-        if self._pool is None:
-            return work(self._table, *given)
-        arrays = (self._table, *given)
-        parts = [[array[share] for array in arrays] for share in self._shares]
-        return sum(self._pool.map(lambda part: work(*part), parts))
 
-    def _make_room(self) -> None:
-        """Enlarge the buffers of sessions that ran out of room, and repeat their steps."""
-        full = self._over[:, 2].copy()
-        for k in full.nonzero()[0].tolist():
-            self.sessions[k].engine.drain()  # plays again, with more room
-            self._point_at(k)
-        self._look(full)
-
-    def _point_at(self, k: int) -> None:
-        addresses = self.sessions[k].engine.addresses()
-        self._table[k, : len(addresses)] = addresses
+def out_of_range(commands: NDArray[np.int64], world: World) -> ActionError:
+    """Return the error of commands of which at least one is not an action."""
+    return ActionError(f"actions must be from 0 to {len(world.actions) - 1}: {commands.tolist()}")

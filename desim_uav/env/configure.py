@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping
 from os import PathLike, fspath
 from typing import Any, Literal
 
 from desim_uav.errors import ScenarioError
-from desim_uav.scenario.load import from_mapping, load, to_plain
+from desim_uav.scenario.load import from_mapping, load, override_texts, to_plain
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_scenario
 
@@ -34,7 +33,7 @@ def configured(
     changes = dict(config or {})
     if world_seed != "scenario":
         changes.setdefault("world_seed", world_seed)
-    overrides = list(_overrides("", changes))
+    overrides = _overrides(changes)
     if isinstance(source, Scenario):
         return from_mapping(_given(source), overrides=overrides) if overrides else source
     if isinstance(source, Mapping):
@@ -50,33 +49,20 @@ def _given(scenario: Scenario) -> dict[str, Any]:
     return plain
 
 
-def _overrides(path: str, config: Mapping[str, Any]) -> Iterator[str]:
-    """Yield ``key.path=value`` for every value, in the form of the command line."""
-    for key, value in config.items():
-        if not isinstance(key, str) or "=" in key:
-            raise ScenarioError(
-                f"config: key {key!r}: must be a key of a scenario, or a path of keys"
-            )
-        if isinstance(value, Mapping) and value and "kind" not in value:
-            yield from _overrides(f"{path}{key}.", value)
-        else:
-            yield f"{path}{key}={_yaml(f'{path}{key}', value)}"
-
-
-def _yaml(path: str, value: Any) -> str:
-    """Return a value as JSON, which is also YAML."""
+def _overrides(changes: Mapping[str, Any]) -> list[str]:
+    """Return ``key.path=value`` for every value, in the form of the command line."""
     try:
-        return json.dumps(value, ensure_ascii=False, default=_plain)
-    except (TypeError, ValueError) as error:
-        raise ScenarioError(f"config: {path}: {error}") from error
+        return [override_texts({path: value})[0] for path, value in _values("", changes)]
+    except ScenarioError as problem:
+        raise ScenarioError(f"config: {problem}") from None
 
 
-def _plain(value: Any) -> Any:
-    """Turn values that JSON lacks into plain data: mappings, paths, NumPy's numbers and arrays."""
-    if isinstance(value, Mapping):
-        return dict(value)
-    if isinstance(value, PathLike):
-        return fspath(value)
-    if hasattr(value, "tolist"):
-        return value.tolist()
-    raise TypeError(f"a value of type {type(value).__name__} cannot be written in YAML")
+def _values(path: str, changes: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Yield the path of keys and the new value of every change."""
+    for key, value in changes.items():
+        if not isinstance(key, str) or "=" in key:
+            raise ScenarioError(f"key {key!r}: must be a key of a scenario, or a path of keys")
+        if isinstance(value, Mapping) and value and "kind" not in value:
+            yield from _values(f"{path}{key}.", value)
+        else:
+            yield f"{path}{key}", value

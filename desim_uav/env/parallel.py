@@ -14,14 +14,13 @@ from desim_uav.copies import Independent
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError, Session
-from desim_uav.model.state import Snapshot
-from desim_uav.spaces import features, mask_row, observation_space
+from desim_uav.spaces import features, observation_space
 
-Seen = dict[str, NDArray[Any]]
+Parts = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
 
 
-class UavParallelEnv(Independent, ParallelEnv[str, Seen, int]):  # type: ignore[misc]
+class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore[misc]
     """The drones of a scenario as agents ``drone_0``, ``drone_1``, …; a step is a decision epoch.
 
     An agent's observation is a dict of ``observation``, the scenario's encoding (int64, or float32
@@ -54,20 +53,19 @@ class UavParallelEnv(Independent, ParallelEnv[str, Seen, int]):  # type: ignore[
         self.session = Session(configured(scenario, config, world_seed))
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode
-        self.possible_agents = [f"drone_{d}" for d in range(self.session.scenario.drones.count)]
+        self.possible_agents = [f"drone_{d}" for d in range(self.session.drones)]
         self.agents: list[str] = []
-        shown, actions = features(self.session.world), len(self.session.world.actions)
+        numbers, actions = features(self.session.world), len(self.session.world.actions)
         self.observation_spaces = {
             agent: Dict(
                 {
-                    "observation": observation_space(shown),
+                    "observation": observation_space(numbers),
                     "action_mask": Box(0, 1, (actions,), np.int8),
                 }
             )
             for agent in self.possible_agents
         }
         self.action_spaces = {agent: Discrete(actions) for agent in self.possible_agents}
-        self._dtype = observation_space(shown).dtype
 
     def observation_space(self, agent: str) -> Dict:
         """Return the observation space of an agent, always the same object."""
@@ -79,35 +77,42 @@ class UavParallelEnv(Independent, ParallelEnv[str, Seen, int]):  # type: ignore[
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
-    ) -> tuple[dict[str, Seen], Infos]:
+    ) -> tuple[dict[str, Parts], Infos]:
         """Begin the next episode; with a ``seed``, the first episode of a new run.
 
         Returns the observations and the infos of all agents. There are no ``options``.
         """
-        shown = self.session.reset(seed)
+        self.session.reset(seed)
         self.agents = self.possible_agents[:]
         self.screen.refresh()
-        return self._told(shown)
+        return self._observations(), self._infos()
 
     def step(
         self, actions: Mapping[str, int]
-    ) -> tuple[dict[str, Seen], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
+    ) -> tuple[dict[str, Parts], dict[str, float], dict[str, bool], dict[str, bool], Infos]:
         """Take one action per agent, and run to the next decision epoch.
 
         A masked action is replaced by the only allowed one, or by hover. At the end of the
         episode ``agents`` is empty. Raises ResetNeeded outside an episode, and ActionError for an
         invalid action, or if the actions are not exactly one per agent.
         """
-        shown = self.session.step(self._in_order(actions))
-        terminated, truncated, earned = shown.terminated, shown.truncated, shown.rewards
+        if self.agents and actions.keys() != self.action_spaces.keys():
+            raise ActionError(
+                f"there must be one action for each of {self.agents}, not for {list(actions)}"
+            )
+        ordered = [actions[agent] for agent in self.agents]
+        _, terminated, truncated = self.session.step(ordered if len(ordered) != 1 else ordered[0])
         if terminated or truncated:
             self.agents = []
         self.screen.refresh()
-        observations, infos = self._told(shown)
-        rewards, ends, cuts = {}, {}, {}
-        for drone, agent in enumerate(self.possible_agents):
-            rewards[agent], ends[agent], cuts[agent] = earned[drone], terminated, truncated
-        return observations, rewards, ends, cuts, infos
+        every, rewards = self.possible_agents, self.session.snapshot.rewards
+        return (
+            self._observations(),
+            dict(zip(every, rewards, strict=True)),
+            dict.fromkeys(every, terminated),
+            dict.fromkeys(every, truncated),
+            self._infos(),
+        )
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the masks of all drones, one after the other: bool (drones * actions,)."""
@@ -121,30 +126,24 @@ class UavParallelEnv(Independent, ParallelEnv[str, Seen, int]):  # type: ignore[
         """Close the window, if there is one."""
         self.screen.close()
 
-    def _in_order(self, actions: Mapping[str, int]) -> list[int]:
-        agents = self.agents
-        if agents and actions.keys() != self.action_spaces.keys():
-            raise ActionError(
-                f"there must be one action for each of {agents}, not for {list(actions)}"
-            )
-        in_order = []
-        for agent in agents:
-            in_order.append(actions[agent])
-        return in_order
+    def _observations(self) -> dict[str, Parts]:
+        rows = (len(self.possible_agents), -1)
+        observations = self.session.observation().reshape(rows)
+        masks = self.session.mask().reshape(rows)
+        return {
+            agent: {"observation": observations[drone], "action_mask": masks[drone]}
+            for drone, agent in enumerate(self.possible_agents)
+        }
 
-    def _told(self, shown: Snapshot) -> tuple[dict[str, Seen], Infos]:
-        """Return the observations and infos of all agents."""
+    def _infos(self) -> Infos:
         session, crashed = self.session, self.session.engine.log.crashed
-        encode, facts, keys = session.encode, session.world.facts, session.term_keys.items()
-        told, terms = session.info(shown), session.terms(shown)
-        observations, infos = {}, {}
+        observations, terms = session.snapshot.observations, session.reward_terms()
+        of_all, requests = (*session.measures(), *session.seeds()), session.engine.requests_made()
+        keys, names, infos = session.keys, session.terms, {}
         for drone, agent in enumerate(self.possible_agents):
-            seen, mask, own = shown.observations[drone], mask_row(shown.masks[drone]), terms[drone]
-            encoded = np.array(encode(seen, facts), self._dtype)
-            observations[agent] = {"observation": encoded, "action_mask": mask}
-            info = infos[agent] = told.copy()
-            info["attached_users"] = seen.attached_users
-            info["crashes"] = crashed.count(drone) if crashed else 0
-            for name, key in keys:
-                info[key] = float(own[name])
-        return observations, infos
+            users, own = observations[drone].attached_users, terms[drone]
+            values = [*of_all, users, crashed.count(drone), requests]
+            for name in names:
+                values.append(float(own[name]))
+            infos[agent] = dict(zip(keys, values, strict=True))
+        return infos

@@ -9,7 +9,7 @@ import numpy as np
 from gymnasium import error, logger
 from numpy.typing import NDArray
 
-from desim_uav.env.frame import Painter
+from desim_uav.drawing.frame import Painter
 from desim_uav.env.session import Session
 from desim_uav.env.window import Window
 
@@ -69,7 +69,7 @@ class Screen:
         if self._painter.world is not session.world:
             self.__dict__.pop("_painter")
         title = f"episode {session.episode}, seed {session.seed}"
-        return self._painter.frame(session.engine, session.shown, title)
+        return self._painter.frame(session.engine, session.snapshot, title)
 
     @cached_property
     def _painter(self) -> Painter:

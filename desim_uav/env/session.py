@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import operator
 import secrets
-from collections.abc import Callable, Iterable, Mapping
-from itertools import repeat
+from collections.abc import Iterable
+from functools import cache, cached_property
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -16,15 +17,16 @@ from desim_uav.copies import Independent
 from desim_uav.engine.base import COUNTS, MEASURES, Engine, RunSettings
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.des import Simulation
-from desim_uav.env.configure import Source, configured
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
+from desim_uav.model.sums import in_order
 from desim_uav.sample_path import SamplePath, SamplePaths, at_once, draw_all
 from desim_uav.scenario.schema import Scenario
-from desim_uav.spaces import flat_mask
+from desim_uav.spaces import features, flat_mask, observation_space
 from desim_uav.world import World, build_world
 
-SEEDS = 2**63
+SEEDS = ("seed", "world_seed", "episode_number")
+MOST_SEEDS = 2**63
 
 
 class ActionError(error.InvalidAction, ValueError):
@@ -32,176 +34,219 @@ class ActionError(error.InvalidAction, ValueError):
 
 
 class Session(Independent):
-    """A scenario that is simulated one decision epoch at a time.
+    """A scenario that the SimPy engine simulates one decision epoch at a time.
 
     ``seed`` is the seed of the run. It also draws the world, unless the scenario has a
-    ``world_seed``. ``episode`` counts from 0; it is -1 before the first ``reset``. ``blank`` holds
-    every key of an info in its order, with the values that do not change in an episode.
+    ``world_seed``. ``episode`` counts from 0; it is -1 before the first ``reset``. ``terms`` names
+    the terms of the reward, and ``keys`` those of an info, without ``action_mask``.
     """
 
     world: World
     engine: Engine
+    terms: tuple[str, ...]
+    keys: tuple[str, ...]
 
     def __init__(
-        self,
-        scenario: Source,
-        config: Mapping[str, Any] | None = None,
-        worlds: Callable[[Scenario, int], World] = build_world,
-        starts: bool = True,
-        ahead: bool = True,
+        self, scenario: Scenario, world: World | None = None, draws_ahead: bool = True
     ) -> None:
         """Begin with the scenario's own seed if it has one, else with a random seed.
 
-        ``worlds`` builds the world of a seed, at once or (``starts``) before the first episode.
-        ``ahead``: several episodes are drawn at once, which is faster than one by one but takes
-        more memory. Raises ScenarioError, and UsageError for a ``config`` of another form.
+        With a ``world``, which may be of another seed, the run begins with the first ``reset``
+        only, and keeps this world if its seed is the right one. ``draws_ahead``: several episodes
+        are drawn at once, which is faster than one by one but takes more memory. Raises
+        ScenarioError if the engine cannot run the scenario.
         """
-        self.scenario = configured(scenario, config)
-        self._world_of = worlds
-        self.encode = self.scenario.observation.encode
-        self._drones = self.scenario.drones.count
-        given = "seed" in self.scenario.model_fields_set
-        self.seed = self.scenario.seed if given else secrets.randbits(32)
+        self.scenario = scenario
+        self.drones = scenario.drones.count
+        given = "seed" in scenario.model_fields_set
+        self.seed = scenario.seed if given else secrets.randbits(32)
         self.episode = -1
-        self._shown: Snapshot | None = None
+        self._over = True
+        self._draws_ahead = draws_ahead
         self._paths: SamplePaths | None = None
-        self._started = False
-        self._ahead = ahead
-        if starts:
-            self._start_over(self.seed)
+        self._started = world is None
+        if world is None:
+            self._start_over(self.seed, None)
+        else:
+            self.world = world
 
-    def _start_over(self, seed: int) -> None:
-        """Begin a new run."""
-        scenario = self.scenario
-        fixed = scenario.world_seed
-        self.world = self._world_of(scenario, seed if fixed is None else fixed)
-        ceilings = (True,) * scenario.drones.count
-        settings = RunSettings(ceilings, scenario.episode.carry_over, keep_steps=False)
-        self.engine = self._engine_of(settings)
-        self._commands = frozenset(range(len(self.world.actions)))
-        self.seed, self.episode = seed, -1
-        self._shown = None
-        self._started = True
-        self._paths = None
+    def _start_over(self, seed: int, known: World | None) -> None:
+        """Begin a new run, in the ``known`` world if that is the one of this seed."""
+        fixed = self.scenario.world_seed
+        wanted = seed if fixed is None else fixed
+        if known is None or known.seed != wanted:
+            known = build_world(self.scenario, wanted)
+        self.world = known
+        ceilings, carry_over = (True,) * self.drones, self.scenario.episode.carry_over
+        self.engine = self._new_engine(RunSettings(ceilings, carry_over, keep_steps=False))
+        self.seed, self.episode, self._paths, self._started = seed, -1, None, True
 
-    def _engine_of(self, settings: RunSettings) -> Engine:
+    def _new_engine(self, settings: RunSettings) -> Engine:
         return Simulation(self.world, settings)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return everything except the sample paths of later episodes, which a copy draws again."""
         return {**vars(self), "_paths": None}
 
-    @property
-    def shown(self) -> Snapshot:
-        """The snapshot at the present epoch. Raises ResetNeeded before the first episode."""
-        if self._shown is None:
-            raise error.ResetNeeded("call reset first: no episode has begun")
-        return self._shown
+    # ---- episodes and steps
 
-    def reset(self, seed: int | None = None) -> Snapshot:
+    def reset(self, seed: int | None = None) -> None:
         """Begin the next episode; with a ``seed``, the first episode of a new run.
 
         If the scenario says so, drones continue from where the previous episode left them, unless
         that episode was ended early. Raises gymnasium's Error for a seed outside 0 … 2**63 - 1.
         """
-        path = self._next_path(seed)
-        shown = self.engine.reset(path)
-        terms = self._term_names(shown)
-        self.term_keys = {name: f"reward_{name}" for name in terms}
-        self.blank: dict[str, Any] = {
-            **dict.fromkeys(MEASURES, 0.0),
-            "seed": self.seed,
-            "world_seed": self.world.seed,
-            "episode_number": self.episode,
-            **dict.fromkeys((*COUNTS, *self.term_keys.values()), 0),
-        }
-        self._no_terms = (dict.fromkeys(terms, 0.0),) * len(shown.observations)
-        self._shown = shown
-        return shown
-
-    def _term_names(self, shown: Snapshot) -> tuple[str, ...]:
-        """Return the names of the reward's terms."""
-        reward, facts = self.scenario.reward, self.world.facts
-        if names := term_names(self.world):
-            return names
-        return tuple(reward.terms(shown.observations[0], shown.open_requests, facts))
-
-    def _next_path(self, seed: int | None) -> SamplePath:
-        """Return the sample path of the next episode, or of the first of a new run."""
         if seed is not None:
-            self._start_over(_checked(seed))
+            self._start_over(_checked(seed), self.world)
         elif not self._started:
-            self._start_over(self.seed)
+            self._start_over(self.seed, self.world)
+        self._begin(self._path(self.episode + 1))
         self.episode += 1
-        paths = self._paths
-        if paths is None:
-            so_far = self.episode + 1  # who plays on for long, looks far ahead
-            count = min(so_far, at_once(self.world)) if self._ahead else 1
-            numbers = range(self.episode, self.episode + count)
-            paths = self._paths = draw_all(self.world, self.seed, numbers)
-        if self.episode == paths.episodes[-1]:
-            self._paths = None
-        return paths[self.episode - paths.episodes[0]]
+        self._over = False
 
-    def step(self, actions: Iterable[Any]) -> Snapshot:
+    def _path(self, episode: int) -> SamplePath:
+        """Return the sample path of the next episode, which is drawn with some later ones."""
+        if self._paths is None:
+            so_far = episode + 1  # who plays on for long, looks far ahead
+            count = min(so_far, at_once(self.world)) if self._draws_ahead else 1
+            self._paths = draw_all(self.world, self.seed, range(episode, episode + count))
+        paths = self._paths
+        if episode == paths.episodes[-1]:
+            self._paths = None
+        return paths[episode - paths.episodes[0]]
+
+    def _begin(self, path: SamplePath) -> None:
+        """Begin an episode on its sample path, and name the terms of the reward."""
+        snapshot = self._snapshot = self.engine.reset(path)
+        first, asked, facts = snapshot.observations[0], snapshot.open_requests, self.world.facts
+        names = term_names(self.world) or self.scenario.reward.terms(first, asked, facts)
+        self.terms = tuple(names)
+        self.keys = info_keys(self.terms)
+
+    def step(self, action: Any) -> tuple[float, bool, bool]:
         """Give each drone its action and run to the next decision epoch.
 
-        Raises ResetNeeded outside an episode, and ActionError for an invalid action.
+        ``action``: one whole number per drone; for a single drone it is that number. Returns the
+        mean reward, and whether a crash or the end of its time ended the episode. Raises
+        ResetNeeded outside an episode, and ActionError for an invalid action.
         """
-        shown = self.shown
-        if shown.terminated or shown.truncated:
+        if self._over:
+            self.require_episode()
             raise error.ResetNeeded("call reset first: the episode is over")
-        shown = self._shown = self.engine.step(self.commands(actions))
-        return shown
+        reward, terminated, truncated = self._step(action)
+        self._over = terminated or truncated
+        return reward, terminated, truncated
 
-    def commands(self, actions: Iterable[Any]) -> list[int]:
-        """Return actions as a list of commands, in the order of the drones."""
-        commands = []
+    def _step(self, action: Any) -> tuple[float, bool, bool]:
+        snapshot = self._snapshot = self.engine.step(self._commands(action))
+        return in_order(snapshot.rewards) / self.drones, snapshot.terminated, snapshot.truncated
+
+    def _commands(self, action: Any) -> list[int]:
+        """Return an action as a list of commands, in the order of the drones."""
+        actions = [action] if self.drones == 1 else _each(action)
         try:
-            for action in actions:
-                commands.append(operator.index(action))
+            commands = list(map(operator.index, actions))
         except TypeError as problem:
             raise ActionError(f"actions must be whole numbers, not {actions!r}") from problem
-        if len(commands) != self._drones:
-            raise ActionError(f"there are {len(commands)} action(s) for {self._drones} drone(s)")
-        if not self._commands.issuperset(commands):
-            drone = next(d for d, command in enumerate(commands) if command not in self._commands)
-            last = len(self._commands) - 1
+        if len(commands) != self.drones:
+            raise ActionError(f"there are {len(commands)} action(s) for {self.drones} drone(s)")
+        last = len(self.world.actions) - 1
+        if min(commands) < 0 or max(commands) > last:
+            drone = next(d for d, command in enumerate(commands) if not 0 <= command <= last)
             raise ActionError(f"drone {drone}: action {commands[drone]} is not one of 0 … {last}")
         return commands
 
-    # ---- what is told at a decision epoch
+    # ---- what there is to see at a decision epoch
 
-    def encoded(self, shown: Snapshot) -> list[tuple[float, ...]]:
+    def require_episode(self) -> None:
+        """Raise ResetNeeded before the first episode."""
+        if self.episode < 0:
+            raise error.ResetNeeded("call reset first: no episode has begun")
+
+    @property
+    def snapshot(self) -> Snapshot:
+        """The snapshot at the present epoch. Raises ResetNeeded before the first episode."""
+        self.require_episode()
+        return self._snapshot
+
+    @cached_property
+    def dtype(self) -> np.dtype[Any]:
+        """int64 if all features of an observation are whole numbers, else float32."""
+        return observation_space(features(self.world)).dtype
+
+    def encoded(self) -> list[tuple[float, ...]]:
         """Return the observation of each drone, encoded as numbers."""
-        return list(map(self.encode, shown.observations, repeat(self.world.facts)))
+        encode, facts = self.scenario.observation.encode, self.world.facts
+        return [encode(observation, facts) for observation in self._snapshot.observations]
+
+    def observation(self) -> NDArray[Any]:
+        """Return the encoded observations of all drones, one after the other."""
+        return np.array(list(chain.from_iterable(self.encoded())), self.dtype)
+
+    def mask(self) -> NDArray[np.int8]:
+        """Return the masks of all drones, one after the other, in a new array."""
+        return flat_mask(self._snapshot.masks)
 
     def action_masks(self) -> NDArray[np.bool_]:
-        """Return the masks of all drones, one after the other: bool (drones * actions,)."""
-        return flat_mask(self.shown.masks).view(np.bool_)
+        """Return the masks of all drones as bool. Raises ResetNeeded before the first episode."""
+        self.require_episode()
+        return self.mask().view(np.bool_)
 
-    def info(self, shown: Snapshot) -> dict[str, Any]:
-        """Return the info: time, quality of experience so far, seeds, and counts of requests.
+    def seeds(self) -> tuple[int, int, int]:
+        """Return the SEEDS: those of the run and its world, and the number of the episode."""
+        return self.seed, self.world.seed, self.episode
 
-        A measure that does not exist yet is 0: QoE1 and QoE2, which are means over requests, while
+    def measures(self) -> list[float]:
+        """Return the MEASURES. Quality of experience is 0 as long as it does not exist."""
+        qoe1, qoe2, qoe3 = self.engine.measures()
+        return [self._snapshot.t_us / US, qoe1 or 0.0, qoe2 or 0.0, qoe3 or 0.0]
+
+    def reward_terms(self) -> tuple[dict[str, float], ...]:
+        """Return the terms of each drone's reward by name; they are 0 before the first step."""
+        return self._snapshot.reward_terms or (dict.fromkeys(self.terms, 0.0),) * self.drones
+
+    def info_values(self) -> list[float]:
+        """Return the values of ``info``, in the order of ``keys``."""
+        engine, drones = self.engine, self.reward_terms()
+        users = sum([observation.attached_users for observation in self._snapshot.observations])
+        counts = users, engine.log.crashes, engine.requests_made()
+        values = [*self.measures(), *self.seeds(), *counts]
+        for name in self.terms:
+            total = 0.0
+            for terms in drones:
+                total += float(terms[name])
+            values.append(total / self.drones)
+        return values
+
+    def info(self) -> dict[str, Any]:
+        """Return the info: time, quality of experience so far, seeds, counts, terms, and masks.
+
+        The terms of the reward are means over the drones, and counts are over all of them. A
+        measure that does not exist yet is 0: QoE1 and QoE2, which are means over requests, while
         ``requests`` is 0, and QoE3, a mean over time, while ``sim_time_s`` is 0. No key is
         "episode", which Gymnasium and stable-baselines3 keep for their statistics.
         """
-        qoe1, qoe2, qoe3 = self.engine.measures()
-        info = self.blank.copy()
-        info["sim_time_s"] = shown.t_us / US
-        info["qoe1_percent"] = 0.0 if qoe1 is None else qoe1
-        info["qoe2_iterations"] = 0.0 if qoe2 is None else qoe2
-        info["qoe3_percent"] = 0.0 if qoe3 is None else qoe3
-        info["requests"] = self.engine.requests_made()
+        info: dict[str, Any] = dict(zip(self.keys, self.info_values(), strict=True))
+        info["action_mask"] = self.mask()
         return info
 
-    def terms(self, shown: Snapshot) -> tuple[dict[str, float], ...]:
-        """Return the terms of each drone's reward by name; they are 0 before the first step."""
-        return shown.reward_terms or self._no_terms
+
+@cache
+def info_keys(terms: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the keys of an info in their order; ``terms`` are those of the reward."""
+    return *MEASURES, *SEEDS, *COUNTS, *(f"reward_{name}" for name in terms)
+
+
+def _each(action: Any) -> Iterable[Any]:
+    """Return the entries of an action, one per drone."""
+    if isinstance(action, np.ndarray):
+        action = action.tolist()
+    if not isinstance(action, Iterable):
+        raise ActionError(f"an action must have one entry per drone, not {action!r}")
+    return action
 
 
 def _checked(seed: int) -> int:
-    if not 0 <= operator.index(seed) < SEEDS:
+    if not 0 <= operator.index(seed) < MOST_SEEDS:
         raise error.Error(f"seed {seed}: must be a whole number from 0 to 2**63 - 1")
     return operator.index(seed)

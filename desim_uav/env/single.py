@@ -7,13 +7,17 @@ from typing import Any
 
 import gymnasium
 import numpy as np
+from gymnasium import error
 from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
+from desim_uav.env.compiled import CompiledSession
 from desim_uav.env.configure import Source, WorldSeed, configured
-from desim_uav.env.joint import joint
 from desim_uav.env.render import RENDERING, Screen
+from desim_uav.env.session import Session
 from desim_uav.spaces import action_space, features, observation_space
+
+SESSIONS = {"des": Session, "batch": CompiledSession}
 
 
 class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
@@ -53,11 +57,12 @@ class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
         ``config`` takes precedence. Raises ScenarioError with every problem of the scenario, and
         UnsupportedMode if ``render_mode`` is unknown, or "human" without a display.
         """
-        self._joint = joint(engine, configured(scenario, config, world_seed))
-        self.session = self._joint.session
+        if engine not in SESSIONS:
+            raise error.Error(f"engine {engine!r}: must be 'des' or 'batch'")
+        self.session = SESSIONS[engine](configured(scenario, config, world_seed))
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode
-        self.drones = self.session.scenario.drones.count
+        self.drones = self.session.drones
         world = self.session.world
         self.observation_space = observation_space(features(world) * self.drones)
         self.action_space = action_space(len(world.actions), self.drones)
@@ -70,9 +75,9 @@ class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
         Returns the observation and the info. There are no ``options``.
         """
         super().reset(seed=seed)
-        self._joint.begin(seed)
+        self.session.reset(seed)
         self.screen.refresh()
-        return self._joint.observation(), self._joint.info()
+        return self.session.observation(), self.session.info()
 
     def step(self, action: Any) -> tuple[NDArray[Any], float, bool, bool, dict[str, Any]]:
         """Take one action per drone, (drones,), and run to the next decision epoch.
@@ -80,13 +85,13 @@ class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
         A masked action is replaced by the only allowed one, or by hover. Raises ResetNeeded
         outside an episode, and ActionError for an invalid action.
         """
-        reward, terminated, truncated = self._joint.step(action)
+        reward, terminated, truncated = self.session.step(action)
         self.screen.refresh()
-        return self._joint.observation(), reward, terminated, truncated, self._joint.info()
+        return self.session.observation(), reward, terminated, truncated, self.session.info()
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the masks of all drones, one after the other: bool (drones * actions,)."""
-        return self._joint.masks()
+        return self.session.action_masks()
 
     def render(self) -> NDArray[np.uint8] | None:
         """Return the present frame, uint8 (height, width, 3), or None if a window shows it."""

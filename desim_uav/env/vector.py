@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -12,12 +14,18 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
-from desim_uav.env.compiled import Compiled, CompiledSession
+from desim_uav.engine.compiled import calls
+from desim_uav.env.compiled import (
+    COUNTED,
+    MEASURED,
+    CompiledSession,
+    Outputs,
+    out_of_range,
+    whole_numbers,
+)
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
-from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import action_space, features, observation_space
-from desim_uav.world import World, build_world
 
 
 class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
@@ -78,20 +86,37 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         self.autoreset_mode = _mode(autoreset_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
         chosen = configured(scenario, config, world_seed)
-        worlds = _Worlds()
-        sessions = [
-            CompiledSession(chosen, worlds=worlds, starts=k == 0, ahead=False)
-            for k in range(num_envs)
-        ]
-        self.compiled = Compiled(sessions, min(threads, num_envs))
-        self.screens = [Screen(session, render_mode) for session in sessions]
-        world, drones = sessions[0].world, chosen.drones.count
-        self.single_observation_space = observation_space(features(world) * drones)
-        self.single_action_space = action_space(len(world.actions), drones)
+        first = CompiledSession(chosen, draws_ahead=False)
+        others = [CompiledSession(chosen, first.world, False) for _ in range(num_envs - 1)]
+        self.sessions = [first, *others]
+        self.threads = min(threads, num_envs)
+        self.screens = [Screen(session, render_mode) for session in self.sessions if render_mode]
+        self.single_observation_space = observation_space(features(first.world) * first.drones)
+        self.single_action_space = action_space(len(first.world.actions), first.drones)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self._all = np.ones(num_envs, np.bool_)
-        self._begun = np.zeros(num_envs, np.bool_)
+        self._set_up()
+
+    def _set_up(self) -> None:
+        """Make the arrays and threads, which are this object's own."""
+        self.outputs = Outputs.of(self.sessions[0], self.num_envs)
+        for k, session in enumerate(self.sessions):
+            session.write_to(self.outputs, k)
+        self._seeds = np.array([session.seeds() for session in self.sessions])
+        bounds = np.linspace(0, self.num_envs, self.threads + 1).astype(int).tolist()
+        self._shares = [slice(*pair) for pair in pairwise(bounds)]
+        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return everything except arrays and threads, which a copy makes again."""
+        own = ("outputs", "_seeds", "_shares", "_pool")
+        return {key: part for key, part in vars(self).items() if key not in own}
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        """Take what was kept, with arrays and threads of this object's own."""
+        vars(self).update(kept)
+        self._set_up()
 
     def reset(
         self,
@@ -106,19 +131,15 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         is still s + k, or the list's entry k. There are no other options. Raises gymnasium's Error
         for a mask of another kind or shape, or one that names no environment.
         """
-        which = self._named(options)
-        count = self.num_envs
-        if seed is None:
-            seeds: list[int | None] = [None] * count
-        elif isinstance(seed, int | np.integer):
-            seeds = [int(seed) + k for k in range(count)]
+        which = self._reset_mask(options)
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds = [None if seed is None else int(seed) + k for k in range(self.num_envs)]
         else:
             seeds = list(seed)
-        if len(seeds) != count:
-            raise error.Error(f"there are {len(seeds)} seeds for {count} environments")
-        self.compiled.begin(which, seeds)
-        self._begun |= which
-        return self._observations(), _infos(self.compiled.info(), which)
+        if len(seeds) != self.num_envs:
+            raise error.Error(f"there are {len(seeds)} seeds for {self.num_envs} environments")
+        self._begin(which, seeds)
+        return self._observations(), self.infos(which)
 
     def step(
         self, actions: NDArray[Any]
@@ -131,29 +152,37 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         ``AutoresetMode.DISABLED``, after the end of its episode, and ActionError for an invalid
         action. No environment is stepped in these cases.
         """
-        compiled = self.compiled
-        over = compiled.over[:, 0] | compiled.over[:, 1]
+        over = self._over()
         self._require_episodes(over)
-        commands = compiled.commands(actions)
-        compiled.step(commands, np.logical_not(over))
+        self._advance(whole_numbers(actions, (self.num_envs, self.sessions[0].drones)), ~over)
         if over.any():
             self._begin(over)
-            compiled.rewards[over] = 0.0
-        rewards, terminated = compiled.rewards.copy(), compiled.over[:, 0].copy()
-        truncated = compiled.over[:, 1].copy()
+        rewards = self.outputs.rewards[:, 0].copy()
+        terminated, truncated = self.outputs.over[:, :2].T.copy()
         final: dict[str, Any] = {}
         if self.autoreset_mode is AutoresetMode.SAME_STEP:
-            ended = terminated | truncated
+            ended = self._over()
             if ended.any():
                 final = self._final(ended)
                 self._begin(ended)
-        return (
-            self._observations(),
-            rewards,
-            terminated,
-            truncated,
-            {**final, **_infos(compiled.info(), self._all)},
-        )
+        infos = {**final, **self.infos(self._all)}
+        return self._observations(), rewards, terminated, truncated, infos
+
+    def infos(self, which: NDArray[np.bool_]) -> dict[str, Any]:
+        """Return the present infos in Gymnasium's form.
+
+        Next to each key stands ``which``, the mask of the environments that have it; the entries
+        of the others are 0.
+        """
+        numbers, seeds = self.outputs.numbers.T.copy(), self._seeds.T.copy()
+        measures, counts, terms = numbers[:MEASURED], numbers[MEASURED:COUNTED], numbers[COUNTED:]
+        columns = (*measures, *seeds, *counts.astype(np.int64), *terms)
+        arrays = dict(zip(self.sessions[0].keys, columns, strict=True))
+        infos: dict[str, Any] = {}
+        for key, array in {**arrays, "action_mask": self.outputs.masks.copy()}.items():
+            array[~which] = 0
+            infos[key], infos[f"_{key}"] = array, which.copy()
+        return infos
 
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return the frame of each environment, (height, width, 3), or None without render mode."""
@@ -164,14 +193,15 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the masks, bool (num_envs, drones * actions)."""
-        return self.compiled.masks.astype(np.bool_)
+        return self.outputs.masks.astype(np.bool_)
 
     def close_extras(self, **kwargs: Any) -> None:
         """Stop the threads. Gymnasium below 1.3 also closes an environment that was not made."""
-        if hasattr(self, "compiled"):
-            self.compiled.close()
+        pool = getattr(self, "_pool", None)
+        if pool is not None:
+            pool.shutdown()
 
-    def _named(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
+    def _reset_mask(self, options: dict[str, Any] | None) -> NDArray[np.bool_]:
         """Return the mask of the environments that a reset concerns."""
         if not options or "reset_mask" not in options:
             return self._all
@@ -183,30 +213,57 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
             )
         return mask
 
+    def _over(self) -> NDArray[np.bool_]:
+        """Return a mask of the environments whose episodes are over."""
+        over: NDArray[np.bool_] = self.outputs.over[:, 0] | self.outputs.over[:, 1]
+        return over
+
     def _require_episodes(self, over: NDArray[np.bool_]) -> None:
         """Raise ResetNeeded if there is an environment that cannot be stepped."""
-        if not self._begun.all():
-            which = np.flatnonzero(~self._begun).tolist()
+        waiting = self._seeds[:, 2] < 0
+        if waiting.any():
+            which = np.flatnonzero(waiting).tolist()
             raise error.ResetNeeded(f"call reset first: no episode has begun in {which}")
         if self.autoreset_mode is AutoresetMode.DISABLED and over.any():
             which = np.flatnonzero(over).tolist()
             raise error.ResetNeeded(f"call reset first: the episode is over in {which}")
 
-    def _begin(self, which: NDArray[np.bool_]) -> None:
-        self.compiled.begin(which, [None] * self.num_envs)
+    def _begin(self, which: NDArray[np.bool_], seeds: Sequence[int | None] | None = None) -> None:
+        """Begin the next episode of the environments ``which``; with seeds, new runs."""
+        for k in np.flatnonzero(which).tolist():
+            session = self.sessions[k]
+            session.reset(None if seeds is None else seeds[k])
+            self._seeds[k] = session.seeds()
+
+    def _advance(self, commands: NDArray[np.int64], which: NDArray[np.bool_]) -> None:
+        """Give the environments ``which`` their commands, and run each to its next epoch."""
+        world, table = self.sessions[0].world, self.outputs.addresses
+        if self._pool is None:
+            stopped = calls.step_all(table, commands, which)
+        elif commands.min() < 0 or commands.max() >= len(world.actions):
+            stopped = -1  # before any thread has begun
+        else:
+            arrays = table, commands, which
+            parts = [[array[share] for share in self._shares] for array in arrays]
+            stopped = sum(self._pool.map(calls.step_all, *parts))
+        if stopped < 0:
+            raise out_of_range(commands, world)
+        if stopped > 0:
+            for k in np.flatnonzero(self.outputs.over[:, 2]).tolist():
+                self.sessions[k].go_on()
 
     def _observations(self) -> NDArray[Any]:
-        return self.compiled.values.astype(self.compiled.dtype)
+        return self.outputs.observations.astype(self.sessions[0].dtype)
 
     def _final(self, ended: NDArray[np.bool_]) -> dict[str, Any]:
         """Return the last observations and infos of ended episodes, under Gymnasium's keys."""
         observations = np.full(self.num_envs, None, object)
-        for k, shown in zip(ended.nonzero()[0], self._observations()[ended], strict=True):
-            observations[k] = shown
+        for k, last in zip(ended.nonzero()[0], self._observations()[ended], strict=True):
+            observations[k] = last
         return {
             "final_obs": observations,
             "_final_obs": ended.copy(),
-            "final_info": _infos(self.compiled.info(), ended),
+            "final_info": self.infos(ended),
             "_final_info": ended.copy(),
         }
 
@@ -218,29 +275,3 @@ def _mode(mode: AutoresetMode | str) -> AutoresetMode:
     except ValueError as problem:
         modes = ", ".join(repr(one.value) for one in AutoresetMode)
         raise error.Error(f"autoreset_mode {mode!r}: must be one of {modes}") from problem
-
-
-def _infos(told: dict[str, NDArray[Any]], which: NDArray[np.bool_]) -> dict[str, Any]:
-    """Return infos in Gymnasium's form: next to each key, a mask of the environments that have it.
-
-    The entries of the other environments are 0.
-    """
-    infos: dict[str, Any] = {}
-    for key, array in told.items():
-        array[~which] = 0
-        infos[key], infos[f"_{key}"] = array, which.copy()
-    return infos
-
-
-class _Worlds:
-    """Builds worlds, and lets environments with the same world seed share one."""
-
-    def __init__(self) -> None:
-        self._shared: tuple[int, World] | None = None
-
-    def __call__(self, scenario: Scenario, seed: int) -> World:
-        if scenario.world_seed is None:
-            return build_world(scenario, seed)
-        if self._shared is None or self._shared[0] != seed:
-            self._shared = seed, build_world(scenario, seed)
-        return self._shared[1]

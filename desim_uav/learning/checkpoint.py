@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from desim_uav import array_file
 from desim_uav.engine.base import CarriedDrone
 from desim_uav.errors import PolicyError
-from desim_uav.learning.training import Memory, Progress
+from desim_uav.learning.training import Decision, Memory, Progress
 from desim_uav.model.rules import Mode
 
 FORMAT = 2
@@ -57,7 +57,7 @@ def read(path: Path, q_shape: tuple[int, ...] | None = None) -> Checkpoint:
             int(about["episode"]),
             arrays["q"],
             tuple(arrays["sums"].tolist()),
-            tuple(None if p is None else (p[0], p[1], p[2], p[3]) for p in about["pending"]),
+            tuple(Decision(*(decision or ())) for decision in about["pending"]),
             None if carried is None else tuple(map(_drone, carried)),
         )
         return Checkpoint(str(about["identity"]), memory, _progress(arrays["rows"]))

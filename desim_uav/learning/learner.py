@@ -1,173 +1,155 @@
-"""One independent learner: a drone's Q-tables, and the decision it has still to learn from."""
+"""What a learner does, from decision to decision, and the loop in which drones learn.
+
+Steps in which a drone has no choice (it returns, queues, charges or has crashed) belong to the
+decision before them: that decision gains their discounted rewards, and the value of the next
+decision, k steps later, is multiplied by γ^k. The value of a return is thus that of the full
+battery to which it leads.
+
+Python runs these functions as they stand, with any engine, observation and algorithm, and compiled
+training has them compiled (see ``learning.fused``).
+"""
 
 from __future__ import annotations
 
-import inspect
+import math
 from collections.abc import Sequence
-from functools import cache
-from typing import Any, Protocol, cast
+from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
+from desim_uav.learning.rows import Episode, Learner, value_of
+from desim_uav.model.compiled_rows import call
+from desim_uav.model.kernels import rule
 
-from desim_uav.errors import ScenarioError
-from desim_uav.learning.exploration import epsilon_greedy, value_of
-from desim_uav.registry import resolve
-
-UPDATE = (
-    *("q", "state", "action", "gained", "discount", "next_state", "allowed", "next_action"),
-    *("epsilon", "alpha", "coin"),
-)
-MOST_TABLES = 16
+Law = tuple[float, float, float]
+"""What holds for an episode: ε, α, and whether (1) the next one begins at the drones' starts."""
 
 
-class Algorithm(Protocol):
-    """A learning algorithm: the number of its ``tables``, and the kernel that updates them.
+@rule
+def play(engine: Any, episode: Episode, law: Law) -> None:
+    """Play an episode and learn in it."""
+    learners = episode.learners
+    for d in range(len(learners)):
+        learners[d].rewards = 0.0
+        learners[d].lesson.epsilon, learners[d].lesson.alpha = law[0], law[1]
+    begin(engine, episode)
+    while not (episode.terminated or episode.truncated):
+        for d in range(len(learners)):
+            decide(learners[d])
+        step(engine, episode)
+        for d in range(len(learners)):
+            gain(learners[d])
+    if episode.terminated or law[2]:
+        for d in range(len(learners)):
+            close(episode, learners[d])
 
-    ``update(q, state, action, gained, discount, next_state, allowed, next_action, epsilon, alpha,
-    coin)`` changes ``q`` (tables, states, actions) in place. ``gained`` is the discounted reward
-    of ``action`` in ``state`` until the next decision, whose value is multiplied by ``discount``.
-    In ``next_state`` the actions ``allowed`` can be taken, and ``next_action`` is. ``coin`` is
-    uniform in [0, 1).
+
+def begin(engine: Any, episode: Episode) -> None:
+    """Begin an episode in an engine, and show the learners its first decision epoch."""
+    engine.begin(episode)
+
+
+def step(engine: Any, episode: Episode) -> None:
+    """Give the drones their commands, and show the learners the next decision epoch."""
+    engine.step(episode)
+
+
+@rule
+def decide(learner: Learner) -> None:
+    """Command a drone what it chooses, or the only action that is allowed."""
+    if learner.decides:
+        act(learner)
+    else:
+        learner.command = nth_allowed(learner.lesson.allowed, 0)
+        if learner.lost:
+            conclude(learner)
+
+
+@rule
+def act(learner: Learner) -> None:
+    """Choose an action, and learn from the decision before it."""
+    lesson = learner.lesson
+    lesson.next_action = epsilon_greedy(learner)
+    learn(learner)
+    lesson.state, lesson.action = lesson.next_state, lesson.next_action
+    lesson.gained, lesson.discount = 0.0, 1.0
+    learner.command = lesson.action
+
+
+@rule
+def epsilon_greedy(learner: Learner) -> int:
+    """Return an allowed action for the next state: with probability ε a random one, else the best.
+
+    Of equally good actions, the first one is the best.
     """
+    lesson, allowed = learner.lesson, learner.lesson.allowed
+    if learner.explore < lesson.epsilon:
+        count = 0
+        for action in range(len(allowed)):
+            count += int(allowed[action])
+        return nth_allowed(allowed, int(learner.which * count))
+    best, best_value = -1, -math.inf
+    for action in range(len(allowed)):
+        if allowed[action]:
+            value = value_of(learner.q, lesson.next_state, action)
+            if best < 0 or value > best_value:
+                best, best_value = action, value
+    return best
 
-    tables: int
-    update: Any
+
+@rule
+def nth_allowed(allowed: Sequence[int], nth: int) -> int:
+    """Return the allowed action that has ``nth`` others before it."""
+    for action in range(len(allowed)):
+        if allowed[action]:
+            if nth == 0:
+                return action
+            nth -= 1
+    return -1  # every drone is allowed some action
 
 
-def load_algorithm(name: str) -> Algorithm:
-    """Return a built-in algorithm, or one of a class ``"package.module:Class"``.
+@rule
+def gain(learner: Learner) -> None:
+    """Add the reward of a step that has ended to what the open decision has gained."""
+    lesson = learner.lesson
+    lesson.gained += lesson.discount * learner.reward
+    lesson.discount *= learner.gamma
+    learner.rewards += learner.reward
 
-    Raises ScenarioError if there is no such algorithm, or if its ``update`` is unsuitable.
+
+@rule
+def close(episode: Episode, learner: Learner) -> None:
+    """Learn from an open decision at the end of an episode whose drones are not carried over.
+
+    A drone that could choose an action now learns with the value of its last state. Nothing is
+    learned from the decision of a drone that returns, charges or waits to be replaced, because
+    its gain is not known.
     """
-    try:
-        algorithm: Any = resolve("algorithm", name)
-    except ValueError as error:
-        raise ScenarioError(f"learning.algorithm: {error}") from error
-    tables, update = getattr(algorithm, "tables", 0), getattr(algorithm, "update", None)
-    if type(tables) is not int or not 1 <= tables <= MOST_TABLES or not callable(update):
-        raise ScenarioError(
-            f"learning.algorithm: {name!r} is not an algorithm: it needs 'tables', their number "
-            f"(at most {MOST_TABLES}), and 'update', a function"
-        )
-    try:
-        inspect.signature(update).bind(*UPDATE)
-    except TypeError as error:
-        raise ScenarioError(
-            f"learning.algorithm: {name!r}: its 'update' must take {', '.join(UPDATE)} ({error})"
-        ) from error
-    return cast(Algorithm, algorithm)
+    if episode.terminated or learner.lost:
+        conclude(learner)
+    elif learner.decides:
+        act(learner)
+    forget(learner)
 
 
-Decision = tuple[int, int, float, float]
-"""A decision to learn from: state, action, discounted reward so far, and discount so far."""
+@rule
+def conclude(learner: Learner) -> None:
+    """Learn from the open decision at a terminal state, which has no value."""
+    lesson = learner.lesson
+    lesson.discount = 0.0
+    lesson.next_state, lesson.next_action = 0, nth_allowed(lesson.allowed, 0)
+    learn(learner)
+    forget(learner)
 
 
-class Learner:
-    """A drone's tables ``q`` (tables, states, actions), updated from decision to decision.
-
-    ``sum`` is the sum of all values, which each update keeps up to date.
-
-    Steps in which a drone has no choice (it returns, queues, charges or has crashed) belong to the
-    decision before them: that decision gains their discounted rewards, and the value of the next
-    decision, k steps later, is multiplied by γ^k. The value of a return is thus that of the full
-    battery to which it leads.
-    """
-
-    def __init__(self, algorithm: Algorithm, gamma: float, q: NDArray[np.float32]) -> None:
-        self.update = algorithm.update
-        self.gamma = gamma
-        self.q = q
-        self.sum = float(q.sum(dtype=np.float64))
-        self.forget()
-
-    def forget(self) -> None:
-        """Forget the decision that is still to be learned from."""
-        self.pending: tuple[int, int] | None = None
-        self.gained = 0.0
-        self.discount = 1.0
-
-    def open_decision(self) -> Decision | None:
-        """The decision that is still to be learned from, or None."""
-        if self.pending is None:
-            return None
-        return (*self.pending, self.gained, self.discount)
-
-    def reopen(self, decision: Decision | None) -> None:
-        """Take this decision as the one that is still to be learned from."""
-        self.forget()
-        if decision is not None:
-            state, action, self.gained, self.discount = decision
-            self.pending = state, action
-
-    def act(
-        self,
-        state: int,
-        mask: Sequence[bool],
-        epsilon: float,
-        alpha: float,
-        draws: Sequence[float],
-    ) -> int:
-        """Choose an action, and learn from the previous decision; ``draws``: three in [0, 1)."""
-        allowed = as_array(mask)
-        explore, which, coin = draws
-        action = epsilon_greedy(self.q, state, allowed, epsilon, explore, which)
-        self._learn(state, allowed, action, epsilon, alpha, coin)
-        self.pending = state, action
-        self.gained = 0.0
-        self.discount = 1.0
-        return action
-
-    def gain(self, reward: float) -> None:
-        """Add the reward of a step that has ended to the decision's gain."""
-        self.gained += self.discount * reward
-        self.discount *= self.gamma
-
-    def bootstrap(
-        self,
-        state: int,
-        mask: Sequence[bool],
-        epsilon: float,
-        alpha: float,
-        draws: Sequence[float],
-    ) -> None:
-        """Learn from the open decision at a truncation, with the value of the last state."""
-        self.act(state, mask, epsilon, alpha, draws)
-        self.forget()
-
-    def conclude(self, mask: Sequence[bool], alpha: float, coin: float) -> None:
-        """Learn from the open decision at a terminal state, which has no value."""
-        self.discount = 0.0
-        self._learn(0, as_array(mask), int(np.argmax(mask)), 0.0, alpha, coin)
-        self.forget()
-
-    def _learn(
-        self,
-        state: int,
-        allowed: NDArray[np.bool_],
-        action: int,
-        epsilon: float,
-        alpha: float,
-        coin: float,
-    ) -> None:
-        if self.pending is not None:
-            before = value_of(self.q, *self.pending)
-            self.update(
-                self.q,
-                *self.pending,
-                self.gained,
-                self.discount,
-                state,
-                allowed,
-                action,
-                epsilon,
-                alpha,
-                coin,
-            )
-            self.sum += value_of(self.q, *self.pending) - before
+@rule
+def forget(learner: Learner) -> None:
+    """Forget the open decision."""
+    lesson = learner.lesson
+    lesson.state, lesson.action = -1, -1
+    lesson.gained, lesson.discount = 0.0, 1.0
 
 
-@cache
-def as_array(mask: tuple[bool, ...]) -> NDArray[np.bool_]:
-    """Return a mask as an array, for a kernel."""
-    return np.array(mask)
+@rule
+def learn(learner: Learner) -> None:
+    """Update the tables by the open decision, if there is one."""
+    if learner.lesson.state >= 0:
+        call(learner.update, (learner.q, learner.lesson))

@@ -3,26 +3,30 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from math import isnan
-from typing import NamedTuple
+from collections.abc import Iterable, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
+from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.compiled import BatchSimulation
-from desim_uav.errors import PolicyError, UsageError
+from desim_uav.errors import PolicyError, SimulationError, UsageError
 from desim_uav.learning import fused
+from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.initial_q import initial_q
-from desim_uav.learning.learner import Decision, Learner, load_algorithm
+from desim_uav.learning.learner import Law, forget, play
+from desim_uav.learning.readable import Readable
+from desim_uav.learning.rows import Episode, Learner, Values
+from desim_uav.model.components import cause_of
 from desim_uav.model.observations import Feature, table_row, table_sizes
-from desim_uav.model.rules import DECIDES, Mode
-from desim_uav.model.state import Observation, Snapshot
+from desim_uav.model.rows import Table, View, blank, fill, packed
 from desim_uav.model.streams import Purpose, Streams, uniforms_of
+from desim_uav.notices import notice
 from desim_uav.registry import naming_plug_ins
-from desim_uav.rules.observations import Position
 from desim_uav.sample_path import at_once, draw, draw_all
 from desim_uav.world import World
 
@@ -31,6 +35,15 @@ FIRST_PATH = 2**24
 
 LARGEST_TABLE = 2**29
 DRAWS = 3
+
+
+class Decision(NamedTuple):
+    """A decision that a drone has still to learn from (see ``Lesson``); none by default."""
+
+    state: int = -1
+    action: int = -1
+    gained: float = 0.0
+    discount: float = 1.0
 
 
 class Progress(NamedTuple):
@@ -48,25 +61,30 @@ class Progress(NamedTuple):
     crashes: int
 
 
+made = partial(tuple.__new__, Progress)
+"""Make a Progress of a tuple of all its fields."""
+
+
 class Memory(NamedTuple):
     """The state of a training between two episodes, on which all later episodes depend.
 
     ``q``: (drones, tables, states, actions), with each drone's sum of its values. ``pending``: the
-    decision that each drone has still to learn from, or None: state, action, discounted reward and
-    discount so far.
+    decision that each drone has still to learn from.
     """
 
     episode: int
     q: NDArray[np.float32]
     sums: tuple[float, ...]
-    pending: tuple[Decision | None, ...]
+    pending: tuple[Decision, ...]
     carried: Carried | None
 
 
 class Training:
     """A training of independent learners without communication, on one seed.
 
-    Raises UsageError if a table cannot have the states of the scenario's observation.
+    Learners, engine and decisions are compiled into one kernel (``fuses``) if engine, observation
+    and algorithm are; else Python runs the learners. Raises UsageError if a table cannot have the
+    states of the scenario's observation.
     """
 
     def __init__(self, world: World, seed: int, engine: str = "des") -> None:
@@ -82,7 +100,6 @@ class Training:
         count = scenario.drones.count
         settings = RunSettings((True,) * count, self.carries_over, keep_steps=False)
         self.engine = make_engine(engine, world, settings)
-        self.encode = scenario.observation.encode
         states, actions = math.prod(self.sizes), len(world.actions)
         self.q = np.empty((count, algorithm.tables, states, actions), np.float32)
         streams = Streams(seed, Purpose.LEARNER)
@@ -92,215 +109,150 @@ class Training:
                 table[:] = initial_q(
                     self.settings.initial_q, self.features, world.actions, world.facts, rng
                 )
-        self.learners = [Learner(algorithm, self.settings.gamma, tables) for tables in self.q]
-        self.sums = self.settings.algorithm in fused.ALGORITHMS
         self.together = at_once(world)
-        self.fuses = (
-            isinstance(self.engine, BatchSimulation)
-            and self.sums
-            and type(scenario.observation) is Position
-        )
+        update = self._compiled(algorithm)
+        self.fuses = update != 0
+        self.episode_row: Any = self._episode_row(update or algorithm.update)
+        if self.fuses:
+            self.memory = packed(self.episode_row)
+            self.episode_row = View(self.memory, Episode)
+        self.learners = self.episode_row.learners
+
+    def _compiled(self, algorithm: Any) -> int:
+        """Return the address of the algorithm if it is compiled with the engine, or 0."""
+        engine = self.engine
+        if not isinstance(engine, BatchSimulation) or "observation" not in engine.fixed.components:
+            return 0
+        try:
+            return fused.compiled_update(algorithm)
+        except NumbaError as error:
+            name, why = self.settings.algorithm, cause_of(error, None)
+            notice(f"learning.algorithm: {name!r} is not compiled, so training is slower: {why}")
+            return 0
+
+    def _episode_row(self, update: Any) -> Episode:
+        """Return an episode before the first one; ``update``: the algorithm, or its address."""
+        made = blank(Episode)
+        made.sizes = Table(self.sizes)
+        for q in self.q:
+            learner: Any = blank(Learner)
+            entries = q.ctypes.data if self.fuses else q.data
+            learner.q = fill(Values, (entries, *q.shape, float(q.sum(dtype=np.float64))))
+            learner.lesson.allowed = Table([0] * q.shape[2])
+            learner.gamma, learner.update = self.settings.gamma, update
+            forget(learner)
+            made.learners.append(learner)
+        return made
 
     @naming_plug_ins()
     def play(self, most: int = 1) -> list[Progress]:
         """Learn in the next episode, or in up to ``most``; return a row per episode and drone."""
-        if self.fuses:
-            return self._play_fused(min(most, self.together))
-        epsilon, alpha = self._law(self.episode)
-        number = FIRST_PATH + self.episode
-        shown = self.engine.reset(draw(self.world, self.seed, number))
-        draws = self._draws(number)
-        rewards = [0.0] * len(self.learners)
-        while not (shown.terminated or shown.truncated):
-            shown = self.engine.step(self._decide(shown, draws[shown.step], epsilon, alpha))
-            for drone, reward in enumerate(shown.rewards):
-                self.learners[drone].gain(reward)
-                rewards[drone] += reward
-        measures, crashed = self.engine.measures(), self.engine.log.crashed
-        self.episode += 1
-        if shown.terminated or not self._goes_on(self.episode):
-            self._close(shown, draws[shown.step], epsilon, alpha)
-            self.engine.carry(None)
-        gained = [(reward, self._mean_q(drone)) for drone, reward in enumerate(rewards)]
-        fallen = [crashed.count(drone) for drone in range(len(rewards))]
-        return _rows([number - FIRST_PATH], [(epsilon, alpha)], [gained], [measures], [fallen])
-
-    def _play_fused(self, count: int) -> list[Progress]:
-        """Learn in ``count`` episodes in compiled code; return a row per episode and drone."""
-        engine, drones = self.engine, len(self.learners)
-        assert isinstance(engine, BatchSimulation)
+        count = min(most, self.together) if self.fuses else 1
         episodes = range(self.episode, self.episode + count)
-        numbers = [FIRST_PATH + episode for episode in episodes]
+        laws = self._laws(episodes)
+        learn = self._learn_compiled if self.fuses else self._learn
+        told = learn([FIRST_PATH + episode for episode in episodes], laws)
+        self.episode += count
+        if self.engine.terminated or laws[-1][2]:
+            self.engine.carry(None)
+        size = self.q[0].size
+        if any(math.isnan(learner.q.sum) for learner in self.learners):
+            raise SimulationError(
+                f"learning.algorithm: {self.settings.algorithm!r} has learned values that are not "
+                "finite, or used values outside its tables"
+            )
+        return [
+            made((episode, drone, reward, epsilon, alpha, total / size, *qoe, int(crashes)))
+            for episode, (epsilon, alpha, _), drones in zip(episodes, laws, told, strict=True)
+            for drone, (reward, total, *qoe, crashes) in enumerate(drones)
+        ]
+
+    def _learn(self, numbers: list[int], laws: list[Law]) -> list[Any]:
+        """Learn in an episode; return the results of each drone (see ``fused.TOLD``)."""
+        (number,), draws = numbers, self._draws(numbers)[0].swapaxes(0, 1).tolist()
+        engine = Readable(self.engine, draw(self.world, self.seed, number), draws)
+        play(engine, self.episode_row, laws[0])
+        measures, crashed = self.engine.measures(), self.engine.log.crashed
+        return [
+            [
+                (learner.rewards, learner.q.sum, *measures, crashed.count(drone))
+                for drone, learner in enumerate(self.learners)
+            ]
+        ]
+
+    def _learn_compiled(self, numbers: list[int], laws: list[Law]) -> list[Any]:
+        """Learn in episodes in compiled code; return the results by episode and drone."""
+        engine = self.engine
+        assert isinstance(engine, BatchSimulation)
         paths, starts = engine.prepare(draw_all(self.world, self.seed, numbers))
-        waiting = [learner.open_decision() or (-1, -1, 0.0, 1.0) for learner in self.learners]
-        pending = np.array([decision[:2] for decision in waiting], np.int64)
-        sums = [(learner.sum,) for learner in self.learners]
-        due = np.array([(*decision[2:], *s) for decision, s in zip(waiting, sums, strict=True)])
-        laws = [self._law(episode) for episode in episodes]
-        told, crashes = np.zeros((count, drones, 5)), np.zeros((count, drones), np.int64)
+        told = np.zeros((len(numbers), len(self.learners), fused.TOLD))
         fused.play(
             engine.fixed.at,
             paths.ctypes.data + 8 * starts,
             engine.state.ctypes.data,
-            fused.ALGORITHMS.index(self.settings.algorithm),
-            self.q,
-            self._sizes(),
+            self.memory.ctypes.data,
             np.array(laws),
-            self.settings.gamma,
-            self._drawn(numbers),
-            pending,
-            due,
-            np.array([not self._goes_on(episode + 1) for episode in episodes]),
+            self._draws(numbers),
             told,
-            crashes,
-            np.empty(len(self.world.actions), np.bool_),
         )
         engine.check()
-        for learner, decision, (*worth, total) in zip(
-            self.learners, pending.tolist(), due.tolist(), strict=True
-        ):
-            state, action = decision
-            learner.reopen(None if state < 0 else (state, action, *worth))
-            learner.sum = total
-        self.episode += count
-        if engine.terminated or not self._goes_on(self.episode):
-            engine.carry(None)
-        told[:, :, 1] /= self.q[0].size
-        gained, qoe = told[:, :, :2].tolist(), told[:, 0, 2:].tolist()
-        return _rows(episodes, laws, gained, qoe, crashes.tolist())
+        if self.episode_row.lost:
+            for code in engine.features():
+                table_row(code, self.sizes)
+        missing = np.isnan(told)
+        if missing.any():
+            told = told.astype(object)
+            told[missing] = None  # of measures
+        return told.tolist()
 
-    def _law(self, episode: int) -> tuple[float, float]:
-        """Return ε and α of an episode."""
-        return self.settings.epsilon.at(episode), self.settings.alpha.at(episode)
+    def _laws(self, episodes: Iterable[int]) -> list[Law]:
+        """Return what holds for episodes (see ``Law``)."""
+        epsilon, alpha = self.settings.epsilon, self.settings.alpha
+        every = self.settings.restart_every if self.carries_over else 1
+        return [
+            (epsilon.at(k), alpha.at(k), float(every is not None and (k + 1) % every == 0))
+            for k in episodes
+        ]
 
-    def _sizes(self) -> NDArray[np.int64]:
-        """Return the numbers of levels and minutes in the paper's state, 0 if it has none."""
-        sizes = {feature.name: int(feature.high) + 1 for feature in self.features}
-        return np.array([sizes.get("level", 0), sizes.get("battery_min", 0)])
-
-    def _goes_on(self, episode: int) -> bool:
-        """Return whether an episode begins with the drones where the previous one left them."""
-        restart_every = self.settings.restart_every
-        restarts = restart_every is not None and episode % restart_every == 0
-        return self.carries_over and not restarts
+    def _draws(self, numbers: Sequence[int]) -> NDArray[np.float64]:
+        """Draw the numbers of the choices in episodes: (episodes, drones, epochs, 3), in [0, 1)."""
+        count, epochs = len(self.learners), self.world.scenario.episode.steps + 1
+        drawn = uniforms_of(self.seed, Purpose.LEARNER, numbers, count, epochs * DRAWS)
+        return drawn.reshape(-1, count, epochs, DRAWS)
 
     def remember(self) -> Memory:
         """Return the state on which all later episodes depend."""
+        lessons = [learner.lesson for learner in self.learners]
         return Memory(
             self.episode,
             self.q.copy(),
-            tuple(learner.sum for learner in self.learners),
-            tuple(learner.open_decision() for learner in self.learners),
+            tuple(learner.q.sum for learner in self.learners),
+            tuple(Decision(one.state, one.action, one.gained, one.discount) for one in lessons),
             self.engine.carried(),
         )
 
     def recall(self, memory: Memory) -> None:
         """Continue from the state of another training in the same world on the same seed.
 
-        Raises ValueError if the state does not fit.
+        Raises PolicyError if the state does not fit.
         """
         learners = len(self.learners)
         if memory.q.shape != self.q.shape or {len(memory.pending), len(memory.sums)} != {learners}:
             raise PolicyError(f"the table must have the shape {self.q.shape}, not {memory.q.shape}")
         states, actions = self.q.shape[2:]
-        for decision in memory.pending:
-            if decision is not None and not (
-                0 <= decision[0] < states and 0 <= decision[1] < actions
-            ):
+        for state, action, *_ in memory.pending:
+            if state != -1 and not (0 <= state < states and 0 <= action < actions):
                 raise PolicyError(
-                    f"the table does not have the state and action of the decision {decision[:2]}"
+                    f"the table does not have the state and action of the decision {state, action}"
                 )
         self.episode = memory.episode
         self.q[:] = memory.q
         for learner, decision, total in zip(
             self.learners, memory.pending, memory.sums, strict=True
         ):
-            learner.reopen(decision)
-            learner.sum = total
+            lesson, learner.q.sum = learner.lesson, total
+            lesson.state, lesson.action, lesson.gained, lesson.discount = decision
         self.engine.carry(memory.carried)
-
-    def _decide(
-        self, shown: Snapshot, draws: list[list[float]], epsilon: float, alpha: float
-    ) -> list[int]:
-        """Return a command for each drone: its own choice, or the only one that is allowed."""
-        commands = []
-        for learner, seen, mask, drawn in zip(
-            self.learners, shown.observations, shown.masks, draws, strict=True
-        ):
-            if seen.mode in DECIDES:
-                state = self._state(seen)
-                commands.append(learner.act(state, mask, epsilon, alpha, drawn))
-            else:
-                commands.append(mask.index(True))
-                if self._is_lost(seen):
-                    learner.conclude(mask, alpha, drawn[-1])
-        return commands
-
-    def _is_lost(self, seen: Observation) -> bool:
-        """Return whether this drone has crashed and will not be replaced."""
-        return seen.mode is Mode.CRASHED and self.world.on_crash == "remove"
-
-    def _close(
-        self, shown: Snapshot, draws: list[list[float]], epsilon: float, alpha: float
-    ) -> None:
-        """Learn from open decisions at the end of an episode whose drones are not carried over.
-
-        A drone that could choose an action now learns with the value of its last state. Nothing is
-        learned from the decision of a drone that returns, charges or waits to be replaced, because
-        its gain is not known.
-        """
-        for learner, seen, mask, drawn in zip(
-            self.learners, shown.observations, shown.masks, draws, strict=True
-        ):
-            if shown.terminated or self._is_lost(seen):
-                learner.conclude(mask, alpha, drawn[-1])
-            elif seen.mode in DECIDES:
-                learner.bootstrap(self._state(seen), mask, epsilon, alpha, drawn)
-            else:
-                learner.forget()
-
-    def _state(self, seen: Observation) -> int:
-        return table_row(self.encode(seen, self.world.facts), self.sizes)
-
-    def _draws(self, number: int) -> list[list[list[float]]]:
-        """Draw the numbers of an episode's choices: (epochs, drones, 3), uniform in [0, 1)."""
-        draws: list[list[list[float]]] = self._drawn([number])[0].swapaxes(0, 1).tolist()
-        return draws
-
-    def _drawn(self, numbers: Sequence[int]) -> NDArray[np.float64]:
-        """Draw the numbers of several episodes' choices: (episodes, drones, epochs, 3)."""
-        count, epochs = len(self.learners), self.world.scenario.episode.steps + 1
-        drawn = uniforms_of(self.seed, Purpose.LEARNER, numbers, count, epochs * DRAWS)
-        return drawn.reshape(-1, count, epochs, DRAWS)
-
-    def _mean_q(self, drone: int) -> float:
-        q = self.q[drone]
-        return self.learners[drone].sum / q.size if self.sums else float(q.mean(dtype=np.float64))
-
-
-def _rows(
-    episodes: Sequence[int],
-    laws: Sequence[tuple[float, float]],
-    gains: Sequence[Sequence[tuple[float, float]]],
-    measures: Sequence[Sequence[float | None]],
-    crashes: Sequence[Sequence[int]],
-) -> list[Progress]:
-    """Return a row per episode and drone; ``gains`` (episodes, drones, 2): reward, mean of Q."""
-    rows = []
-    for episode, law, gained, qoe, fallen in zip(
-        episodes, laws, gains, measures, crashes, strict=True
-    ):
-        one, two, three = map(_known, qoe)
-        for drone, (reward, mean_q) in enumerate(gained):
-            rows.append(
-                Progress(episode, drone, reward, *law, mean_q, one, two, three, fallen[drone])
-            )
-    return rows
-
-
-def _known(measure: float | None) -> float | None:
-    """Return a measure, or None if it is NaN."""
-    return None if measure is None or isnan(measure) else measure
 
 
 def table_features(world: World, tables: int = 1) -> tuple[Feature, ...]:

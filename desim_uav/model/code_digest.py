@@ -32,14 +32,16 @@ def code_digest(function: FunctionType) -> str:
     """Return the SHA-256 of a function and of every function it calls, directly or not.
 
     Docstrings, comments and line numbers do not count. What stands in compiled code in the place
-    of a function counts as called by it. If the functions are over rows, so do the layout of these
-    rows and the code by which rows are compiled.
+    of a function counts as called by it. If the functions are over rows, so do the layout and the
+    methods of these rows, and the code by which rows are compiled.
     """
     found: dict[FunctionType, str] = {}
     _reach(found, [function])
-    layouts = _layouts(found)
-    if layouts or RULES.intersection(found):
+    rows = _rows_of(found)
+    _reach(found, [of for row in rows for of in vars(row).values() if type(of) is FunctionType])
+    if rows or RULES.intersection(found):
         _reach(found, _functions_of(compiled_rows, numba_parts))
+    layouts = map(layout_of, rows)
     return hashlib.sha256("\n".join(sorted([*found.values(), *layouts])).encode()).hexdigest()
 
 
@@ -69,15 +71,13 @@ def _module_of(value: Any) -> str | None:
     return getattr(value, "__module__", None)
 
 
-def _layouts(functions: Iterable[FunctionType]) -> list[str]:
-    """Return the layouts of the rows that functions are over, as text.
+def _rows_of(functions: Iterable[FunctionType]) -> set[Any]:
+    """Return the classes of rows that functions are over.
 
-    These are the rows that stand in the modules of the functions, which need them at least for
-    their annotations.
+    These stand in the modules of the functions, which need them at least for their annotations.
     """
     spaces = {id(function.__globals__): function.__globals__ for function in functions}
-    rows = {value for space in spaces.values() for value in space.values() if is_row(value)}
-    return list(map(layout_of, rows))
+    return {value for space in spaces.values() for value in space.values() if is_row(value)}
 
 
 @cache

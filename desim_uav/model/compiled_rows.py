@@ -6,6 +6,7 @@ import hashlib
 import operator
 from typing import Any, get_origin
 
+import numpy as np
 from numba import extending
 
 from desim_uav.model.numba_parts import (
@@ -89,7 +90,8 @@ def _type_of(kind: Any) -> Any:
     return NUMBERS[kind]
 
 
-NUMBERS = {int: I64, float: F64, bool: types.int8}
+NUMBERS = {int: I64, float: F64, bool: types.int8, np.float32: types.float32}
+BYTES = {bool: 1, np.float32: 4}
 
 
 def _moved(builder: Any, base: Any, words: int) -> Any:
@@ -150,7 +152,7 @@ def _first_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 
 def _entry(context: Any, builder: Any, kind: Any, value: Any, k: Any) -> Any:
-    size = cgutils.intp_t(1 if kind.of is bool else 8 * width_of(kind.of))
+    size = cgutils.intp_t(BYTES.get(kind.of) or 8 * width_of(kind.of))
     first = _first_of(context, builder, kind, value)
     return builder.gep(first, [builder.mul(k, size)], inbounds=True)
 
@@ -310,6 +312,29 @@ def _remove(line: Any, value: Any) -> Any:
     return remove
 
 
+# ---- what a class of rows does for []
+
+
+@overload(operator.getitem)
+def _of_getitem(row: Any, place: Any) -> Any:
+    method: Any = getattr(row.cls, "__getitem__", None) if isinstance(row, Pointer) else None
+
+    def getitem(row: Any, place: Any) -> Any:
+        return method(row, place)
+
+    return method and getitem
+
+
+@overload(operator.setitem)
+def _of_setitem(row: Any, place: Any, value: Any) -> Any:
+    method: Any = getattr(row.cls, "__setitem__", None) if isinstance(row, Pointer) else None
+
+    def setitem(row: Any, place: Any, value: Any) -> None:
+        method(row, place, value)
+
+    return method and setitem
+
+
 # ---- functions whose addresses rows hold
 
 
@@ -422,7 +447,7 @@ def _room(line: Any) -> Any:
 def entries_at(of: Any) -> Any:
     """Return a function of compiled code that takes an address, and a count, for a table's entries.
 
-    ``of``: int, float, or bool for entries of one byte.
+    ``of``: int, float, bool for entries of one byte, or np.float32.
     """
 
     def at(typing_context: Any, address: Any, count: Any) -> Any:

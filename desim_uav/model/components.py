@@ -58,7 +58,7 @@ def values_of(component: Any) -> Row:
 def left_out(component: Any) -> list[str]:
     """Return the names of the fields that compiled code does not have."""
     known = type(values_of(component)).kinds
-    return [name for name in vars(component) if name not in known]
+    return [name for name in getattr(component, "__dict__", {}) if name not in known]
 
 
 @cache
@@ -88,7 +88,7 @@ CAUSES = ("Untyped global name", "Unknown attribute", "NameError", "nsupported",
 
 
 def cause_of(error: Exception, component: Any) -> str:
-    """Return in one line why Numba has not compiled a component over rows."""
+    """Return in one line why Numba has not compiled a component over rows; None: any function."""
     message = str(error)
     for name in left_out(component):
         if f"'{name}'" in message:

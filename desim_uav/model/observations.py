@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any, ClassVar, NamedTuple, Protocol
 
 from desim_uav.errors import SimulationError
+from desim_uav.model.kernels import rule
 from desim_uav.model.state import Facts, Observation
 
 
@@ -69,12 +70,21 @@ def table_row(code: Sequence[float], sizes: Sequence[int]) -> int:
 
     Raises SimulationError for a state that the table does not have.
     """
+    row = row_or_none(code, sizes)
+    if row < 0:
+        raise SimulationError(
+            f"observation: {tuple(code)} is outside the bounds of its features, which have "
+            f"{tuple(sizes)} values from 0"
+        )
+    return row
+
+
+@rule
+def row_or_none(code: Sequence[float], sizes: Sequence[int]) -> int:
+    """Return the row of a state in a table (see ``table_row``), or -1."""
     row = 0
-    for value, size in zip(code, sizes, strict=True):
-        if not 0 <= value < size:
-            raise SimulationError(
-                f"observation: {tuple(code)} is outside the bounds of its features, which have "
-                f"{tuple(sizes)} values from 0"
-            )
-        row = row * size + int(value)
+    for k in range(len(sizes)):
+        if not 0 <= code[k] < sizes[k]:
+            return -1
+        row = row * sizes[k] + int(code[k])
     return row

@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from PIL.ImageColor import getrgb
 
+from desim_uav.drawing import sprites
+from desim_uav.drawing.frame import HEIGHT, WIDTH, Painter
 from desim_uav.engine.base import Measures, UserState
-from desim_uav.env import sprites
-from desim_uav.env.frame import HEIGHT, WIDTH, Painter
 from desim_uav.errors import DesimError, MissingExtraError, UsageError
 from desim_uav.model.rules import US
 from desim_uav.model.state import Observation, Snapshot

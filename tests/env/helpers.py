@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from desim_uav.env import UavEnv, UavParallelEnv
-from desim_uav.env.registration import register_with_gymnasium
+from desim_uav.env.registration import register_envs
 
-register_with_gymnasium()
+register_envs()
 
 CASES = [f"case{number}" for number in range(1, 10)]
 

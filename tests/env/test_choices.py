@@ -54,7 +54,7 @@ def test_a_drone_that_cannot_choose_has_one_action():
     }
     for told in play_parallel(env, 6, seed=0):
         assert list(told[0]) == env.possible_agents
-        for seen, one in zip(env.session.shown.observations, told[0].values(), strict=True):
+        for seen, one in zip(env.session.snapshot.observations, told[0].values(), strict=True):
             met.add(seen.mode)
             if seen.mode in forced:
                 assert np.flatnonzero(one["action_mask"]).tolist() == [forced[seen.mode]]
@@ -103,7 +103,7 @@ def test_what_are_no_actions_of_agents(actions: dict[str, Any]):
     env.reset(seed=0)
     with pytest.raises(gymnasium.error.InvalidAction, match="action"):
         env.step(actions)
-    assert env.session.shown.step == 0
+    assert env.session.snapshot.step == 0
 
 
 @pytest.mark.parametrize(("make", "action"), [(UavEnv, 0), (UavParallelEnv, {"drone_0": 0})])

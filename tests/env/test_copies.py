@@ -58,7 +58,7 @@ WAYS: dict[str, Callable[[Any], Any]] = {
 
 def sessions_of(env: Any) -> list[Session]:
     vector = getattr(env.unwrapped, "vector", env.unwrapped)
-    return list(vector.compiled.sessions) if hasattr(vector, "compiled") else [env.session]
+    return list(vector.sessions) if hasattr(vector, "sessions") else [env.session]
 
 
 def turn(env: Any, rng: np.random.Generator) -> Any:
@@ -77,7 +77,7 @@ def _due(env: Any) -> bool:
     (first, *others) = sessions_of(env)
     if first.episode < 0:
         return True
-    return not others and (first.shown.terminated or first.shown.truncated)
+    return not others and (first.snapshot.terminated or first.snapshot.truncated)
 
 
 def _reset(env: Any) -> Any:
@@ -110,7 +110,7 @@ def _inside(session: Session) -> Any:
     engine = session.engine
     places = [place.tolist() for place in engine.positions_m()]
     log = (engine.log.episode, engine.log.crashed, engine.log.duration_us, engine.log.distance_m)
-    told = (session.seed, session.episode, session.shown, engine.measures(), engine.carried())
+    told = (session.seed, session.episode, session.snapshot, engine.measures(), engine.carried())
     return repr((told, places, engine.user_states(), log))
 
 

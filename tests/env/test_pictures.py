@@ -65,7 +65,7 @@ def test_every_mode_of_a_drone_can_be_drawn():
     met = set()
     for _ in play_single(env, 5, seed=0):
         env.render()
-        met |= {seen.mode for seen in env.session.shown.observations}
+        met |= {seen.mode for seen in env.session.snapshot.observations}
     assert len(met) == 6
 
 
@@ -73,7 +73,7 @@ def test_the_states_of_users_are_those_of_their_requests():
     env = UavEnv("case8", {"drones.bandwidth_kbps": 500})
     met = set()
     for _ in play_single(env, 2, seed=0):
-        engine, shown = env.session.engine, env.session.shown
+        engine, shown = env.session.engine, env.session.snapshot
         states = engine.user_states()
         met |= set(states)
         assert states.count(UserState.SERVED) == sum(s.served_requests for s in shown.observations)

@@ -13,7 +13,7 @@ import pytest
 
 from desim_uav.env import UavEnv, UavParallelEnv, UavVectorEnv
 from desim_uav.env.configure import configured
-from desim_uav.env.registration import register_envs, register_with_gymnasium
+from desim_uav.env.registration import register_envs
 from desim_uav.errors import ScenarioError
 from desim_uav.world import build_world
 from tests.env.helpers import CASES, play_single
@@ -77,7 +77,7 @@ def test_the_world_of_an_environment(make: Callable[..., Any]):
     def world(**told: Any) -> int:
         env = make("case8", **told)
         env.reset(seed=7)
-        (session,) = env.compiled.sessions if isinstance(env, UavVectorEnv) else (env.session,)
+        (session,) = env.sessions if isinstance(env, UavVectorEnv) else (env.session,)
         return session.world.seed
 
     assert world() == 7
@@ -129,19 +129,23 @@ def test_a_scenario_of_ones_own():
 def test_to_register_again_changes_nothing():
     before = dict(gymnasium.registry)
     register_envs()
-    register_with_gymnasium()
     assert dict(gymnasium.registry) == before
 
 
-REGISTER = "from desim_uav.env.registration import register_with_gymnasium as r; r(); r()"
 LIGHT = """
-import sys
-heavy = {"numba", "pandas", "simpy", "pydantic", "matplotlib", "PIL", "gymnasium"}
+heavy = {"numba", "pandas", "simpy", "pydantic", "matplotlib", "PIL"}
 assert not heavy & set(sys.modules), heavy & set(sys.modules)
 """
 MAKE = """
 assert "desim_uav/Uav-v0" in gymnasium.registry and "CartPole-v1" in gymnasium.registry
 print(gymnasium.make("desim_uav/Case8-v0").reset(seed=1)[1]["seed"])
+"""
+COMMAND = """
+import sys
+sys.argv = ["/usr/bin/desim-uav", "--help"]
+import desim_uav.cli
+assert "gymnasium" not in sys.modules
+import desim_uav.env, gymnasium
 """
 
 
@@ -149,14 +153,15 @@ print(gymnasium.make("desim_uav/Case8-v0").reset(seed=1)[1]["seed"])
     "script",
     [
         pytest.param(
-            f"import gymnasium\n{REGISTER}\n{MAKE}",
+            f"import sys, gymnasium, desim_uav\n{LIGHT}\n{MAKE}",
             id="gymnasium first",
             marks=pytest.mark.thorough,
         ),
-        pytest.param(f"{REGISTER}\n{LIGHT}\nimport gymnasium\n{MAKE}", id="gymnasium last"),
+        pytest.param(f"import sys, desim_uav, gymnasium\n{LIGHT}\n{MAKE}", id="gymnasium last"),
+        pytest.param(f"{COMMAND}\n{MAKE}", id="command line", marks=pytest.mark.thorough),
     ],
 )
-def test_the_order_of_imports_does_not_matter(script: str):
+def test_ids_are_registered_in_either_order_of_imports(script: str):
     command = [sys.executable, "-W", "error", "-c", script]
     told = subprocess.run(command, capture_output=True, check=False, text=True)
     assert (told.stdout, told.stderr) == ("1\n", "")

@@ -89,7 +89,7 @@ def test_without_a_seed_the_run_goes_on():
         assert {info["seed"] for info in infos.values()} == {11}
         assert env.session.world is world
         after, _ = engine.positions_m()
-        for step, seen, place in zip(before, env.session.shown.observations, after, strict=True):
+        for step, seen, place in zip(before, env.session.snapshot.observations, after, strict=True):
             if step.mode is not Mode.CRASHED:  # which may be replaced in this very instant
                 assert (step.x_m, step.y_m, step.z_m) == tuple(place)
                 assert seen.mode is step.mode
@@ -102,14 +102,14 @@ def test_an_episode_that_is_broken_off_is_followed_by_a_fresh_start():
     env.step([0, 0, 0])
     env.reset()
     assert env.session.episode == 1
-    assert [seen.battery_s for seen in env.session.shown.observations] == [1800.0] * 3
+    assert [seen.battery_s for seen in env.session.snapshot.observations] == [1800.0] * 3
 
 
 def test_without_carry_over_drones_begin_anew():
     env = UavEnv("case8", {"episode.carry_over": False})
     list(play_single(env, 1, seed=0))
     env.reset()
-    assert [seen.battery_s for seen in env.session.shown.observations] == [1800.0] * 3
+    assert [seen.battery_s for seen in env.session.snapshot.observations] == [1800.0] * 3
 
 
 def test_a_seed_draws_the_world_too():
@@ -234,4 +234,4 @@ def test_a_crash_may_end_an_episode():
     assert sum(info["crashes"] for info in infos.values()) > 0
     env.reset()
     assert env.agents == ["drone_0", "drone_1", "drone_2"]
-    assert [seen.battery_s for seen in env.session.shown.observations] == [180.0] * 3
+    assert [seen.battery_s for seen in env.session.snapshot.observations] == [180.0] * 3

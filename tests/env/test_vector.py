@@ -69,7 +69,7 @@ def test_one_environment_is_the_same_in_both_engines(case: str, kind: str):
             assert_same(seen[0], others[0])
             assert_same(seen[1], others[4])
             over = others[2] or others[3]
-        assert one.session.shown == other.session.shown
+        assert one.session.snapshot == other.session.snapshot
         assert [a.tolist() for a in one.session.engine.positions_m()] == [
             b.tolist() for b in other.session.engine.positions_m()
         ]
@@ -141,22 +141,22 @@ def test_only_the_environments_of_a_reset_mask_are_reset(mode: AutoresetMode):
     for step in range(15):
         if step in resets:
             mask, seed = np.array(resets[step][0]), resets[step][1]
-            before = other.compiled.info()
+            before = other.infos(np.ones(4, np.bool_))
             options = {"reset_mask": mask}
             others, also = other.reset(seed=seed, options=options)
             assert options["reset_mask"] is mask
             seen, told = one.reset(seed=seed, options=options)
             assert_same(seen, others)
             assert_same(told, also)
-            after = other.compiled.info()
+            after = other.infos(np.ones(4, np.bool_))
             for key in ("sim_time_s", "episode_number", "seed"):
                 assert (after[key] == before[key])[~mask].all()
             assert (after["sim_time_s"][mask] == 0).all()
-        over = (other.compiled.over[:, 0] | other.compiled.over[:, 1]).copy()
+        over = other.outputs.over[:, :2].any(axis=1)
         if mode is AutoresetMode.DISABLED and over.any():
             one.reset(options={"reset_mask": over})
             other.reset(options={"reset_mask": over})
-        actions = legal(other.compiled.masks, 3, rng)
+        actions = legal(other.action_masks(), 3, rng)
         for part, same in zip(one.step(actions), other.step(actions), strict=True):
             assert_same(part, same)
 
@@ -168,10 +168,10 @@ def test_without_autoreset_a_step_past_the_end_is_refused():
     env.step(actions)
     env.reset(options={"reset_mask": np.array([False, True, False])})
     assert env.step(actions)[3].tolist() == [True, False, True]
-    before = env.compiled.info()
+    before = env.infos(np.ones(3, np.bool_))
     with pytest.raises(gymnasium.error.ResetNeeded, match=r"the episode is over in \[0, 2\]"):
         env.step(actions)
-    assert_same(env.compiled.info(), before)
+    assert_same(env.infos(np.ones(3, np.bool_)), before)
     env.reset(options={"reset_mask": np.array([True, False, True])})
     told = env.step(actions)
     assert told[3].tolist() == [False, True, False]
@@ -236,7 +236,7 @@ def test_the_number_of_threads_changes_nothing():
         env = UavVectorEnv("case8", 5, {"world_seed": 1}, threads=threads)
         env.reset(seed=[4, 9, None, 1, 0] if threads else None)
         rng = np.random.default_rng(3)
-        shown = [env.step(legal(env.compiled.masks, 3, rng))[0][[0, 1, 3, 4]] for _ in range(35)]
+        shown = [env.step(legal(env.action_masks(), 3, rng))[0][[0, 1, 3, 4]] for _ in range(35)]
         outcomes.append(np.array(shown))
         env.close()
     assert (outcomes[0] == outcomes[1]).all() and (outcomes[0] == outcomes[2]).all()
@@ -246,7 +246,7 @@ def test_one_world_for_all_where_its_seed_is_given():
     env = UavVectorEnv("case8", 4, {"world_seed": 7})
     _, told = env.reset(seed=1)
     assert told["world_seed"].tolist() == [7] * 4 and told["seed"].tolist() == [1, 2, 3, 4]
-    sessions = env.compiled.sessions
+    sessions = env.sessions
     assert len({id(session.world) for session in sessions}) == 1
     assert len({id(session.engine.fixed) for session in sessions}) == 1
     _, told = UavVectorEnv("case8", 2).reset(seed=1)
@@ -258,18 +258,18 @@ def test_more_crossings_than_there_is_room_for():
     run = {"users.mobility": {"kind": "random_walk", "speed_mps": 190.0, "leg_s": 2.0}}
     one = SyncVectorEnv([lambda: UavEnv("case2", run)] * 2)
     other = UavVectorEnv("case2", 2, run)
-    room = other.compiled.sessions[0].engine.room.crossings
+    room = other.sessions[0].engine.room.crossings
     one.reset(seed=0)
     _, told = other.reset(seed=0)
     rng = np.random.default_rng(0)
     for _ in range(12):
-        actions = legal(told["action_mask"], other.compiled.drones, rng)
+        actions = legal(told["action_mask"], other.sessions[0].drones, rng)
         actions = actions.reshape(other.action_space.shape)
         seen, others = one.step(actions), other.step(actions)
         for part, same in zip(seen, others, strict=True):
             assert_same(part, same)
         told = others[4]
-    assert max(s.engine.room.crossings for s in other.compiled.sessions) > room
+    assert max(s.engine.room.crossings for s in other.sessions) > room
 
 
 def test_gymnasium_makes_them():

@@ -450,8 +450,8 @@ class Endless:
     tables = 1
 
     @staticmethod
-    def update(q, state, action, gained, discount, next_state, allowed, next_action, *rest) -> None:
-        q[0, state, action] = np.nan
+    def update(q, lesson) -> None:
+        q[0, lesson.state, lesson.action] = np.nan
 
 
 class Single:

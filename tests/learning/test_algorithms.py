@@ -6,14 +6,16 @@ import pytest
 import desim_uav.learning
 from desim_uav.learning.double_q import DoubleQ
 from desim_uav.learning.expected_sarsa import ExpectedSarsa
-from desim_uav.learning.exploration import epsilon_greedy
+from desim_uav.learning.learner import epsilon_greedy
 from desim_uav.learning.q_learning import QLearning
+from desim_uav.learning.rows import Learner, Lesson, Values
 from desim_uav.learning.sarsa import Sarsa
+from desim_uav.model.rows import blank, fill
 from desim_uav.registry import names, resolve
 from desim_uav.scenario.schema import ALGORITHMS
 
 ALPHA, GAINED, DISCOUNT, EPSILON = 0.5, 2.0, 0.9, 0.2
-ALLOWED = np.array([True, True, False])
+ALLOWED = (True, True, False)
 
 
 def table(tables: int = 1) -> np.ndarray:
@@ -23,9 +25,21 @@ def table(tables: int = 1) -> np.ndarray:
     return np.stack([q, other][:tables])
 
 
-def updated(algorithm, next_action: int = 0, coin: float = 0.0, epsilon: float = EPSILON):
+def values(q: np.ndarray) -> Values:
+    return fill(Values, (q.data, *q.shape, float(q.sum(dtype=np.float64))))
+
+
+def lesson(next_action: int = 0, coin: float = 0.0, epsilon: float = EPSILON, **fields) -> Lesson:
+    """What the first action of state 0 has led to."""
+    given = {"state": 0, "action": 0, "gained": GAINED, "discount": DISCOUNT, "next_state": 1}
+    given |= {"next_action": next_action, "allowed": ALLOWED, "coin": coin}
+    given |= {"epsilon": epsilon, "alpha": ALPHA} | fields
+    return fill(Lesson, [given[name] for name in Lesson.kinds])
+
+
+def updated(algorithm, **fields):
     q = table(algorithm.tables)
-    algorithm.update(q, 0, 0, GAINED, DISCOUNT, 1, ALLOWED, next_action, epsilon, ALPHA, coin)
+    algorithm.update(values(q), lesson(**fields))
     return q
 
 
@@ -66,9 +80,18 @@ def test_an_update_changes_one_entry(name: str):
 @pytest.mark.parametrize("name", ALGORITHMS)
 def test_nothing_after_the_end_counts(name: str):
     algorithm = resolve("algorithm", name)
-    q = table(algorithm.tables)
-    algorithm.update(q, 0, 0, GAINED, 0.0, 1, ALLOWED, 0, EPSILON, 1.0, 0.0)
+    q = updated(algorithm, discount=0.0, alpha=1.0)
     assert q[0, 0, 0] == GAINED
+
+
+def test_the_sum_of_the_values_is_kept():
+    q = table(2)
+    known = values(q)
+    for coin in (0.1, 0.9, 0.2):
+        DoubleQ.update(known, lesson(coin=coin))
+    known[1, 1, 2] = -0.1
+    assert known[1, 1, 2] == q[1, 1, 2] == np.float32(-0.1)
+    assert known.sum == pytest.approx(q.sum(dtype=np.float64), rel=1e-12)
 
 
 def test_the_scenario_knows_all_algorithms():
@@ -76,22 +99,26 @@ def test_the_scenario_knows_all_algorithms():
     assert set(names("algorithm")) == set(ALGORITHMS)
 
 
+def chosen(q, allowed, epsilon=0.0, explore=0.5, which=0.5) -> int:
+    learner = blank(Learner)
+    learner.q = values(np.array(q, np.float32))
+    learner.lesson = lesson(epsilon=epsilon, next_state=0, allowed=allowed)
+    learner.explore, learner.which = explore, which
+    return epsilon_greedy(learner)
+
+
 def test_greedy_takes_the_best_allowed_and_of_equals_the_first():
-    q = np.array([[[1.0, 4.0, 4.0, 9.0]]], np.float32)
-    allowed = np.array([True, True, True, False])
-    assert epsilon_greedy(q, 0, allowed, 0.0, 0.0, 0.0) == 1
+    assert chosen([[[1.0, 4.0, 4.0, 9.0]]], (True, True, True, False)) == 1
 
 
 def test_greedy_sums_the_tables():
-    q = np.array([[[3.0, 0.0]], [[0.0, 4.0]]], np.float32)
-    assert epsilon_greedy(q, 0, np.array([True, True]), 0.0, 0.5, 0.5) == 1
+    assert chosen([[[3.0, 0.0]], [[0.0, 4.0]]], (True, True)) == 1
 
 
 def test_exploring_is_uniform_over_what_is_allowed():
-    q = np.zeros((1, 1, 5), np.float32)
-    allowed = np.array([False, True, False, True, True])
-    draws = np.random.default_rng(0).random((30_000, 2))
-    taken = np.array([epsilon_greedy(q, 0, allowed, 0.3, *row) for row in draws])
+    draws = np.random.default_rng(0).random((30_000, 2)).tolist()
+    allowed = (False, True, False, True, True)
+    taken = np.array([chosen(np.zeros((1, 1, 5)), allowed, 0.3, *row) for row in draws])
     counts = np.bincount(taken, minlength=5) / len(draws)
     assert counts[[0, 2]].tolist() == [0, 0]
     error = 4 * np.sqrt(0.1 * 0.9 / len(draws))
@@ -101,6 +128,7 @@ def test_exploring_is_uniform_over_what_is_allowed():
 
 def test_negative_values_are_values():
     q = np.array([[[-5.0, -3.0, -4.0]]], np.float32)
-    assert epsilon_greedy(q, 0, np.array([True, False, True]), 0.0, 0.0, 0.0) == 2
-    QLearning.update(q, 0, 0, 0.0, 1.0, 0, np.array([False, False, True]), 2, 0.0, 1.0, 0.0)
+    assert chosen(q, (True, False, True)) == 2
+    only = lesson(gained=0.0, discount=1.0, next_state=0, allowed=(False, False, True), alpha=1.0)
+    QLearning.update(values(q), only)
     assert q[0, 0, 0] == -4.0

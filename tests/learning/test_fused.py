@@ -2,11 +2,19 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
 import pytest
 
 from desim_uav.engine.compiled import BatchSimulation, simulation
 from desim_uav.errors import SimulationError
+from desim_uav.learning.q_learning import QLearning
 from desim_uav.learning.training import Training
+from desim_uav.model.observations import Feature, RowObservation
+from desim_uav.model.state import Facts
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
@@ -28,7 +36,7 @@ WORLDS = {
 
 def training(name: str, engine: str, seed: int = 4) -> Training:
     case, algorithm = name.split()
-    chosen = [f"learning.algorithm={algorithm}", *WORLDS[name]]
+    chosen = [f"learning.algorithm={algorithm}", *WORLDS.get(name, [])]
     return Training(build_world(load(scenario_path(case), chosen), seed), seed, engine)
 
 
@@ -66,13 +74,128 @@ def test_either_goes_on_where_the_other_has_stopped():
     assert_same(one, undisturbed)
 
 
-def test_what_is_not_compiled_learns_in_the_compiled_engine_all_the_same():
-    readable, fused = training("case8 q_learning", "batch"), training("case8 q_learning", "batch")
-    readable.fuses = False
-    assert isinstance(readable.engine, BatchSimulation)
+class Copied:
+    """SARSA once more."""
+
+    tables = 1
+
+    @staticmethod
+    def update(q: Any, lesson: Any) -> None:
+        old = q[0, lesson.state, lesson.action]
+        target = lesson.gained + lesson.discount * q[0, lesson.next_state, lesson.next_action]
+        q[0, lesson.state, lesson.action] += lesson.alpha * (target - old)
+
+
+class Entangled:
+    """Two tables whose values are computed with each other, and changes of another action too."""
+
+    tables = 2
+
+    @staticmethod
+    def update(q: Any, lesson: Any) -> None:
+        state, action, other = lesson.state, lesson.action, 0 if lesson.action else 1
+        apart = q[0, state, action] - q[1, state, action]
+        following = q[0, lesson.next_state, lesson.next_action] * (1 - lesson.epsilon) / 3
+        target = lesson.gained + lesson.discount * following + 0.1 * apart
+        learns = 0 if lesson.coin < 0.7 else 1
+        q[learns, state, action] += lesson.alpha * (target - q[1 - learns, state, other])
+        q[1, state, other] = q[1, state, other] * 0.9 - q[0, state, other] * 0.1
+
+
+class Wordy(QLearning):
+    """Q-learning that compiled code cannot run."""
+
+    @staticmethod
+    def update(q: Any, lesson: Any) -> None:
+        QLearning.update(q, {"lesson": lesson}[f"les{'son'}"])
+
+
+class Astray(QLearning):
+    """Reads and writes where there is no value."""
+
+    @staticmethod
+    def update(q: Any, lesson: Any) -> None:
+        for state in (-1, 10**9):
+            if not math.isnan(q[0, state, 0]):
+                q[0, lesson.state, lesson.action] = 77.0
+            q[0, state, 0] = 1.0
+
+
+@dataclass(frozen=True)
+class Crowd(RowObservation):
+    """The cell, and up to ``most`` attached users."""
+
+    most: int = 2
+
+    def features(self, facts: Facts) -> tuple[Feature, ...]:
+        nx, ny = facts.grid.cells
+        highest = {"cell_x": nx - 1, "cell_y": ny - 1, "users": 2}
+        return tuple(Feature(name, 0, high, True) for name, high in highest.items())
+
+    def write(self, world: Any, state: Any, drone: Any) -> None:
+        seen, out = state.seen[drone.index], drone.features
+        out[0], out[1], out[2] = seen.x, seen.y, min(seen.attached_users, self.most)
+
+
+def own(algorithm: type, case: str = "case8") -> str:
+    return f"{case} {__name__}:{algorithm.__name__}"
+
+
+@pytest.mark.parametrize("algorithm", [Copied, Entangled])
+def test_an_algorithm_of_ones_own_is_compiled(algorithm: type):
+    one, other = training(own(algorithm), "des"), training(own(algorithm), "batch")
+    assert other.fuses and not one.fuses
+    for _ in range(10):
+        assert one.play() == other.play()
+        assert_same(one, other)
+    values = one.q[0].sum(dtype=np.float64)
+    assert one.learners[0].q.sum == pytest.approx(values, rel=1e-9)
+
+
+def test_a_copy_of_sarsa_learns_as_sarsa():
+    one, other = training(own(Copied, "case2"), "batch"), training("case2 sarsa", "batch")
+    assert one.play(8) == other.play(8)
+    assert (one.q == other.q).all()
+
+
+def test_what_is_not_compiled_learns_in_the_compiled_engine_all_the_same(capsys):
+    readable, fused = training(own(Wordy), "batch"), training("case8 q_learning", "batch")
+    told = capsys.readouterr().err
+    assert f"'{__name__}:Wordy' is not compiled, so training is slower: " in told
+    assert told.count("\n") == 1
+    assert isinstance(readable.engine, BatchSimulation) and not readable.fuses
     for _ in range(10):
         assert readable.play() == fused.play()
         assert_same(readable, fused)
+
+
+def test_no_other_memory_is_read_or_written():
+    astray = training(own(Astray), "batch")
+    before = astray.q.copy()
+    with pytest.raises(SimulationError, match=r":Astray' has .* outside its tables"):
+        astray.play(5)
+    assert astray.fuses and (astray.q == before).all()
+
+
+def observing(engine: str, most: int) -> Training:
+    changes = [f"observation={{kind: '{__name__}:Crowd', most: {most}}}", "users.count=40"]
+    return Training(build_world(load(scenario_path("case8"), changes), 0), 0, engine)
+
+
+def test_an_observation_of_ones_own_is_compiled():
+    one, other = observing("des", 2), observing("batch", 2)
+    assert other.fuses
+    for _ in range(5):
+        assert one.play() == other.play()
+        assert_same(one, other)
+
+
+@pytest.mark.parametrize("engine", ["des", "batch"])
+def test_a_state_that_a_table_does_not_have_is_told(engine: str):
+    crowded = observing(engine, 40)
+    with pytest.raises(SimulationError, match=r"observation: \(.*\) is outside the bounds"):
+        for _ in range(20):
+            crowded.play()
 
 
 def test_a_leg_with_more_crossings_than_there_is_room_for_is_told(monkeypatch: pytest.MonkeyPatch):

@@ -184,7 +184,7 @@ def test_a_controller_of_all_drones(
         seen, _ = env.reset()
         over = False
         while not over:
-            commands = decide(policy, env.session.shown)
+            commands = decide(policy, env.session.snapshot)
             assert commands == predicted(model, seen, env.action_masks()).tolist()
             assert (
                 env.action_masks().reshape(len(commands), -1)[range(len(commands)), commands].all()
@@ -207,7 +207,7 @@ def test_a_pilot_of_each_drone(algorithm: str, config: dict[str, Any], trained: 
     for _ in range(2):
         told, _ = env.reset()
         while env.agents:
-            shown = env.session.shown
+            shown = env.session.snapshot
             commands = decide(policy, shown)
             for (seen, mask), command, observation in zip(
                 map(dict.values, told.values()), commands, shown.observations, strict=True
@@ -233,7 +233,7 @@ def test_a_pilot_of_the_only_drone_flies_each_of_many(trained: Any):
     expected = [
         predicted(model, own, mask)[0] for own, mask in zip(seen.reshape(3, -1), masks, strict=True)
     ]
-    assert decide(policy, env.session.shown) == expected
+    assert decide(policy, env.session.snapshot) == expected
 
 
 @pytest.mark.parametrize(
@@ -255,7 +255,7 @@ def test_networks_of_other_forms(algorithm: str, settings: dict[str, Any], train
     env.reset()
     for x in range(10):
         for y in range(10):
-            seen = env.session.shown.observations[0]._replace(features=(x, y))
+            seen = env.session.snapshot.observations[0]._replace(features=(x, y))
             mask = env.action_masks()
             assert [policy.act(seen, mask)] == predicted(model, np.array([x, y]), mask).tolist()
 
@@ -294,7 +294,7 @@ def test_nothing_of_torch_is_changed(tiny: Path):
     before = torch.get_rng_state(), torch.get_num_threads(), torch.is_grad_enabled()
     env = UavEnv("tiny")
     env.reset()
-    decide(loaded(tiny, env.session.world), env.session.shown)
+    decide(loaded(tiny, env.session.world), env.session.snapshot)
     assert torch.equal(torch.get_rng_state(), before[0])
     assert (torch.get_num_threads(), torch.is_grad_enabled()) == before[1:]
 
@@ -451,7 +451,7 @@ def test_pickles_are_passed_over(tiny: Path, tmp_path: Path):
 
     env = UavEnv("tiny")
     env.reset()
-    shown, world = env.session.shown, env.session.world
+    shown, world = env.session.snapshot, env.session.world
     assert decide(loaded(file, world), shown) == decide(loaded(tiny, world), shown)
     assert not touched.exists()
     pickle.loads(base64.b64decode(trap))
@@ -572,7 +572,9 @@ def test_a_missing_extra(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
 
 
 def test_the_libraries_are_imported_only_for_a_network():
-    code = "import sys, desim_uav.policies; print({'torch', 'gymnasium'} & set(sys.modules))"
+    code = (
+        "import sys, desim_uav.policies; print({'torch', 'stable_baselines3'} & set(sys.modules))"
+    )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
 

@@ -13,7 +13,7 @@ from desim_uav.errors import PolicyError, UsageError, located
 from desim_uav.experiment.compare import out_of_place, policy_names
 from desim_uav.experiment.sweep.grid import Axis, Combination, combinations
 from desim_uav.experiment.sweep.problems import Problems
-from desim_uav.learning.learner import load_algorithm
+from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.training import table_features
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy

@@ -15,8 +15,8 @@ from matplotlib.patches import Patch
 from numpy.typing import NDArray
 
 from desim_uav.errors import DesimError, PolicyError, UsageError
+from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.initial_q import initial_q
-from desim_uav.learning.learner import load_algorithm
 from desim_uav.model.rules import MOVES, Action, Mode
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.tabular import QTable

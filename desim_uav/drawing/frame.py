@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, ImageDraw
 
-from desim_uav.engine.base import Measures, UserState
-from desim_uav.env.sprites import (
+from desim_uav.drawing.sprites import (
     GREY,
     INK,
     PALE,
@@ -24,6 +23,7 @@ from desim_uav.env.sprites import (
     stick,
     wreck,
 )
+from desim_uav.engine.base import Measures, UserState
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.palette import USERS, drone_colour, ink_on

@@ -1,0 +1,53 @@
+"""Training in Python: any engine, observation and algorithm."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from desim_uav.engine.base import Engine
+from desim_uav.learning.rows import Episode
+from desim_uav.model.observations import table_row
+from desim_uav.model.rules import DECIDES, Mode
+from desim_uav.model.state import Snapshot
+from desim_uav.sample_path import SamplePath
+
+
+@dataclass(frozen=True)
+class Readable:
+    """An engine whose decision epochs are shown to the learners of an episode.
+
+    ``draws``: the random numbers of the episode (epochs, drones, 3).
+    """
+
+    engine: Engine
+    path: SamplePath
+    draws: Sequence[Sequence[Sequence[float]]]
+
+    def begin(self, episode: Episode) -> None:
+        """Begin the episode."""
+        self._show(episode, self.engine.reset(self.path))
+
+    def step(self, episode: Episode) -> None:
+        """Give the drones their commands, and run to the next decision epoch."""
+        shown = self.engine.step([learner.command for learner in episode.learners])
+        for learner, reward in zip(episode.learners, shown.rewards, strict=True):
+            learner.reward = reward
+        self._show(episode, shown)
+
+    def _show(self, episode: Episode, shown: Snapshot) -> None:
+        """Show a decision epoch to the learners."""
+        world, draws = self.engine.world, self.draws[shown.step]
+        encode, removes = world.scenario.observation.encode, world.on_crash == "remove"
+        episode.terminated, episode.truncated = shown.terminated, shown.truncated
+        for learner, seen, mask, drawn in zip(
+            episode.learners, shown.observations, shown.masks, draws, strict=True
+        ):
+            lesson: Any = learner.lesson
+            lesson.allowed = mask
+            learner.explore, learner.which, lesson.coin = drawn
+            learner.lost = removes and seen.mode is Mode.CRASHED
+            learner.decides = seen.mode in DECIDES
+            if learner.decides:
+                lesson.next_state = table_row(encode(seen, world.facts), episode.sizes)

@@ -1,0 +1,151 @@
+"""The rows of learning: Q-tables, lessons, learners, and an episode in which drones learn."""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from desim_uav.model.compiled_rows import entries_at
+from desim_uav.model.kernels import rule, stands_in_for
+from desim_uav.model.rows import Row, Table, row
+
+Place = tuple[int, int, int]
+"""A table, a state and an action."""
+
+
+@row
+class Values(Row):
+    """The values of a drone's actions in its Q-tables: ``q[table, state, action]``.
+
+    They are kept in single precision, and computed with in double precision. ``sum`` is the sum of
+    all of them. ``entries``: a memoryview of all of them, in compiled code their address.
+    """
+
+    entries: int
+    tables: int
+    states: int
+    actions: int
+    sum: float
+
+    def __getitem__(self, place: Place) -> float:
+        """Return a value. Compiled code returns NaN if there is no such place."""
+        entries: Any = self.entries
+        value: float = entries[place]
+        return value
+
+    @rule
+    def __setitem__(self, place: Place, value: float) -> None:
+        """Change a value. Compiled code changes nothing if there is no such place."""
+        _, state, action = place
+        before = value_of(self, state, action)
+        put(self, place, value)
+        self.sum += value_of(self, state, action) - before
+
+
+@rule
+def value_of(q: Values, state: int, action: int) -> float:
+    """Return what an action is worth in a state: the sum over the tables."""
+    value = q[0, state, action]
+    for table in range(1, q.tables):
+        value += q[table, state, action]
+    return value
+
+
+def put(q: Values, place: Place, value: float) -> None:
+    """Write a value."""
+    entries: Any = q.entries
+    entries[place] = value
+
+
+singles_at = entries_at(np.float32)
+
+
+@stands_in_for(Values.__getitem__)
+def _getitem(q: Any, place: Any) -> Any:
+    def getitem(q: Any, place: Any) -> float:
+        k = _entry(q, place)
+        return float(singles_at(q.entries, 0)[k]) if k >= 0 else math.nan
+
+    return getitem
+
+
+@stands_in_for(put)
+def _put(q: Any, place: Any, value: Any) -> Any:
+    def put(q: Any, place: Any, value: Any) -> None:
+        k = _entry(q, place)
+        if k >= 0:
+            singles_at(q.entries, 0)[k] = value
+
+    return put
+
+
+@rule
+def _entry(q: Values, place: Place) -> int:
+    """Return which entry is at a place, or a number below 0."""
+    table, state, action = place
+    k = (table * q.states + state) * q.actions + action
+    return k if k < q.tables * q.states * q.actions else -1
+
+
+@row
+class Lesson(Row):
+    """What a drone has to learn from: the decision that it took last, and what has come of it.
+
+    In ``state`` (-1: no decision is open) it took ``action``, and since then it has gained the
+    discounted rewards ``gained``. The value of what follows is multiplied by ``discount``. What
+    follows is ``next_state``, where the actions ``allowed`` can be taken, and ``next_action`` is.
+    ``epsilon`` and ``alpha`` are those of the episode. ``coin`` is a random number, uniform in
+    [0, 1).
+    """
+
+    state: int
+    action: int
+    gained: float
+    discount: float
+    next_state: int
+    next_action: int
+    allowed: Table[int]
+    epsilon: float
+    alpha: float
+    coin: float
+
+
+@row
+class Learner(Row):
+    """A drone that learns independently, with its Q-tables ``q`` and its open decision.
+
+    ``update`` is its algorithm, in compiled code an address. At a decision epoch the drone
+    ``decides``, or it has no choice; if it is ``lost``, it has crashed and will not be replaced.
+    ``explore`` and ``which`` are random numbers, uniform in [0, 1): whether it explores, and which
+    action it then takes. ``command`` is what it is commanded, ``reward`` what the step gave it, and
+    ``rewards`` what the episode has given it so far.
+    """
+
+    q: Values
+    lesson: Lesson
+    gamma: float
+    update: int
+    decides: int
+    lost: int
+    explore: float
+    which: float
+    command: int
+    reward: float
+    rewards: float
+
+
+@row
+class Episode(Row):
+    """An episode in which drones learn, at a decision epoch.
+
+    ``sizes``: the number of values of each feature of a state (see ``table_row``). ``lost``: a
+    drone has observed a state that its tables do not have, which ends the episode.
+    """
+
+    terminated: int
+    truncated: int
+    lost: int
+    sizes: Table[int]
+    learners: Table[Learner]
