@@ -13,8 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.planner import Node
-from desim_uav.model.rules import Action, Mode, Outcome
+from desim_uav.model.rows import named
+from desim_uav.model.rules import Mode, Outcome
 from desim_uav.model.state import Snapshot
+from desim_uav.rules.rows import Record
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -44,24 +46,15 @@ class ClosedRequest:
     outcome: Outcome
 
 
-class Step(NamedTuple):
-    """One drone at the end of one step."""
+class Step(named(Record)):  # type: ignore[misc]  # its fields are declared in Record alone
+    """One drone at the end of one step: its record (see ``rules.rows.Record``).
 
-    step: int
-    t_us: int
-    drone: int
-    x_m: float
-    y_m: float
-    z_m: float
-    battery_us: int | None
-    mode: Mode
-    action: Action | None
-    action_taken: Action
-    attached_users: int
-    served_requests: int
-    bandwidth_bps: int
-    return_us: float | None
-    reward: float
+    ``mode`` is a Mode, and ``action`` and ``action_taken`` are Actions; ``action`` is None if there
+    was none. ``battery_us`` and ``return_us`` are None without a battery, and ``return_us`` is inf
+    if there is no way back.
+    """
+
+    __slots__ = ()
 
 
 Place = tuple[float, float, float]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -32,11 +33,12 @@ from desim_uav.model.coverage import all_walked
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot, observed, shown
 from desim_uav.rules.rewards import LARGEST_REWARD
-from desim_uav.rules.words import EVENT_KINDS, ON_LEG, OVERBOOKED, TOO_LARGE
+from desim_uav.rules.words import EVENT_KINDS, NEVER, ON_LEG, OVERBOOKED, TOO_LARGE
 from desim_uav.world import World
 
 MODES, STATES = tuple(Mode), tuple(UserState)
 PHASES = (None, *Phase)
+AS_LOGGED = attrgetter(*Step._fields)
 
 
 class RowEngine(Independent, ABC):
@@ -352,31 +354,18 @@ class RowEngine(Independent, ABC):
             )
 
     def _log_steps(self) -> None:
-        step, now_us, actions = self.number("step"), self.number("now_us"), self.world.actions
-        limited = self.world.facts.capacity_s is not None
-        by_drone = zip(self.rows("records"), self.numbers("rewards"), strict=True)
-        for index, (record, reward) in enumerate(by_drone):
-            return_us = None
-            if limited:
-                plan = self.plan(index, record.believed)
-                return_us = plan.drained_us if plan.station >= 0 else math.inf
+        """Log the drones' records, with modes and actions in the place of their numbers."""
+        actions, limited = self.world.actions, self.world.facts.capacity_s is not None
+        for record in self.rows("records"):
+            return_us = math.inf if record.return_us == NEVER else record.return_us
+            step = Step(*AS_LOGGED(record))
             self.log.steps.append(
-                Step(
-                    step - 1,
-                    now_us,
-                    index,
-                    record.x_m,
-                    record.y_m,
-                    record.z_m,
-                    record.battery_us if limited else None,
-                    MODES[record.mode],
-                    None if record.command < 0 else actions[record.command],
-                    actions[record.taken],
-                    record.attached_users,
-                    record.served_requests,
-                    record.used_bps,
-                    return_us,
-                    reward,
+                step._replace(
+                    mode=MODES[record.mode],
+                    action=None if record.action < 0 else actions[record.action],
+                    action_taken=actions[record.action_taken],
+                    battery_us=record.battery_us if limited else None,
+                    return_us=return_us if limited else None,
                 )
             )
 

@@ -6,7 +6,8 @@ Each function takes a batch of episodes, because a table of fifty takes hardly l
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -54,31 +55,25 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     return qoe.derive(frame, duration_s, world.step_us / US)[list(REQUESTS)]
 
 
+STEP_VALUES: dict[str, Callable[[Any], Any]] = {
+    "t_s": lambda step: step.t_us / US,
+    "battery_s": lambda step: None if step.battery_us is None else step.battery_us / US,
+    "mode": lambda step: step.mode.name.lower(),
+    "action": lambda step: None if step.action is None else step.action.name.lower(),
+    "action_taken": lambda step: step.action_taken.name.lower(),
+    "bandwidth_kbps": lambda step: step.bandwidth_bps / 1000,
+    "n_b_s": lambda step: (
+        None if step.return_us is None or math.isinf(step.return_us) else step.return_us / US
+    ),
+    "crashed": lambda step: step.mode is Mode.CRASHED,
+}
+"""How columns of steps follow from a record; the others are fields of it, of the same name."""
+
+
 def steps_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
     """Return one row per step and drone."""
-    rows = (
-        (
-            log.episode,
-            s.step,
-            s.t_us / US,
-            s.drone,
-            s.x_m,
-            s.y_m,
-            s.z_m,
-            None if s.battery_us is None else s.battery_us / US,
-            s.mode.name.lower(),
-            None if s.action is None else s.action.name.lower(),
-            s.action_taken.name.lower(),
-            s.attached_users,
-            s.served_requests,
-            s.bandwidth_bps / 1000,
-            None if s.return_us is None or math.isinf(s.return_us) else s.return_us / US,
-            s.mode is Mode.CRASHED,
-            s.reward,
-        )
-        for log in logs
-        for s in log.steps
-    )
+    values = [STEP_VALUES.get(name, attrgetter(name)) for name in STEPS if name != "episode"]
+    rows = ((log.episode, *(of(step) for of in values)) for log in logs for step in log.steps)
     return to_frame(STEPS, rows)
 
 

@@ -17,6 +17,7 @@ row holds can therefore be copied, pickled and moved as it is.
 
 from __future__ import annotations
 
+from collections import namedtuple
 from collections.abc import Iterable
 from functools import cache
 from typing import Any, ClassVar, Generic, TypeVar, get_args, get_origin, get_type_hints
@@ -142,6 +143,12 @@ def fill(cls: type[R], values: Iterable[Any]) -> R:
     for name, value in zip(cls.kinds, values, strict=True):
         setattr(made, name, value)
     return made
+
+
+@cache
+def named(cls: type[Row]) -> Any:
+    """Return a class of tuples with the fields of a row."""
+    return namedtuple(cls.__name__, list(cls.kinds))
 
 
 # ---- as memory

@@ -6,7 +6,7 @@ from desim_uav.model.kernels import rule
 from desim_uav.model.rules import Action, Mode
 from desim_uav.rules.battery import battery_now
 from desim_uav.rules.charging import land
-from desim_uav.rules.flight import fly, fly_home, position, station_under, turn_back
+from desim_uav.rules.flight import fly, fly_home, position, station_under, turn_back, way_back
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.words import (
     CHARGE,
@@ -15,6 +15,7 @@ from desim_uav.rules.words import (
     CRASHED,
     GOTO,
     HOVER,
+    NEVER,
     QUEUED,
     RETURNING,
 )
@@ -43,18 +44,22 @@ def observe(world: Constants, state: State) -> None:
 
 @rule
 def record(world: Constants, state: State) -> None:
-    """Note what is logged of each drone at the end of a step, once it has been observed."""
+    """Note what is logged of each drone at the end of a step, once it has its reward."""
     for d in range(len(state.drones)):
         drone, seen, record = state.drones[d], state.seen[d], state.records[d]
-        record.mode = seen.mode
-        record.battery_us = seen.battery_us
-        record.believed = seen.believed
-        record.attached_users = seen.attached_users
-        record.used_bps = seen.used_bps
-        record.served_requests = seen.served_requests
-        record.command, record.taken = drone.command, drone.taken
+        record.step, record.t_us, record.drone = state.step - 1, state.now_us, d
         x_m, y_m, z_m = position(world, state, drone)
         record.x_m, record.y_m, record.z_m = x_m, y_m, z_m
+        record.mode, record.battery_us = seen.mode, seen.battery_us
+        record.action, record.action_taken = drone.command, drone.taken
+        record.attached_users = seen.attached_users
+        record.served_requests = seen.served_requests
+        record.bandwidth_bps = seen.used_bps
+        record.return_us = 0
+        if world.limited:
+            plan = way_back(world, drone, seen.believed)
+            record.return_us = plan.drained_us if plan.station >= 0 else NEVER
+        record.reward = state.rewards[d]
 
 
 @rule

@@ -160,9 +160,9 @@ def end_step(world: Constants, path: Path, state: State) -> None:
         orient(world, path, state, state.drones[d], state.step)
         any_crashed = any_crashed or state.drones[d].mode == CRASHED
     observe(world, state)
+    call(world.pay, (world, state))
     if state.keeps_requests:
         record(world, state)
-    call(world.pay, (world, state))
     state.terminated = int(any_crashed and world.on_crash == ENDS_EPISODE)
     state.truncated = int(state.step == world.steps)
     if state.terminated or state.truncated:

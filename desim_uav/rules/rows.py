@@ -271,19 +271,27 @@ class Seen(Row):
 
 @row
 class Record(Row):
-    """What is logged of a drone at the end of a step (see ``engine.base.Step``)."""
+    """What is logged of a drone at the end of a step.
 
-    mode: int
-    battery_us: int
-    believed: int
-    attached_users: int
-    used_bps: int
-    served_requests: int
-    command: int
-    taken: int
+    ``action``: the command's index, or -1; ``action_taken``: that of the action taken.
+    ``return_us``: what the way back takes from the battery, ``NEVER`` if there is none.
+    """
+
+    step: int
+    t_us: int
+    drone: int
     x_m: float
     y_m: float
     z_m: float
+    battery_us: int
+    mode: int
+    action: int
+    action_taken: int
+    attached_users: int
+    served_requests: int
+    bandwidth_bps: int
+    return_us: int
+    reward: float
 
 
 @row

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections import namedtuple
 from collections.abc import Sequence
 from functools import cache
 from pickle import UnpicklingError
@@ -27,6 +26,7 @@ from desim_uav.model.rows import (
     Words,
     array_of,
     held_by,
+    named,
     room_of,
 )
 from desim_uav.model.state import Snapshot
@@ -292,12 +292,6 @@ class BatchSimulation(RowEngine):
         for station, queue in enumerate(queues):
             for drone in queue:
                 self.queue_up(drone, station)
-
-
-@cache
-def named(cls: Any) -> Any:
-    """Return a class of tuples with the fields of a row."""
-    return namedtuple(cls.__name__, list(cls.kinds))
 
 
 @cache
