@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
+from desim_uav.model.rules import Mode
+
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow as pa
@@ -25,6 +27,7 @@ class Columns(dict[str, str]):
         self.meanings = {name: meaning for name, (_, meaning) in columns.items()}
 
 
+_MODES = [f"`{mode.name.lower()}`" for mode in Mode]
 _EPISODE = (INT, "The number of the episode, from 0. Warm-up episodes have negative numbers.")
 _DRONE = (INT, "The number of the drone, from 0.")
 _QOE1_PERCENT = (FLOAT, "QoE1 of the episode, in percent. Null if nothing was asked for.")
@@ -76,7 +79,7 @@ STEPS = Columns(
     y_m=(FLOAT, "The true position of the drone to the north, in metres."),
     z_m=(FLOAT, "The altitude of the drone, in metres. 0 if it has crashed."),
     battery_s=(FLOAT, "Seconds of flight that its battery holds. Null if batteries are unlimited."),
-    mode=(TEXT, "`flying`, `returning`, `queued`, `charging`, `charged` or `crashed`."),
+    mode=(TEXT, f"{', '.join(_MODES[:-1])} or {_MODES[-1]}."),
     action=(TEXT, "The action that was commanded at the start of the step. Null if it was none."),
     action_taken=(TEXT, "The action that was taken. It differs if the command was masked."),
     attached_users=(INT, "How many users are attached to the drone."),

@@ -22,7 +22,7 @@ from desim_uav.model.components import own_kernel, ruled
 from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.model.observations import row_or_none
 from desim_uav.rules.requests import measures
-from desim_uav.rules.words import CHARGED, CRASHED, FLYING, REMOVES
+from desim_uav.rules.words import CRASHED, HAS_A_CHOICE, REMOVES
 
 Floats = NDArray[np.float64]
 
@@ -111,7 +111,7 @@ def _show(engine: Compiled, episode: Episode) -> None:
         drawn = engine.draws[d, state.step]
         one.explore, one.which, lesson.coin = drawn[0], drawn[1], drawn[2]
         one.lost = int(mode == CRASHED and world.on_crash == REMOVES)
-        one.decides = int(mode in (FLYING, CHARGED))
+        one.decides = int(mode in HAS_A_CHOICE)
         if one.decides:
             lesson.next_state = row_or_none(state.drones[d].features, episode.sizes)
             if lesson.next_state < 0:

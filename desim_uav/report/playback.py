@@ -24,23 +24,13 @@ from desim_uav.model.rules import US, Mode, Phase
 from desim_uav.report.batteries import batteries_before_us, battery_knots
 from desim_uav.report.run import Run
 from desim_uav.report.tracks import Track
+from desim_uav.rules.words import LEADS_TO
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
 PHASES = 16
 """An instant and a phase are one number, ``t_us * PHASES + phase``, which sorts as they do."""
-
-LEADS_TO = {
-    "decide": Mode.FLYING,
-    "land": Mode.QUEUED,
-    "charge": Mode.CHARGING,
-    "charged": Mode.CHARGED,
-    "crash": Mode.CRASHED,
-    "respawn": Mode.FLYING,
-}
-"""The mode of a drone after each kind of event; after ``depart`` it is that of the leg."""
-
 
 MODES = tuple(mode.name.lower() for mode in Mode)
 

@@ -13,7 +13,7 @@ from desim_uav.model.rewards import RowReward
 from desim_uav.registry import register
 from desim_uav.rules.flight import way_back
 from desim_uav.rules.rows import Constants, Drone, Seen, State
-from desim_uav.rules.words import CRASHED, QUEUED, TOO_LARGE, US
+from desim_uav.rules.words import FLYING, RETURNING, TOO_LARGE, US
 
 LARGEST_REWARD = 1e100
 """The largest magnitude of a drone's reward; sums of such rewards over a run stay finite."""
@@ -122,7 +122,7 @@ class MultiService(RowReward):
 @rule
 def is_in_the_air(seen: Seen) -> bool:
     """Return whether a drone flies or returns; one that has landed or crashed is paid nothing."""
-    return not QUEUED <= seen.mode <= CRASHED
+    return seen.mode in (FLYING, RETURNING)
 
 
 @rule

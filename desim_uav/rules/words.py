@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from desim_uav.model.rules import Action, Mode, Phase
+from desim_uav.model.rules import DECIDES, Action, Mode, Phase
 
 HOVER, GOTO, CHARGE = int(Action.HOVER), int(Action.GOTO_CHARGING_STATION), int(Action.CHARGE)
 
 FLYING, RETURNING, QUEUED, CHARGING, CHARGED, CRASHED = map(int, Mode)
+HAS_A_CHOICE = tuple(sorted(map(int, DECIDES)))
 
 (
     COMPLETION,
@@ -37,6 +38,16 @@ EVENT_KINDS = (
     *("deplete", "crash", "respawn"),
 )
 """The kinds of events by number. The number after them is that of a leg (see ``note_leg``)."""
+
+LEADS_TO = {
+    "decide": Mode.FLYING,
+    "land": Mode.QUEUED,
+    "charge": Mode.CHARGING,
+    "charged": Mode.CHARGED,
+    "crash": Mode.CRASHED,
+    "respawn": Mode.FLYING,
+}
+"""The mode of a drone after each kind of event; after ``depart`` it is that of the leg."""
 
 (
     ON_REQUEST,

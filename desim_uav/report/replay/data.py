@@ -15,18 +15,14 @@ from desim_uav.report.replay.checks import Checks, Whole, whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, pack, plain
 from desim_uav.report.replay.flights import Flights
 from desim_uav.report.run import Run, Tables
+from desim_uav.rules.words import EVENT_KINDS, LEADS_TO
 
 if TYPE_CHECKING:
     import pandas as pd
 
 CENTIMETRE = 0.01
 
-KINDS = (
-    *("request", "serve", "stop", "complete", "refuse", "close"),
-    *("enter", "exit", "attach", "detach"),
-    *("decide", "depart", "blocked", "arrive", "land", "charge", "charged"),
-    *("deplete", "crash", "respawn"),
-)
+KINDS = EVENT_KINDS
 """The kinds of events; a page refers to them by their index."""
 
 TAKING = {"enter": 1, "attach": 2, "serve": 3, "refuse": 3}
@@ -238,6 +234,7 @@ class Encoder:
                 ]
             },
             "kinds": KINDS,
+            "leads_to": {kind: int(mode) for kind, mode in LEADS_TO.items()},
             "modes": [mode.name.lower() for mode in Mode],
             "actions": [action.name.lower() for action in Action],
             "record_phase": int(Phase.RECORD),

@@ -2,7 +2,7 @@
 
 import { covering, requestSoFar } from "./history.js";
 import { clock, kbps, percent, span, userWord, words } from "./palette.js";
-import { CHARGED, CHARGING, CRASHED, FLYING, QUEUED, RETURNING, SERVED, WAITING } from "./states.js";
+import { CHARGING, CRASHED, FLYING, QUEUED, RETURNING, SERVED, WAITING } from "./states.js";
 
 const place = [0, 0, 0];
 
@@ -141,7 +141,7 @@ function action(state, d) {
   if (mode === CRASHED) return `lies crashed for ${since}`;
   if (mode === QUEUED) return `waits for a pad for ${since}`;
   if (mode === CHARGING) return `charges for ${since}`;
-  if (mode === CHARGED) return `is charged for ${since}`;
+  if (mode !== FLYING && mode !== RETURNING) return `is ${modeOf(state, d)} for ${since}`;
   const leg = episode.legAt(d, state.tUs);
   const leftUs = episode.leg.tUs[leg] + episode.leg.durationUs[leg] - state.tUs;
   if (mode === RETURNING) {
@@ -196,6 +196,8 @@ const TOLD = {
   respawn: (e) => `drone ${e.drone} is replaced at station ${e.station}`,
 };
 
+const ANY = (e, kind) => `drone ${e.drone}: ${words(kind)}`;
+
 /** An event as a sentence, and the user or drone it concerns. */
 export function tell(state, i) {
   const { run, episode } = state;
@@ -209,7 +211,7 @@ export function tell(state, i) {
     e.action = words(run.actions[episode.step.taken[step * run.drones + e.drone]] ?? "");
   }
   return {
-    kind, tUs: event.tUs[i], text: TOLD[kind](e),
+    kind, tUs: event.tUs[i], text: (TOLD[kind] ?? ANY)(e, kind),
     of: e.user >= 0 ? { what: "user", index: e.user } : { what: "drone", index: e.drone },
   };
 }

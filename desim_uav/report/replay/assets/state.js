@@ -16,7 +16,7 @@ export class State {
     const { run } = episode;
     this.episode = episode;
     this.run = run;
-    this.applyKind = run.kinds.map((kind) => this[`_${kind}`] ?? this._nothing);
+    this.applyKind = run.kinds.map((kind) => this[`_${kind}`] ?? this.#leadsTo(run.leads_to[kind]));
     this.goto = run.actions.indexOf("goto_charging_station");
     this.charge = run.actions.indexOf("charge");
     this.arrays = {
@@ -180,7 +180,11 @@ export class State {
 
   // ---- the effects of events
 
-  _nothing() {}
+  /** The effect of an event after which a drone is in a mode (undefined: in the same as before). */
+  #leadsTo(mode) {
+    if (mode === undefined) return () => {};
+    return (d, u, r, s, tUs) => this.#become(d, mode, s, tUs);
+  }
 
   _request(d, u, r) {
     this.request[u] = r;
@@ -236,12 +240,6 @@ export class State {
     this.station[d] = -1;
     this.sinceUs[d] = tUs;
   }
-
-  _land(d, u, r, s, tUs) { this.#become(d, QUEUED, s, tUs); }
-
-  _charge(d, u, r, s, tUs) { this.#become(d, CHARGING, s, tUs); }
-
-  _charged(d, u, r, s, tUs) { this.#become(d, CHARGED, s, tUs); }
 
   _respawn(d, u, r, s, tUs) { this.#become(d, FLYING, -1, tUs); }
 
