@@ -1,1 +1,1 @@
-"""Engines: deterministic functions of (world, sample path, run settings, commands)."""
+"""Engines, which run episodes: functions of world, sample path, run settings and commands."""

@@ -1,7 +1,7 @@
-"""The debug mode: what must hold after every event, whatever the scenario.
+"""The invariants of an episode, which must hold after every event of every scenario.
 
-``Simulation(world, settings, audit=audit)`` checks it all; a broken invariant is an AssertionError
-that says which. It makes a run many times slower.
+``Simulation(world, settings, audit=audit)`` checks all of them after each event, which makes a run
+many times slower. It raises an AssertionError that names the broken invariant.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ TOLERANCE_M = 1e-4
 
 
 def audit(simulation: Simulation) -> None:
-    """Check every invariant now."""
+    """Check every invariant of a simulation now. Raises AssertionError if one does not hold."""
     world, state = simulation.constants, simulation.state
     for drone in state.drones:
         _battery(world, state, drone)
@@ -35,7 +35,7 @@ def audit(simulation: Simulation) -> None:
 
 
 def _battery(world: Any, state: Any, drone: Any) -> None:
-    """0 <= battery <= full; empty only when crashed or at this very instant."""
+    """Check that the battery is between empty and full, and empty if the drone has crashed."""
     if world.limited:
         held_us = battery_now(world, state, drone)
         assert 0 <= held_us <= world.capacity_us, f"battery of {drone.index}"
@@ -44,7 +44,7 @@ def _battery(world: Any, state: Any, drone: Any) -> None:
 
 
 def _bandwidth(world: Any, state: Any, drone: Any) -> None:
-    """What a drone's requests occupy adds up and fits; none is served unless it flies."""
+    """Check that the bandwidth of served requests adds up and fits, and that the drone flies."""
     served = [
         user.request
         for user in state.users
@@ -62,7 +62,7 @@ def _bandwidth(world: Any, state: Any, drone: Any) -> None:
 
 
 def _demand(state: Any) -> None:
-    """Open requests are counted, all of them and those in each footprint."""
+    """Check the counts of open requests, of those in each footprint, and of covering drones."""
     services = range(len(state.open_requests))
     asking = [user for user in state.users if user.request.number >= 0]
     counts = [sum(user.request.service == service for user in asking) for service in services]
@@ -76,7 +76,7 @@ def _demand(state: Any) -> None:
 
 
 def _stations(world: Any, state: Any) -> None:
-    """A station's queue holds the drones that are queued or charge there, each once."""
+    """Check that each queued or charging drone is in one queue, and the number of used pads."""
     queued = [drone for station in state.stations for drone in station.queue]
     there = [drone.index for drone in state.drones if drone.mode in (QUEUED, CHARGING)]
     assert sorted(queued) == there, f"{queued} in queues, {there} queued or charging"
@@ -86,7 +86,7 @@ def _stations(world: Any, state: Any) -> None:
 
 
 def _one_state(state: Any, user: Any) -> None:
-    """An open request is served by its user's drone, waits there, or its user is loose."""
+    """Check that an open request is served by its user's drone or waits there, if there is one."""
     request = user.request
     queues = [drone.index for drone in state.drones if user.index in drone.waiting]
     if request.number < 0:
@@ -103,7 +103,7 @@ def _one_state(state: Any, user: Any) -> None:
 
 
 def _geometry(simulation: Simulation) -> None:
-    """Coverage is what the distances say; an attached user is inside its one drone's footprint."""
+    """Check coverage against distances, and that attached users are covered by their drones."""
     world, state = simulation.constants, simulation.state
     users = all_walked(*simulation.path.walks, state.now_us)
     held = [0] * len(state.drones)

@@ -1,4 +1,4 @@
-"""What an engine is, and the log it writes. An engine leaves nothing to chance."""
+"""The interface of engines, and the log of an episode. Engines are deterministic."""
 
 from __future__ import annotations
 
@@ -21,15 +21,18 @@ from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
 Event = tuple[int, int, str, int, int, int, int]
-"""(t_us, phase, kind, drone, user, request_id, station); -1 is none."""
+"""An event: (t_us, phase, kind, drone, user, request_id, station); -1 stands for none."""
 
 IN_ORDER = itemgetter(0, 1, 3, 4)
-"""The order of a log: (t_us, phase, drone, user); rows that share it stand as they happened."""
+"""The sort key of events: (t_us, phase, drone, user); the sort must be stable."""
 
 
 @dataclass(slots=True)
 class ClosedRequest:
-    """A request that has ended; times in microseconds from the episode's start."""
+    """A closed request; times are in microseconds since the start of the episode.
+
+    ``drones`` lists the drones that served it, in order; ``t_first_us`` is the start of service.
+    """
 
     request_id: int
     user: int
@@ -58,15 +61,15 @@ class Step(named(Record)):  # type: ignore[misc]  # its fields are declared in R
 
 
 Place = tuple[float, float, float]
-"""x, y, z in metres."""
+"""A position: x, y and z in metres."""
 
 
 class FlownLeg(NamedTuple):
-    """What a drone began at ``t_us`` (below 0: in an episode before).
+    """A leg that a drone began at ``t_us``, which is negative if this was in an earlier episode.
 
-    A transit of ``duration_us``, commanded (``flying``) or on the way to a station
-    (``returning``); or, with a duration of 0, a place it was put: where it began the episode, was
-    put in place of another, or lies crashed. After a leg a drone stays where it has led.
+    It is a transit of ``duration_us``, either commanded (mode FLYING) or a hop of a return
+    (RETURNING). With a duration of 0 it is the place at which the drone began the episode, replaced
+    a crashed one, or lies after a crash. After a leg, a drone stays at the leg's end.
     """
 
     t_us: int
@@ -79,14 +82,13 @@ class FlownLeg(NamedTuple):
 
 @dataclass
 class EpisodeLog:
-    """All an engine tells of one episode.
+    """The log of one episode, which is complete once the episode has ended.
 
-    ``events`` is None where they are not kept; they stand in order of (t_us, phase, drone, user)
-    once the episode has ended. ``legs`` are kept where events are, and stand in order of (t_us,
-    drone). ``attached_us`` is the integral over time of the attached users,
-    ``crashed`` names the drone of each crash, ``queueing_us`` is the time between landing and
-    charging, ``bandwidth_us_bps`` the integral of the
-    bandwidth in use.
+    ``events`` is None if events are not kept; at the end they are sorted by (t_us, phase, drone,
+    user). ``legs`` are kept if events are, and sorted by (t_us, drone). ``attached_us`` is the
+    integral of the number of attached users over time, and ``bandwidth_us_bps`` that of the
+    bandwidth in use. ``queueing_us`` is the drones' time between landing and charging. ``crashed``
+    lists the drone of each crash, and ``suppressed`` counts the arrivals that were dropped.
     """
 
     episode: int
@@ -105,20 +107,22 @@ class EpisodeLog:
 
     @property
     def crashes(self) -> int:
-        """The number of crashes."""
+        """The number of crashes in the episode."""
         return len(self.crashed)
 
     def put_in_order(self) -> None:
-        """Once the episode has ended: events and legs as they are to stand."""
+        """Sort the events and the legs, once the episode has ended."""
         if self.events is not None:
             self.events.sort(key=IN_ORDER)
         self.legs.sort(key=itemgetter(0, 1))
 
 
 class RunSettings(NamedTuple):
-    """What a run adds to its world; ``ceilings``: is a drone bound by the tallest building?
+    """The settings of a run that are not part of its world.
 
-    Of events (and legs) and steps, the log holds what is kept.
+    ``ceilings`` says of each drone whether it must not fly above the tallest building, and
+    ``carry_over`` whether drones begin an episode as they ended the one before. ``keep_events``
+    puts events and legs into the log, and ``keep_steps`` steps (engine ``batch``: and requests).
     """
 
     ceilings: tuple[bool, ...]
@@ -137,12 +141,12 @@ class UserState(IntEnum):
 
 
 class CarriedDrone(NamedTuple):
-    """A drone between two episodes; an age is the time since, in microseconds.
+    """The state of a drone between two episodes.
 
-    ``node`` is where it rests or began its hop, ``battery_us`` what it had then, ``age_us`` ago.
-    ``hop`` is the hop of a return under way, ``route`` the hops to follow it; ``counted_m`` what
-    was counted of the hop. ``place`` counts the drones before it in its station's queue, those on
-    pads among them. ``fallen_m`` is where it lies crashed.
+    Its present leg or mode began ``age_us`` microseconds ago at ``node``, with ``battery_us``.
+    ``hop`` is its present hop if it returns, and ``route`` the hops after that; ``counted_m`` of
+    the hop are already part of a log's distance. ``place`` is the number of drones before it in its
+    station's queue, including those on pads. ``fallen_m`` is the position of a crashed drone.
     """
 
     mode: Mode
@@ -157,11 +161,11 @@ class CarriedDrone(NamedTuple):
 
 
 Carried = tuple[CarriedDrone, ...]
-"""All that one episode hands on to the next: its drones."""
+"""All that an episode takes over from the one before it: the states of the drones."""
 
 
 class Measures(NamedTuple):
-    """The quality of experience of an episode so far; None where nothing was asked for."""
+    """The quality of experience of an episode so far; None where a measure is not defined yet."""
 
     qoe1_percent: float | None
     qoe2_iterations: float | None
@@ -169,20 +173,20 @@ class Measures(NamedTuple):
 
 
 MEASURES = ("sim_time_s", *Measures._fields)
-"""What is told of an episode under way."""
+"""The names of the measures of an episode under way: the simulated time and QoE1 to QoE3."""
 
 COUNTS = ("attached_users", "crashes", "requests")
-"""What is counted of an episode under way: users attached now, crashes and requests so far."""
+"""The names of the counts of an episode under way: users attached now, crashes and requests."""
 
 measured = partial(tuple.__new__, Measures)
-"""Measures of a tuple of all its fields."""
+"""Make Measures of a tuple of all its fields."""
 
 
 class Engine(Protocol):
-    """Runs episodes, one decision epoch at a time.
+    """An engine, which runs episodes step by step.
 
     An engine can be copied and pickled between any two of its calls. The copy shares only the
-    world with the original, and it goes on, in this process or another, as the original would.
+    world with the original, and continues, in this process or another, as the original would.
     """
 
     world: World
@@ -190,46 +194,48 @@ class Engine(Protocol):
 
     @property
     def log(self) -> EpisodeLog:
-        """What is told of the episode under way."""
+        """The log of the present episode."""
 
     @property
     def terminated(self) -> bool:
-        """Has a crash ended the episode?"""
+        """Whether a crash has ended the episode."""
 
     @property
     def truncated(self) -> bool:
-        """Is the episode's time up?"""
+        """Whether the episode has lasted for all its steps."""
 
     def reset(self, path: SamplePath) -> Snapshot:
-        """Begin an episode on its sample path and run up to its first decision epoch.
+        """Begin an episode on a sample path and return the snapshot of its first decision epoch.
 
-        With carry-over each drone keeps its exact state from an episode that ran its time. One
-        that was broken off, or that a crash has terminated, is followed by a fresh start.
+        With carry-over, each drone keeps its exact state if the previous episode was truncated.
+        If that was abandoned, or terminated by a crash, the drones start afresh.
         """
 
     def step(self, commands: Sequence[int]) -> Snapshot:
-        """Give each drone its command (an index into the world's actions) and run one step.
+        """Give each drone its command, an index into the world's actions, and run one step.
 
-        A command the mask forbids becomes the mask's only action, or hover.
+        A command that the mask forbids is replaced by the only allowed action, or by hover if
+        several are allowed. Raises SimulationError if the episode is over or none has begun, and
+        ValueError if there is not one command per drone.
         """
 
     def carried(self) -> Carried | None:
-        """What the next episode's drones begin with; None where they start afresh."""
+        """Return the states in which drones begin the next episode; None if they start afresh."""
 
     def carry(self, drones: Carried | None) -> None:
-        """Let the next episode begin with these drones, as if this engine had brought them there.
+        """Let drones begin the next episode in these states, or afresh if they are None.
 
-        It may come from another engine of the same world and settings.
+        The states may come from another engine of the same world and settings.
         """
 
     def measures(self) -> Measures:
-        """The quality of experience so far, open requests by what they have had so far."""
+        """Return the quality of experience so far, to which open requests contribute."""
 
     def requests_made(self) -> int:
-        """How many requests have been made in the episode so far, open ones among them."""
+        """Return the number of requests made in the episode so far, including open ones."""
 
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where drones and users truly are: (drones, 3) and (users, 3), to be drawn."""
+        """Return the true positions in metres of drones (drones, 3) and users (users, 3)."""
 
     def user_states(self) -> list[UserState]:
-        """What each user is doing, to be drawn; after an episode, what it did at its end."""
+        """Return what each user is doing, or after an episode, what it did at its end."""

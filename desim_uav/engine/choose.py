@@ -1,4 +1,4 @@
-"""The engines by name: ``des``, of SimPy, and ``batch``, the compiled one. Their numbers agree."""
+"""The engines by name: ``des``, the SimPy engine, and ``batch``, the compiled engine."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ENGINES = ("des", "batch")
 
 
 def make_engine(name: str, world: World, settings: RunSettings) -> Engine:
-    """The engine of this name. Raises the errors of ``check_engine``."""
+    """Return a new engine of this name. Raises the errors of ``check_engine``."""
     check_engine(name, world, settings.keep_events)
     if name == "batch":
         from desim_uav.engine.compiled import BatchSimulation
@@ -31,8 +31,8 @@ def make_engine(name: str, world: World, settings: RunSettings) -> Engine:
 def check_engine(name: str, world: World, keep_events: bool = False) -> None:
     """Raise ScenarioError if this engine cannot run an episode of the scenario.
 
-    Either it has no kernel for a component, or the episode would be too long or too large;
-    ``keep_events``: with its event log. Raises UsageError if there is no such engine.
+    This is so if the compiled engine cannot compile a component, or if the episode, with its event
+    log if ``keep_events``, would be too long or too large. Raises UsageError for an unknown name.
     """
     if name not in ENGINES:
         raise UsageError(f"--engine {name}: allowed: {', '.join(ENGINES)}")
@@ -43,9 +43,9 @@ def check_engine(name: str, world: World, keep_events: bool = False) -> None:
 
 
 def engine_for(world: World, say: Callable[[str], None] = notice) -> str:
-    """The compiled engine if every component has a kernel, else the SimPy engine.
+    """Return the name of the compiled engine if it has all components, else of the SimPy engine.
 
-    ``say`` is told why the slower one is chosen; by default this is a line on stderr.
+    ``say`` is called with the reason for the slower engine; by default it prints it on stderr.
     """
     problems = _lacking(world)
     if problems:
@@ -54,6 +54,7 @@ def engine_for(world: World, say: Callable[[str], None] = notice) -> str:
 
 
 def _lacking(world: World) -> list[str]:
+    """Return why the compiled engine cannot run a world's components, one reason each."""
     from desim_uav.engine.compiled.pack import lacking
 
     return lacking(world)

@@ -1,4 +1,4 @@
-"""A world and its run settings as rows (see ``rules.rows.Constants``)."""
+"""The constants of a run as rows (see ``rules.rows.Constants``)."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from desim_uav.rules.words import CRASHES
 from desim_uav.world import World
 
 AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
-"""The hops of a return, along x, y and between levels."""
+"""The directions of hops: along x, along y and between levels."""
 
 
 def constants_of(world: World, settings: RunSettings) -> Constants:
-    """Return the constants; what compiled code alone needs is left blank, and so are plans."""
+    """Return the constants of a run, except plans, functions and what only compiled code needs."""
     scenario, grid = world.scenario, world.grid
     made = blank(Constants)
     made.steps = scenario.episode.steps
@@ -68,17 +68,17 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
 
 
 def transits_of(world: World) -> list[Transit]:
-    """Return the transits in the order of their numbers: rest, moves, and hops along the axes."""
+    """Return the transits in the order of their numbers: the hover, moves, and hops along axes."""
     return [REST, *world.epoch_transits.values(), *(world.return_transits[axis] for axis in AXES)]
 
 
 def hop_transit(world: World, hop: Node) -> int:
-    """Return the number of the transit of a hop."""
+    """Return the number of the transit of a hop, given as its (dx, dy, dlevel)."""
     return 1 + len(world.epoch_transits) + next(axis for axis in range(3) if hop[axis])
 
 
 def _set_flights(made: Constants, world: World) -> None:
-    """Write the moves and transits."""
+    """Set the actions and the transits of the constants."""
     by_action = {action: 1 + k for k, action in enumerate(world.epoch_transits)}
     made.moves = Table(
         fill(Move, (int(action), *MOVES.get(action, (0, 0, 0)), by_action.get(action, 0)))
@@ -89,12 +89,13 @@ def _set_flights(made: Constants, world: World) -> None:
 
 
 def _transit(transit: Transit) -> TransitRow:
+    """Return a transit as a row."""
     pieces = Table(fill(Piece, piece) for piece in transit.profile.tolist())
     return fill(TransitRow, (transit.duration_us, transit.distance_m, pieces))
 
 
 def term_names(world: World) -> tuple[str, ...]:
-    """Return the terms of a reward in their order; none if only its own function knows them."""
+    """Return the names of the reward's terms in their order; none if it does not work on rows."""
     reward = world.scenario.reward
     if works_on_rows(reward, RowReward):
         assert isinstance(reward, RowReward)

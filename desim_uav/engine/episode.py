@@ -1,6 +1,6 @@
-"""What rows tell of an episode: snapshots, the log, and the drones that the next one begins with.
+"""What both engines make of rows: snapshots, the log, and the states in which drones carry over.
 
-It is the same for both engines, which differ in where their rows are.
+The engines differ in how they store rows, which abstract methods of ``RowEngine`` read and write.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ AS_LOGGED = attrgetter(*Step._fields)
 
 
 class RowEngine(Independent, ABC):
-    """An engine over the rows of ``rules.rows`` (see ``Engine``)."""
+    """The part of an engine (see ``Engine``) that does not depend on how it stores rows."""
 
     def __init__(self, world: World, settings: RunSettings) -> None:
         self.world = world
@@ -53,43 +53,43 @@ class RowEngine(Independent, ABC):
         self._carried: Carried | None = None
         self._under_way = False
 
-    # ---- where the rows are
+    # ---- access to the rows
 
     @abstractmethod
     def number(self, name: str) -> Any:
-        """Return a number of the state."""
+        """Return the number in this field of the state."""
 
     @abstractmethod
     def numbers(self, name: str) -> list[Any]:
-        """Return the numbers of a table or queue of the state."""
+        """Return the numbers in this table or queue of the state."""
 
     @abstractmethod
     def rows(self, name: str) -> Sequence[Any]:
-        """Return the rows of a table or queue of the state, to be read."""
+        """Return the rows of this table or queue of the state, which are only read."""
 
     @abstractmethod
     def drone(self, index: int) -> Any:
-        """Return the row of a drone, to be written."""
+        """Return the row of a drone, which may be written."""
 
     @abstractmethod
     def plan(self, drone: int, place: int) -> Any:
-        """Return the way back of a drone from a place, as a row."""
+        """Return the planned return of a drone from a place, as a row."""
 
     @abstractmethod
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
-        """Return the hops of these numbers."""
+        """Return the hops with the numbers ``first`` to ``end`` - 1, as (dx, dy, dlevel)."""
 
     @abstractmethod
     def route(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
-        """Return the numbers of hops: the first, and the one after the last."""
+        """Return the number of the first of these hops, and the number after that of the last."""
 
     @abstractmethod
     def queue_up(self, drone: int, station: int) -> None:
-        """Put a drone last in a station's queue."""
+        """Append a drone to a station's queue."""
 
     @abstractmethod
     def start_afresh(self) -> None:
-        """Put the drones at their starts."""
+        """Put all drones at their starting cells with full batteries, and empty the stations."""
 
     @abstractmethod
     def terms(self) -> tuple[dict[str, float], ...]:
@@ -97,50 +97,50 @@ class RowEngine(Independent, ABC):
 
     @abstractmethod
     def features(self) -> Sequence[tuple[float, ...]]:
-        """Return what learners observe of the drones now, as far as rows hold it."""
+        """Return each drone's features, as far as an observation over rows has written them."""
 
     @abstractmethod
     def measured(self) -> tuple[float, float, float]:
-        """Return QoE1-3 so far; NaN if they do not exist yet."""
+        """Return QoE1 to QoE3 so far (see ``Measures``); NaN where one is not defined yet."""
 
     @abstractmethod
     def position_m(self, drone: int) -> Place:
-        """Return where a drone is now."""
+        """Return the true position of a drone now, in metres."""
 
     @abstractmethod
     def doing(self, user: int) -> int:
-        """Return what a user is doing now."""
+        """Return what a user is doing now, as a number of ``UserState``."""
 
     @abstractmethod
     def walks(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the users' walks in this episode."""
+        """Return the users' legs in this episode, and their offsets by user."""
 
     # ---- from one episode to the next
 
     @property
     def terminated(self) -> bool:
-        """Has a crash ended the episode?"""
+        """Whether a crash has ended the episode."""
         return self._under_way and bool(self.number("terminated"))
 
     @property
     def truncated(self) -> bool:
-        """Is the episode's time up?"""
+        """Whether the episode has lasted for all its steps."""
         return self._under_way and bool(self.number("truncated"))
 
     def carried(self) -> Carried | None:
-        """What the next episode's drones begin with; None if they start afresh."""
+        """Return the states in which drones begin the next episode; None if they start afresh."""
         if self.truncated and not self.terminated and self.settings.carry_over:
             return self._drones_now()
         return self._carried
 
     def carry(self, drones: Carried | None) -> None:
-        """Let the next episode begin with these drones."""
+        """Let drones begin the next episode in these states, or afresh if they are None."""
         self.shown = None
         self._under_way = False
         self._carried = drones
 
     def take_up(self, episode: int) -> None:
-        """Put the drones where this episode begins, and begin its log."""
+        """Put drones in their states at the start of an episode, and begin its log."""
         goes_on = self.truncated and not self.terminated and self.settings.carry_over
         if not goes_on:
             self._load(self._carried)
@@ -149,6 +149,7 @@ class RowEngine(Independent, ABC):
         self.new_log(episode)
 
     def _drones_now(self) -> Carried:
+        """Return the present states of the drones."""
         now_us = int(self.number("now_us"))
         queues = (station.queue for station in self.rows("stations"))
         places = {d: place for queue in queues for place, d in enumerate(queue)}
@@ -171,7 +172,7 @@ class RowEngine(Independent, ABC):
         return tuple(carried)
 
     def _load(self, carried: Carried | None) -> None:
-        """Put the drones where they are before an episode."""
+        """Put drones in these states, or at their starting cells, before an episode."""
         self.start_afresh()
         for index, one in enumerate(carried or ()):
             drone = self.drone(index)
@@ -199,10 +200,10 @@ class RowEngine(Independent, ABC):
         for _, index, station in sorted(landed):
             self.queue_up(index, station)
 
-    # ---- commands and what policies are shown
+    # ---- commands and snapshots
 
     def hear(self, commands: Sequence[int]) -> None:
-        """Write the commands of a step into the drones' rows."""
+        """Write a step's commands into the drones' rows. Raises the errors of ``Engine.step``."""
         if self.shown is None or self.shown.terminated or self.shown.truncated:
             raise SimulationError("step: the episode is over, or none has begun; call reset first")
         drones, count = self.world.scenario.drones.count, len(self.world.actions)
@@ -213,7 +214,7 @@ class RowEngine(Independent, ABC):
             self.drone(index).command = int(command) if 0 <= command < count else -1
 
     def check_components(self) -> None:
-        """Raise SimulationError for what a component of one's own has done wrong."""
+        """Raise SimulationError if the reward or the admission rule has broken its contract."""
         faults, scenario = self.number("faults"), self.world.scenario
         if faults & TOO_LARGE:
             raise SimulationError(
@@ -226,7 +227,7 @@ class RowEngine(Independent, ABC):
             raise SimulationError(f"admission {name!r} served more than a drone's bandwidth")
 
     def observations(self) -> tuple[Observation, ...]:
-        """Return what each drone knows at the present decision epoch."""
+        """Return the drones' observations at the present decision epoch."""
         facts, step = self.world.facts, int(self.number("step"))
         capacity_s, counts = facts.capacity_s, self.numbers("counts")
         observations, first, services = [], 0, len(facts.services)
@@ -267,7 +268,7 @@ class RowEngine(Independent, ABC):
         return tuple(observations)
 
     def snapshot(self) -> Snapshot:
-        """The state at the present decision epoch."""
+        """Return the snapshot of the present decision epoch."""
         step, actions = int(self.number("step")), len(self.world.actions)
         masks = [mask != 0 for mask in self.numbers("masks")]
         self.shown = shown(
@@ -288,12 +289,12 @@ class RowEngine(Independent, ABC):
     # ---- the log
 
     def new_log(self, episode: int) -> None:
-        """Begin the log of an episode."""
+        """Begin the log of an episode, by its number."""
         self._served_by: dict[int, list[int]] = {}
         self.log = EpisodeLog(episode, [] if self.settings.keep_events else None)
 
     def drain_log(self) -> None:
-        """Move what rows hold of a step into the log."""
+        """Add what the rows say about the step that has ended to the log."""
         log = self.log
         if self.number("crashes") > len(log.crashed):
             log.crashed[:] = self.numbers("crashed")
@@ -313,7 +314,7 @@ class RowEngine(Independent, ABC):
             self._end_log()
 
     def _leg(self, event: Any) -> FlownLeg:
-        """A leg between two numbered places; a crashed drone lies where its row says."""
+        """Return the leg that an event of kind ON_LEG describes."""
         mode, drone = MODES[event.phase], event.drone
         if mode is Mode.CRASHED:
             fallen = self.rows("drones")[drone]
@@ -323,12 +324,14 @@ class RowEngine(Independent, ABC):
         return FlownLeg(event.t_us, drone, event.station, mode, *ends_m)
 
     def _place_m(self, place: int) -> Place:
+        """Return the position of a place, by its number."""
         grid = self.world.grid
         column, y = divmod(place, grid.cells[1])
         level, x = divmod(column, grid.cells[0])
         return *grid.centre(x, y), grid.levels_m[level]
 
     def _log_requests(self) -> None:
+        """Add the closed requests of a step to the log."""
         for handover in self.rows("handovers"):
             self._served_by.setdefault(handover.number, []).append(handover.drone)
         for closed in self.rows("closed"):
@@ -370,6 +373,7 @@ class RowEngine(Independent, ABC):
             )
 
     def _end_log(self) -> None:
+        """Complete the log at the end of an episode: its totals, and the order of its entries."""
         log = self.log
         log.duration_us = int(self.number("now_us"))
         log.attached_us = int(self.number("attached_us"))
@@ -381,25 +385,25 @@ class RowEngine(Independent, ABC):
         log.requests.sort(key=lambda request: request.request_id)
         log.put_in_order()
 
-    # ---- what can be asked in between
+    # ---- measures and positions at any decision epoch
 
     def measures(self) -> Measures:
-        """The quality of experience so far, open requests by what they have had so far."""
+        """Return the quality of experience so far, to which open requests contribute."""
         return Measures(*(None if math.isnan(value) else value for value in self.measured()))
 
     def requests_made(self) -> int:
-        """How many requests have been made in the episode so far, open ones among them."""
+        """Return the number of requests made in the episode so far, including open ones."""
         return int(self.number("opened"))
 
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Where drones and users truly are: (drones, 3) and (users, 3)."""
+        """Return the true positions in metres of drones (drones, 3) and users (users, 3)."""
         users = self.world.homes.copy()
         users[:, :2] = all_walked(*self.walks(), int(self.number("now_us")))
         count = self.world.scenario.drones.count
         return np.array([self.position_m(drone) for drone in range(count)]), users
 
     def user_states(self) -> list[UserState]:
-        """What each user is doing; after an episode, what it did at its end."""
+        """Return what each user is doing, or after an episode, what it did at its end."""
         if self.number("terminated") or self.number("truncated"):
             return [STATES[user.doing] for user in self.rows("users")]
         return [STATES[self.doing(user)] for user in range(len(self.world.homes))]

@@ -1,4 +1,4 @@
-"""The state of an environment as rows, before its first episode (see ``rules.rows.State``)."""
+"""The state of an engine before its first episode, as rows (see ``rules.rows.State``)."""
 
 from __future__ import annotations
 
@@ -23,9 +23,9 @@ from desim_uav.world import World
 
 
 class Room(NamedTuple):
-    """For how much of what varies compiled code has memory.
+    """The number of entries for which queues in compiled code have memory.
 
-    ``log``: events, and requests that end, in a step; ``crossings``: those of a drone's leg.
+    ``log`` limits the events, and the closed requests, of a step; ``crossings`` those of a leg.
     """
 
     log: int = 0
@@ -33,14 +33,14 @@ class Room(NamedTuple):
 
 
 def state_of(world: World, settings: RunSettings, room: Room) -> State:
-    """Return a state in which nothing has happened, with room for compiled code."""
+    """Return a new state, whose queues have room for this many entries in compiled code."""
     made = blank(State)
     fill_state(made, world, settings, room)
     return made
 
 
 def fill_state(made: State, world: World, settings: RunSettings, room: Room) -> None:
-    """Give a blank state its rows."""
+    """Set the tables and the queues of a blank state."""
     drones, users = world.scenario.drones.count, len(world.homes)
     services, steps = len(world.services.names), world.scenario.episode.steps
     made.keeps_events, made.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
@@ -64,10 +64,12 @@ def fill_state(made: State, world: World, settings: RunSettings, room: Room) -> 
 
 
 def _zeros(count: int) -> Table[int]:
+    """Return a table of zeros."""
     return Table([0] * count)
 
 
 def _drone(world: World, index: int, room: Room) -> Drone:
+    """Return a blank drone with this index."""
     made = blank(Drone)
     made.index = index
     made.waiting.room = len(world.homes)
@@ -80,6 +82,7 @@ def _drone(world: World, index: int, room: Room) -> Drone:
 
 
 def _user(index: int, drones: int) -> User:
+    """Return a user without a request, whom none of the drones covers."""
     made = blank(User)
     made.index = made.request.user = index
     made.holder = made.request.number = made.request.server = -1

@@ -1,4 +1,4 @@
-"""Admission control: which open requests of its attached users a drone serves.
+"""The interface of admission rules, which decide which requests a drone serves.
 
 The paper's rule is in ``rules.admission``.
 """
@@ -12,7 +12,7 @@ from desim_uav.errors import SimulationError
 
 
 class Waiting(Protocol):
-    """A waiting request, with everything that an admission rule may know about it."""
+    """A waiting request, with all that an admission rule may know about it."""
 
     user: int
     service: int
@@ -26,36 +26,36 @@ W = TypeVar("W", bound=Waiting)
 
 
 class Admission(Protocol):
-    """An admission rule, which decides which waiting requests a drone serves."""
+    """An admission rule over Python objects (see ``RowAdmission`` for one over rows)."""
 
     def scan(self, waiting: Sequence[W], free_bps: float) -> tuple[Sequence[W], Sequence[W]]:
-        """Return the requests to serve now and those to refuse for good, at one drone.
+        """Return the requests that a drone serves from now on, and those that it refuses for good.
 
         ``waiting`` is in the order of (request time, user). ``free_bps`` is the free bandwidth in
         bit/s, inf if it is unlimited; the requests served must fit into it. A refused request is
-        closed; all others go on waiting.
+        closed; all others continue to wait.
         """
 
 
 class RowAdmission:
-    """An admission rule over rows, which is compiled: both engines run it.
+    """An admission rule over rows, which can be compiled, so that both engines run it.
 
     A subclass is a frozen dataclass whose fields are numbers, or mappings from services to numbers.
     """
 
     plain: ClassVar = ("scan",)
-    """A subclass that overrides one of these works on Python's objects instead of rows."""
+    """The methods of which a subclass overrides one if it works on Python objects, not on rows."""
 
     def scan_rows(self, world: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
-        """Decide on the requests of the users in ``drone.waiting``.
+        """Serve or refuse requests of the users in ``drone.waiting``, or let them wait.
 
         They are in order of (request time, user), and ``state.users[u].request`` is the request of
         user u. ``rules.admission.admit`` serves one, whose bandwidth must fit ``drone.free_bps``
-        unless ``world.bandwidth_bps`` is -1; ``turn_away`` closes one for good. Both
-        take it out of ``drone.waiting``. The others go on waiting.
+        unless ``world.bandwidth_bps`` is -1; ``turn_away`` refuses one for good. Both remove it
+        from ``drone.waiting``. The others continue to wait.
         """
         raise NotImplementedError
 
     def scan(self, waiting: Sequence[W], free_bps: float) -> tuple[Sequence[W], Sequence[W]]:
-        """Refuse: this rule works on rows."""
+        """Raise SimulationError: this rule works on rows, not on Python objects."""
         raise SimulationError(f"admission {type(self).__name__!r} works on rows (scan_rows)")

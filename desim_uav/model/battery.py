@@ -1,4 +1,7 @@
-"""Energy models: how flight drains a battery, which is measured in microseconds of autonomy."""
+"""Energy models, by which flight drains a battery, and charging.
+
+The charge of a battery is measured in microseconds of autonomy (flight time).
+"""
 
 from __future__ import annotations
 
@@ -16,11 +19,11 @@ MINUTE_US = 60.0 * US
 """Microseconds in a minute."""
 
 LONGEST_MIN = 1_000_000
-"""The longest autonomy and the longest full charge that the arithmetic of charging allows."""
+"""The longest autonomy and the longest full charge, in minutes, that ``charged_us`` allows."""
 
 
 class Energy(Protocol):
-    """An energy model: how an airborne drone's battery drains, and what happens if it is empty."""
+    """An energy model, which says how flight drains a battery and what happens if it is empty."""
 
     autonomy_min: float
     return_below: float
@@ -31,39 +34,39 @@ class Energy(Protocol):
         """Return the autonomy used in the first ``elapsed_us`` of a transit (``REST``: a hover).
 
         It is a whole number of microseconds and must not decrease with ``elapsed_us``, which is at
-        most the transit's duration; a hover has no end.
+        most the transit's duration; a hover can last for any time.
         """
 
     def lasts_us(self, flight: Transit, battery_us: int) -> int:
-        """Return the least ``elapsed_us`` at which ``drained_us`` reaches ``battery_us``."""
+        """Return the smallest ``elapsed_us`` at which ``drained_us`` reaches ``battery_us``."""
 
 
 class RowEnergy:
-    """An energy model that is compiled, so that both engines run it.
+    """An energy model that can be compiled, so that both engines run it.
 
     A subclass is a frozen dataclass with the fields of ``Energy``. ``flight`` has
-    ``duration_us``, ``distance_m`` (0.0: a hover) and ``pieces``, of which each begins at
-    ``start_s`` and ``from_m`` with ``speed_mps`` and flies with ``acceleration_mps2``; the last one
-    is the rest at the destination. Compiled code knows no objects besides rows and numbers.
+    ``duration_us``, ``distance_m`` (0.0: a hover) and ``pieces``, each with its constant
+    ``acceleration_mps2`` and, at its start, ``start_s``, ``from_m`` and ``speed_mps``; the last one
+    is the rest at the destination. Compiled code can use rows and numbers only.
     """
 
     plain: ClassVar = ("drained_us", "lasts_us")
-    """A subclass that overrides one of these works on Python's objects instead of rows."""
+    """The methods of which a subclass overrides one if it works on Python objects, not on rows."""
 
     def drains(self, flight: Any, elapsed_us: int) -> int:
-        """Return what ``Energy.drained_us`` returns."""
+        """Return the autonomy used, in microseconds (see ``Energy.drained_us``)."""
         raise NotImplementedError
 
     def lasts(self, flight: Any, battery_us: int) -> int:
-        """Return what ``Energy.lasts_us`` returns."""
+        """Return the time until the battery is empty, in microseconds (see ``Energy.lasts_us``)."""
         raise NotImplementedError
 
     def drained_us(self, flight: Any, elapsed_us: int) -> int:
-        """Return what ``drains`` returns."""
+        """Return the autonomy used, by ``drains``."""
         return self.drains(flight, elapsed_us)
 
     def lasts_us(self, flight: Any, battery_us: int) -> int:
-        """Return what ``lasts`` returns."""
+        """Return the time until the battery is empty, by ``lasts``."""
         return self.lasts(flight, battery_us)
 
 
@@ -89,11 +92,11 @@ class Endurance(RowEnergy):
     """How many minutes after a crash the drone is replaced, at the next decision epoch."""
 
     def drains(self, flight: Any, elapsed_us: int) -> int:
-        """Return the time in the air."""
+        """Return the time in the air, which is the autonomy used."""
         return elapsed_us
 
     def lasts(self, flight: Any, battery_us: int) -> int:
-        """Return the time left in the air."""
+        """Return the charge, which is the time left in the air."""
         return battery_us
 
 

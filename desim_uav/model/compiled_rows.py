@@ -1,4 +1,4 @@
-"""Rows in compiled code: a row is a pointer to its fields, which are reached by name."""
+"""Rows in compiled code, where a row is a pointer to its fields, which are accessed by name."""
 
 from __future__ import annotations
 
@@ -36,13 +36,13 @@ I64, F64 = types.int64, types.float64
 
 
 def _name_of(kind: Any) -> str:
-    """Return a name that no other layout has: Numba takes types of one name for one type."""
+    """Return a name for a type, unique to its layout: Numba identifies types by their names."""
     layout = hashlib.sha256(layout_of(kind).encode()).hexdigest()[:8] if is_row(kind) else ""
     return f"{kind.__module__}.{kind.__qualname__}{layout}"
 
 
 class Pointer(types.Type):
-    """Where a row is."""
+    """The Numba type of a row: the address of its first field."""
 
     def __init__(self, cls: type[Row]) -> None:
         self.cls = cls
@@ -50,7 +50,7 @@ class Pointer(types.Type):
 
 
 class Entries(types.Type):
-    """The entries of a table: where the first one is, and how many there are."""
+    """The Numba type of a table: the address of its first entry, and their count."""
 
     def __init__(self, of: Any) -> None:
         self.of = of
@@ -58,7 +58,7 @@ class Entries(types.Type):
 
 
 class Line(types.Type):
-    """Where a queue is: words with the place of its first entry, their count, and its room."""
+    """The Numba type of a queue: the address of its four words (see ``rows.QUEUE_WORDS``)."""
 
     def __init__(self, of: Any) -> None:
         self.of = of
@@ -79,7 +79,7 @@ class _Entries(models.StructModel):
 
 
 def _type_of(kind: Any) -> Any:
-    """The type of a field or entry in compiled code."""
+    """Return the Numba type of a field or entry."""
     if is_row(kind):
         return Pointer(kind)
     origin = get_origin(kind)
@@ -95,14 +95,17 @@ BYTES = {bool: 1, np.float32: 4}
 
 
 def _moved(builder: Any, base: Any, words: int) -> Any:
+    """Return an address increased by a number of words."""
     return builder.gep(base, [cgutils.intp_t(8 * words)], inbounds=True)
 
 
 def _number_at(context: Any, builder: Any, place: Any, kind: Any) -> Any:
+    """Return an address as a pointer to a number of this Numba type."""
     return builder.bitcast(place, context.get_value_type(kind).as_pointer())
 
 
 def _load(context: Any, builder: Any, base: Any, words: int, kind: Any = I64) -> Any:
+    """Return the number that is this many words behind an address."""
     return builder.load(_number_at(context, builder, _moved(builder, base, words), kind))
 
 
@@ -121,31 +124,31 @@ class _Fields(AttributeTemplate):
 @lower_getattr_generic(Pointer)
 def _get(context: Any, builder: Any, row: Any, value: Any, name: str) -> Any:
     kind, place = row.cls.kinds[name], row.cls.places[name]
-    found = _type_of(kind)
-    if isinstance(found, Pointer | Line):
+    field = _type_of(kind)
+    if isinstance(field, Pointer | Line):
         return _moved(builder, value, place)
-    if isinstance(found, Entries):
-        entries = cgutils.create_struct_proxy(found)(context, builder)
+    if isinstance(field, Entries):
+        entries = cgutils.create_struct_proxy(field)(context, builder)
         entries.data = builder.gep(value, [_load(context, builder, value, place)], inbounds=True)
         entries.count = _load(context, builder, value, place + 1)
         return entries._getvalue()
-    return _load(context, builder, value, place, found)
+    return _load(context, builder, value, place, field)
 
 
 @lower_setattr_generic(Pointer)
-def _set(context: Any, builder: Any, given: Any, arguments: Any, name: str) -> None:
-    row, kind = given.args
-    found = _type_of(row.cls.kinds[name])
-    value = context.cast(builder, arguments[1], kind, found)
+def _set(context: Any, builder: Any, sig: Any, arguments: Any, name: str) -> None:
+    row, kind = sig.args
+    field = _type_of(row.cls.kinds[name])
+    value = context.cast(builder, arguments[1], kind, field)
     place = _moved(builder, arguments[0], row.cls.places[name])
-    builder.store(value, _number_at(context, builder, place, found))
+    builder.store(value, _number_at(context, builder, place, field))
 
 
 # ---- entries
 
 
 def _first_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
-    """The place of the first entry of a table or a queue."""
+    """Return the address of the first entry of a table or a queue."""
     if isinstance(kind, Entries):
         return cgutils.create_struct_proxy(kind)(context, builder, value=value).data
     return builder.gep(value, [_load(context, builder, value, 0)], inbounds=True)
@@ -169,11 +172,11 @@ def _type_of_item(context: Any) -> Any:
 
 @lower_builtin(operator.getitem, Entries, I64)
 @lower_builtin(operator.getitem, Line, I64)
-def _get_item(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
-    place = _entry(context, builder, given.args[0], *arguments)
-    if isinstance(given.return_type, Pointer):
+def _get_item(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+    place = _entry(context, builder, sig.args[0], *arguments)
+    if isinstance(sig.return_type, Pointer):
         return place
-    return builder.load(_number_at(context, builder, place, given.return_type))
+    return builder.load(_number_at(context, builder, place, sig.return_type))
 
 
 @type_callable(operator.setitem)
@@ -188,9 +191,9 @@ def _type_of_set_item(context: Any) -> Any:
 
 @lower_builtin(operator.setitem, Entries, I64, types.Number)
 @lower_builtin(operator.setitem, Line, I64, types.Number)
-def _set_item(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
-    place = _entry(context, builder, given.args[0], *arguments[:2])
-    builder.store(arguments[2], _number_at(context, builder, place, given.args[2]))
+def _set_item(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+    place = _entry(context, builder, sig.args[0], *arguments[:2])
+    builder.store(arguments[2], _number_at(context, builder, place, sig.args[2]))
     return context.get_dummy_value()
 
 
@@ -206,29 +209,31 @@ def _type_of_len(context: Any) -> Any:
 
 @lower_builtin(len, Entries)
 @lower_builtin(len, Line)
-def _len(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
-    (kind,), (value,) = given.args, arguments
+def _len(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+    (kind,), (value,) = sig.args, arguments
     if isinstance(kind, Entries):
         return cgutils.create_struct_proxy(kind)(context, builder, value=value).count
     return _load(context, builder, value, 1)
 
 
-# ---- queues: words 1 to 3 are the count, the room, and whether the queue overran
+# ---- queues, whose words 1 to 3 are the count, the room, and whether the queue overran
 
 
 def _word(typing_context: Any, line: Any, word: Any) -> Any:
+    """Read word 1, 2 or 3 of a queue."""
     place = word.literal_value
 
-    def generate(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         return _load(context, builder, arguments[0], place)
 
     return I64(line, word), generate
 
 
 def _set_word(typing_context: Any, line: Any, word: Any, value: Any) -> Any:
+    """Write word 1, 2 or 3 of a queue."""
     place = word.literal_value
 
-    def generate(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         at = _number_at(context, builder, _moved(builder, arguments[0], place), I64)
         builder.store(arguments[2], at)
         return context.get_dummy_value()
@@ -261,7 +266,7 @@ def _added(line: Any) -> Any:
             set_word(line, 1, count + 1)
         else:
             set_word(line, 3, 1)
-        return line[count]  # behind the last row there is one to spare
+        return line[count]  # the spare entry if the queue overruns
 
     return added
 
@@ -339,20 +344,20 @@ def _of_setitem(row: Any, place: Any, value: Any) -> Any:
 
 
 def call(function: Any, arguments: tuple[Any, ...]) -> None:
-    """Call a function; compiled code has its address (see ``address_of``)."""
+    """Call a function, which compiled code knows by its address (see ``address_of``)."""
     function(*arguments)
 
 
 def call_for_int(function: Any, arguments: tuple[Any, ...]) -> int:
-    """Call a function that returns a whole number; compiled code has its address."""
+    """Call a function that returns a whole number, and which compiled code knows by its address."""
     return int(function(*arguments))
 
 
 def _caller(returned: Any) -> Any:
-    """Return what compiled code calls addresses with, for functions that return this type."""
+    """Return an intrinsic that calls the function at an address, which returns this type."""
 
     def typed(typing_context: Any, function: Any, arguments: Any) -> Any:
-        def generate(context: Any, builder: Any, given: Any, values: Any) -> Any:
+        def generate(context: Any, builder: Any, sig: Any, values: Any) -> Any:
             parts = cgutils.unpack_tuple(builder, values[1])
             result = ir.VoidType() if returned is types.none else context.get_value_type(returned)
             kind = ir.FunctionType(result, [part.type for part in parts])
@@ -386,20 +391,20 @@ def _of_call_for_int(function: Any, arguments: Any) -> Any:
 def address_of(kernel: Any, *classes: Any) -> int:
     """Return the address of a kernel that takes rows of these classes and whole numbers.
 
-    It is compiled if need be, and valid in this process.
+    The kernel is compiled if necessary. The address is valid in this process only.
     """
     arguments = tuple(Pointer(cls) if is_row(cls) else I64 for cls in classes)
     return machine_code(kernel, arguments)
 
 
-# ---- where a row is
+# ---- rows and tables from addresses
 
 
 def pointer_to(cls: type[Row]) -> Any:
-    """Return a function of compiled code that takes an address for that of a row of a class."""
+    """Return a function, for compiled code, that returns the row of a class at an address."""
 
     def at(typing_context: Any, address: Any) -> Any:
-        def generate(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+        def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
             return builder.inttoptr(arguments[0], cgutils.voidptr_t)
 
         return Pointer(cls)(I64), generate
@@ -408,11 +413,11 @@ def pointer_to(cls: type[Row]) -> Any:
 
 
 def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
-    """The entries of a table or queue as an array; the shape may go beyond a queue's count."""
+    """Return a table's or queue's entries as an array, whose shape may exceed a queue's count."""
     of = set(entries.of.kinds.values()) if is_row(entries.of) else {entries.of}
     kind = types.Array(F64 if of == {float} else I64, len(shape), "C")
 
-    def generate(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         data = _first_of(context, builder, entries, arguments[0])
         data = _number_at(context, builder, data, kind.dtype)
         sizes = cgutils.unpack_tuple(builder, arguments[1])
@@ -445,7 +450,7 @@ def _room(line: Any) -> Any:
 
 
 def entries_at(of: Any) -> Any:
-    """Return a function of compiled code that takes an address, and a count, for a table's entries.
+    """Return a function, for compiled code, that makes a table of an address and a count.
 
     ``of``: int, float, bool for entries of one byte, or np.float32.
     """
@@ -453,7 +458,7 @@ def entries_at(of: Any) -> Any:
     def at(typing_context: Any, address: Any, count: Any) -> Any:
         kind = Entries(of)
 
-        def generate(context: Any, builder: Any, given: Any, arguments: Any) -> Any:
+        def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
             entries = cgutils.create_struct_proxy(kind)(context, builder)
             entries.data = builder.inttoptr(arguments[0], cgutils.voidptr_t)
             entries.count = arguments[1]

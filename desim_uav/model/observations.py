@@ -1,4 +1,4 @@
-"""Observations as numbers for a learner. The built-in ones are in ``rules.observations``."""
+"""The interface of observations for learners; the built-in ones are in ``rules.observations``."""
 
 from __future__ import annotations
 
@@ -13,8 +13,8 @@ from desim_uav.model.state import Facts, Observation
 class Feature(NamedTuple):
     """One number of an encoded observation, with its name and its inclusive bounds.
 
-    ``whole`` says that it is a whole number. If all features are, a table can hold the values of
-    states.
+    ``whole`` says that it is a whole number. If all features are, a learner can store the values of
+    states in a table.
     """
 
     name: str
@@ -24,7 +24,7 @@ class Feature(NamedTuple):
 
 
 class Encoding(Protocol):
-    """Encodes a drone's observation as numbers for a learner, whose drones have a ceiling."""
+    """An observation of learners, whose drones have a ceiling: what a drone knows, as numbers."""
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """Return the names and bounds of the numbers, in their order."""
@@ -34,13 +34,13 @@ class Encoding(Protocol):
 
 
 class RowObservation:
-    """An observation over rows, which is compiled: both engines and all environments have it.
+    """An observation over rows, which can be compiled, so that both engines run it.
 
     A subclass is a frozen dataclass whose fields are numbers, or mappings from services to numbers.
     """
 
     plain: ClassVar = ("encode",)
-    """A subclass that overrides one of these works on Python's objects instead of rows."""
+    """The methods of which a subclass overrides one if it works on Python objects, not on rows."""
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """Return the names and bounds of the numbers, in their order."""
@@ -50,25 +50,25 @@ class RowObservation:
         """Write what a drone observes into ``drone.features``, one number per feature.
 
         ``world``, ``state`` and ``drone`` are rows (see ``rules.rows``: Constants, State, Drone).
-        ``state.seen[drone.index]`` is what the drone knows. Compiled code knows no objects besides
-        rows and numbers.
+        ``state.seen[drone.index]`` is what the drone knows. Compiled code can use rows and numbers
+        only.
         """
         raise NotImplementedError
 
     def encode(self, observation: Observation, facts: Facts) -> tuple[float, ...]:
-        """Return the numbers that an engine has written."""
+        """Return the numbers that the engine has written into the observation."""
         return observation.features
 
 
 def table_sizes(features: Sequence[Feature]) -> tuple[int, ...]:
-    """Return the number of values of each feature of a table's states, which begin at 0."""
+    """Return the number of values of each feature, all whole and at least 0, for a table."""
     return tuple(int(feature.high) + 1 for feature in features)
 
 
 def table_row(code: Sequence[float], sizes: Sequence[int]) -> int:
-    """Return the row of a state in a table, in which the first feature is the most significant.
+    """Return the index of a state in a table, in which the last feature varies fastest.
 
-    Raises SimulationError for a state that the table does not have.
+    ``sizes`` are those of ``table_sizes``. Raises SimulationError for a state outside of them.
     """
     row = row_or_none(code, sizes)
     if row < 0:

@@ -1,4 +1,4 @@
-"""Rows with named fields: declared once, they are Python objects and memory of compiled code.
+"""Rows with named fields, which are objects in Python and pieces of memory in compiled code.
 
 A class of rows is declared by its annotations::
 
@@ -8,11 +8,11 @@ A class of rows is declared by its annotations::
         waiting: Queue[int]
 
 In Python a row is an object with slots, and a ``Table`` or a ``Queue`` is a list. In compiled code
-a row is a pointer to its fields, eight bytes each, which ``drone.battery_us`` reads and writes by
-name (see ``model.compiled_rows``). So one function over rows runs in both.
+a row is a pointer to its fields, of eight bytes (a word) each, which are accessed by name, as in
+``drone.battery_us`` (see ``model.compiled_rows``). One function over rows therefore runs in both.
 
-A row says where its tables are by their distance from itself. A block of memory with all that a
-row holds can therefore be copied, pickled and moved as it is.
+A row stores the positions of its tables as their distances from itself. A block of memory with a
+row and all its tables can therefore be copied, pickled and moved as it is.
 """
 
 from __future__ import annotations
@@ -29,22 +29,23 @@ T = TypeVar("T")
 R = TypeVar("R", bound="Row")
 
 Words = NDArray[np.int64]
-"""A block of memory: eight bytes per entry, some of which are floats."""
+"""A block of memory in words of eight bytes, some of which are floats."""
 
 
 class Table(list[T], Generic[T]):
-    """Rows or numbers whose count does not change.
+    """A list of rows or numbers whose length does not change.
 
-    In its place there may be an array: of numbers, or of rows of whole numbers.
+    A field may hold an array in its place: of numbers, or of rows of whole numbers.
     """
 
     __slots__ = ()
 
 
 class Queue(list[T], Generic[T]):
-    """Rows or numbers whose count changes.
+    """A list of rows or numbers whose length changes.
 
-    ``room``: how many compiled code has memory for. More are lost there, and ``overrun`` is set.
+    Compiled code has memory for ``room`` entries. If more are added, it drops them and sets
+    ``overrun``. ``of`` is the type of the entries.
     """
 
     __slots__ = ("of", "room")
@@ -55,26 +56,26 @@ class Queue(list[T], Generic[T]):
         self.room, self.of = room, of
 
     def added(self) -> T:
-        """Append a row and return it. All of its fields have yet to be set."""
+        """Append a new row and return it; the caller must set all its fields."""
         one: T = self.of()
         self.append(one)
         return one
 
 
 class Row:
-    """A row with named fields: int, float, another row, a Table or a Queue."""
+    """The base of all rows. A field is an int, a float, another row, a Table or a Queue."""
 
     __slots__ = ()
     kinds: ClassVar[dict[str, Any]] = {}
-    """The type of each field."""
+    """The type of each field, by name."""
     places: ClassVar[dict[str, int]] = {}
-    """The word at which each field begins."""
+    """The number of the word at which each field begins, by name."""
     words: ClassVar[int] = 0
-    """How many words a row takes."""
+    """The length of a row in memory, in words, without the entries of its tables."""
 
 
 def row(cls: type[R]) -> type[R]:
-    """Make a class of rows of a class with annotations: slots, and a layout in memory."""
+    """Return a class with annotations as a class of rows, with slots and a layout in memory."""
     names = tuple(cls.__annotations__)
     body = {key: part for key, part in vars(cls).items() if key not in ("__dict__", "__weakref__")}
     made: Any = type(cls.__name__, cls.__bases__, {**body, "__slots__": names})
@@ -88,23 +89,23 @@ def row(cls: type[R]) -> type[R]:
 
 
 def is_row(kind: Any) -> bool:
-    """Return whether a field is a row."""
+    """Return whether a type is a class of rows."""
     return isinstance(kind, type) and issubclass(kind, Row)
 
 
 def held_by(kind: Any) -> Any:
-    """Return what a Table or a Queue holds."""
+    """Return the type of the entries of a type of tables or queues."""
     return get_args(kind)[0]
 
 
 def width_of(kind: Any) -> int:
-    """Return how many words an entry of a table takes."""
+    """Return the length of an entry of this type in a table, in words."""
     return kind.words if is_row(kind) else 1
 
 
 @cache
 def layout_of(cls: type[Row]) -> str:
-    """Return as text where the fields of a row are, and those of the rows in its fields."""
+    """Return the layout in memory of a class of rows, and of the rows in its fields, as text."""
     fields = [(name, str(kind), cls.places[name]) for name, kind in cls.kinds.items()]
     kinds = (held_by(kind) if get_origin(kind) else kind for kind in cls.kinds.values())
     inner = [layout_of(kind) for kind in kinds if is_row(kind)]
@@ -112,10 +113,11 @@ def layout_of(cls: type[Row]) -> str:
 
 
 TABLE_WORDS, QUEUE_WORDS = 2, 4
-"""A table says where its rows are, and how many; a queue also its room, and whether it overran."""
+"""The words of a table: distance to its entries, and count; a queue adds its room and overrun."""
 
 
 def _words_of(kind: Any) -> int:
+    """Return the length of a field of this type, in words."""
     origin = get_origin(kind)
     if origin is Table:
         return TABLE_WORDS
@@ -123,7 +125,7 @@ def _words_of(kind: Any) -> int:
 
 
 def blank(cls: type[R]) -> R:
-    """Return a row of zeros and empty tables."""
+    """Return a row of a class whose numbers are 0 and whose tables are empty."""
     made: Any = cls()
     for name, kind in cls.kinds.items():
         origin = get_origin(kind)
@@ -138,7 +140,7 @@ def blank(cls: type[R]) -> R:
 
 
 def fill(cls: type[R], values: Iterable[Any]) -> R:
-    """Return a row with these values, in the order of its fields."""
+    """Return a row of a class with these values, in the order of its fields."""
     made = cls()
     for name, value in zip(cls.kinds, values, strict=True):
         setattr(made, name, value)
@@ -155,18 +157,19 @@ def named(cls: type[Row]) -> Any:
 
 
 def packed(one: Row) -> Words:
-    """Return a block of memory with a row at its start and all that its tables hold after it."""
+    """Return a block of memory that begins with a row, followed by the entries of its tables."""
     block = np.zeros(_size(one), np.int64)
     _Packer(block).pack(one)
     return block
 
 
 def _size(one: Row) -> int:
+    """Return the length of a row and of its tables' entries, in words."""
     return one.words + _size_behind(one)
 
 
 def _size_behind(one: Row) -> int:
-    """How many words the tables of a row take."""
+    """Return the length of the entries of a row's tables, in words."""
     total = 0
     for name, kind in one.kinds.items():
         value = getattr(one, name)
@@ -181,23 +184,24 @@ def _size_behind(one: Row) -> int:
 
 
 def _length(kind: Any, value: Any) -> int:
-    """For how many entries there is memory; behind a queue's last row there is one to spare."""
+    """Return the number of entries with memory: a queue has a spare one, written if it overruns."""
     return len(value) if get_origin(kind) is Table else max(value.room, len(value)) + 1
 
 
 class _Packer:
-    """Writes rows into a block, and their tables behind everything that has been written."""
+    """Writes rows into a block, and the entries of their tables behind all that is written."""
 
     def __init__(self, block: Words) -> None:
         self.block, self.floats = block, block.view(np.float64)
         self.end = 0
 
     def pack(self, one: Row) -> None:
-        """Write the row that the block is of."""
+        """Write a row at the start of the block, and all its tables."""
         self.end = one.words
         self._write(one, 0)
 
     def _write(self, one: Row, at: int) -> None:
+        """Write a row at a word of the block, and its tables behind everything."""
         for name, kind in one.kinds.items():
             place, value = at + one.places[name], getattr(one, name)
             if is_row(kind):
@@ -213,6 +217,7 @@ class _Packer:
                 self._numbers(kind)[place] = value
 
     def _write_all(self, kind: Any, values: Any) -> None:
+        """Write the entries of a table or queue behind everything."""
         of, begin = held_by(kind), self.end
         self.end += _length(kind, values) * width_of(of)
         if isinstance(values, np.ndarray):
@@ -224,14 +229,15 @@ class _Packer:
             self._numbers(of)[begin : begin + len(values)] = values
 
     def _numbers(self, kind: Any) -> Any:
+        """Return the block as an array of this type of numbers."""
         return self.floats if kind is float else self.block
 
 
-# ---- memory seen from Python
+# ---- blocks of memory in Python
 
 
 class View:
-    """A row in a block of memory: its fields by name, its tables as arrays and lists of views."""
+    """A row in a block of memory; its fields are read by name, its tables as arrays or views."""
 
     __slots__ = ("_at", "_block", "_cls")
 
@@ -264,7 +270,7 @@ class View:
 
 
 def array_of(block: Words, cls: type[Row], name: str, at: int = 0) -> NDArray[Any]:
-    """Return the rows of a table, or of a queue, of a row as a structured array over its memory."""
+    """Return a table or queue of the row at word ``at`` as a (structured) array over its memory."""
     kind, place = cls.kinds[name], at + cls.places[name]
     base = at if get_origin(kind) is Table else place
     begin, count = base + int(block[place]) // 8, int(block[place + 1])
@@ -275,7 +281,7 @@ def array_of(block: Words, cls: type[Row], name: str, at: int = 0) -> NDArray[An
 
 @cache
 def dtype_of(cls: type[Row]) -> np.dtype[Any]:
-    """Return the layout of a row for NumPy."""
+    """Return the NumPy data type of a class of rows."""
     formats = {int: "i8", float: "f8"}
     return np.dtype(
         {
@@ -291,7 +297,7 @@ def dtype_of(cls: type[Row]) -> np.dtype[Any]:
 
 
 def room_of(block: Words, cls: type[Row], name: str) -> NDArray[Any]:
-    """Return all the rows that a queue of a row has room for (see ``array_of``)."""
+    """Return all entries for which a queue has room, used or not, as ``array_of`` returns them."""
     place, of = cls.places[name], held_by(cls.kinds[name])
     begin, room = place + int(block[place]) // 8, int(block[place + 2])
     words = block[begin : begin + room * width_of(of)]

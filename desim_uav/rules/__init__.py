@@ -1,5 +1,5 @@
-"""What happens: the rules of the model, each written once, as functions over rows.
+"""The rules of the model, which say what happens; each is written once, as a function over rows.
 
-Both engines run these functions: Python as they stand, Numba as machine code. An engine decides
-only when they are called.
+Both engines run these functions: the SimPy engine as plain Python, and the compiled engine as
+machine code that Numba makes from the same source. An engine decides only when a rule is called.
 """

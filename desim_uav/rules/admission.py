@@ -1,4 +1,4 @@
-"""Admission: which of the requests that wait at a drone it serves."""
+"""Admission: the paper's rule, and the functions by which any rule serves or refuses a request."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class FirstCome(RowAdmission):
     def scan_rows(
         self, world: Constants, path: Path, state: State, drone: Drone, phase: int
     ) -> None:
-        """Serve each request in turn that fits into the free bandwidth, and refuse none."""
+        """Serve, in turn, each request that fits into the drone's free bandwidth; refuse none."""
         waiting, kept = drone.waiting, 0
         for k in range(len(waiting)):
             user = state.users[waiting[k]]
@@ -38,7 +38,11 @@ class FirstCome(RowAdmission):
 
 @rule
 def admit(world: Constants, state: State, drone: Drone, number: int, phase: int) -> None:
-    """Serve the request of a user, by its number, that waits at a drone, which has bandwidth."""
+    """Serve the waiting request of user ``number``, who is attached to the drone.
+
+    A request that exceeds the free bandwidth is an error of the admission rule: the fault
+    OVERBOOKED is set, and the engine raises SimulationError at the end of the step.
+    """
     user = state.users[number]
     drone.waiting.remove(number)
     if world.bandwidth_bps >= 0 and user.request.bandwidth_bps > drone.free_bps:
@@ -50,6 +54,6 @@ def admit(world: Constants, state: State, drone: Drone, number: int, phase: int)
 def turn_away(
     world: Constants, path: Path, state: State, drone: Drone, number: int, phase: int
 ) -> None:
-    """Refuse the request of a user, by its number, that waits at a drone, for good."""
+    """Close the waiting request of user ``number``, who is attached to the drone, unserved."""
     drone.waiting.remove(number)
     refuse(world, path, state, state.users[number], phase)

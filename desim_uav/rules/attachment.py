@@ -1,4 +1,4 @@
-"""Attachment: each covered user belongs to the drone whose footprint it entered first."""
+"""Attachment of users: each covered user is attached to exactly one of the drones that cover it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from desim_uav.rules.words import ATTACHMENT, ON_ATTACH, ON_DETACH
 
 @rule
 def attach(state: State, drone: Drone, user: User, phase: int) -> None:
-    """Attach a user to a drone, whose queue its open request joins."""
+    """Attach a user to a drone; if the user has an open request, it joins the drone's queue."""
     now_us = state.now_us
     user.holder = drone.index
     user.held_since_us = now_us
@@ -27,7 +27,10 @@ def attach(state: State, drone: Drone, user: User, phase: int) -> None:
 
 @rule
 def detach(state: State, drone: Drone, user: User, phase: int) -> None:
-    """Take a user from its drone, which serves it no longer."""
+    """Detach a user from its drone, which stops serving it.
+
+    A user whom other drones still cover becomes loose: ``settle`` attaches it to one of them.
+    """
     if user.request.number >= 0:
         count_attached(state, user)
         if user.request.server < 0:
@@ -47,10 +50,10 @@ def detach(state: State, drone: Drone, user: User, phase: int) -> None:
 
 @rule
 def settle_after(world: Constants, path: Path, state: State, phase: int) -> None:
-    """Have loose users attached and queues scanned in this instant's attachment phase.
+    """Schedule ``settle`` for the attachment phase of this instant, if there is anything to settle.
 
-    It happens at once if nothing else of the instant comes before. Commands are followed by a
-    settlement of their own (see ``rules.episode.command``).
+    It is called at once if no other event of the instant comes before. After ``phase`` 7, nothing
+    is scheduled: commands are followed by a call of their own (see ``rules.episode.command``).
     """
     if phase <= ATTACHMENT and (len(state.loose) > 0 or state.to_scan > 0):
         place = key(ATTACHMENT, -1, -1)
@@ -62,7 +65,11 @@ def settle_after(world: Constants, path: Path, state: State, phase: int) -> None
 
 @rule
 def settle(world: Constants, path: Path, state: State, attachment: int, admission: int) -> None:
-    """Attach loose users, each to the drone entered first; then scan the queues of drones."""
+    """Attach loose users; then let the affected drones admit requests from their queues.
+
+    A user is attached to the drone whose footprint it entered first. ``attachment`` and
+    ``admission`` are the phases under which the two are logged.
+    """
     loose = state.loose
     for k in range(len(loose)):
         user = state.users[loose[k]]
@@ -83,7 +90,7 @@ def settle(world: Constants, path: Path, state: State, attachment: int, admissio
 
 @rule
 def entered_first(user: User) -> int:
-    """Return the drone whose footprint a user entered first, of several the lowest index, or -1."""
+    """Return the index of the drone whose footprint a user entered first (ties: lowest), or -1."""
     first, first_us, d, left = -1, -1, 0, user.covered
     while left > 0:
         entered_us = user.covering[d]

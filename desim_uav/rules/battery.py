@@ -1,4 +1,4 @@
-"""The battery: what it holds, and when it is empty."""
+"""Batteries: how much autonomy one holds at a time, and when it is depleted."""
 
 from __future__ import annotations
 
@@ -12,19 +12,19 @@ from desim_uav.rules.words import CHARGING, DEPLETION, FLYING, RETURNING
 
 @rule
 def drained_us(world: Constants, drone: Drone, elapsed_us: int) -> int:
-    """Return what the first ``elapsed_us`` of a drone's transit take from its battery."""
+    """Return the autonomy in µs that the first ``elapsed_us`` of a drone's transit use."""
     return call_for_int(world.drained_us, (world, world.transits[drone.transit], elapsed_us))
 
 
 @rule
 def lasts_us(world: Constants, drone: Drone) -> int:
-    """Return for how long a drone's battery lasts on its transit."""
+    """Return after how many µs of its transit a drone's battery is empty."""
     return call_for_int(world.lasts_us, (world, world.transits[drone.transit], drone.battery_us))
 
 
 @rule
 def battery_now(world: Constants, state: State, drone: Drone) -> int:
-    """Return what a drone's battery holds now, in microseconds of autonomy."""
+    """Return the charge of a drone's battery now, in µs of autonomy; 0 if it is unlimited."""
     if not world.limited:
         return 0
     elapsed_us = state.now_us - drone.since_us
@@ -39,7 +39,7 @@ def battery_now(world: Constants, state: State, drone: Drone) -> int:
 
 @rule
 def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None:
-    """Book what the battery has lost or gained; from now on another leg or mode counts."""
+    """Begin a new leg or mode: update the battery to now, and cancel the scheduled depletion."""
     drone.battery_us = battery_now(world, state, drone)
     drone.since_us = state.now_us
     drone.counted_m = 0.0
@@ -49,7 +49,7 @@ def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None
 
 @rule
 def foresee_depletion(world: Constants, state: State, drone: Drone, span_us: int) -> None:
-    """Foresee an empty battery if it does not outlast a leg of ``span_us``."""
+    """Schedule the depletion of the battery if it does not outlast a leg of ``span_us``."""
     if world.limited:
         lasts = lasts_us(world, drone)
         if lasts <= span_us:

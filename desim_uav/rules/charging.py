@@ -26,7 +26,7 @@ from desim_uav.rules.words import (
 
 @rule
 def land(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
-    """Land and join the station's queue."""
+    """Land a drone on the station beneath it, whose queue it joins."""
     silence(world, path, state, drone, COVERAGE)
     change_mode(world, state, drone, QUEUED)
     hover_at(drone, drone.x, drone.y, drone.level)
@@ -38,15 +38,16 @@ def land(world: Constants, path: Path, state: State, drone: Drone, phase: int) -
 
 
 def hand_on_pads(world: Any, state: Any, station: int) -> None:
-    """Let drones that are first in a station's queue begin to charge, as many as it has pads.
+    """Let the first drones in a station's queue begin to charge, as many as it has pads.
 
-    A clock whose stations are resources does so by itself.
+    This function does nothing in the SimPy engine, whose pads are a ``simpy.Resource``. The
+    compiled engine has a function of its own in its place.
     """
 
 
 @rule
 def begin_charging(world: Constants, state: State, drone: Drone, station: int) -> int:
-    """Begin to charge on a pad; return the phase in which that happens."""
+    """Begin to charge a queued drone on a pad; return the phase under which this is logged."""
     count_queueing(state, drone)
     phase = ARRIVAL if state.now_us > drone.since_us else drone.landed_in
     change_mode(world, state, drone, CHARGING)
@@ -56,7 +57,7 @@ def begin_charging(world: Constants, state: State, drone: Drone, station: int) -
 
 @rule
 def await_full(world: Constants, state: State, drone: Drone) -> bool:
-    """Foresee a full battery; return False if it is full already."""
+    """Schedule the end of a charge; return False if the battery is full already."""
     rest_us = time_to_full_us(drone.battery_us, world.capacity_us, world.full_charge_us)
     if rest_us <= 0:
         return False
@@ -67,7 +68,7 @@ def await_full(world: Constants, state: State, drone: Drone) -> bool:
 
 @rule
 def end_charging(world: Constants, state: State, drone: Drone, station: int, phase: int) -> None:
-    """The battery is full: the pad is free, and the drone waits there for its next command."""
+    """End the charge of a drone, which frees the pad and waits on the ground for a command."""
     change_mode(world, state, drone, CHARGED)
     note(state, phase, ON_CHARGED, drone.index, -1, -1, station)
     state.charges += 1
@@ -77,7 +78,7 @@ def end_charging(world: Constants, state: State, drone: Drone, station: int, pha
 
 @rule
 def on_full(world: Constants, state: State, drone: Drone) -> None:
-    """A drone on a pad is full, and the pad goes to the next one in the queue."""
+    """End a charge when it is due, and give the pad to the next drone in the queue."""
     station = station_under(world, drone)
     end_charging(world, state, drone, station, ARRIVAL)
     hand_on_pads(world, state, station)
@@ -85,5 +86,5 @@ def on_full(world: Constants, state: State, drone: Drone) -> None:
 
 @rule
 def count_queueing(state: State, drone: Drone) -> None:
-    """Count what a queued drone has waited for a pad in this episode."""
+    """Add the time for which a drone has queued for a pad in this episode to ``queueing_us``."""
     state.queueing_us += state.now_us - max(drone.since_us, 0)

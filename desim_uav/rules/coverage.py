@@ -1,4 +1,4 @@
-"""Coverage: users enter and leave the footprint of a drone that serves."""
+"""Coverage: users enter and leave the footprints of serving drones."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ from desim_uav.rules.words import ENTRY, EXIT, ON_ENTER, ON_EXIT
 
 
 def look_anew(world: Any, path: Any, state: Any) -> None:
-    """At the start of an episode: forget where users are."""
+    """Discard what an engine keeps about the users' walks, at the start of an episode.
+
+    In the SimPy engine this does nothing; the compiled engine has a function of its own.
+    """
 
 
 @rule
 def track(
     world: Constants, path: Path, state: State, drone: Drone, span_us: int, phase: int
 ) -> None:
-    """Foresee the crossings of a drone that serves on a leg of ``span_us`` from now on.
+    """Compute and schedule all crossings of a drone's footprint in the next ``span_us``.
 
-    They are written to ``ahead`` with the next one last: by time, at one time exits before
-    entries, then by user. A drone that has not served until now also enters the users in its
-    footprint. Crossings of this very instant happen at once, in ``phase``.
+    They are written to ``drone.ahead``, the next one last: by time, at the same time exits before
+    entries, then by user. If the drone begins to serve, the users in its footprint enter it now.
+    Crossings at this very instant happen immediately and are logged under ``phase``.
     """
     call(world.foresee, (world, path, state, drone, span_us))
     drone.serving = 1
@@ -43,7 +46,7 @@ def track(
 
 @rule
 def _await_next(state: State, drone: Drone) -> None:
-    """Let the next crossing of the drone's leg happen at its time."""
+    """Schedule the next crossing of the drone's leg, if there is one."""
     ahead, slot = drone.ahead, crossing_slot(state, drone.index)
     if len(ahead) == 0:
         undo(state, slot)
@@ -55,7 +58,7 @@ def _await_next(state: State, drone: Drone) -> None:
 
 @rule
 def on_crossing(world: Constants, path: Path, state: State, drone: Drone) -> None:
-    """The next crossing of a drone's leg happens."""
+    """Let the user of the crossing that is now due enter or leave the drone's footprint."""
     crossing = drone.ahead.pop()
     user, enters = state.users[crossing.user], crossing.enters
     _await_next(state, drone)
@@ -68,6 +71,7 @@ def on_crossing(world: Constants, path: Path, state: State, drone: Drone) -> Non
 
 @rule
 def _enter(state: State, drone: Drone, user: User, phase: int) -> None:
+    """Let a user enter a footprint; a user who is not attached to a drone becomes loose."""
     if user.covering[drone.index] < 0:
         user.covered += 1
     user.covering[drone.index] = state.now_us
@@ -80,6 +84,7 @@ def _enter(state: State, drone: Drone, user: User, phase: int) -> None:
 
 @rule
 def _leave(state: State, drone: Drone, user: User, phase: int) -> None:
+    """Let a user leave a footprint; if it was attached to this drone, it is detached."""
     if user.covering[drone.index] >= 0:
         user.covered -= 1
     user.covering[drone.index] = -1
@@ -92,7 +97,7 @@ def _leave(state: State, drone: Drone, user: User, phase: int) -> None:
 
 @rule
 def silence(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
-    """A drone stops serving: its footprint is gone."""
+    """End the service of a drone: all users leave its footprint, which no longer exists."""
     if not drone.serving:
         return
     drone.serving = 0
@@ -106,7 +111,7 @@ def silence(world: Constants, path: Path, state: State, drone: Drone, phase: int
 
 @rule
 def leave_all(state: State, phase: int) -> None:
-    """At the end of an episode: all users leave all footprints."""
+    """Let all users leave all footprints, at the end of an episode."""
     for u in range(len(state.users)):
         user, d = state.users[u], 0
         while user.covered > 0:

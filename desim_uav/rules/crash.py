@@ -1,4 +1,4 @@
-"""A crash: an empty battery in the air, and the drone that takes the place of a crashed one."""
+"""Crashes: drones whose batteries are empty in the air, and the drones that replace them."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from desim_uav.rules.words import (
 
 @rule
 def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
-    """The battery is empty in the air: the drone falls where it is, and its users are dropped."""
+    """Let a drone whose battery is empty fall to the ground beneath it, and detach its users."""
     note_drone(state, DEPLETION, ON_DEPLETE, drone)
     x_m, y_m, _ = position(world, state, drone)
     count_distance(world, state, drone)
@@ -58,7 +58,7 @@ def respawn(world: Constants, path: Path, state: State) -> bool:
 
 @rule
 def _replace(world: Constants, path: Path, state: State, drone: Drone) -> None:
-    """Put a new drone on the station that was drawn for it."""
+    """Put a new drone with a full battery above the station that the sample path names for it."""
     station = path.respawns[drone.index * path.respawns_drawn + drone.respawns]
     cell = world.stations[station]
     appear(world, state, drone, cell.x, cell.y)

@@ -1,4 +1,4 @@
-"""Decision epochs: what a drone knows, what it may be commanded, and what a command becomes."""
+"""Decision epochs: what drones know, which commands are allowed, and what they lead to."""
 
 from __future__ import annotations
 
@@ -23,7 +23,10 @@ from desim_uav.rules.words import (
 
 @rule
 def observe(world: Constants, state: State) -> None:
-    """Note what each drone knows, once it has taken its bearings."""
+    """Write what each drone knows at a decision epoch into ``state.seen`` and ``state.counts``.
+
+    ``orient`` must have been called before: it sets where a drone believes itself to be.
+    """
     services = world.services
     for d in range(len(state.drones)):
         drone, seen = state.drones[d], state.seen[d]
@@ -64,9 +67,9 @@ def record(world: Constants, state: State) -> None:
 
 @rule
 def allow(world: Constants, state: State) -> None:
-    """Write the masks: which actions each drone may be commanded now. None is without one.
+    """Write the masks, which say what actions each drone may take; each drone has at least one.
 
-    A move into a building is allowed, because a drone has no map.
+    A move off the map or into a building is allowed, because a drone has no map.
     """
     for d in range(len(state.drones)):
         drone, battery_us = state.drones[d], state.seen[d].battery_us
@@ -79,7 +82,7 @@ def allow(world: Constants, state: State) -> None:
 
 @rule
 def is_allowed(action: int, mode: int, may_return: bool, may_charge: bool) -> bool:
-    """Return whether a drone in this mode may be commanded an action."""
+    """Return whether a drone in this mode may take an action."""
     if mode == RETURNING:
         return action == GOTO
     if mode in (QUEUED, CHARGING):
@@ -96,17 +99,21 @@ def is_allowed(action: int, mode: int, may_return: bool, may_charge: bool) -> bo
 def mask(
     actions: tuple[Action, ...], mode: Mode, may_return: bool, may_charge: bool
 ) -> tuple[bool, ...]:
-    """Return which of the actions a drone in this mode may be commanded; at least one is True."""
+    """Return the mask of a drone in this mode: one entry per action, at least one of them True."""
     return tuple(is_allowed(int(each), int(mode), may_return, may_charge) for each in actions)
 
 
 @rule
 def taken(world: Constants, state: State, drone: Drone) -> int:
-    """Return the action that a command leads to: itself, else the mask's only one, else hover."""
-    told, actions = drone.command, len(world.moves)
+    """Return the index of the action that a drone takes on its command.
+
+    A command that the mask forbids is replaced by the only allowed action, or by hover if several
+    are allowed.
+    """
+    command, actions = drone.command, len(world.moves)
     first = drone.index * actions
-    if told >= 0 and state.masks[first + told]:
-        return told
+    if command >= 0 and state.masks[first + command]:
+        return command
     allowed, only, hover = 0, 0, 0
     for k in range(actions):
         if state.masks[first + k]:
@@ -119,7 +126,7 @@ def taken(world: Constants, state: State, drone: Drone) -> int:
 
 @rule
 def obey(world: Constants, path: Path, state: State, drone: Drone) -> None:
-    """Act on the action taken."""
+    """Let a drone begin the action that it takes on its command (``drone.taken``)."""
     drone.waits = 0
     action = world.moves[drone.taken].action
     if action == GOTO:
@@ -133,6 +140,6 @@ def obey(world: Constants, path: Path, state: State, drone: Drone) -> None:
 
 @rule
 def go_home(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
-    """Fly the next hop home, or land."""
+    """Begin the next hop of a drone's return, or land if it has reached a station."""
     if not fly_home(world, state, drone, phase):
         land(world, path, state, drone, phase)

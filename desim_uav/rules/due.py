@@ -1,7 +1,8 @@
-"""The seam between the rules and an engine's clock: what is to happen, and when.
+"""The event queue as the rules see it; each engine has an implementation of its own.
 
-Whatever can happen has a slot of its own, so that nothing that was foreseen is ever stale: a slot
-is set anew or cleared. Things of one instant happen in the order of their keys.
+Each thing that can happen (for instance the next arrival of drone 2) has a slot, which holds at
+most one event. A new time replaces the old one, so the queue never contains an outdated event.
+Events of one instant happen in the order of their keys.
 """
 
 from __future__ import annotations
@@ -14,27 +15,27 @@ from desim_uav.rules.rows import State
 
 @rule
 def key(phase: int, drone: int, user: int) -> int:
-    """Return the place within an instant: by phase, drone and user (-1: none, first)."""
+    """Return the rank of an event in its instant: by phase, drone and user (-1, none, is first)."""
     return phase * (1 << 48) + (drone + 1) * (1 << 24) + user + 1
 
 
 def due(state: Any, slot: int, t_us: int, key: int) -> None:
-    """Let the thing of a slot happen at a time, at its place in that instant."""
+    """Schedule the event of a slot for a time; ``key`` is its rank in that instant."""
     state.clock.due(slot, t_us, key)
 
 
 def undo(state: Any, slot: int) -> None:
-    """Let the thing of a slot not happen."""
+    """Cancel the event of a slot, if one is scheduled."""
     state.clock.undo(slot)
 
 
 def nothing_before(state: Any, key: int) -> bool:
-    """Return whether it is known that nothing else of this instant comes before a place."""
+    """Return True only if no event of this instant precedes ``key``; False may be over-cautious."""
     return bool(state.clock.nothing_before(key))
 
 
 def nothing_due(state: Any) -> None:
-    """Clear all slots."""
+    """Cancel all scheduled events."""
     state.clock.clear()
 
 
@@ -43,40 +44,40 @@ def nothing_due(state: Any) -> None:
 
 @rule
 def completion_slot(state: State, user: int) -> int:
-    """Return the slot of the completion of a user's request."""
+    """Return the slot for the completion of a user's request."""
     return user
 
 
 @rule
 def ask_slot(state: State, user: int) -> int:
-    """Return the slot of a user's next request."""
+    """Return the slot for a user's next request."""
     return len(state.users) + user
 
 
 @rule
 def crossing_slot(state: State, drone: int) -> int:
-    """Return the slot of the next crossing of a drone's footprint."""
+    """Return the slot for the next user who enters or leaves a drone's footprint."""
     return 2 * len(state.users) + drone
 
 
 @rule
 def arrival_slot(state: State, drone: int) -> int:
-    """Return the slot of the end of a drone's transit, hop or charge."""
+    """Return the slot for the end of a drone's transit, hop or charge."""
     return 2 * len(state.users) + len(state.drones) + drone
 
 
 @rule
 def depletion_slot(state: State, drone: int) -> int:
-    """Return the slot of an empty battery."""
+    """Return the slot for the depletion of a drone's battery."""
     return 2 * len(state.users) + 2 * len(state.drones) + drone
 
 
 @rule
 def settle_slot(state: State) -> int:
-    """Return the slot of attachment and admission."""
+    """Return the slot for attachment and admission, which all drones share."""
     return 2 * len(state.users) + 3 * len(state.drones)
 
 
 def slots(users: int, drones: int) -> int:
-    """Return how many slots there are."""
+    """Return the number of slots in a world with so many users and drones."""
     return 2 * users + 3 * drones + 1

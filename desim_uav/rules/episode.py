@@ -38,7 +38,7 @@ from desim_uav.rules.words import (
 
 @rule
 def start_afresh(world: Constants, state: State) -> None:
-    """Put the drones at their starts."""
+    """Put all drones at their starting cells with full batteries, and empty the stations."""
     state.now_us = 0
     for d in range(len(state.drones)):
         drone = state.drones[d]
@@ -50,7 +50,7 @@ def start_afresh(world: Constants, state: State) -> None:
 
 @rule
 def begin(world: Constants, path: Path, state: State) -> None:
-    """Begin an episode with the drones as they are; what they did is as long ago as it was."""
+    """Begin an episode at time 0 with the drones in their present state, and the users anew."""
     for d in range(len(state.drones)):
         _forget_episode(world, state, state.drones[d])
     _forget(state)
@@ -69,7 +69,7 @@ def begin(world: Constants, path: Path, state: State) -> None:
 
 @rule
 def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
-    """Forget what a drone did in the episode before, but not what it is about."""
+    """Reset what belongs to an episode in a drone's row, but keep its leg, mode and battery."""
     drone.since_us -= state.now_us
     drone.respawns = drone.waits = drone.serving = drone.scan = 0
     drone.free_bps = world.bandwidth_bps
@@ -82,7 +82,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
 
 @rule
 def _forget(state: State) -> None:
-    """Forget users, requests and measures of the episode before."""
+    """Reset the users, requests and measures of the previous episode, and cancel all events."""
     state.now_us = state.step = state.terminated = state.truncated = 0
     state.opened = state.in_service = state.charges = state.crashes = state.suppressed = 0
     state.open_us = state.served_us = state.attached_us = state.attached_from_us = 0
@@ -106,7 +106,7 @@ def _forget(state: State) -> None:
 
 @rule
 def _go_on(world: Constants, path: Path, state: State, drone: Drone) -> None:
-    """Go on with what a drone was about in the episode before."""
+    """Continue what a drone was doing at the end of the previous episode."""
     note_leg(world, state, drone)
     if drone.mode == RETURNING:
         if drone.hopping:
@@ -123,7 +123,7 @@ def _go_on(world: Constants, path: Path, state: State, drone: Drone) -> None:
 
 @rule
 def show_first(world: Constants, path: Path, state: State) -> None:
-    """Show the first decision epoch, once everything before it has happened."""
+    """Prepare the snapshot of the first decision epoch: observations and masks."""
     observe(world, state)
     if respawn(world, path, state):
         observe(world, state)
@@ -132,7 +132,7 @@ def show_first(world: Constants, path: Path, state: State) -> None:
 
 @rule
 def hear(world: Constants, state: State) -> None:
-    """Take the commands of all drones, which stand in ``command``: an action's index, or -1."""
+    """Turn the commands of all drones (an action's index, or -1 if it is none) into actions."""
     for d in range(len(state.drones)):
         drone = state.drones[d]
         state.history[state.step * len(state.drones) + d] = drone.command
@@ -143,7 +143,7 @@ def hear(world: Constants, state: State) -> None:
 
 @rule
 def command(world: Constants, path: Path, state: State) -> None:
-    """Have the drones that wait obey, one after the other; then attach users and scan queues."""
+    """Let the drones that can be commanded act in turn; then attach users and admit requests."""
     hear(world, state)
     for d in range(len(state.drones)):
         if state.drones[d].waits:
@@ -153,7 +153,10 @@ def command(world: Constants, path: Path, state: State) -> None:
 
 @rule
 def end_step(world: Constants, path: Path, state: State) -> None:
-    """Phase 8: the step's record and rewards, and the end of the episode; then respawns."""
+    """End a step: record it, reward the drones, and end the episode or replace crashed drones.
+
+    These are phases 8 and 9 of the instant; the masks of the next decision epoch follow.
+    """
     state.step += 1
     any_crashed = False
     for d in range(len(state.drones)):
@@ -176,6 +179,7 @@ def end_step(world: Constants, path: Path, state: State) -> None:
 
 @rule
 def _end_episode(world: Constants, path: Path, state: State) -> None:
+    """Close all requests, detach all users, and complete the totals of the episode."""
     for u in range(len(state.users)):
         state.users[u].doing = doing(state.users[u])
     close_all(world, path, state)

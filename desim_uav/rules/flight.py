@@ -1,4 +1,4 @@
-"""Flight: cell by cell as commanded, and home by the planned way."""
+"""Flight: commanded moves from cell to cell, and returns to a charging station."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ from desim_uav.rules.words import (
 
 @rule
 def station_under(world: Constants, drone: Drone) -> int:
-    """Return the station on whose cell a drone is, at its landing level, or -1."""
+    """Return the index of the station on whose cell a drone is at the lowest level, or -1."""
     if drone.level != 0:
         return -1
     return world.station_at[drone.x * world.ny + drone.y]
@@ -45,7 +45,7 @@ def can_enter(world: Constants, drone: Drone, x: int, y: int, level: int) -> boo
 
 @rule
 def flown_m(world: Constants, state: State, drone: Drone) -> float:
-    """Return how far a drone has flown on its leg."""
+    """Return the distance in metres that a drone has flown on its leg until now."""
     pieces = world.transits[drone.transit].pieces
     elapsed_s, k = (state.now_us - drone.since_us) / US, 0
     while k + 1 < len(pieces) and pieces[k + 1].start_s <= elapsed_s:
@@ -58,7 +58,7 @@ def flown_m(world: Constants, state: State, drone: Drone) -> float:
 
 @rule
 def position(world: Constants, state: State, drone: Drone) -> tuple[float, float, float]:
-    """Return where a drone is now: x, y, z in metres."""
+    """Return the true position of a drone now: x, y and z in metres."""
     if drone.fallen:
         return drone.fallen_x_m, drone.fallen_y_m, 0.0
     x0 = (drone.x + 0.5) * world.cell_x_m
@@ -75,9 +75,9 @@ def position(world: Constants, state: State, drone: Drone) -> tuple[float, float
 
 @rule
 def orient(world: Constants, path: Path, state: State, drone: Drone, step: int) -> None:
-    """Take bearings at a decision epoch: where does the drone believe it is?
+    """Set the cell and level at which a drone believes itself to be, at a decision epoch.
 
-    It mistakes x and y by the position errors of the sample path; it knows its altitude.
+    Its x and y contain the position errors of the sample path, in cells; its altitude is exact.
     """
     noisy = len(path.errors) > 0
     x, y, level = drone.x, drone.y, drone.level
@@ -96,7 +96,7 @@ def orient(world: Constants, path: Path, state: State, drone: Drone, step: int) 
 
 @rule
 def way_back(world: Constants, drone: Drone, from_place: int) -> Plan:
-    """Return the planned way back from a place, under the drone's ceiling if it has one."""
+    """Return the planned return from a place, below the drone's ceiling if it has one."""
     places = world.levels * world.nx * world.ny
     return world.plans[world.ceilings[drone.index] * places + from_place]
 
@@ -106,7 +106,7 @@ def way_back(world: Constants, drone: Drone, from_place: int) -> Plan:
 
 @rule
 def hover_at(drone: Drone, x: int, y: int, level: int) -> None:
-    """Rest at a place."""
+    """Put a drone at rest at the centre of a cell, at a level."""
     drone.x, drone.y, drone.level = x, y, level
     drone.to_x, drone.to_y, drone.to_level = x, y, level
     drone.transit = REST
@@ -115,7 +115,7 @@ def hover_at(drone: Drone, x: int, y: int, level: int) -> None:
 
 @rule
 def appear(world: Constants, state: State, drone: Drone, x: int, y: int) -> None:
-    """Put a drone in the air at the lowest level, with a full battery."""
+    """Put a drone in the air above a cell, at the lowest level and with a full battery."""
     drone.mode = FLYING
     drone.battery_us = world.capacity_us
     drone.since_us = state.now_us
@@ -125,7 +125,7 @@ def appear(world: Constants, state: State, drone: Drone, x: int, y: int) -> None
 
 @rule
 def set_out(world: Constants, state: State, drone: Drone, mode: int, transit: int) -> None:
-    """Begin a leg to the place that ``to_x``, ``to_y`` and ``to_level`` say; a hover is one too."""
+    """Begin a leg to (``to_x``, ``to_y``, ``to_level``) by a transit's number (REST: a hover)."""
     change_mode(world, state, drone, mode)
     drone.transit = transit
     if transit != REST:
@@ -134,7 +134,7 @@ def set_out(world: Constants, state: State, drone: Drone, mode: int, transit: in
 
 @rule
 def arrive(world: Constants, state: State, drone: Drone) -> None:
-    """End a leg: the drone hovers where it has led."""
+    """End a drone's transit: it hovers at its destination."""
     state.distance_m += world.transits[drone.transit].distance_m - drone.counted_m
     change_mode(world, state, drone, drone.mode)
     hover_at(drone, drone.to_x, drone.to_y, drone.to_level)
@@ -143,7 +143,7 @@ def arrive(world: Constants, state: State, drone: Drone) -> None:
 
 @rule
 def count_distance(world: Constants, state: State, drone: Drone) -> None:
-    """Count what a drone has flown of its leg and not counted before."""
+    """Add the part of a drone's leg that is flown but not counted yet to ``distance_m``."""
     flown = flown_m(world, state, drone)
     state.distance_m += flown - drone.counted_m
     drone.counted_m = flown
@@ -154,7 +154,10 @@ def count_distance(world: Constants, state: State, drone: Drone) -> None:
 
 @rule
 def fly(world: Constants, path: Path, state: State, drone: Drone, taken: int) -> None:
-    """A step of serving flight: a move to the next cell or level, or a hover."""
+    """Begin a step of serving flight: a move to the next cell or level, or a hover.
+
+    A move to a place that the drone cannot enter is blocked: the drone hovers instead.
+    """
     move = world.moves[taken]
     x, y, level = drone.x + move.dx, drone.y + move.dy, drone.level + move.dlevel
     moves = move.action != HOVER
@@ -174,7 +177,7 @@ def fly(world: Constants, path: Path, state: State, drone: Drone, taken: int) ->
 
 @rule
 def _serve_on(world: Constants, path: Path, state: State, drone: Drone, transit: int) -> None:
-    """Begin a leg that lasts for the step, and serve on it."""
+    """Begin a leg that lasts for the step, on which the drone serves users."""
     set_out(world, state, drone, FLYING, transit)
     foresee_depletion(world, state, drone, world.step_us)
     track(world, path, state, drone, world.step_us, COVERAGE)
@@ -182,13 +185,14 @@ def _serve_on(world: Constants, path: Path, state: State, drone: Drone, transit:
 
 @rule
 def _await_arrival(world: Constants, state: State, drone: Drone) -> None:
+    """Schedule the end of a drone's transit."""
     arrival_us = drone.since_us + world.transits[drone.transit].duration_us
     due(state, arrival_slot(state, drone.index), arrival_us, key(ARRIVAL, drone.index, -1))
 
 
 @rule
 def end_move(world: Constants, state: State, drone: Drone) -> None:
-    """A move ends before its step does: the drone hovers, and can be commanded."""
+    """End a move: the drone hovers for the rest of the step, and can be commanded again."""
     rest_us = world.step_us - world.transits[drone.transit].duration_us
     arrive(world, state, drone)
     foresee_depletion(world, state, drone, rest_us)
@@ -200,7 +204,7 @@ def end_move(world: Constants, state: State, drone: Drone) -> None:
 
 @rule
 def turn_back(world: Constants, path: Path, state: State, drone: Drone) -> None:
-    """Stop serving, and plan the way back from where the drone believes it is."""
+    """Stop serving, and plan the return from the place where the drone believes itself to be."""
     change_mode(world, state, drone, RETURNING)
     silence(world, path, state, drone, COVERAGE)
     plan = way_back(world, drone, drone.believed)
@@ -211,9 +215,9 @@ def turn_back(world: Constants, path: Path, state: State, drone: Drone) -> None:
 
 @rule
 def fly_home(world: Constants, state: State, drone: Drone, phase: int) -> bool:
-    """Begin the next hop home, or return False: the route has ended at a station.
+    """Begin the next hop of a return; return False if the drone has reached a station instead.
 
-    A route that ends elsewhere, or at a building, is followed by one from where the drone is.
+    If the route ends elsewhere or is blocked, another is planned from the drone's true place.
     """
     drone.hopping = 0
     while station_under(world, drone) < 0 or drone.route < drone.route_end:
@@ -225,7 +229,7 @@ def fly_home(world: Constants, state: State, drone: Drone, phase: int) -> bool:
 
 @rule
 def _next_hop(world: Constants, state: State, drone: Drone, phase: int) -> None:
-    """Begin the next hop of the route, unless it is blocked, which ends the route."""
+    """Begin the next hop of a drone's route, or end the route if the hop is blocked."""
     if drone.route == drone.route_end:
         plan = way_back(world, drone, place(world, drone.x, drone.y, drone.level))
         drone.route, drone.route_end = plan.first, plan.end
@@ -246,6 +250,6 @@ def _next_hop(world: Constants, state: State, drone: Drone, phase: int) -> None:
 
 @rule
 def await_hop(world: Constants, state: State, drone: Drone) -> None:
-    """Foresee the end of a hop, and an empty battery before it."""
+    """Schedule the end of a hop, or the depletion of the battery if this comes before."""
     foresee_depletion(world, state, drone, world.transits[drone.transit].duration_us)
     _await_arrival(world, state, drone)

@@ -1,4 +1,4 @@
-"""The log of events, if it is kept."""
+"""The event log, which is written only if the run settings keep it."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from desim_uav.rules.words import ON_LEG
 def note(
     state: State, phase: int, kind: int, drone: int, user: int, request: int, station: int
 ) -> None:
-    """Write an event of now to the log; numbers that do not apply are -1."""
+    """Append an event at the present time to the log; a number that does not apply is -1."""
     if state.keeps_events:
         event = state.events.added()
         event.t_us, event.phase, event.kind = state.now_us, phase, kind
@@ -21,16 +21,16 @@ def note(
 
 @rule
 def note_drone(state: State, phase: int, kind: int, drone: Drone) -> None:
-    """Write an event that concerns a drone only."""
+    """Append an event that concerns a drone only, at the present time, to the log."""
     note(state, phase, kind, drone.index, -1, -1, -1)
 
 
 @rule
 def note_leg(world: Constants, state: State, drone: Drone) -> None:
-    """Write what a drone is about since ``since_us``: a transit, or to be where it is.
+    """Append a drone's leg since ``since_us``, a transit or a rest, to the log.
 
-    It is an event of kind ON_LEG: its mode stands for the phase, then the places at which it
-    begins and ends, and its duration.
+    It is an event of kind ON_LEG with the drone's mode as ``phase``, the places at which the leg
+    begins and ends as ``user`` and ``request``, and its duration in µs as ``station``.
     """
     if state.keeps_events:
         leg = state.events.added()
@@ -42,5 +42,5 @@ def note_leg(world: Constants, state: State, drone: Drone) -> None:
 
 @rule
 def place(world: Constants, x: int, y: int, level: int) -> int:
-    """Return the number of a place."""
+    """Return the number of a place (see ``Constants``)."""
     return (level * world.nx + x) * world.ny + y

@@ -1,4 +1,4 @@
-"""What learners observe: the paper's state, or a drone's surroundings as numbers."""
+"""The built-in observations of learners: the paper's state, or a drone's surroundings."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Position(RowObservation):
     """The paper's state: cell x and y, in 3D the level, with a battery its full minutes left."""
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
-        """Return two to four features, all whole numbers from 0."""
+        """Return the two to four features, which are whole numbers from 0."""
         nx, ny = facts.grid.cells
         sizes = {"cell_x": nx, "cell_y": ny}
         if facts.three_d:
@@ -30,7 +30,7 @@ class Position(RowObservation):
         return tuple(Feature(name, 0, size - 1, True) for name, size in sizes.items())
 
     def write(self, world: Constants, state: State, drone: Drone) -> None:
-        """Write as many whole numbers as features."""
+        """Write the features, all whole numbers, into ``drone.features``."""
         write_position(world, state, drone)
 
 
@@ -59,7 +59,7 @@ class Local(RowObservation):
         return tuple(Feature(name, low, 1.0, False) for name, low in lows.items())
 
     def write(self, world: Constants, state: State, drone: Drone) -> None:
-        """Write as many numbers as features."""
+        """Write the features, all real numbers, into ``drone.features``."""
         seen, out, users = state.seen[drone.index], drone.features, len(state.users)
         out[0] = (seen.x + 0.5) / world.nx
         out[1] = (seen.y + 0.5) / world.ny
@@ -84,7 +84,7 @@ class Local(RowObservation):
 
 @rule
 def write_position(world: Constants, state: State, drone: Drone) -> int:
-    """Write the paper's state as a drone's first features; return how many they are."""
+    """Write the paper's state as a drone's first features; return the number of these features."""
     seen, out = state.seen[drone.index], drone.features
     out[0], out[1] = seen.x, seen.y
     k = 2
@@ -99,7 +99,10 @@ def write_position(world: Constants, state: State, drone: Drone) -> int:
 
 @rule
 def _write_way_home(world: Constants, drone: Drone, seen: Seen, k: int) -> None:
-    """Write the battery, n_B, and the bearing and flight time of the nearest station."""
+    """Write the battery, n_B, and the bearing and flight time of the nearest station, from ``k``.
+
+    The bearing is that of the cells; n_B and the flight time are 1 if no station can be reached.
+    """
     out, capacity_s = drone.features, world.capacity_us / US
     plan = way_back(world, drone, seen.believed)
     out[k] = (seen.battery_us / US) / capacity_s

@@ -1,4 +1,4 @@
-"""Users ask, and their requests are completed."""
+"""When requests are made and closed, and the quality of experience so far."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from desim_uav.rules.words import (
 
 @rule
 def foresee_asking(world: Constants, path: Path, state: State, user: User) -> None:
-    """At the start of an episode: foresee a user's first request."""
+    """Schedule a user's first request, at the start of an episode."""
     user.next_ask = path.asks_at[user.index]
     if user.next_ask < path.asks_at[user.index + 1]:
         _foresee(world, path, state, user)
@@ -32,6 +32,7 @@ def foresee_asking(world: Constants, path: Path, state: State, user: User) -> No
 
 @rule
 def _foresee(world: Constants, path: Path, state: State, user: User) -> None:
+    """Schedule a user's next request, unless it would come after the end of the episode."""
     due_us = path.asks[user.next_ask].due_us
     if due_us < world.horizon_us:
         due(state, ask_slot(state, user.index), due_us, key(REQUEST, -1, user.index))
@@ -39,7 +40,11 @@ def _foresee(world: Constants, path: Path, state: State, user: User) -> None:
 
 @rule
 def on_request(world: Constants, path: Path, state: State, user: User) -> None:
-    """A user asks. In an open loop an arrival is dropped while a request of its user is open."""
+    """Open a user's next request, or drop it if the user still has an open request.
+
+    Requests are dropped, and counted as ``suppressed``, only if their times do not depend on the
+    previous ones (demand ``poisson`` and ``trace``).
+    """
     number = user.next_ask
     user.next_ask = number + 1
     if not path.after_previous and number + 1 < path.asks_at[user.index + 1]:
@@ -58,7 +63,7 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
 
 @rule
 def on_completion(world: Constants, path: Path, state: State, user: User) -> None:
-    """A request has had the service time it asked for."""
+    """Complete a user's request, which has been served for the time that it required."""
     drone = state.drones[user.request.server]
     stop(state, user, COMPLETION)
     close(world, path, state, user, COMPLETION, ON_COMPLETE)
@@ -69,7 +74,7 @@ def on_completion(world: Constants, path: Path, state: State, user: User) -> Non
 
 @rule
 def close_all(world: Constants, path: Path, state: State) -> None:
-    """At the end of an episode: close all open requests."""
+    """Close all open requests, at the end of an episode."""
     for u in range(len(state.users)):
         user = state.users[u]
         if user.request.number >= 0:
@@ -88,9 +93,9 @@ def doing(user: User) -> int:
 
 @rule
 def measures(world: Constants, state: State) -> tuple[float, float, float]:
-    """Return QoE1 to QoE3 so far, with open requests by what they have had so far.
+    """Return QoE1 in percent, QoE2 in steps and QoE3 in percent, from the start until now.
 
-    A measure is NaN if it does not exist yet.
+    Open requests count with their service so far. A measure that is not defined yet is NaN.
     """
     now_us, qoe1, open_now, attached = state.now_us, state.closed_qoe1, 0, 0
     for u in range(len(state.users)):

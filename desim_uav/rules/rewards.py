@@ -1,4 +1,4 @@
-"""The rewards of the paper, R1 to R3, and how a drone is paid at the end of each step."""
+"""The rewards of the paper, R1 to R3, of which each drone receives one at the end of each step."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from desim_uav.rules.rows import Constants, Drone, Seen, State
 from desim_uav.rules.words import FLYING, RETURNING, TOO_LARGE, US
 
 LARGEST_REWARD = 1e100
-"""The largest magnitude of a drone's reward; sums of such rewards over a run stay finite."""
+"""The largest allowed magnitude of a drone's reward, at which sums over a run stay finite."""
 
 Weight = Annotated[float, Ge(0), Le(1e6)]
 Sign = Annotated[float, Ge(-1), Le(1)]
@@ -33,7 +33,7 @@ class Coverage(RowReward):
     names = ("users",)
 
     def pay(self, world: Constants, state: State, drone: Drone) -> None:
-        """Write one term: users."""
+        """Write the one term of the reward, which stays 0 for a drone on the ground."""
         seen = state.seen[drone.index]
         if is_in_the_air(seen):
             drone.terms[0] = fair_share(state, seen, self.capped)
@@ -42,14 +42,14 @@ class Coverage(RowReward):
 @register("reward", "coverage_battery")
 @dataclass(frozen=True)
 class CoverageBattery(RowReward):
-    """R2: attached users, weighed against the cost of a return as the battery runs low.
+    """R2: the attached users, weighted against the cost of a return if the battery is low.
 
     ``low_battery`` is the share of the capacity (c1) at or below which the cost counts.
     ``cost_sign`` is -1 for a cost; the paper writes a plus.
     """
 
     cost_sign: Sign = -1.0
-    """-1: danger is a cost. 1: it is paid, as the paper writes it."""
+    """The sign of the cost of a return: -1 subtracts it, and 1 adds it, as the paper writes it."""
     low_battery: Share = 0.2
     """The share of the capacity (c1) at or below which the way to a station counts."""
     capped: bool = True
@@ -59,7 +59,7 @@ class CoverageBattery(RowReward):
     names = ("users", "return")
 
     def pay(self, world: Constants, state: State, drone: Drone) -> None:
-        """Write two terms: users and return."""
+        """Write the terms ``users`` and ``return``, which stay 0 for a drone on the ground."""
         seen = state.seen[drone.index]
         if is_in_the_air(seen):
             service, cost, way_home = battery_weights(
@@ -79,7 +79,7 @@ class MultiService(RowReward):
     """
 
     cost_sign: Sign = -1.0
-    """-1: danger is a cost. 1: it is paid, as the paper writes it."""
+    """The sign of the cost of a return: -1 subtracts it, and 1 adds it, as the paper writes it."""
     low_battery: Share = 0.2
     """The share of the capacity (c1) at or below which the way to a station counts."""
     users: Weight = 0.5
@@ -102,7 +102,7 @@ class MultiService(RowReward):
         return ("users", *services, "return", "charging")
 
     def pay(self, world: Constants, state: State, drone: Drone) -> None:
-        """Write the terms: users, each service, return and charging."""
+        """Write the terms (see ``term_names``), which stay 0 for a drone on the ground."""
         seen, terms, services = state.seen[drone.index], drone.terms, world.services
         if is_in_the_air(seen):
             service, cost, way_home = battery_weights(
@@ -139,12 +139,12 @@ def fair_share(state: State, seen: Seen, capped: bool) -> float:
 def battery_weights(
     world: Constants, drone: Drone, seen: Seen, low_battery: float, capped: bool
 ) -> tuple[float, float, float]:
-    """Return w_s and w_c, how much service and the way to a station count, and r_c, its cost.
+    """Return w_s and w_c, the weights of service and of the way to a station, and r_c, its cost.
 
     w_s and w_c sum to 1: the fuller the battery, the more service counts. c1 is ``low_battery``
-    times the capacity, and each of c2 to c4 is the one before divided by 1.5. The battery is
-    compared with them in whole microseconds, rounded half to even, as masks compare it. If it only
-    just suffices for the return, or does not, only the return counts.
+    times the capacity, and each of c2 to c4 is the previous one divided by 1.5. The battery is
+    compared with them in whole microseconds, rounded half to even, as in the masks. If the battery
+    does not exceed n_B, only the way to a station counts.
 
     r_c is n_B divided by the battery; if it is ``capped``, it is at most 1. It is 1 if the battery
     is empty or if there is no way to a station, and 0 without a battery.
@@ -178,14 +178,14 @@ def battery_weights(
 
 @rule
 def clear_terms(drone: Drone) -> None:
-    """Begin with terms of 0."""
+    """Set all terms of a drone's reward to 0."""
     for k in range(len(drone.terms)):
         drone.terms[k] = 0.0
 
 
 @rule
 def add_up(state: State, drone: Drone) -> None:
-    """Give a drone the sum of its terms, in their order."""
+    """Give a drone the sum of its terms, added in their order, as its reward."""
     total = 0.0
     for k in range(len(drone.terms)):
         total += drone.terms[k]
@@ -194,7 +194,7 @@ def add_up(state: State, drone: Drone) -> None:
 
 @rule
 def give(state: State, drone: Drone, reward: float) -> None:
-    """Write a drone's reward, which must be a number of a sensible size."""
+    """Write a drone's reward; one that is not a number or too large sets the fault TOO_LARGE."""
     state.rewards[drone.index] = reward
     if not -LARGEST_REWARD <= reward <= LARGEST_REWARD:
         state.faults |= TOO_LARGE

@@ -1,19 +1,18 @@
-"""The rows of the model: what a world, a sample path and the state of an episode hold.
+"""The rows of the model: the constants of a run, then a sample path, then the state of an episode.
 
-Times are whole microseconds of the episode, below 0 in an episode before; a time of -1, like a
-number of -1, means none.
+Times are whole microseconds since the start of the episode, and negative in an earlier episode.
+The time, index or number of what does not exist is -1. ``asks_at`` holds the offsets of ``asks``:
+those of user u are ``asks[asks_at[u]:asks_at[u + 1]]``; ``legs_at`` and ``known_at`` are similar.
 """
 
 from __future__ import annotations
 
 from desim_uav.model.rows import Queue, Row, Table, row
 
-# ---- constants
-
 
 @row
 class Cell(Row):
-    """A cell of the map."""
+    """A cell of the map, by its indices from the west (x) and the south (y)."""
 
     x: int
     y: int
@@ -21,7 +20,7 @@ class Cell(Row):
 
 @row
 class Place(Row):
-    """A position in metres."""
+    """A position on the map, in metres."""
 
     x_m: float
     y_m: float
@@ -29,7 +28,7 @@ class Place(Row):
 
 @row
 class Move(Row):
-    """An action: the cells and levels by which it moves a drone, and the transit that does so."""
+    """An action: the cells and levels by which it moves a drone, and the number of its transit."""
 
     action: int
     dx: int
@@ -40,7 +39,7 @@ class Move(Row):
 
 @row
 class Piece(Row):
-    """A piece of a transit of constant acceleration; ``start_s`` and ``from_m`` at its start."""
+    """A part of a transit with constant acceleration: time, distance and speed at its start."""
 
     start_s: float
     from_m: float
@@ -50,7 +49,7 @@ class Piece(Row):
 
 @row
 class TransitRow(Row):
-    """A transit from rest to rest (see ``model.motion.Transit``)."""
+    """A flight of a drone from rest to rest (see ``model.motion.Transit``)."""
 
     duration_us: int
     distance_m: float
@@ -59,9 +58,9 @@ class TransitRow(Row):
 
 @row
 class Plan(Row):
-    """The way back from a place; ``station`` -1: there is none.
+    """The planned return from a place to a station; ``station`` is -1 if there is no way.
 
-    Its hops are the rows ``first`` … ``end`` - 1 of the hops.
+    Its hops are ``Constants.hops[first:end]``; it takes ``drained_us`` from the battery.
     """
 
     station: int
@@ -73,7 +72,7 @@ class Plan(Row):
 
 @row
 class Hop(Row):
-    """A hop of a return, to a neighbouring cell or level."""
+    """A hop of a return, which leads to a neighbouring cell or level."""
 
     dx: int
     dy: int
@@ -82,7 +81,7 @@ class Hop(Row):
 
 @row
 class Crossing(Row):
-    """A user enters a footprint, or leaves it."""
+    """The crossing of a footprint's edge by a user, who enters (1) or leaves (0) it."""
 
     t_us: int
     user: int
@@ -91,16 +90,16 @@ class Crossing(Row):
 
 @row
 class Constants(Row):
-    """A world and its run settings, which do not change in a run.
+    """The constants of a run: those of its world and its settings.
 
-    A place (level, x, y) has the number ``(level * nx + x) * ny + y``: ``blocked`` is by place,
-    ``plans`` by place, without the ceiling and then under it; ``station_at`` (-1: none) by cell.
-    ``transits``: the rest, then those of the moving actions, then those of hops along x, y and
-    between levels, which begin at ``first_hop``. ``bandwidth_bps`` -1: unlimited. ``known``: the
-    crossings of legs past users who stand still (see ``engine.compiled.standing``).
-    ``features``: how many numbers a learner observes. From ``foresee`` on the fields are functions,
-    in compiled code their addresses; ``reward_values`` and the like are the addresses of the
-    components' fields.
+    A place (level, x, y) has the number ``(level * nx + x) * ny + y``. ``blocked`` has an entry per
+    place, ``plans`` one per place without the drones' ceiling and then one per place below it, and
+    ``station_at`` one per cell. ``transits`` holds the hover, the moves, and then, from number
+    ``first_hop``, the hops along x, along y and between levels. ``bandwidth_bps`` is -1 if it is
+    unlimited. ``known`` holds crossings of users who stand still (``engine.compiled.standing``).
+    ``features`` is the number of features that a learner observes. The fields from ``foresee`` on
+    are functions, or in compiled code their addresses; ``reward_values`` and the like are the
+    addresses of the components' fields.
     """
 
     steps: int
@@ -161,12 +160,9 @@ class Constants(Row):
     run: int
 
 
-# ---- a sample path
-
-
 @row
 class Ask(Row):
-    """What a user will ask for; ``due_us`` is a time, or a think time (see ``Requests``)."""
+    """A request to come; ``due_us`` is its time or a think time (see ``model.demand.Requests``)."""
 
     due_us: int
     service: int
@@ -178,10 +174,10 @@ class Ask(Row):
 class Path(Row):
     """The sample path of an episode (see ``SamplePath``).
 
-    The asks of user u are ``asks_at[u]`` … ``asks_at[u + 1]`` - 1, its legs likewise, five numbers
-    each. If users walk ``at_random``, there are the beginnings of their streams (four words each)
-    instead of legs. ``respawns``: ``respawns_drawn`` stations per drone; ``errors``: x and y by
-    drone and decision epoch, none without noise.
+    ``asks`` and ``legs`` (five numbers each) are ordered by user. If users walk ``at_random``, the
+    compiled engine has the initial states of their random streams (four words each) instead of
+    legs. ``respawns`` holds ``respawns_drawn`` stations per drone, and ``errors`` the position
+    errors in x and y, in cells, per drone and decision epoch, or nothing without noise.
     """
 
     after_previous: int
@@ -196,22 +192,19 @@ class Path(Row):
     errors: Table[float]
 
 
-# ---- the state of an episode
-
-
 @row
 class Drone(Row):
-    """A drone.
+    """A drone on a leg from (x, y, level) to (to_x, to_y, to_level) since ``since_us``.
 
-    It rests at or flies from (x, y, level) to (to_x, to_y, to_level) since ``since_us``, when its
-    battery held ``battery_us``. ``hopping``: it is on a hop of a return, whose next hops are
-    ``route`` … ``route_end`` - 1. ``fallen``: it lies at (fallen_x_m, fallen_y_m). ``waits``: it
-    can be commanded. ``serving``: it has a footprint, whose next crossings are ``ahead``, the next
-    one last. ``waiting``: the users whose requests wait, in order of (request time, user).
-    ``served`` and ``asking``, by service: the requests it serves, and the open ones of all users it
-    covers. ``scan``: its queue has to be scanned. ``believed``: the place at which it believes to
-    be. ``landed_in``: the phase of its landing. ``counted_m``: what has been counted of its leg.
-    ``terms``: those of its reward; ``features``: what its learner observes.
+    ``battery_us`` and ``mode`` are those at ``since_us``; ``counted_m`` of its leg are counted.
+    ``hopping`` says that it is on a hop of a return, whose next hops are ``route`` to
+    ``route_end`` - 1, ``waits`` that it can be commanded, ``serving`` that it has a footprint, and
+    ``scan`` that its queue has to be scanned. A crashed drone has ``fallen`` to (fallen_x_m, …).
+    ``believed`` is the place at which it believes itself to be, ``landed_in`` the phase in which it
+    landed, ``taken`` the action on its ``command``. ``waiting`` is its queue: the users whose
+    requests wait, by (request time, user). ``ahead`` holds the crossings to come, the next one
+    last. ``served`` counts the requests that it serves, and ``asking`` the open ones in its
+    footprint, by service. ``terms`` are those of its reward; a learner observes ``features``.
     """
 
     index: int
@@ -256,7 +249,7 @@ class Drone(Row):
 
 @row
 class Seen(Row):
-    """What a drone knows at a decision epoch (see ``Observation``)."""
+    """What a drone knows at a decision epoch (see ``model.state.Observation``)."""
 
     mode: int
     x: int
@@ -296,11 +289,10 @@ class Record(Row):
 
 @row
 class Request(Row):
-    """The open request of a user; ``number`` -1: there is none.
+    """The open request of a user; ``number`` is -1 if there is none.
 
-    ``server`` is the drone that serves it now, since ``started_us``; ``stopped_us`` is the end of
-    the last service of more than 0 µs, which was by ``last_server``, and ``t_first_us`` the start
-    of the first one.
+    Drone ``server`` has served it since ``started_us``. Of its services that lasted more than 0 µs,
+    the first began at ``t_first_us``; the last was by ``last_server`` and ended at ``stopped_us``.
     """
 
     number: int
@@ -323,9 +315,9 @@ class Request(Row):
 class User(Row):
     """A user, attached to drone ``holder`` since ``held_since_us``.
 
-    ``covering``, by drone: when the user entered its footprint; ``covered``: in how many it is.
-    ``share``: of what its request needs, what it had when it was served last. ``doing``: what it
-    did at the end of the episode.
+    ``covering`` holds the times at which it entered the drones' footprints, and ``covered`` is the
+    number of those that it is in. ``share`` is the served share of its open request when service
+    last stopped; ``doing`` is its ``UserState`` at the end of the episode.
     """
 
     index: int
@@ -341,14 +333,14 @@ class User(Row):
 
 @row
 class Station(Row):
-    """A charging station: the drones that are there, first come first; the first have its pads."""
+    """A charging station: the drones that charge and queue there, in the order of their landing."""
 
     queue: Queue[int]
 
 
 @row
 class Event(Row):
-    """An event of the log, or a leg (see ``note_leg``)."""
+    """An entry of the event log, which is an event or a leg (see ``note_leg``)."""
 
     t_us: int
     phase: int
@@ -361,7 +353,7 @@ class Event(Row):
 
 @row
 class Closed(Row):
-    """A request that has ended."""
+    """A request that has been closed (see ``engine.base.ClosedRequest``)."""
 
     number: int
     user: int
@@ -378,7 +370,7 @@ class Closed(Row):
 
 @row
 class Handover(Row):
-    """A drone that serves a request and is not the one before it."""
+    """A drone that served a request which another drone, or none, had served before."""
 
     number: int
     drone: int
@@ -386,10 +378,10 @@ class Handover(Row):
 
 @row
 class Look(Row):
-    """Where users are in the span of time that drones look at (see ``engine.compiled.looking``).
+    """The users' walks in the present span of time (only in ``engine.compiled.looking``).
 
-    Of users who walk at random also the leg under way, with their streams, the times when it began
-    and when they turn, and the legs walked in the span.
+    For users who walk at random, it includes their random streams, their present legs, the times
+    at which they turn, and the legs in the span.
     """
 
     from_us: int
@@ -409,16 +401,16 @@ class Look(Row):
 
 @row
 class State(Row):
-    """An episode under way.
+    """The state of an episode.
 
-    Integrals over time are kept as sums of ends less beginnings: what n of something add until now
-    is n times now. ``attached_us``: of users attached; ``served_us``: of requests served;
-    ``open_us``: of open requests; ``bandwidth_us_bps``: of the bandwidth in use. ``loose``: users
-    to be attached. ``to_scan``: how many drones' queues have to be scanned. ``asked``: the open
-    requests by service at the decision epoch, ``counts`` by drone those it serves and those in
-    its footprint. ``masks``: the actions that each drone may be commanded. ``history``: the
-    commands of the episode. ``slot_times``, ``slot_keys``, ``winners``: see
-    ``engine.compiled.slots``.
+    ``open_us`` and ``served_us`` sum the ends of open and of served intervals of requests, less
+    their starts; intervals under way add their number times now. ``attached_us`` sums the
+    attachments that have ended, and ``attached_from_us`` the starts of the others;
+    ``bandwidth_us_bps`` is the integral of bandwidth over ended services. ``loose`` holds the users
+    who may have to be attached, ``to_scan`` counts the drones whose queues have to be scanned. At
+    the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
+    that it serves and those in its footprint; ``masks`` has an entry per drone and action.
+    ``history`` holds all commands, ``slot_times`` to ``winners`` the compiled event queue.
     """
 
     now_us: int

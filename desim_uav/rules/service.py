@@ -1,4 +1,4 @@
-"""Requests: waiting in a drone's queue, admission, service, and their end."""
+"""The life of a request: it is opened, waits in a drone's queue, is served, and is closed."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from desim_uav.rules.words import (
 
 @rule
 def wait(state: State, drone: Drone, user: User) -> None:
-    """Let a user's request wait, at its place: by the time of the request, then by user."""
+    """Insert a user's request into a drone's queue: by the time it was made, then by user."""
     waiting, asked_us = drone.waiting, user.request.t_request_us
     place = len(waiting)
     while place > 0:
@@ -32,7 +32,7 @@ def wait(state: State, drone: Drone, user: User) -> None:
 
 @rule
 def scan_later(state: State, drone: Drone) -> None:
-    """Have a drone's queue scanned in this instant's admission."""
+    """Let a drone scan its queue, to admit requests, when this instant is settled."""
     if not drone.scan:
         drone.scan = 1
         state.to_scan += 1
@@ -46,7 +46,7 @@ def refuse(world: Constants, path: Path, state: State, user: User, phase: int) -
 
 @rule
 def serve(world: Constants, state: State, drone: Drone, user: User, phase: int) -> None:
-    """Begin to serve a user's request, and foresee its completion."""
+    """Begin to serve a user's request, and schedule its completion."""
     request, now_us = user.request, state.now_us
     drone.free_bps -= request.bandwidth_bps
     drone.used_bps += request.bandwidth_bps
@@ -64,7 +64,7 @@ def serve(world: Constants, state: State, drone: Drone, user: User, phase: int) 
 
 @rule
 def stop(state: State, user: User, phase: int) -> None:
-    """Stop the service of a user's request. A service of 0 µs leaves no trace."""
+    """Stop serving a user's request. A service of 0 µs is no interruption and no handover."""
     request, now_us = user.request, state.now_us
     drone = state.drones[request.server]
     request.server = -1
@@ -92,7 +92,7 @@ def stop(state: State, user: User, phase: int) -> None:
 
 @rule
 def open_request(path: Path, state: State, user: User, number: int) -> None:
-    """Open the request of row ``number`` of the sample path for a user."""
+    """Open a user's request as row ``number`` of the sample path's requests describes it."""
     ask, request, now_us = path.asks[number], user.request, state.now_us
     request.number = state.opened
     request.service = ask.service
@@ -110,7 +110,10 @@ def open_request(path: Path, state: State, user: User, number: int) -> None:
 
 @rule
 def close(world: Constants, path: Path, state: State, user: User, phase: int, kind: int) -> None:
-    """End a request, served or not; in a closed loop, its user asks again after thinking."""
+    """Close a user's request, completed or not, and log it under a kind of event.
+
+    If the demand says so (``after_previous``), the user's next request is scheduled from now on.
+    """
     request, now_us = user.request, state.now_us
     if user.holder >= 0:
         count_attached(state, user)
@@ -132,7 +135,7 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
 
 @rule
 def count_asking(state: State, user: User, by: int) -> None:
-    """Tell the drones that cover a user that it asks (1), or no longer does (-1)."""
+    """Count an open request for all drones that cover its user (``by`` 1), or no longer (-1)."""
     service, left, d = user.request.service, user.covered, 0
     while left > 0:
         if user.covering[d] >= 0:
@@ -143,13 +146,14 @@ def count_asking(state: State, user: User, by: int) -> None:
 
 @rule
 def count_attached(state: State, user: User) -> None:
-    """Count the time for which a user has been attached since it asked."""
+    """Add the part of a user's present attachment that is during its request to ``attached_us``."""
     request = user.request
     request.attached_us += state.now_us - max(user.held_since_us, request.t_request_us)
 
 
 @rule
 def _log_request(state: State, request: Request) -> None:
+    """Log a request that is closed now, if requests are logged."""
     if state.keeps_requests:
         closed = state.closed.added()
         closed.number = request.number
@@ -167,6 +171,7 @@ def _log_request(state: State, request: Request) -> None:
 
 @rule
 def _log_handover(state: State, request: Request) -> None:
+    """Log a drone that has served a request, if requests are logged."""
     if state.keeps_requests:
         handover = state.handovers.added()
         handover.number = request.number

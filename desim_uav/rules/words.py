@@ -1,4 +1,4 @@
-"""The model's words as whole numbers, which rows hold (see ``model.rules`` and ``UserState``)."""
+"""Actions, modes, phases and kinds of events as whole numbers, as rows hold them."""
 
 from __future__ import annotations
 
@@ -25,11 +25,11 @@ HAS_A_CHOICE = tuple(sorted(map(int, DECIDES)))
 ) = map(int, Phase)
 
 IDLE, ATTACHED, OPEN, SERVED = range(4)
-"""What a user is doing (see ``UserState``)."""
+"""The states of a user (see ``UserState``)."""
 
 RESPAWNS, REMOVES, ENDS_EPISODE = range(3)
 CRASHES = {"respawn": RESPAWNS, "remove": REMOVES, "end_episode": ENDS_EPISODE}
-"""What follows a crash."""
+"""What happens after a crash (see ``Endurance.on_crash``)."""
 
 EVENT_KINDS = (
     *("request", "serve", "stop", "complete", "refuse", "close"),
@@ -37,7 +37,7 @@ EVENT_KINDS = (
     *("decide", "depart", "blocked", "arrive", "land", "charge", "charged"),
     *("deplete", "crash", "respawn"),
 )
-"""The kinds of events by number. The number after them is that of a leg (see ``note_leg``)."""
+"""The names of the kinds of events by number; the next number, ON_LEG, is for ``note_leg``."""
 
 LEADS_TO = {
     "decide": Mode.FLYING,
@@ -75,13 +75,13 @@ LEADS_TO = {
 
 OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED = 1, 2, 4
 """The flags of ``State.faults``: something did not fit in memory; a reward was too large or not a
-number; an admission rule served more than a drone's bandwidth."""
+number; an admission rule served requests beyond a drone's bandwidth."""
 
 NEVER = 2**62
-"""A time that does not come."""
+"""A time after all others, in microseconds, for events that are not scheduled."""
 
 REST = 0
-"""The number of the transit of no distance: a hover."""
+"""The number of the transit without a distance, which is a hover."""
 
 US = 1_000_000
 MINUTE_US = 60_000_000

@@ -1,4 +1,4 @@
-"""The SimPy engine: the readable reference."""
+"""The SimPy engine, which is the reference for the compiled engine."""
 
 from desim_uav.engine.des.simulation import Simulation
 

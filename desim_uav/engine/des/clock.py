@@ -1,4 +1,4 @@
-"""SimPy's clock in whole microseconds, for the rules: what is to happen, and who waits for it."""
+"""The event queue of the rules (see ``rules.due``) on SimPy's, with times in microseconds."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import Any
 import simpy
 
 Life = Generator[simpy.Event, Any, None]
-"""What a SimPy process runs."""
+"""A generator that SimPy runs as a process."""
 
 
 class Due(simpy.Event):
-    """An event with its own time and its own place in that instant.
+    """A SimPy event that is scheduled with a delay and a key (see ``rules.due.key``).
 
-    ``valid``: it has been scheduled, and has not been undone since.
+    ``valid`` says that it has been scheduled and not cancelled since.
     """
 
     valid = False
 
     def happen(self, delay_us: int, key: int) -> None:
-        """Schedule it after a delay, at a place (see ``rules.due.key``)."""
+        """Schedule the event after a delay; ``key`` is its rank in that instant."""
         self.delay_us, self.key, self.valid = delay_us, key, True
         self.succeed()
 
@@ -29,11 +29,11 @@ class Clock(simpy.Environment):
     """A SimPy environment in which events of one instant happen in the order of their keys.
 
     SimPy orders them by priority, so the key is the priority. All keys are larger than SimPy's own
-    priorities: a process that is interrupted or gets a resource goes on before the next event of
+    priorities: a process that is interrupted or gets a resource continues before the next event of
     the rules.
 
-    Each slot has an event that a process waits for (``wait``). If the thing of a slot is scheduled
-    anew, another event takes over those who wait.
+    Each slot has an event for which a process waits (``wait``). If the slot is given a new time,
+    a new event replaces it and takes over its callbacks.
     """
 
     def __init__(self, slots: int, after_event: Callable[[], None] | None = None) -> None:
@@ -42,19 +42,19 @@ class Clock(simpy.Environment):
         self._events = [Due(self) for _ in range(slots)]
 
     def schedule(self, event: simpy.Event, priority: Any = 1, delay: Any = 0) -> None:
-        """Schedule an event; one that is due has its own priority and delay."""
+        """Schedule an event; a ``Due`` has its own priority and delay."""
         if isinstance(event, Due):
             priority, delay = event.key, event.delay_us
         super().schedule(event, priority, delay)
 
     def step(self) -> None:
-        """Process the next event."""
+        """Process the next event, and call ``after_event`` if there is one."""
         super().step()
         if self.after_event is not None:
             self.after_event()
 
     def due(self, slot: int, t_us: int, key: int) -> None:
-        """Let the thing of a slot happen at a time, at its place in that instant."""
+        """Schedule the event of a slot for a time; ``key`` is its rank in that instant."""
         event = self._events[slot]
         if event.triggered:
             before, event = event, Due(self)
@@ -64,28 +64,28 @@ class Clock(simpy.Environment):
         event.happen(t_us - int(self.now), key)
 
     def undo(self, slot: int) -> None:
-        """Let the thing of a slot not happen."""
+        """Cancel the event of a slot, if one is scheduled."""
         self._events[slot].valid = False
 
     def clear(self) -> None:
-        """Clear all slots."""
+        """Cancel the events of all slots."""
         for event in self._events:
             event.valid = False
 
     def nothing_before(self, key: int) -> bool:
-        """Return whether it is known that nothing else happens in this instant."""
+        """Return whether no other event is scheduled for this instant, whatever its key."""
         return self.peek() > self.now
 
     def wait(self, slot: int) -> Life:
-        """Wait until the thing of a slot happens."""
+        """Wait until the event of a slot happens."""
         happened = False
         while not happened:
             yield self._events[slot]
-            happened = self._events[slot].valid  # of the event that took over, if one did
+            happened = self._events[slot].valid  # the event may be a new one
             self._events[slot] = Due(self)
 
     def run_before(self, t_us: int, key: int) -> None:
-        """Let everything happen that comes before a place in an instant."""
+        """Run all events before time ``t_us``, and those of that instant with smaller keys."""
         end = Due(self)
         end.happen(t_us - int(self.now), key)
         self.run(until=end)

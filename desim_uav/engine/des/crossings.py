@@ -1,4 +1,4 @@
-"""The crossings of a drone's leg, found by the kernels of ``model.crossings``."""
+"""The crossings of users and footprints on a drone's leg, from ``model.crossings``."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _BY_TIME = itemgetter(TIME_US, ENTERS, USER)
 
 
 class Crossing(NamedTuple):
-    """A user enters a footprint, or leaves it (see ``rules.rows.Crossing``)."""
+    """The crossing of a footprint's edge by a user (see ``rules.rows.Crossing``)."""
 
     t_us: int
     user: int
@@ -34,15 +34,15 @@ class Crossing(NamedTuple):
 
 
 Way = tuple[float, float, float, float]
-"""The x and y of a leg's start, and of its end, in metres."""
+"""The start and the end of a leg: x0, y0, x1 and y1, in metres."""
 
 
 class Crossings:
-    """Finds all crossings of a leg; of users who stand still, only once.
+    """Computes the crossings on a leg.
 
-    A leg past users who stand still is crossed in the same way whenever it is flown: what was
-    found is kept, by its ends, its span and whether the drone begins to serve, as long as the
-    users stand where they stood, which may be for many episodes.
+    If users stand still, the crossings on a leg are the same whenever it is flown. They are kept,
+    by the leg's ends and span and by whether the drone begins to serve, for as long as the users'
+    positions do not change, which may be for many episodes.
     """
 
     def __init__(self, radius_m: float, area: Area) -> None:
@@ -55,11 +55,11 @@ class Crossings:
         self.walks = Walks(np.empty((0, 5)), np.zeros(1, np.int64))
         self._still = True
         self._kept: dict[tuple[object, ...], list[Crossing]] = {}
-        self._found = np.empty((256, 3), np.int64)
+        self._buffer = np.empty((256, 3), np.int64)
         self._span = (-1, -1)
 
     def begin(self, walks: Walks) -> None:
-        """Begin an episode."""
+        """Begin an episode with these walks."""
         if walks is self.walks:
             return
         standing = len(walks.legs) < len(walks.offsets) and not walks.legs[:, VX : VY + 1].any()
@@ -76,9 +76,10 @@ class Crossings:
     def of(
         self, transit: Transit, way: Way, start_us: int, span_us: int, fresh: bool
     ) -> list[Crossing]:
-        """Return the crossings of a leg, the last one first: at one time exits, then by user.
+        """Return the crossings on a leg from ``start_us`` on, the last one first.
 
-        A drone that begins to serve (``fresh``) enters the users it finds in its footprint.
+        At the same time, exits are before entries, and then the order is by user. If the drone
+        begins to serve (``fresh``), the users in its footprint enter it at ``start_us``.
         """
         if not self._still:
             return self._find(transit, way, start_us, span_us, fresh)
@@ -91,6 +92,7 @@ class Crossings:
     def _find(
         self, transit: Transit, way: Way, start_us: int, span_us: int, fresh: bool
     ) -> list[Crossing]:
+        """Compute what ``of`` returns."""
         users, buckets, span = self._users, self._buckets, (start_us, start_us + span_us)
         if self._span != span:
             look_around(users, *span)
@@ -100,11 +102,11 @@ class Crossings:
         leg = DroneLeg(transit.profile, way, span, self.radius_m, fresh)
         while True:
             if self._shape[0]:
-                count = crossings_near(leg, users, buckets, self._far_m, self._found)
+                count = crossings_near(leg, users, buckets, self._far_m, self._buffer)
             else:
-                count = crossings(leg, users, self._found)
-            if count <= len(self._found):
-                found: list[Any] = self._found[:count].tolist()
-                found.sort(key=_BY_TIME, reverse=True)
-                return [Crossing(*row) for row in found]
-            self._found = np.empty((2 * count, 3), np.int64)
+                count = crossings(leg, users, self._buffer)
+            if count <= len(self._buffer):
+                rows: list[Any] = self._buffer[:count].tolist()
+                rows.sort(key=_BY_TIME, reverse=True)
+                return [Crossing(*row) for row in rows]
+            self._buffer = np.empty((2 * count, 3), np.int64)

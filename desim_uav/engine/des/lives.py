@@ -1,4 +1,4 @@
-"""Who lives in an episode, as SimPy processes. They wait; what happens then, the rules say."""
+"""The SimPy processes of an episode. Each waits for its next event, and then calls a rule."""
 
 from __future__ import annotations
 
@@ -37,20 +37,20 @@ from desim_uav.rules.words import (
 
 
 class Lives:
-    """The processes of an episode."""
+    """The processes of an episode: those of drones, batteries, footprints, users and services."""
 
     def __init__(self, clock: Clock, world: Any, path: Any, state: Any) -> None:
         self.clock = clock
         self.world, self.path, self.state = world, path, state
         self.pads = [simpy.Resource(clock, world.pads) for _ in state.stations]
         self.commands = [Due(clock) for _ in state.drones]
-        self.asked_for: dict[int, Any] = {}
+        self.pad_requests: dict[int, Any] = {}
 
     def begin(self) -> None:
-        """Start all processes; drones that are at a station are in the queue for its pads."""
+        """Start all processes; drones that are at a station request its pads in their order."""
         for station, pads in zip(self.state.stations, self.pads, strict=True):
             for drone in station.queue:
-                self.asked_for[drone] = pads.request()
+                self.pad_requests[drone] = pads.request()
         self.drones = [self.clock.process(self.drone(drone)) for drone in self.state.drones]
         for drone in self.state.drones:
             self.clock.process(self.battery(drone))
@@ -61,9 +61,9 @@ class Lives:
         self.clock.process(self.attachment())
 
     def tell(self, drone: int) -> None:
-        """Let a drone that waits for a command obey it."""
-        told, self.commands[drone] = self.commands[drone], Due(self.clock)
-        told.happen(0, key(COMMAND, drone, -1))
+        """Schedule the action of a drone that waits for its command, in this instant."""
+        command, self.commands[drone] = self.commands[drone], Due(self.clock)
+        command.happen(0, key(COMMAND, drone, -1))
 
     def drone(self, drone: Drone) -> Life:
         """Obey a command; fly, return, queue and charge; after a crash, wait to be replaced."""
@@ -88,7 +88,7 @@ class Lives:
     def charge(self, drone: Drone, station: int) -> Life:
         """Queue for a pad, and charge on it until the battery is full."""
         world, state, phase = self.world, self.state, ARRIVAL
-        with self.asked_for.pop(drone.index, None) or self.pads[station].request() as pad:
+        with self.pad_requests.pop(drone.index, None) or self.pads[station].request() as pad:
             yield pad
             self.set_time()
             if drone.mode == QUEUED:
@@ -99,41 +99,41 @@ class Lives:
             end_charging(world, state, drone, station, phase)
 
     def battery(self, drone: Drone) -> Life:
-        """Be empty in the air: the drone crashes."""
+        """Let the drone crash whenever its battery is empty."""
         while True:
             yield from self.until(depletion_slot(self.state, drone.index))
             crash(self.world, self.path, self.state, drone)
             self.drones[drone.index].interrupt()
 
     def footprint(self, drone: Drone) -> Life:
-        """Let users enter and leave."""
+        """Let users enter and leave the footprint."""
         while True:
             yield from self.until(crossing_slot(self.state, drone.index))
             on_crossing(self.world, self.path, self.state, drone)
 
     def user(self, user: User) -> Life:
-        """Ask, and ask again."""
+        """Make the user's requests, one after the other."""
         while True:
             yield from self.until(ask_slot(self.state, user.index))
             on_request(self.world, self.path, self.state, user)
 
     def service(self, user: User) -> Life:
-        """End once a request has had what it asked for."""
+        """Complete each of the user's requests when it has been served for the required time."""
         while True:
             yield from self.until(completion_slot(self.state, user.index))
             on_completion(self.world, self.path, self.state, user)
 
     def attachment(self) -> Life:
-        """Follow coverage and requests, once in an instant."""
+        """Attach users and admit requests at the end of each instant that requires it."""
         while True:
             yield from self.until(settle_slot(self.state))
             settle(self.world, self.path, self.state, ATTACHMENT, ATTACHMENT)
 
     def until(self, slot: int) -> Life:
-        """Wait until the thing of a slot happens."""
+        """Wait until the event of a slot happens."""
         yield from self.clock.wait(slot)
         self.set_time()
 
     def set_time(self) -> None:
-        """Tell the rules what time it is."""
+        """Set the time in the state to that of the clock."""
         self.state.now_us = self.clock.now

@@ -1,4 +1,4 @@
-"""Ways back, which are planned when they are first needed."""
+"""The planned returns of drones in the SimPy engine, which plans each when it is first needed."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ NO_WAY = fill(Plan, (-1, -1, -1, 0, 0))
 
 
 class Plans:
-    """The ways back from all places, in the order of ``Constants.plans``."""
+    """The planned returns from all places, in the order of ``Constants.plans``."""
 
     def __init__(self, planner: Planner, grid: Grid) -> None:
         self.planner, self.grid = planner, grid
@@ -23,7 +23,7 @@ class Plans:
         self._places = len(grid.levels_m) * nx * ny
 
     def __getitem__(self, number: int) -> Plan:
-        """Return the plan of a number."""
+        """Return the plan with this number."""
         plan = self._plans.get(number)
         if plan is None:
             ceiling, place = divmod(number, self._places)
@@ -33,16 +33,17 @@ class Plans:
         return plan
 
     def of(self, ceiling: bool, place: int) -> Plan:
-        """Return the way back from a place."""
+        """Return the planned return from a place; ``ceiling``: below the drones' ceiling."""
         return self[ceiling * self._places + place]
 
     def numbered(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
-        """Add hops; return the number of the first, and the one after the last."""
+        """Add hops; return the number of the first, and the number after that of the last."""
         first = len(self.hops)
         self.hops.extend(fill(Hop, hop) for hop in hops)
         return first, len(self.hops)
 
     def _row(self, back: Return | None) -> Plan:
+        """Return a planned return as a row, after adding its hops."""
         if back is None:
             return NO_WAY
         return fill(

@@ -1,4 +1,4 @@
-"""The components of a scenario as functions over rows, as Python runs them."""
+"""The components of a scenario as Python functions over rows."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from desim_uav.world import World
 
 
 def set_components(constants: Any, world: World) -> None:
-    """Give the constants the functions of the scenario's components."""
+    """Set the fields of the constants that are functions to the scenario's components."""
     constants.scan = _scan(world)
     constants.pay = _pay(world)
     constants.describe = _describe(world)
@@ -27,7 +27,7 @@ def set_components(constants: Any, world: World) -> None:
 
 
 def _scan(world: World) -> Callable[..., None]:
-    """Return a function that scans a drone's queue once by the scenario's admission rule."""
+    """Return a function that applies the scenario's admission rule to a drone's queue."""
     rule: Any = world.scenario.drones.admission
     if works_on_rows(rule, RowAdmission):
         scan_rows: Callable[..., None] = over_rows(rule, world.services.names).scan_rows
@@ -48,7 +48,7 @@ def _scan(world: World) -> Callable[..., None]:
 
 
 def _pay(world: World) -> Callable[..., None]:
-    """Return a function that writes the drones' rewards for a step."""
+    """Return a function that writes the rewards of all drones for a step."""
     reward: Any = world.scenario.reward
     facts = world.facts
     if works_on_rows(reward, RowReward):
@@ -72,7 +72,7 @@ def _pay(world: World) -> Callable[..., None]:
 
 
 def _describe(world: World) -> Callable[..., None]:
-    """Return a function that writes what learners observe; an encoding of one's own comes later."""
+    """Return a function that writes all drones' features, if the observation works on rows."""
     observation: Any = world.scenario.observation
     by_rows = works_on_rows(observation, RowObservation)
     if by_rows:
@@ -87,7 +87,7 @@ def _describe(world: World) -> Callable[..., None]:
 
 
 def _energy(constants: Constants, world: World) -> tuple[Callable[..., int], Callable[..., int]]:
-    """Return what a part of a transit takes from a battery, and how long a battery lasts on it."""
+    """Return the functions ``drained_us`` and ``lasts_us`` of the scenario's energy model."""
     energy = world.scenario.drones.battery
     assert energy is not None
     flights = dict(zip(map(id, constants.transits), transits_of(world), strict=True))

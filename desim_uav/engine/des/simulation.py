@@ -1,4 +1,4 @@
-"""The SimPy engine: the rules as Python runs them, under SimPy's clock."""
+"""The SimPy engine, which runs the rules as plain Python on SimPy's event queue."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ from desim_uav.world import World
 
 
 class LiveState(State):
-    """The state of an episode under SimPy's clock."""
+    """The state of an episode, with what only the SimPy engine needs."""
 
     __slots__ = ("clock", "named_terms", "observed")
     clock: Clock
@@ -43,11 +43,11 @@ class LiveState(State):
 class Simulation(RowEngine):
     """The SimPy engine (see ``Engine``).
 
-    ``audit`` is called with the simulation after every event: the invariants that tests check.
+    ``audit`` is called with the simulation after every event (see ``engine.audit``).
 
-    SimPy's processes can be neither copied nor pickled, so a copy plays the present episode again:
-    the same sample path, drones and commands lead to the same state. A copy takes as long as the
-    episode has taken so far.
+    SimPy's processes can be neither copied nor pickled, so a copy runs the present episode again:
+    the same sample path, drones and commands lead to the same state. To make a copy takes as long
+    as the episode has taken so far.
     """
 
     def __init__(
@@ -68,12 +68,13 @@ class Simulation(RowEngine):
         self.clock = Clock(0)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """What makes an equal engine, by playing the present episode again."""
+        """Return how to make an equal engine, which is by running the present episode again."""
         made_of = (self.world, self.settings, self.audit)
         episode = (self._began, self._commands)
         return _played_again, (made_of, episode, self.shown is None, self._carried)
 
     def _constants(self) -> Constants:
+        """Return the constants, with plans and functions."""
         world = self.world
         made: Any = constants_of(world, self.settings)
         made.plans = Plans(world.planner, world.grid)
@@ -84,6 +85,7 @@ class Simulation(RowEngine):
         return constants
 
     def _state(self) -> LiveState:
+        """Return a new state."""
         made = blank(LiveState)
         fill_state(made, self.world, self.settings, Room())
         made.keeps_requests = 1
@@ -93,7 +95,7 @@ class Simulation(RowEngine):
     # ---- episodes
 
     def reset(self, path: SamplePath) -> Snapshot:
-        """Begin an episode and run up to its first decision epoch."""
+        """Begin an episode and return the snapshot of its first decision epoch."""
         carried = self.carried()
         self._began, self._commands = (path, carried), []
         self.take_up(path.episode)
@@ -113,7 +115,7 @@ class Simulation(RowEngine):
         return self.snapshot()
 
     def step(self, commands: Sequence[int]) -> Snapshot:
-        """Give the commands and run to the next decision epoch, or to the episode's end."""
+        """Give the commands and run to the next decision epoch, or to the end of the episode."""
         self.hear(commands)
         world, state, lives = self.constants, self.state, self._lives
         state.events.clear()
@@ -134,12 +136,13 @@ class Simulation(RowEngine):
         return self.snapshot()
 
     def _after_event(self) -> None:
+        """Call the audit."""
         assert self.audit is not None
         self.state.now_us = int(self.clock.now)
         self.audit(self)
 
     def _foresee(self, world: Any, path: Any, state: Any, drone: Any, span_us: int) -> None:
-        """Foresee the crossings of a drone's leg (see ``rules.coverage.track``)."""
+        """Write the crossings on a leg to ``drone.ahead`` (see ``rules.coverage.track``)."""
         cell_x_m, cell_y_m = world.cell_x_m, world.cell_y_m
         way = (
             (drone.x + 0.5) * cell_x_m,
@@ -163,47 +166,47 @@ class Simulation(RowEngine):
             made.errors = Table(np.asarray(path.position_error).reshape(-1).tolist())
         return made
 
-    # ---- where the rows are
+    # ---- access to the rows
 
     def number(self, name: str) -> Any:
-        """Return a number of the state."""
+        """Return the number in this field of the state."""
         return getattr(self.state, name)
 
     def numbers(self, name: str) -> list[Any]:
-        """Return the numbers of a table or queue of the state."""
+        """Return the numbers in this table or queue of the state."""
         numbers: list[Any] = getattr(self.state, name)
         return numbers
 
     def rows(self, name: str) -> Sequence[Any]:
-        """Return the rows of a table or queue of the state, to be read."""
+        """Return the rows of this table or queue of the state, which are only read."""
         rows: Sequence[Any] = getattr(self.state, name)
         return rows
 
     def drone(self, index: int) -> Any:
-        """Return the row of a drone, to be written."""
+        """Return the row of a drone, which may be written."""
         return self.state.drones[index]
 
     def plan(self, drone: int, place: int) -> Any:
-        """Return the way back of a drone from a place, as a row."""
+        """Return the planned return of a drone from a place, as a row."""
         plans: Any = self.constants.plans
         return plans.of(self.settings.ceilings[drone], place)
 
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
-        """Return the hops of these numbers."""
+        """Return the hops with the numbers ``first`` to ``end`` - 1, as (dx, dy, dlevel)."""
         return [(hop.dx, hop.dy, hop.dlevel) for hop in self.constants.hops[first:end]]
 
     def route(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
-        """Return the numbers of hops."""
+        """Return the number of the first of these hops, and the number after that of the last."""
         plans: Any = self.constants.plans
         numbers: tuple[int, int] = plans.numbered(hops)
         return numbers
 
     def queue_up(self, drone: int, station: int) -> None:
-        """Put a drone last in a station's queue."""
+        """Append a drone to a station's queue."""
         self.state.stations[station].queue.append(drone)
 
     def start_afresh(self) -> None:
-        """Put the drones at their starts."""
+        """Put all drones at their starting cells with full batteries, and empty the stations."""
         start_afresh(self.constants, self.state)
 
     def terms(self) -> tuple[dict[str, float], ...]:
@@ -214,24 +217,24 @@ class Simulation(RowEngine):
         return tuple(dict(zip(self.term_names, drone.terms, strict=True)) for drone in drones)
 
     def features(self) -> list[tuple[float, ...]]:
-        """Return what learners observe of the drones now."""
+        """Return each drone's features, as far as an observation over rows has written them."""
         self.constants.describe(self.constants, self.state)  # type: ignore[operator]
         return [tuple(drone.features) for drone in self.state.drones]
 
     def measured(self) -> tuple[float, float, float]:
-        """Return QoE1-3 so far; NaN if they do not exist yet."""
+        """Return QoE1 to QoE3 so far (see ``Measures``); NaN where one is not defined yet."""
         return measures(self.constants, self.state)
 
     def position_m(self, drone: int) -> Place:
-        """Return where a drone is now."""
+        """Return the true position of a drone now, in metres."""
         return position(self.constants, self.state, self.state.drones[drone])
 
     def doing(self, user: int) -> int:
-        """Return what a user is doing now."""
+        """Return what a user is doing now, as a number of ``UserState``."""
         return doing(self.state.users[user])
 
     def walks(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the users' walks in this episode."""
+        """Return the users' legs in this episode, and their offsets by user."""
         return self.path.walks
 
 
@@ -241,7 +244,7 @@ def _played_again(
     idle: bool,
     carried: Carried | None,
 ) -> Simulation:
-    """Return an engine in the state of another one; ``idle``: it waits for the next episode."""
+    """Return an engine in the state of another one, which is ``idle`` if it can only be reset."""
     engine = Simulation(*made_of)
     began, commands = episode
     if began is not None:
