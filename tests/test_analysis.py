@@ -34,6 +34,16 @@ def test_learned_against_optimum(capsys: pytest.CaptureFixture[str], monkeypatch
         assert qoe3 <= best_qoe3
 
 
+def test_other_readings_of_the_paper_are_those_of_the_page(ask):
+    page = (SCRIPTS.parent / "docs" / "explanation" / "readings.md").read_text(encoding="utf-8")
+    tables = page.split("| case | reading |")[1:]
+    for arguments, expected, table in ((["4"], 5, tables[0]), (["--learned", "1"], 2, tables[1])):
+        code, printed, _ = ask("readings", *arguments)
+        rows = printed.splitlines()[2:]
+        assert (code, len(rows)) == (0, expected)
+        assert all(row in table.splitlines() for row in rows)
+
+
 SMALL = ["users.count=16", "episode.steps=20"]
 SEEDS = (0, 1, 2)
 QUESTIONS = ("waiting", "distance", "interruptions", "fairness", "paired_difference")

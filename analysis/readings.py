@@ -1,0 +1,99 @@
+"""What other readings of the paper do to the nine cases, as a Markdown table.
+
+python analysis/readings.py [--learned] [CASE…]
+
+It has QoE1 to QoE3, the share of users covered at least once, the crashes per drone and episode,
+and the reward of the baseline under each reading. With --learned it has drones that learned from
+the rewards under each reading by Q-learning, beside those of analysis/paper/table.csv; that takes
+some minutes. All figures are means over the seeds 100 to 109, each with 20 episodes after 2 of
+warm-up.
+"""
+
+import sys
+from pathlib import Path
+
+import pandas as pd
+
+import desim_uav as du
+from desim_uav.experiment.evaluate import evaluate
+from desim_uav.experiment.reproduce import EPISODES, FIRST_SEED, WARMUP
+from desim_uav.experiment.train import train
+from desim_uav.policies.tabular import Greedy
+from desim_uav.scenario.load import to_plain
+from desim_uav.world import build_world
+
+SEEDS = range(FIRST_SEED, FIRST_SEED + 10)
+PAPER = Path(__file__).parent / "paper" / "table.csv"
+FLIGHT = {
+    "drones.motion.return_timing": "fill_epoch",
+    "drones.battery.kind": "per_action",
+    "stations.placement": "equidistant",
+}
+REWARD = {"reward.capped": False, "reward.served_only": False}
+MEASURES = ["qoe1_percent", "qoe2_iterations", "qoe3_percent"]
+CRASHES = "crashes_per_drone_episode"
+
+
+def main(cases, learned):
+    """Print the table of the baseline, or that of the learners."""
+    headings = ["case", "reading", "QoE1 %", "QoE2", "QoE3 %"]
+    headings += ["crashes"] if learned else ["covered once %", "crashes", "reward"]
+    print(row(headings), row(["---"] * len(headings)), sep="\n")
+    for case in cases:
+        for line in of_learners(case) if learned else of_baseline(case):
+            print(line, flush=True)
+
+
+def readings(case, keys):
+    """Yield the scenario as it is and under each reading that says something about it."""
+    yield "as it is", du.load(f"case{case}")
+    plain = to_plain(du.load(f"case{case}"))
+    for key, value in keys.items():
+        section, *_, name = key.split(".")
+        limited = plain["drones"]["battery"] is not None
+        if limited if section != "reward" else name in plain["reward"]:
+            yield f"`{name}: {str(value).lower()}`", du.load(f"case{case}", {key: value})
+
+
+def of_baseline(case):
+    """Yield the lines of a case."""
+    for name, scenario in readings(case, FLIGHT | REWARD):
+        flown = {"seeds": SEEDS, "episodes": EPISODES, "warmup": WARMUP}
+        runs = du.run(scenario, **flown, engine="batch", progress=False)
+        found = runs.qoe()
+        crashes = found["crashes"] / (EPISODES * scenario.drones.count)
+        cells = [*shown(found), f"{runs.covered_once().mean():.1f}", f"{crashes:.3f}"]
+        yield row([case, name, *cells, f"{found['reward_mean']:.2f}"])
+
+
+def of_learners(case):
+    """Yield the lines of a case: that of the paper's table, and one of a training per reading."""
+    table = pd.read_csv(PAPER).query(f"case == {case} and preset == 'default'")
+    kept = table.set_index("policy").loc["q_learning"]
+    yield row([case, "as it is", *shown(kept), f"{kept[CRASHES]:.3f}"])
+    for name, scenario in list(readings(case, REWARD))[1:]:
+        found = pd.DataFrame(evaluated(scenario, seed) for seed in SEEDS).mean()
+        yield row([case, name, *shown(found), f"{found[CRASHES]:.3f}"])
+
+
+def evaluated(scenario, seed):
+    """Train in the world of a seed and return the measures of the greedy policy."""
+    scenario = scenario.model_copy(update={"seed": seed})
+    table, _ = train(scenario, build_world(scenario, seed), engine="batch")
+    return evaluate(scenario, Greedy.of_table(table, "learned"), seed, EPISODES, WARMUP, "batch")
+
+
+def shown(found):
+    """Return QoE1 to QoE3 as text."""
+    return [f"{found[name]:.1f}" for name in MEASURES]
+
+
+def row(cells):
+    """Return a row of a Markdown table."""
+    return "| " + " | ".join(map(str, cells)) + " |"
+
+
+if __name__ == "__main__":
+    given = sys.argv[1:]
+    chosen = [int(case) for case in given if case != "--learned"]
+    main(chosen or range(1, 10), "--learned" in given)
