@@ -155,6 +155,7 @@ def _first_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
 
 
 def _entry(context: Any, builder: Any, kind: Any, value: Any, k: Any) -> Any:
+    """Return the address of entry k of a table or a queue."""
     size = cgutils.intp_t(BYTES.get(kind.of) or 8 * width_of(kind.of))
     first = _first_of(context, builder, kind, value)
     return builder.gep(first, [builder.mul(k, size)], inbounds=True)
@@ -317,7 +318,7 @@ def _remove(line: Any, value: Any) -> Any:
     return remove
 
 
-# ---- what a class of rows does for []
+# ---- indexing of classes of rows that define it
 
 
 @overload(operator.getitem)
@@ -452,7 +453,7 @@ def _room(line: Any) -> Any:
 def entries_at(of: Any) -> Any:
     """Return a function, for compiled code, that makes a table of an address and a count.
 
-    ``of``: int, float, bool for entries of one byte, or np.float32.
+    Its entries are of type ``of``: int, float, np.float32, or bool for entries of one byte.
     """
 
     def at(typing_context: Any, address: Any, count: Any) -> Any:

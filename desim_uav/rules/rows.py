@@ -58,10 +58,7 @@ class TransitRow(Row):
 
 @row
 class Plan(Row):
-    """The planned return from a place to a station; ``station`` is -1 if there is no way.
-
-    Its hops are ``Constants.hops[first:end]``; it takes ``drained_us`` from the battery.
-    """
+    """The planned return from a place; its hops are ``Constants.hops[first:end]``."""
 
     station: int
     duration_us: int
@@ -264,11 +261,7 @@ class Seen(Row):
 
 @row
 class Record(Row):
-    """What is logged of a drone at the end of a step.
-
-    ``action``: the command's index, or -1; ``action_taken``: that of the action taken.
-    ``return_us``: what the way back takes from the battery, ``NEVER`` if there is none.
-    """
+    """The log's record of a drone at the end of a step; ``return_us`` is n_B (NEVER: no way)."""
 
     step: int
     t_us: int
