@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import accumulate
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,12 +18,16 @@ from desim_uav.sample_path import SamplePaths
 class Section(NamedTuple):
     """Numbers of all episodes, end to end: what is not random stands there once.
 
-    ``begins`` and ``counts``: where those of each episode begin, and how many there are.
+    ``begins`` and ``counts``: where those of each episode begin, and how many there are, as an
+    array of whole numbers, or as one number for all episodes.
     """
 
     parts: list[NDArray[Any]]
-    begins: Sequence[int]
-    counts: Sequence[int]
+    begins: Any
+    counts: Any
+
+
+NOTHING = Section([], 0, 0)
 
 
 def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
@@ -32,19 +35,20 @@ def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
     at_random, legs_at, legs, streams = _walking(paths.walking)
     asks, asks_at = _requests(paths.requests)
     episodes, drawn = len(paths.episodes), paths.respawn.shape[2]
-    rows = [[after, at_random, drawn] for after in _after_previous(paths.requests)]
-    at, parts = episodes * Path.words, []
+    rows = np.empty((episodes, Path.words), np.int64)
+    rows[:, 0], rows[:, 1], rows[:, 2] = _after_previous(paths.requests), at_random, drawn
+    starts = Path.words * np.arange(episodes)
+    at, place, parts = rows.size, 3, []
     # In the order of the tables of Path, of whose rows asks have four words.
     sections = (asks, asks_at, legs, legs_at, streams, _block(paths.respawn), _errors(paths))
     for columns, section in zip((4, 1, 1, 1, 1, 1, 1), sections, strict=True):
-        for k, row in enumerate(rows):
-            row.append(8 * (at + section.begins[k] - k * Path.words))
-            row.append(section.counts[k] // columns)
+        rows[:, place] = 8 * (at + section.begins - starts)
+        rows[:, place + 1] = section.counts // columns
+        place += 2
         for part in section.parts:
             parts.append(part.view(np.int64) if part.dtype == np.float64 else part)
             at += part.size
-    header = np.array(rows, np.int64).reshape(-1)
-    return np.concatenate([header, *parts], dtype=np.int64), Path.words * np.arange(episodes)
+    return np.concatenate([rows.reshape(-1), *parts], dtype=np.int64), starts
 
 
 def _block(numbers: NDArray[Any]) -> Section:
@@ -52,33 +56,32 @@ def _block(numbers: NDArray[Any]) -> Section:
     count = len(numbers)
     size = numbers.size // count
     parts = [np.ascontiguousarray(numbers).reshape(-1)]
-    return Section(parts, [k * size for k in range(count)], [size] * count)
+    return Section(parts, size * np.arange(count), size)
 
 
 def _listed(arrays: Sequence[NDArray[Any]]) -> Section:
     """An array per episode, or always the same."""
-    count, first = len(arrays), arrays[0]
+    first = arrays[0]
     if all(array is first for array in arrays):
-        return Section([np.ascontiguousarray(first).reshape(-1)], [0] * count, [first.size] * count)
+        return Section([np.ascontiguousarray(first).reshape(-1)], 0, first.size)
     flat = [np.ascontiguousarray(array).reshape(-1) for array in arrays]
-    sizes = [array.size for array in flat]
-    return Section(flat, [0, *accumulate(sizes[:-1])], sizes)
+    sizes = np.array([array.size for array in flat])
+    return Section(flat, np.cumsum(sizes) - sizes, sizes)
 
 
 def _walking(walking: Sequence[Walks | RandomWalks]) -> tuple[bool, Section, Section, Section]:
     """Return whether users walk at random, the offsets of legs, the legs, and users' streams."""
-    none = _nothing(len(walking))
     if isinstance(walking, ManyRandomWalks):
-        return True, none, none, _block(walking.states.view(np.int64))
+        return True, NOTHING, NOTHING, _block(walking.states.view(np.int64))
     states = [own.states.view(np.int64) for own in walking if isinstance(own, RandomWalks)]
     if states:
-        return True, none, none, _listed(states)
+        return True, NOTHING, NOTHING, _listed(states)
     walks = [own.drawn() for own in walking]
     return (
         False,
         _listed([own.offsets for own in walks]),
         _listed([own.legs for own in walks]),
-        none,
+        NOTHING,
     )
 
 
@@ -86,8 +89,8 @@ def _requests(requests: Sequence[Requests]) -> tuple[Section, Section]:
     """Return the rows, and their offsets."""
     if isinstance(requests, ManyRequests):
         columns = requests.rows.shape[1]
-        begins = [columns * begin for begin in requests.begins]
-        counts = [columns * int(own[-1]) for own in requests.offsets]
+        begins = columns * np.array(requests.begins)
+        counts = columns * requests.offsets[:, -1]
         return Section([requests.rows.reshape(-1)], begins, counts), _block(requests.offsets)
     return _listed([own.rows for own in requests]), _listed([own.offsets for own in requests])
 
@@ -100,9 +103,5 @@ def _after_previous(requests: Sequence[Requests]) -> Sequence[bool]:
 
 def _errors(paths: SamplePaths) -> Section:
     if paths.position_error is None:
-        return _nothing(len(paths.episodes))
+        return NOTHING
     return _block(paths.position_error)
-
-
-def _nothing(count: int) -> Section:
-    return Section([], [0] * count, [0] * count)
