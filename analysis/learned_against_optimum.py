@@ -14,10 +14,9 @@ from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.optimum import optimum
 from desim_uav.experiment.reproduce import FIRST_SEED
 from desim_uav.experiment.statistics import estimate
-from desim_uav.experiment.train import train
+from desim_uav.experiment.train.course import train
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
-from desim_uav.world import build_world
 
 
 def main(seeds: int = 10, episodes: int | None = None) -> None:
@@ -33,7 +32,7 @@ def main(seeds: int = 10, episodes: int | None = None) -> None:
             best = optimum(scenario)["one_drone"]
             with tempfile.TemporaryDirectory() as folder:
                 policy = Path(folder) / "policy.npz"
-                policy.write_bytes(train(scenario, build_world(scenario, seed))[0].to_bytes())
+                policy.write_bytes(train(scenario)[0].to_bytes())
                 learned = evaluate(scenario, str(policy), seed, 20, 2)
             reward = learned["reward_mean"] / scenario.episode.steps
             found.append(reward / best["best_reward"]["reward_per_step"])

@@ -15,15 +15,8 @@ from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.progress import training_progress
-from desim_uav.experiment.train import (
-    POLICY,
-    Course,
-    Pause,
-    save_training,
-    table_of,
-    train_in_memory,
-    train_to_folder,
-)
+from desim_uav.experiment.train.course import POLICY, Course, Pause, table_of, train_in_memory
+from desim_uav.experiment.train.folder import save_training, train_to_folder
 from desim_uav.learning.training import Progress
 from desim_uav.model.sums import in_order
 from desim_uav.policies.base import Policy
@@ -110,9 +103,9 @@ Callback = Callable[[TrainingProgress], bool | None]
 class TrainingResult:
     """What a training has learned. It can be given as a policy to ``run`` and ``compare``."""
 
-    def __init__(self, course: Course, folder: Path | None = None) -> None:
+    def __init__(self, course: Course) -> None:
         self._course = course
-        self.folder = folder
+        self.folder = course.folder
         """Where the training is, if it was written as it went."""
 
     @property
@@ -133,7 +126,7 @@ class TrainingResult:
     @cached_property
     def policy(self) -> Policy:
         """The greedy policy: the best action by what was learned."""
-        return _greedy(self._course, self.folder)
+        return _greedy(self._course)
 
     @cached_property
     def curve(self) -> pd.DataFrame:
@@ -142,7 +135,7 @@ class TrainingResult:
 
     def summary(self) -> dict[str, Any]:
         """Return the means over the last 100 episodes, and what was trained."""
-        return self._course.summary(self.folder)
+        return self._course.summary()
 
     def save(self, folder: str | Path | None = None) -> Path:
         """Write the folder that the command line writes: the policy, its curve, a checkpoint.
@@ -238,17 +231,15 @@ def train(
     pauses = [_pause(callbacks, callback_every)] if callbacks else []
     with training_progress(progress, found.scenario.learning.episodes) as bar, found.located():
         if not out:
-            result = TrainingResult(
-                train_in_memory(
-                    found.scenario,
-                    command=command,
-                    engine=engine,
-                    pauses=pauses,
-                    on_episode=bar.advance,
-                )
+            course = train_in_memory(
+                found.scenario,
+                command=command,
+                engine=engine,
+                pauses=pauses,
+                on_episode=bar.advance,
             )
         else:
-            done = train_to_folder(
+            course = train_to_folder(
                 found.scenario,
                 out=None if out is True else Path(out),
                 resume=resume,
@@ -259,8 +250,8 @@ def train(
                 on_start=bar.start,
                 on_episode=bar.advance,
             )
-            result = TrainingResult(done.course, done.folder)
-    if result._course.interrupted:
+    result = TrainingResult(course)
+    if course.interrupted:
         raise Interrupted(
             f"interrupted after {result.episodes} episodes; what was learned is in the result of "
             "this error",
@@ -313,9 +304,9 @@ def _progress(course: Course, rows: Sequence[Progress]) -> TrainingProgress:
     )
 
 
-def _greedy(course: Course, folder: Path | None = None) -> Greedy:
+def _greedy(course: Course) -> Greedy:
     """Return the policy of a table that is in memory."""
-    training = course.training
+    training, folder = course.training, course.folder
     name = f"{training.settings.algorithm}-s{training.seed}"
     if folder is not None and (folder / POLICY).exists():
         name = str(folder / POLICY)

@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-import platform
-import time
 from collections import Counter
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from datetime import UTC, datetime, timedelta
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from desim_uav import __version__, qoe
+from desim_uav import qoe
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.interrupt import asked_to_stop, interruptible
+from desim_uav.experiment.provenance import clock, versions
 from desim_uav.experiment.run import (
     Played,
     Tally,
@@ -36,8 +33,6 @@ from desim_uav.run_folder import Draft, Place, read_parts, world_content
 from desim_uav.scenario.load import dump, scenario_hash
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
-
-PACKAGES = ("numba", "numpy", "pandas", "pyarrow", "pydantic", "simpy")
 
 NAMED = ("scenario", "policy", "seed")
 """The entries of a manifest that a summary repeats."""
@@ -317,22 +312,3 @@ def _label(name: str) -> str:
         return name
     named = file.absolute().parent.name if file.name in ALWAYS_CALLED else file.stem
     return f"{parts(name)[0]}-{named}"
-
-
-def clock() -> Callable[[], str]:
-    """Return a clock that never runs backwards, even if the system's clock is set back."""
-    last, since_s = datetime.now(UTC), time.monotonic()
-
-    def now() -> str:
-        nonlocal last, since_s
-        before_s, since_s = since_s, time.monotonic()
-        last = max(last + timedelta(seconds=since_s - before_s), datetime.now(UTC))
-        return last.isoformat()
-
-    return now
-
-
-def versions() -> dict[str, str]:
-    """Return the versions of Python, this package and the packages that its results depend on."""
-    own = {"desim-uav": __version__, "python": platform.python_version()}
-    return own | {name: version(name) for name in PACKAGES} | {"platform": platform.platform()}

@@ -33,7 +33,7 @@ from desim_uav.experiment.paper_table import (
 )
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.published import POLICIES, PUBLISHED
-from desim_uav.experiment.train import train
+from desim_uav.experiment.train.course import train
 from desim_uav.optimum.cover import Places, cover, fair_cover
 from desim_uav.run_folder import try_writing, write_whole
 from desim_uav.scenario.load import load, scenario_hash
@@ -183,8 +183,7 @@ def run_job(job: Job, folder: Path, engine: str = "batch") -> dict[str, Any]:
     }
     policy = job.policy
     if policy != "baseline":
-        world = build_world(scenario, scenario.effective_world_seed)
-        table, progress = train(scenario, world, engine=engine)
+        table, progress = train(scenario, engine)
         file = folder / "policies" / f"{job.name}.npz"
         write_whole(file, table.to_bytes())
         policy = str(file)

@@ -17,7 +17,8 @@ from desim_uav import array_file
 from desim_uav.checksums import verify
 from desim_uav.cli import app
 from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageError
-from desim_uav.experiment.train import train, train_to_folder
+from desim_uav.experiment.train.course import train
+from desim_uav.experiment.train.folder import train_to_folder
 from desim_uav.learning.checkpoint import FORMAT
 from desim_uav.model.observations import Feature
 from desim_uav.records import TRAINING
@@ -25,7 +26,6 @@ from desim_uav.report.figures.training import read_training
 from desim_uav.run_folder import read_table
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.scenario.schema import Scenario
-from desim_uav.world import build_world
 
 SMALL: dict[str, Any] = {
     "name": "small",
@@ -79,8 +79,8 @@ def test_what_a_training_leaves(tmp_path: Path):
     manifest = json.loads((tmp_path / "t" / "manifest.json").read_text())
     assert manifest["algorithm"] == "q_learning" and manifest["episodes"] == 60
     last = rows[rows["episode"] >= 0]
-    assert done.summary["qoe3_percent"] == pytest.approx(last["qoe3_percent"].mean())
-    assert done.summary["reward_mean"] == pytest.approx(last["reward"].mean())
+    assert done.summary()["qoe3_percent"] == pytest.approx(last["qoe3_percent"].mean())
+    assert done.summary()["reward_mean"] == pytest.approx(last["reward"].mean())
 
 
 def test_the_slower_engine_is_named_with_the_reason(tmp_path: Path, capsys: Any):
@@ -105,8 +105,7 @@ def test_the_same_training_gives_the_same_bytes(tmp_path: Path):
 
 def test_it_is_the_training_without_a_folder(tmp_path: Path):
     trained(tmp_path / "t")
-    scenario = small()
-    table, rows = train(scenario, build_world(scenario, 0))
+    table, rows = train(small())
     assert (tmp_path / "t" / "policy.npz").read_bytes() == table.to_bytes()
     assert len(rows) == 120
 
@@ -193,7 +192,7 @@ def test_a_damaged_checkpoint_is_refused(damage: str, tmp_path: Path):
 KILLER = """
 import os, random, signal, sys, time
 from pathlib import Path
-from desim_uav.experiment.train import train_to_folder
+from desim_uav.experiment.train.folder import train_to_folder
 from desim_uav.scenario.load import load
 
 scenario, out, kills = load(sys.argv[1]), Path(sys.argv[2]), int(sys.argv[3])
@@ -242,7 +241,7 @@ def test_ctrl_c_ends_after_the_episode_and_keeps_it(tmp_path: Path):
     script = """
 import os, signal, sys
 from pathlib import Path
-from desim_uav.experiment.train import train_to_folder
+from desim_uav.experiment.train.folder import train_to_folder
 from desim_uav.scenario.load import load
 
 def stop(rows):
@@ -251,7 +250,7 @@ def stop(rows):
 
 done = train_to_folder(load(sys.argv[1]), out=Path(sys.argv[2]), resume=False,
                        checkpoint_every=1000, command=[], on_episode=stop)
-print(done.interrupted, done.summary["episodes"])
+print(done.interrupted, done.summary()["episodes"])
 """
     (tmp_path / "small.yaml").write_text(json.dumps({**SMALL, "learning": {"episodes": 1500}}))
     command = [sys.executable, "-c", script, tmp_path / "small.yaml", tmp_path / "t"]
@@ -278,7 +277,7 @@ def test_one_that_goes_on_leaves_the_finished_one_whole(tmp_path: Path):
             signal.raise_signal(signal.SIGINT)
 
     done = trained(folder, small(**longer), resume=True, on_episode=looked_at)
-    assert done.interrupted and 25 < done.summary["episodes"] < 40
+    assert done.interrupted and 25 < done.summary()["episodes"] < 40
     after = {file.name: file.read_bytes() for file in folder.iterdir()}
     assert {name for name in after if after[name] != before.get(name)} == {
         "checkpoint.npz",
@@ -292,7 +291,7 @@ def test_one_that_goes_on_leaves_the_finished_one_whole(tmp_path: Path):
     for file in folder.iterdir():
         verify(file, strangers=True)
     whole = trained(tmp_path / "whole", small(**longer))
-    assert (folder / "policy.npz").read_bytes() == Path(whole.summary["policy"]).read_bytes()
+    assert (folder / "policy.npz").read_bytes() == Path(whole.summary()["policy"]).read_bytes()
 
 
 def test_one_that_was_interrupted_says_what_it_is_of(tmp_path: Path):
@@ -369,11 +368,11 @@ def test_resuming_without_a_folder_finds_the_unfinished_one(tmp_path: Path, monk
     for name in ("manifest.json", "policy.npz", "training.parquet"):
         (unfinished / name).unlink()
     done = trained(None, resume=True)
-    assert done.summary["folder"] == str(unfinished) and (unfinished / "policy.npz").exists()
+    assert done.summary()["folder"] == str(unfinished) and (unfinished / "policy.npz").exists()
     other = trained(None, small(seed=1), resume=True)
-    assert other.summary["folder"] == "runs/small-q_learning-s1", "nothing of its own to resume"
+    assert other.summary()["folder"] == "runs/small-q_learning-s1", "nothing of its own to resume"
     longer = small(learning={**SMALL["learning"], "episodes": 70})
-    assert trained(None, longer, resume=True).summary["folder"] == str(unfinished)
+    assert trained(None, longer, resume=True).summary()["folder"] == str(unfinished)
 
 
 def test_a_checkpoint_with_a_decision_there_is_not(tmp_path: Path):
@@ -401,7 +400,9 @@ def test_the_checkpoint_before_is_offered(tmp_path: Path):
         trained(tmp_path / "t", resume=True)
     before.rename(file)
     again = trained(tmp_path / "t", resume=True)
-    assert Path(again.summary["policy"]).read_bytes() == Path(whole.summary["policy"]).read_bytes()
+    assert (
+        Path(again.summary()["policy"]).read_bytes() == Path(whole.summary()["policy"]).read_bytes()
+    )
     assert not before.exists()
 
 

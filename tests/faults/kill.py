@@ -19,8 +19,9 @@ import pandas as pd
 
 from desim_uav import cli
 from desim_uav.engine.compiled import BatchSimulation
-from desim_uav.experiment import command, compare, reproduce, train  # noqa: F401 (warm)
+from desim_uav.experiment import command, compare, reproduce  # noqa: F401 (warm)
 from desim_uav.experiment.sweep import run as sweep  # noqa: F401 (warm)
+from desim_uav.experiment.train import folder as train  # noqa: F401 (warm)
 from desim_uav.learning.training import Training
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path

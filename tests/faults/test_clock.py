@@ -10,7 +10,7 @@ from types import SimpleNamespace
 import pytest
 
 from desim_uav import run_folder
-from desim_uav.experiment import command as commands
+from desim_uav.experiment import provenance
 from desim_uav.experiment.sweep import folder as sweep_folder
 from tests.command_line import runner
 from tests.faults.kill import SWEPT, same_files, same_run, same_sweep, same_training
@@ -43,7 +43,7 @@ def jumps(monkeypatch):
     def begin():
         monkeypatch.setattr(time, "time", lambda: seconds() + away())
         monkeypatch.setattr(time, "time_ns", lambda: nanoseconds() + away() * 10**9)
-        for module in (commands, run_folder, sweep_folder):
+        for module in (provenance, run_folder, sweep_folder):
             monkeypatch.setattr(module, "datetime", Jumping)
         return found
 
@@ -71,8 +71,8 @@ def test_no_time_is_before_another(days, monkeypatch):
         def now(cls, tz=None):
             return datetime.now(tz) + timedelta(days=next(looks))
 
-    monkeypatch.setattr(commands, "datetime", Jumping)
-    begun, now = datetime.now(UTC), commands.clock()
+    monkeypatch.setattr(provenance, "datetime", Jumping)
+    begun, now = datetime.now(UTC), provenance.clock()
     times = [datetime.fromisoformat(now()) for _ in range(4 * len(days))]
     assert times == sorted(times)
     assert times[-1] - begun < timedelta(days=max(days), minutes=1), "jumps add up"
@@ -87,9 +87,9 @@ def test_it_goes_on_while_the_clock_is_behind(monkeypatch):
         def now(cls, tz=None):
             return datetime(2026, 1, next(wall), tzinfo=tz)
 
-    monkeypatch.setattr(commands, "datetime", Set)
-    monkeypatch.setattr(commands, "time", SimpleNamespace(monotonic=lambda: next(passed)))
-    now = commands.clock()
+    monkeypatch.setattr(provenance, "datetime", Set)
+    monkeypatch.setattr(provenance, "time", SimpleNamespace(monotonic=lambda: next(passed)))
+    now = provenance.clock()
     ninth = "2026-01-09T00:00"
     assert [now() for _ in range(4)] == [f"{ninth}:{s}+00:00" for s in ("00", "15", "35", "35")]
 

@@ -13,7 +13,7 @@ from desim_uav import array_file
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import PolicyError
-from desim_uav.experiment.train import train
+from desim_uav.experiment.train.course import train
 from desim_uav.model.rules import Mode
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
@@ -46,8 +46,7 @@ def small(**changes: Any) -> Scenario:
 
 @pytest.fixture(scope="module")
 def table() -> QTable:
-    scenario = small()
-    return train(scenario, build_world(scenario, 0))[0]
+    return train(small())[0]
 
 
 @pytest.fixture

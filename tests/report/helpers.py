@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from desim_uav.experiment.command import read_summary, run_to_folder
-from desim_uav.experiment.train import train_to_folder
+from desim_uav.experiment.train.folder import train_to_folder
 from desim_uav.report.run import Run
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from desim_uav.experiment.evaluate import evaluate
-from desim_uav.experiment.train import table_of
+from desim_uav.experiment.train.course import table_of
 from desim_uav.learning.training import Training
 from desim_uav.optimum.cover import Places, cover
 from desim_uav.optimum.discounted import optimal_return, policy_return

@@ -17,8 +17,8 @@ from typing import TYPE_CHECKING, Any
 from desim_uav import __version__
 from desim_uav.checksums import of_row
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.command import versions
 from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.sweep.grid import Axis
 from desim_uav.experiment.sweep.job import Failure, Job, Outcome, Row
 from desim_uav.regular_file import text_of

@@ -18,11 +18,10 @@ from desim_uav.errors import DesimError, PolicyError, UsageError
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.sweep.grid import MOST
 from desim_uav.experiment.sweep.plan import Arm, Asked, policy_digest
-from desim_uav.experiment.train import train
+from desim_uav.experiment.train.course import train
 from desim_uav.policies.base import PolicyLike
 from desim_uav.policies.tabular import Greedy
 from desim_uav.registry import FAULTS, what_failed
-from desim_uav.world import build_world
 
 Row = dict[str, Any]
 
@@ -115,8 +114,7 @@ def _run(job: Job, version: str) -> Outcome:
     policy: PolicyLike = arm.source
     if arm.algorithm is not None:
         scenario = arm.scenario.model_copy(update={"seed": job.seed})
-        world = build_world(scenario, scenario.effective_world_seed)
-        table, _ = train(scenario, world, engine=arm.engine)
+        table, _ = train(scenario, arm.engine)
         policy = Greedy.of_table(table, arm.policy)
     measures = evaluate(arm.scenario, policy, job.seed, job.episodes, job.warmup, arm.engine)
     return Outcome(measures, None if table is None else table.to_bytes())

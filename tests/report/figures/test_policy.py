@@ -8,7 +8,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.quiver import Quiver
 
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.train import table_of
+from desim_uav.experiment.train.course import table_of
 from desim_uav.learning.training import Training
 from desim_uav.model.rules import MOVES, Mode, actions
 from desim_uav.model.state import Observation
