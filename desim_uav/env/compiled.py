@@ -48,7 +48,7 @@ class Outputs(NamedTuple):
             np.zeros((count, drones * len(features(world)))),
             np.zeros((count, drones * len(world.actions)), np.int8),
             np.zeros((count, 1)),
-            np.zeros((count, COUNTED + len(session.terms))),
+            np.zeros((count, COUNTED + len(term_names(world)))),
             np.zeros((count, 3), np.bool_),
             np.zeros((count, calls.ADDRESSES), np.int64),
         )
@@ -69,8 +69,7 @@ class CompiledSession(Session):
         self, scenario: Scenario, world: World | None = None, draws_ahead: bool = True
     ) -> None:
         super().__init__(scenario, world, draws_ahead)
-        self.terms = term_names(self.world)
-        self.keys = info_keys(self.terms)
+        self.keys = info_keys(term_names(self.world))
         self.write_to(Outputs.of(self, 1), 0)
 
     def __getstate__(self) -> dict[str, Any]:
@@ -138,11 +137,18 @@ class CompiledSession(Session):
         """Return what a kernel has written."""
         return self._row.masks.copy()
 
-    def info_values(self) -> list[float]:
-        """Return the values of ``info``, in the order of ``keys``."""
+    def seeds(self) -> tuple[int, int, int]:
+        """Return the SEEDS: those of the run and its world, and the number of the episode."""
+        return self.seed, self.world.seed, self.episode
+
+    def info(self) -> dict[str, Any]:
+        """Return an info of the numbers that a kernel has written."""
         row = self._row.numbers.tolist()
         measures, counts, terms = row[:MEASURED], row[MEASURED:COUNTED], row[COUNTED:]
-        return [*measures, *self.seeds(), *map(int, counts), *terms]
+        values = (*measures, *self.seeds(), *map(int, counts), *terms)
+        info: dict[str, Any] = dict(zip(self.keys, values, strict=True))
+        info["action_mask"] = self.mask()
+        return info
 
 
 def whole_numbers(actions: Any, shape: tuple[int, int]) -> NDArray[np.int64]:

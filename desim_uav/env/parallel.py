@@ -85,7 +85,7 @@ class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore
         self.session.reset(seed)
         self.agents = self.possible_agents[:]
         self.screen.refresh()
-        return self._observations(), self._infos()
+        return self._observations_and_infos()
 
     def step(
         self, actions: Mapping[str, int]
@@ -105,14 +105,11 @@ class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore
         if terminated or truncated:
             self.agents = []
         self.screen.refresh()
-        every, rewards = self.possible_agents, self.session.snapshot.rewards
-        return (
-            self._observations(),
-            dict(zip(every, rewards, strict=True)),
-            dict.fromkeys(every, terminated),
-            dict.fromkeys(every, truncated),
-            self._infos(),
-        )
+        observations, infos = self._observations_and_infos()
+        rewards, ends, cuts = {}, {}, {}
+        for agent, reward in zip(infos, self.session.snapshot.rewards, strict=True):
+            rewards[agent], ends[agent], cuts[agent] = reward, terminated, truncated
+        return observations, rewards, ends, cuts, infos
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the masks of all drones, one after the other: bool (drones * actions,)."""
@@ -126,24 +123,18 @@ class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore
         """Close the window, if there is one."""
         self.screen.close()
 
-    def _observations(self) -> dict[str, Parts]:
-        rows = (len(self.possible_agents), -1)
-        observations = self.session.observation().reshape(rows)
-        masks = self.session.mask().reshape(rows)
-        return {
-            agent: {"observation": observations[drone], "action_mask": masks[drone]}
-            for drone, agent in enumerate(self.possible_agents)
-        }
-
-    def _infos(self) -> Infos:
+    def _observations_and_infos(self) -> tuple[dict[str, Parts], Infos]:
         session, crashed = self.session, self.session.engine.log.crashed
-        observations, terms = session.snapshot.observations, session.reward_terms()
-        of_all, requests = (*session.measures(), *session.seeds()), session.engine.requests_made()
-        keys, names, infos = session.keys, session.terms, {}
+        of_all, terms, every = session.info_of_all(), session.reward_terms(), session.encoded()
+        masks = session.mask().reshape(session.drones, -1)
+        snapshot, keys, dtype = session.snapshot, session.terms.items(), session.dtype
+        observations, infos = {}, {}
         for drone, agent in enumerate(self.possible_agents):
-            users, own = observations[drone].attached_users, terms[drone]
-            values = [*of_all, users, crashed.count(drone), requests]
-            for name in names:
-                values.append(float(own[name]))
-            infos[agent] = dict(zip(keys, values, strict=True))
-        return infos
+            encoded, own = np.array(every[drone], dtype), terms[drone]
+            observations[agent] = {"observation": encoded, "action_mask": masks[drone]}
+            info = infos[agent] = of_all.copy()
+            info["attached_users"] = snapshot.observations[drone].attached_users
+            info["crashes"] = crashed.count(drone)
+            for name, key in keys:
+                info[key] = float(own[name])
+        return observations, infos

@@ -37,14 +37,13 @@ class Session(Independent):
     """A scenario that the SimPy engine simulates one decision epoch at a time.
 
     ``seed`` is the seed of the run. It also draws the world, unless the scenario has a
-    ``world_seed``. ``episode`` counts from 0; it is -1 before the first ``reset``. ``terms`` names
-    the terms of the reward, and ``keys`` those of an info, without ``action_mask``.
+    ``world_seed``. ``episode`` counts from 0; it is -1 before the first ``reset``. ``terms`` are
+    the keys of the reward's terms in an info, by name.
     """
 
     world: World
     engine: Engine
-    terms: tuple[str, ...]
-    keys: tuple[str, ...]
+    terms: dict[str, str]
 
     def __init__(
         self, scenario: Scenario, world: World | None = None, draws_ahead: bool = True
@@ -116,12 +115,13 @@ class Session(Independent):
         return paths[episode - paths.episodes[0]]
 
     def _begin(self, path: SamplePath) -> None:
-        """Begin an episode on its sample path, and name the terms of the reward."""
+        """Begin an episode on its sample path, and an info for its steps."""
         snapshot = self._snapshot = self.engine.reset(path)
         first, asked, facts = snapshot.observations[0], snapshot.open_requests, self.world.facts
         names = term_names(self.world) or self.scenario.reward.terms(first, asked, facts)
-        self.terms = tuple(names)
-        self.keys = info_keys(self.terms)
+        self.terms = {name: f"reward_{name}" for name in names}
+        self._blank: dict[str, Any] = dict.fromkeys(info_keys(tuple(names)), 0)
+        self._blank |= zip(SEEDS, (self.seed, self.world.seed, path.episode), strict=True)
 
     def step(self, action: Any) -> tuple[float, bool, bool]:
         """Give each drone its action and run to the next decision epoch.
@@ -143,10 +143,17 @@ class Session(Independent):
 
     def _commands(self, action: Any) -> list[int]:
         """Return an action as a list of commands, in the order of the drones."""
-        actions = [action] if self.drones == 1 else _each(action)
+        if self.drones == 1:
+            actions = [action]
+        else:
+            actions = action.tolist() if isinstance(action, np.ndarray) else action
         try:
             commands = list(map(operator.index, actions))
         except TypeError as problem:
+            if not isinstance(actions, Iterable):
+                raise ActionError(
+                    f"an action must have one entry per drone, not {actions!r}"
+                ) from problem
             raise ActionError(f"actions must be whole numbers, not {actions!r}") from problem
         if len(commands) != self.drones:
             raise ActionError(f"there are {len(commands)} action(s) for {self.drones} drone(s)")
@@ -192,31 +199,20 @@ class Session(Independent):
         self.require_episode()
         return self.mask().view(np.bool_)
 
-    def seeds(self) -> tuple[int, int, int]:
-        """Return the SEEDS: those of the run and its world, and the number of the episode."""
-        return self.seed, self.world.seed, self.episode
-
-    def measures(self) -> list[float]:
-        """Return the MEASURES. Quality of experience is 0 as long as it does not exist."""
-        qoe1, qoe2, qoe3 = self.engine.measures()
-        return [self._snapshot.t_us / US, qoe1 or 0.0, qoe2 or 0.0, qoe3 or 0.0]
-
     def reward_terms(self) -> tuple[dict[str, float], ...]:
         """Return the terms of each drone's reward by name; they are 0 before the first step."""
         return self._snapshot.reward_terms or (dict.fromkeys(self.terms, 0.0),) * self.drones
 
-    def info_values(self) -> list[float]:
-        """Return the values of ``info``, in the order of ``keys``."""
-        engine, drones = self.engine, self.reward_terms()
-        users = sum([observation.attached_users for observation in self._snapshot.observations])
-        counts = users, engine.log.crashes, engine.requests_made()
-        values = [*self.measures(), *self.seeds(), *counts]
-        for name in self.terms:
-            total = 0.0
-            for terms in drones:
-                total += float(terms[name])
-            values.append(total / self.drones)
-        return values
+    def info_of_all(self) -> dict[str, Any]:
+        """Return an info in which what is counted or paid by drone is still 0."""
+        qoe1, qoe2, qoe3 = self.engine.measures()
+        info = self._blank.copy()
+        info["sim_time_s"] = self._snapshot.t_us / US
+        info["qoe1_percent"] = qoe1 or 0.0
+        info["qoe2_iterations"] = qoe2 or 0.0
+        info["qoe3_percent"] = qoe3 or 0.0
+        info["requests"] = self.engine.requests_made()
+        return info
 
     def info(self) -> dict[str, Any]:
         """Return the info: time, quality of experience so far, seeds, counts, terms, and masks.
@@ -226,7 +222,12 @@ class Session(Independent):
         ``requests`` is 0, and QoE3, a mean over time, while ``sim_time_s`` is 0. No key is
         "episode", which Gymnasium and stable-baselines3 keep for their statistics.
         """
-        info: dict[str, Any] = dict(zip(self.keys, self.info_values(), strict=True))
+        info, drones = self.info_of_all(), self.reward_terms()
+        users = [observation.attached_users for observation in self._snapshot.observations]
+        info["attached_users"] = sum(users)
+        info["crashes"] = self.engine.log.crashes
+        for name, key in self.terms.items():
+            info[key] = in_order([float(terms[name]) for terms in drones]) / self.drones
         info["action_mask"] = self.mask()
         return info
 
@@ -235,15 +236,6 @@ class Session(Independent):
 def info_keys(terms: tuple[str, ...]) -> tuple[str, ...]:
     """Return the keys of an info in their order; ``terms`` are those of the reward."""
     return *MEASURES, *SEEDS, *COUNTS, *(f"reward_{name}" for name in terms)
-
-
-def _each(action: Any) -> Iterable[Any]:
-    """Return the entries of an action, one per drone."""
-    if isinstance(action, np.ndarray):
-        action = action.tolist()
-    if not isinstance(action, Iterable):
-        raise ActionError(f"an action must have one entry per drone, not {action!r}")
-    return action
 
 
 def _checked(seed: int) -> int:
