@@ -17,7 +17,7 @@ import pandas as pd
 import desim_uav as du
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.reproduce import EPISODES, FIRST_SEED, WARMUP
-from desim_uav.experiment.train import train
+from desim_uav.experiment.train.course import train
 from desim_uav.policies.tabular import Greedy
 from desim_uav.scenario.load import to_plain
 from desim_uav.world import build_world
