@@ -20,7 +20,6 @@ from desim_uav.experiment.reproduce import EPISODES, FIRST_SEED, WARMUP
 from desim_uav.experiment.train.course import train
 from desim_uav.policies.tabular import Greedy
 from desim_uav.scenario.load import to_plain
-from desim_uav.world import build_world
 
 SEEDS = range(FIRST_SEED, FIRST_SEED + 10)
 PAPER = Path(__file__).parent / "paper" / "table.csv"
@@ -79,7 +78,7 @@ def of_learners(case):
 def evaluated(scenario, seed):
     """Train in the world of a seed and return the measures of the greedy policy."""
     scenario = scenario.model_copy(update={"seed": seed})
-    table, _ = train(scenario, build_world(scenario, seed), engine="batch")
+    table, _ = train(scenario, engine="batch")
     return evaluate(scenario, Greedy.of_table(table, "learned"), seed, EPISODES, WARMUP, "batch")
 
 

@@ -18,6 +18,7 @@ from desim_uav.errors import DesimError, PolicyError, SimulationError, UsageErro
 from desim_uav.experiment import command
 from desim_uav.experiment import run as experiment_run
 from desim_uav.experiment.command import read_summary, run_to_folder
+from desim_uav.experiment.provenance import PACKAGES
 from desim_uav.experiment.run import headline
 from desim_uav.records import EPISODES, REQUESTS, USERS, to_frame
 from desim_uav.run_folder import TABLES, Draft, Place, held, read_table, write_at
@@ -395,7 +396,7 @@ class TestManifest:
 
     def test_versions_and_times(self):
         found = self.manifest()
-        assert {"desim-uav", "python", "platform", *command.PACKAGES} == set(found["versions"])
+        assert {"desim-uav", "python", "platform", *PACKAGES} == set(found["versions"])
         times = [datetime.fromisoformat(found[name]) for name in ("started", "finished")]
         assert times == sorted(times)
         assert all(time.tzinfo for time in times)
