@@ -129,6 +129,8 @@ class Part(Row):
 class Whole(Row):
     weight: float
     parts: Table[Part]
+    def __getitem__(self, k):
+        return self.weight * 4.0
 
 def later(whole, size):
     '''The seam.'''
@@ -164,6 +166,7 @@ def f(whole: Whole, size: int):
         pytest.param("Table[Part]", "Queue[Part]", id="the kind of a table"),
         pytest.param("size: int\n", "size: int\n    more: int\n", id="the rows of a table"),
         pytest.param("size - 1", "size - 2", id="a rule that is called"),
+        pytest.param("* 4.0", "* 5.0", id="a method of a row"),
         pytest.param("STEP * ", "3 * ", id="what stands in for the seam"),
         pytest.param("STEP = 2", "STEP = 3", id="a constant of what stands in for the seam"),
         pytest.param("size + 1.5", "size + 1.25", id="a rule that only the stand-in calls"),

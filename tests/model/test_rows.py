@@ -523,3 +523,61 @@ def test_tables_as_arrays_and_arrays_as_entries():
     assert View(block, Shelf).marks.tolist() == [3, 44, 2**40]
     assert floats.tolist() == [0.0, 0.1 - 0.2, 0.0]
     assert flags.tolist() == [False, True, False]
+
+
+@row
+class Indexed(Row):
+    """A row that is indexed: what is written at either place is added to both."""
+
+    low: float
+    high: float
+    writes: int
+
+    @rule
+    def __getitem__(self, place: tuple[int, int]) -> float:
+        return self.high if place[0] + place[1] > 1 else self.low
+
+    @rule
+    def __setitem__(self, place: tuple[int, int], value: float) -> None:
+        self.writes += place[1]
+        self.low += value
+        self.high += 2 * value
+
+
+indexed_at = pointer_to(Indexed)
+
+
+@rule
+def index(indexed: Any) -> None:
+    indexed[0, 3] = indexed[0, 1] + 10 * indexed[1, 1]
+    indexed[1, 1] += 0.5
+
+
+@numba.njit(**OPTIONS)
+def index_at(address: int) -> None:
+    index(indexed_at(address))
+
+
+def test_a_row_says_what_its_brackets_do():
+    in_python = fill(Indexed, (1.0, 2.0, 0))
+    block = packed(in_python)
+    index(in_python)
+    index_at(block.ctypes.data)
+    values = [(one.low, one.high, one.writes) for one in (in_python, View(block, Indexed))]
+    assert values[0] == values[1] == (1 + 21 + 44.5, 2 + 42 + 89.0, 4)
+
+
+singles_at = entries_at(np.float32)
+
+
+@numba.njit(**OPTIONS)
+def in_singles(address: int) -> float:
+    values = singles_at(address, 3)
+    values[1] = values[0] / 3.0
+    return float(values[1])
+
+
+def test_numbers_in_single_precision_by_their_address():
+    values = np.array([1.0, 0.0, 7.0], np.float32)
+    assert in_singles(values.ctypes.data) == float(np.float32(1 / 3))
+    assert values.tolist() == [1.0, float(np.float32(1 / 3)), 7.0]
