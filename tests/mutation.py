@@ -266,8 +266,8 @@ MUTATIONS = (
     Mutation(
         "a battery that drains a minute per action drains only the time of a hop",
         "model/battery.py",
-        "round(self.action_min * MINUTE_US), elapsed_us, flight.duration_us",
-        "flight.duration_us, elapsed_us, flight.duration_us",
+        "_share(action_us, elapsed_us, flight.duration_us)",
+        "_share(flight.duration_us, elapsed_us, flight.duration_us)",
         ("engine/test_returns.py",),
     ),
     Mutation(

@@ -85,8 +85,8 @@ def _put(q: Any, place: Any, value: Any) -> Any:
 def _entry(q: Values, place: Place) -> int:
     """Return which entry is at a place, or a number below 0."""
     table, state, action = place
-    k = (table * q.states + state) * q.actions + action
-    return k if k < q.tables * q.states * q.actions else -1
+    inside = (0 <= table < q.tables) & (0 <= state < q.states) & (0 <= action < q.actions)
+    return (table * q.states + state) * q.actions + action if inside else -1
 
 
 @row

@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numba.core.errors import NumbaError
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import Carried, RunSettings
@@ -21,7 +20,7 @@ from desim_uav.learning.initial_q import initial_q
 from desim_uav.learning.learner import Law, forget, play
 from desim_uav.learning.readable import Readable
 from desim_uav.learning.rows import Episode, Learner, Values
-from desim_uav.model.components import cause_of
+from desim_uav.model.components import NOT_COMPILED, cause_of
 from desim_uav.model.observations import Feature, table_row, table_sizes
 from desim_uav.model.rows import Table, View, blank, fill, packed
 from desim_uav.model.streams import Purpose, Streams, uniforms_of
@@ -125,7 +124,7 @@ class Training:
             return 0
         try:
             return fused.compiled_update(algorithm)
-        except NumbaError as error:
+        except NOT_COMPILED as error:
             name, why = self.settings.algorithm, cause_of(error, None)
             notice(f"learning.algorithm: {name!r} is not compiled, so training is slower: {why}")
             return 0

@@ -12,11 +12,8 @@ from annotated_types import Ge, Gt, Le
 
 from desim_uav.model.kernels import kernel
 from desim_uav.model.motion import Motion, Transit
-from desim_uav.model.rules import US
+from desim_uav.model.rules import MINUTE_US, US
 from desim_uav.registry import register
-
-MINUTE_US = 60.0 * US
-"""Microseconds in a minute."""
 
 LONGEST_MIN = 1_000_000
 """The longest autonomy and the longest full charge, in minutes, that ``charged_us`` allows."""
@@ -116,21 +113,22 @@ class PerAction(Endurance):
         """Return the share of an action that has passed, or the time of a hover."""
         if flight.distance_m == 0.0:
             return elapsed_us
-        drained_us, _ = _share(round(self.action_min * MINUTE_US), elapsed_us, flight.duration_us)
+        action_us = round(self.action_min * float(MINUTE_US))
+        drained_us, _ = _share(action_us, elapsed_us, flight.duration_us)
         return drained_us
 
     def lasts(self, flight: Any, battery_us: int) -> int:
         """Return the time until the actions' shares add up to the battery."""
         if flight.distance_m == 0.0:
             return battery_us
-        action_us = round(self.action_min * MINUTE_US)
+        action_us = round(self.action_min * float(MINUTE_US))
         flights, duration_us = battery_us // action_us, flight.duration_us
         rest_us, left = _share(duration_us, battery_us - flights * action_us, action_us)
         return int(flights * duration_us + rest_us + (1 if left > 0 else 0))
 
     def problems(self, motion: Motion, step_s: float) -> list[str]:
         """Return why an action of serving flight would not take ``action_min``."""
-        if round(self.action_min * MINUTE_US) != round(step_s * US):
+        if round(self.action_min * float(MINUTE_US)) != round(step_s * US):
             return [
                 f"an action takes {self.action_min:g} min, but a step of hovering takes "
                 f"{step_s / 60:g}; action_min must be the length of a step"

@@ -5,8 +5,8 @@ from __future__ import annotations
 from enum import IntEnum, StrEnum
 from functools import cache
 
-US = 1_000_000
-"""Microseconds in a second: time is an integer number of microseconds inside an engine."""
+US, MINUTE_US = 1_000_000, 60_000_000
+"""Microseconds in a second and in a minute: an engine counts time in whole microseconds."""
 
 
 class Action(IntEnum):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from desim_uav.model.grid import cell_index, level_index
 from desim_uav.model.kernels import rule
+from desim_uav.model.rules import US
 from desim_uav.rules.battery import change_mode, foresee_depletion
 from desim_uav.rules.coverage import silence, track
 from desim_uav.rules.due import arrival_slot, due, key
@@ -20,7 +21,6 @@ from desim_uav.rules.words import (
     ON_DEPART,
     REST,
     RETURNING,
-    US,
 )
 
 # ---- where a drone is

@@ -7,11 +7,11 @@ from dataclasses import dataclass
 
 from desim_uav.model.kernels import rule
 from desim_uav.model.observations import Feature, RowObservation
+from desim_uav.model.rules import MINUTE_US, US
 from desim_uav.model.state import Facts
 from desim_uav.registry import register
 from desim_uav.rules.flight import way_back
 from desim_uav.rules.rows import Constants, Drone, Seen, State
-from desim_uav.rules.words import MINUTE_US, US
 
 
 @register("observation", "position")

@@ -10,10 +10,11 @@ from annotated_types import Ge, Le
 
 from desim_uav.model.kernels import rule
 from desim_uav.model.rewards import RowReward
+from desim_uav.model.rules import US
 from desim_uav.registry import register
 from desim_uav.rules.flight import way_back
 from desim_uav.rules.rows import Constants, Drone, Seen, State
-from desim_uav.rules.words import FLYING, RETURNING, TOO_LARGE, US
+from desim_uav.rules.words import FLYING, RETURNING, TOO_LARGE
 
 LARGEST_REWARD = 1e100
 """The largest allowed magnitude of a drone's reward, at which sums over a run stay finite."""

@@ -82,6 +82,3 @@ NEVER = 2**62
 
 REST = 0
 """The number of the transit without a distance, which is a hover."""
-
-US = 1_000_000
-MINUTE_US = 60_000_000

@@ -30,7 +30,7 @@ def values(q: np.ndarray) -> Values:
 
 
 def lesson(next_action: int = 0, coin: float = 0.0, epsilon: float = EPSILON, **fields) -> Lesson:
-    """What the first action of state 0 has led to."""
+    """Return a lesson about action 0 in state 0, after which the drone is in state 1."""
     given = {"state": 0, "action": 0, "gained": GAINED, "discount": DISCOUNT, "next_state": 1}
     given |= {"next_action": next_action, "allowed": ALLOWED, "coin": coin}
     given |= {"epsilon": epsilon, "alpha": ALPHA} | fields

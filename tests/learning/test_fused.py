@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numba.core.errors import UnsupportedBytecodeError
 
 from desim_uav.engine.compiled import BatchSimulation, simulation
 from desim_uav.errors import SimulationError
@@ -115,10 +116,11 @@ class Astray(QLearning):
 
     @staticmethod
     def update(q: Any, lesson: Any) -> None:
-        for state in (-1, 10**9):
-            if not math.isnan(q[0, state, 0]):
+        beyond = len(lesson.allowed)  # where the first action of the next state is
+        for state, action in ((-1, 0), (10**9, 0), (0, beyond), (0, -1), (1, -1)):
+            if not math.isnan(q[0, state, action]):
                 q[0, lesson.state, lesson.action] = 77.0
-            q[0, state, 0] = 1.0
+            q[0, state, action] = 1.0
 
 
 @dataclass(frozen=True)
@@ -167,6 +169,17 @@ def test_what_is_not_compiled_learns_in_the_compiled_engine_all_the_same(capsys)
     for _ in range(10):
         assert readable.play() == fused.play()
         assert_same(readable, fused)
+
+
+def test_bytecode_that_numba_does_not_know_is_a_reason_too(capsys, monkeypatch):
+    """As Python 3.12 has it for ``super()``; Numba's error is none of its NumbaErrors."""
+
+    def refuse(algorithm: Any) -> int:
+        raise UnsupportedBytecodeError("Use of unsupported opcode (LOAD_SUPER_ATTR) found")
+
+    monkeypatch.setattr("desim_uav.learning.fused.compiled_update", refuse)
+    assert not training("case8 q_learning", "batch").fuses
+    assert "is not compiled, so training is slower: Use of unsupp" in capsys.readouterr().err
 
 
 def test_no_other_memory_is_read_or_written():

@@ -1,4 +1,4 @@
-"""The compiled engine as Python calls it: rows by their addresses."""
+"""The kernels of the compiled engine that Python calls, with the addresses of rows."""
 
 from __future__ import annotations
 
@@ -68,14 +68,14 @@ def user_doing(state: int, user: int) -> int:
 # ---- many environments
 
 ADDRESSES = 8
-"""Columns of a table of environments: where world, sample path and state are, and what takes what
-they show (see ``Shown``)."""
+"""The columns of a table of environments, which hold addresses: of world, sample path and state,
+and of the five arrays of ``Shown``."""
 
 floats_at, bytes_at = entries_at(float), entries_at(bool)
 
 
 class Shown(NamedTuple):
-    """What an environment shows.
+    """What an environment returns at a decision epoch, in arrays that a kernel writes.
 
     ``values`` (drones * features,), ``mask`` (drones * actions,); ``reward`` (1,), the mean over
     the drones; ``told``, the MEASURES (0 if they do not exist yet), COUNTS and mean terms; ``over``
@@ -91,7 +91,7 @@ class Shown(NamedTuple):
 
 @kernel
 def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> int:
-    """Step many environments, ``which`` of them; return how many a fault has stopped.
+    """Step the environments ``which``; return how many a fault has stopped.
 
     ``environments`` (n, ADDRESSES), ``commands`` (n, drones). -1, and no step, if a command is no
     index of an action.
@@ -113,7 +113,7 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
 
 @kernel
 def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
-    """Write what many environments show, ``which`` of them; return how many a fault has stopped."""
+    """Write what the environments ``which`` return; return how many a fault has stopped."""
     stopped = 0
     for k in range(len(environments)):
         if which[k]:
@@ -161,5 +161,5 @@ def _look_at(world: Constants, state: State, shown: Shown) -> int:
 
 @rule
 def _number(measure: float) -> float:
-    """A measure, or 0 if it does not exist yet: an info holds numbers only."""
+    """Return a measure, or 0 if it is not defined yet, because an info holds numbers only."""
     return 0.0 if math.isnan(measure) else measure

@@ -71,7 +71,11 @@ def _lasts_us(method: Any, values_at: Any) -> Any:
 
 
 class Function(NamedTuple):
-    """A function of a component: its method, the field of Constants, how it calls, with what."""
+    """A function of a component that constants hold.
+
+    ``method`` names the component's method, ``field`` the field of Constants. ``around`` makes the
+    function that calls the method, and ``arguments`` are the types with which it is compiled.
+    """
 
     method: str
     field: str

@@ -1,4 +1,4 @@
-"""Which crossings a drone's leg has, in compiled code."""
+"""The crossings of a drone's leg in the compiled engine."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
 
 
 GAPS = (1750, 701, 301, 132, 57, 23, 10, 4, 1)
-"""Of a Shellsort (Ciura, 2001)."""
+"""The distances between entries that Shellsort compares, from pass to pass (Ciura, 2001)."""
 
 
 @rule

@@ -1,4 +1,4 @@
-"""The clock of the compiled engine: what happens, one thing after the other."""
+"""The event loop of the compiled engine, which calls the rule of each event in turn."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ from desim_uav.rules.words import (
 )
 
 START_AFRESH, RESET, STEP = range(3)
-"""What ``run`` does."""
+"""The tasks of ``run``: put the drones at their starts, begin an episode, or run a step."""
 
 
 @kernel
@@ -67,7 +67,7 @@ def run(world: Constants, path: Path, state: State, what: int) -> None:
 
 @rule
 def on_arrival(world: Constants, path: Path, state: State, drone: Drone) -> None:
-    """A move, a hop of a return or a charge ends."""
+    """End the move, the hop of a return or the charge of a drone."""
     if drone.mode == CHARGING:
         on_full(world, state, drone)
     elif drone.mode == RETURNING:
@@ -95,7 +95,7 @@ def _hand_on_pads(world: Any, state: Any, station: Any) -> Any:
 
 @rule
 def _overrun(state: State) -> int:
-    """Return whether anything did not fit in the memory there is for it."""
+    """Return whether a queue of the state had no memory left for an entry."""
     overrun = state.look.overrun | state.loose.overrun
     overrun |= state.events.overrun | state.closed.overrun | state.handovers.overrun
     for d in range(len(state.drones)):

@@ -16,7 +16,7 @@ from desim_uav.sample_path import SamplePaths
 
 
 class Section(NamedTuple):
-    """Numbers of all episodes, end to end: what is not random stands there once.
+    """The numbers of one table of all episodes, end to end; what is not random stands there once.
 
     ``begins`` and ``counts``: where those of each episode begin, and how many there are, as an
     array of whole numbers, or as one number for all episodes.
@@ -52,7 +52,7 @@ def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
 
 
 def _block(numbers: NDArray[Any]) -> Section:
-    """As many numbers per episode."""
+    """Return a section of an array whose first dimension is the episode."""
     count = len(numbers)
     size = numbers.size // count
     parts = [np.ascontiguousarray(numbers).reshape(-1)]
@@ -60,7 +60,7 @@ def _block(numbers: NDArray[Any]) -> Section:
 
 
 def _listed(arrays: Sequence[NDArray[Any]]) -> Section:
-    """An array per episode, or always the same."""
+    """Return a section of one array per episode; an array that is always the same stands once."""
     first = arrays[0]
     if all(array is first for array in arrays):
         return Section([np.ascontiguousarray(first).reshape(-1)], 0, first.size)

@@ -36,7 +36,8 @@ from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.world import World
 
 ROOM, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
-"""Rows for what is kept of a step, and for a leg's crossings; there is more if needed."""
+"""How many rows there is memory for: of the log of a step (and more per user), and of a leg's
+crossings per user. There is more as soon as an episode needs it."""
 
 TABLES = (
     *("drones", "users", "seen", "records", "counts", "masks", "asked", "rewards"),
@@ -46,7 +47,7 @@ QUEUES = ("events", "closed", "handovers", "crashed")
 """The tables and queues of the state that Python reads."""
 
 DERIVED = ("arrays", "root", "constants", "drones", "state_at", "queues")
-"""What an engine has besides its value: names for parts of its memory."""
+"""The attributes that name parts of an engine's memory, which a copy makes again."""
 
 
 class BatchSimulation(RowEngine):
@@ -106,7 +107,7 @@ class BatchSimulation(RowEngine):
         self.queues = [first + k * Station.words for k in range(len(self.world.stations))]
 
     def refuse_unseen(self) -> None:
-        """Raises ScenarioError if the scenario's observation is not compiled."""
+        """Raise ScenarioError if the scenario's observation is not compiled."""
         if "observation" not in self.fixed.components:
             name = type(self.world.scenario.observation).__name__
             raise ScenarioError(f"observation: {name!r} is not compiled; engine='des' runs it")
@@ -243,7 +244,7 @@ class BatchSimulation(RowEngine):
         return paths_of(paths)
 
     def check(self) -> None:
-        """After episodes without Python. Raises SimulationError if one ran out of memory."""
+        """Check episodes that a kernel has run. Raises SimulationError if one had a fault."""
         self.log.crashed[:] = self.numbers("crashed")
         self.check_components()
         if self.number("faults") & OUT_OF_MEMORY:

@@ -1,4 +1,4 @@
-"""Users who stand still: whom a drone's leg passes, and when, known once for a world."""
+"""Crossings of users who stand still, which are computed once for all legs of a world."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def tabulate(world: World) -> tuple[Ints, Ints]:
 
 
 class _Looks:
-    """What drones' legs pass of users at home."""
+    """Finds the crossings of users at home on the legs of drones."""
 
     def __init__(self, world: World) -> None:
         self.world, users = world, len(world.homes)
@@ -62,7 +62,7 @@ class _Looks:
     def along(
         self, cell: tuple[int, int], course: tuple[int, int], transit: Transit | None
     ) -> NDArray[np.int64]:
-        """The crossings of one leg, the last one first; of a hover there are none."""
+        """Return the crossings of one leg, the last one first; a hover has none."""
         if transit is None:
             return self.found[:0]
         cell_x_m, cell_y_m = self.world.grid.cell_m

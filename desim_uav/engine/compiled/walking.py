@@ -33,7 +33,7 @@ def legs_of_step(world: World) -> int:
 
 @rule
 def begin_walks(world: Constants, path: Path, look: Look) -> None:
-    """Users are at home, and will turn at once."""
+    """Put all users at their homes, where they take a heading at once."""
     for k in range(len(path.streams)):
         look.streams[k] = path.streams[k]
     for user in range(len(world.homes)):
