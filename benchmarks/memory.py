@@ -29,7 +29,7 @@ def main() -> None:
     many = flown(count)
     taken = resident_mib() - before
     engine = many.sessions[0].engine
-    arrays = engine.state.nbytes + engine.path.nbytes
+    arrays = engine.memory.nbytes + engine.path.nbytes
     print(f"{count} environments: {taken:.1f} MiB (aim: {AIM_MIB} for 1024)")
     path = engine.path.nbytes / 1024
     print(f"memory of each: {arrays / 1024:.1f} KiB, of which the sample path {path:.1f}")

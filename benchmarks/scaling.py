@@ -33,14 +33,16 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import Engine, RunSettings
+from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.compiled.loop import RESET, STEP
 from desim_uav.engine.compiled.pack import pack
 from desim_uav.engine.des import Simulation
+from desim_uav.engine.episode import Engine
 from desim_uav.model import coverage, crossings
+from desim_uav.model.rows import array_of
 from desim_uav.model.rules import Action
-from desim_uav.rules.rows import Constants
+from desim_uav.rules.rows import Constants, State
 from desim_uav.sample_path import SamplePath, SamplePaths, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.scenario.schema import Scenario
@@ -190,7 +192,7 @@ def engine_steps(engine: Engine) -> Timed:
 def kernel_steps(engine: BatchSimulation) -> Timed:
     def timed(path: SamplePath, told: Commands) -> float:
         engine.path, _ = engine.prepare(SamplePaths.of(path))
-        at, commands = engine.addresses(), engine.arrays["drones"]["command"]
+        at, commands = engine.addresses(), array_of(engine.memory, State, "drones")["command"]
         calls.run(*at, RESET)
         start = time.process_time()
         for command in told:

@@ -308,8 +308,8 @@ MUTATIONS = (
     Mutation(
         "drones are not carried over to the next episode",
         "engine/episode.py",
-        "goes_on = self.truncated and not self.terminated and self.settings.carry_over",
-        "goes_on = self.truncated and not self.terminated and False",
+        "return self.truncated and not self.terminated and self.settings.carry_over",
+        "return self.truncated and not self.terminated and False",
         ("engine/test_episodes.py",),
     ),
     # ---- measures and rewards

@@ -1,24 +1,17 @@
-"""The interface of engines, and the log of an episode. Engines are deterministic."""
+"""The log of an episode, and other values that engines take and return."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import partial
 from operator import itemgetter
-from typing import NamedTuple, Protocol
-
-import numpy as np
-from numpy.typing import NDArray
+from typing import NamedTuple
 
 from desim_uav.model.planner import Node
 from desim_uav.model.rows import named
 from desim_uav.model.rules import Mode, Outcome
-from desim_uav.model.state import Snapshot
 from desim_uav.rules.rows import Record
-from desim_uav.sample_path import SamplePath
-from desim_uav.world import World
 
 Event = tuple[int, int, str, int, int, int, int]
 """An event: (t_us, phase, kind, drone, user, request_id, station); -1 stands for none."""
@@ -180,62 +173,3 @@ COUNTS = ("attached_users", "crashes", "requests")
 
 measured = partial(tuple.__new__, Measures)
 """Make Measures of a tuple of all its fields."""
-
-
-class Engine(Protocol):
-    """An engine, which runs episodes step by step.
-
-    An engine can be copied and pickled between any two of its calls. The copy shares only the
-    world with the original, and continues, in this process or another, as the original would.
-    """
-
-    world: World
-    settings: RunSettings
-
-    @property
-    def log(self) -> EpisodeLog:
-        """The log of the present episode."""
-
-    @property
-    def terminated(self) -> bool:
-        """Whether a crash has ended the episode."""
-
-    @property
-    def truncated(self) -> bool:
-        """Whether the episode has lasted for all its steps."""
-
-    def reset(self, path: SamplePath) -> Snapshot:
-        """Begin an episode on a sample path and return the snapshot of its first decision epoch.
-
-        With carry-over, each drone keeps its exact state if the previous episode was truncated.
-        If that was abandoned, or terminated by a crash, the drones start afresh.
-        """
-
-    def step(self, commands: Sequence[int]) -> Snapshot:
-        """Give each drone its command, an index into the world's actions, and run one step.
-
-        A command that the mask forbids is replaced by the only allowed action, or by hover if
-        several are allowed. Raises SimulationError if the episode is over or none has begun, and
-        ValueError if there is not one command per drone.
-        """
-
-    def carried(self) -> Carried | None:
-        """Return the states in which drones begin the next episode; None if they start afresh."""
-
-    def carry(self, drones: Carried | None) -> None:
-        """Let drones begin the next episode in these states, or afresh if they are None.
-
-        The states may come from another engine of the same world and settings.
-        """
-
-    def measures(self) -> Measures:
-        """Return the quality of experience so far, to which open requests contribute."""
-
-    def requests_made(self) -> int:
-        """Return the number of requests made in the episode so far, including open ones."""
-
-    def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Return the true positions in metres of drones (drones, 3) and users (users, 3)."""
-
-    def user_states(self) -> list[UserState]:
-        """Return what each user is doing, or after an episode, what it did at its end."""

@@ -10,7 +10,8 @@ from desim_uav.notices import notice
 from desim_uav.scenario.cost import check_cost
 
 if TYPE_CHECKING:
-    from desim_uav.engine.base import Engine, RunSettings
+    from desim_uav.engine.base import RunSettings
+    from desim_uav.engine.episode import Engine
     from desim_uav.world import World
 
 ENGINES = ("des", "batch")

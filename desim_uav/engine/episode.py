@@ -1,7 +1,4 @@
-"""What both engines make of rows: snapshots, the log, and the states in which drones carry over.
-
-The engines differ in how they store rows, which abstract methods of ``RowEngine`` read and write.
-"""
+"""An engine: what both make of rows, which are snapshots, the log, and what drones carry over."""
 
 from __future__ import annotations
 
@@ -30,19 +27,36 @@ from desim_uav.engine.base import (
 from desim_uav.engine.constants import hop_transit, term_names
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
+from desim_uav.model.mobility import RandomWalks, Walks
+from desim_uav.model.rows import Queue
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot, observed, shown
+from desim_uav.rules import requests
+from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
 from desim_uav.rules.words import EVENT_KINDS, NEVER, ON_LEG, OVERBOOKED, TOO_LARGE
+from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
-MODES, STATES = tuple(Mode), tuple(UserState)
+MODES = tuple(Mode)
 PHASES = (None, *Phase)
 AS_LOGGED = attrgetter(*Step._fields)
 
 
-class RowEngine(Independent, ABC):
-    """The part of an engine (see ``Engine``) that does not depend on how it stores rows."""
+class Engine(Independent, ABC):
+    """An engine, which runs episodes step by step.
+
+    An engine can be copied and pickled between any two of its calls. The copy shares only the
+    world with the original, and continues, in this process or another, as the original would.
+
+    ``state`` and ``constants`` are rows (see ``rules.rows``), which each engine stores in its own
+    way, and ``drones`` those of the drones. Tables and queues are read by ``entries``.
+    """
+
+    state: Any
+    constants: Any
+    drones: Sequence[Any]
+    walking: Walks | RandomWalks
 
     def __init__(self, world: World, settings: RunSettings) -> None:
         self.world = world
@@ -50,30 +64,32 @@ class RowEngine(Independent, ABC):
         self.term_names = term_names(world)
         self.shown: Snapshot | None = None
         self.log = EpisodeLog(0)
+        """The log of the present episode."""
         self._carried: Carried | None = None
         self._under_way = False
 
-    # ---- access to the rows
+    @abstractmethod
+    def reset(self, path: SamplePath) -> Snapshot:
+        """Begin an episode on a sample path and return the snapshot of its first decision epoch.
+
+        With carry-over, each drone keeps its exact state if the previous episode was truncated.
+        If that was abandoned, or terminated by a crash, the drones start afresh.
+        """
 
     @abstractmethod
-    def number(self, name: str) -> Any:
-        """Return the number in this field of the state."""
+    def step(self, commands: Sequence[int]) -> Snapshot:
+        """Give each drone its command, an index into the world's actions, and run one step.
+
+        A command that the mask forbids is replaced by the only allowed action, or by hover if
+        several are allowed. Raises SimulationError if the episode is over or none has begun, and
+        ValueError if there is not one command per drone.
+        """
+
+    # ---- what depends on how an engine stores rows
 
     @abstractmethod
-    def numbers(self, name: str) -> list[Any]:
-        """Return the numbers in this table or queue of the state."""
-
-    @abstractmethod
-    def rows(self, name: str) -> Sequence[Any]:
-        """Return the rows of this table or queue of the state, which are only read."""
-
-    @abstractmethod
-    def drone(self, index: int) -> Any:
-        """Return the row of a drone, which may be written."""
-
-    @abstractmethod
-    def plan(self, drone: int, place: int) -> Any:
-        """Return the planned return of a drone from a place, as a row."""
+    def entries(self, name: str) -> Sequence[Any]:
+        """Return the numbers or rows in this table or queue of the state, which are only read."""
 
     @abstractmethod
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
@@ -84,77 +100,58 @@ class RowEngine(Independent, ABC):
         """Return the number of the first of these hops, and the number after that of the last."""
 
     @abstractmethod
-    def queue_up(self, drone: int, station: int) -> None:
-        """Append a drone to a station's queue."""
-
-    @abstractmethod
     def start_afresh(self) -> None:
         """Put all drones at their starting cells with full batteries, and empty the stations."""
 
     @abstractmethod
-    def terms(self) -> tuple[dict[str, float], ...]:
-        """Return the terms of the drones' rewards, by name."""
-
-    @abstractmethod
     def features(self) -> Sequence[tuple[float, ...]]:
         """Return each drone's features, as far as an observation over rows has written them."""
-
-    @abstractmethod
-    def measured(self) -> tuple[float, float, float]:
-        """Return QoE1 to QoE3 so far (see ``Measures``); NaN where one is not defined yet."""
-
-    @abstractmethod
-    def position_m(self, drone: int) -> Place:
-        """Return the true position of a drone now, in metres."""
-
-    @abstractmethod
-    def doing(self, user: int) -> int:
-        """Return what a user is doing now, as a number of ``UserState``."""
-
-    @abstractmethod
-    def walks(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the users' legs in this episode, and their offsets by user."""
 
     # ---- from one episode to the next
 
     @property
     def terminated(self) -> bool:
         """Whether a crash has ended the episode."""
-        return self._under_way and bool(self.number("terminated"))
+        return self._under_way and bool(self.state.terminated)
 
     @property
     def truncated(self) -> bool:
         """Whether the episode has lasted for all its steps."""
-        return self._under_way and bool(self.number("truncated"))
+        return self._under_way and bool(self.state.truncated)
+
+    @property
+    def _goes_on(self) -> bool:
+        """Whether drones begin the next episode as they are now."""
+        return self.truncated and not self.terminated and self.settings.carry_over
 
     def carried(self) -> Carried | None:
         """Return the states in which drones begin the next episode; None if they start afresh."""
-        if self.truncated and not self.terminated and self.settings.carry_over:
-            return self._drones_now()
-        return self._carried
+        return self._drones_now() if self._goes_on else self._carried
 
     def carry(self, drones: Carried | None) -> None:
-        """Let drones begin the next episode in these states, or afresh if they are None."""
+        """Let drones begin the next episode in these states, or afresh if they are None.
+
+        The states may come from another engine of the same world and settings.
+        """
         self.shown = None
         self._under_way = False
         self._carried = drones
 
-    def take_up(self, episode: int) -> None:
+    def take_up(self, episode: int, walking: Walks | RandomWalks) -> None:
         """Put drones in their states at the start of an episode, and begin its log."""
-        goes_on = self.truncated and not self.terminated and self.settings.carry_over
-        if not goes_on:
-            self._load(self._carried)
+        if not self._goes_on:
+            self.load(self._carried)
         self._carried = None
         self._under_way = True
+        self.walking = walking
         self.new_log(episode)
 
     def _drones_now(self) -> Carried:
         """Return the present states of the drones."""
-        now_us = int(self.number("now_us"))
-        queues = (station.queue for station in self.rows("stations"))
-        places = {d: place for queue in queues for place, d in enumerate(queue)}
+        now_us, stations = int(self.state.now_us), self.state.stations
+        places = {d: place for station in stations for place, d in enumerate(station.queue)}
         carried = []
-        for drone in self.rows("drones"):
+        for drone in self.entries("drones"):
             hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
             carried.append(
                 CarriedDrone(
@@ -171,16 +168,13 @@ class RowEngine(Independent, ABC):
             )
         return tuple(carried)
 
-    def _load(self, carried: Carried | None) -> None:
+    def load(self, carried: Carried | None) -> None:
         """Put drones in these states, or at their starting cells, before an episode."""
         self.start_afresh()
-        for index, one in enumerate(carried or ()):
-            drone = self.drone(index)
-            drone.mode, drone.battery_us, drone.since_us = (
-                int(one.mode),
-                one.battery_us,
-                -one.age_us,
-            )
+        landed: list[list[tuple[int, int]]] = [[] for _ in self.world.stations]
+        for drone, one in zip(self.drones, carried or (), strict=False):
+            drone.mode, drone.battery_us = int(one.mode), one.battery_us
+            drone.since_us = -one.age_us
             drone.x, drone.y, drone.level = one.node
             drone.to_x, drone.to_y, drone.to_level = one.node
             drone.route, drone.route_end = self.route(one.route) if one.route else (0, 0)
@@ -192,55 +186,58 @@ class RowEngine(Independent, ABC):
             if one.fallen_m is not None:
                 drone.fallen = 1
                 drone.fallen_x_m, drone.fallen_y_m = one.fallen_m
-        landed = [
-            (one.place, index, self.world.stations.index(one.node[:2]))
-            for index, one in enumerate(carried or ())
-            if one.mode in (Mode.QUEUED, Mode.CHARGING)
-        ]
-        for _, index, station in sorted(landed):
-            self.queue_up(index, station)
+            if one.mode in (Mode.QUEUED, Mode.CHARGING):
+                station = self.world.stations.index(one.node[:2])
+                landed[station].append((one.place, drone.index))
+        for station, waiting in zip(self.state.stations, landed, strict=True):
+            station.queue = Queue(drone for _, drone in sorted(waiting))
 
     # ---- commands and snapshots
 
     def hear(self, commands: Sequence[int]) -> None:
-        """Write a step's commands into the drones' rows. Raises the errors of ``Engine.step``."""
+        """Write a step's commands into the drones' rows. Raises the errors of ``step``."""
         if self.shown is None or self.shown.terminated or self.shown.truncated:
             raise SimulationError("step: the episode is over, or none has begun; call reset first")
-        drones, count = self.world.scenario.drones.count, len(self.world.actions)
+        drones, count = len(self.drones), len(self.world.actions)
         if len(commands) != drones:
             raise ValueError(f"{len(commands)} commands for {drones} drones")
         self.shown = None  # which it stays if the step fails
-        for index, command in enumerate(commands):
-            self.drone(index).command = int(command) if 0 <= command < count else -1
+        for drone, command in zip(self.drones, commands, strict=True):
+            drone.command = int(command) if 0 <= command < count else -1
 
     def check_components(self) -> None:
         """Raise SimulationError if the reward or the admission rule has broken its contract."""
-        faults, scenario = self.number("faults"), self.world.scenario
+        faults, scenario = self.state.faults, self.world.scenario
         if faults & TOO_LARGE:
             raise SimulationError(
                 f"reward {type(scenario.reward).__name__!r} gave the drones "
-                f"{list(self.numbers('rewards'))} of the terms {self.terms()}; a reward must be a "
+                f"{list(self.entries('rewards'))} of the terms {self.terms()}; a reward must be a "
                 f"number between -{LARGEST_REWARD:g} and {LARGEST_REWARD:g}"
             )
         if faults & OVERBOOKED:
             name = type(scenario.drones.admission).__name__
             raise SimulationError(f"admission {name!r} served more than a drone's bandwidth")
 
+    def terms(self) -> tuple[dict[str, float], ...]:
+        """Return the terms of the drones' rewards, by name."""
+        names = self.term_names
+        return tuple(dict(zip(names, map(float, one.terms), strict=True)) for one in self.drones)
+
     def observations(self) -> tuple[Observation, ...]:
         """Return the drones' observations at the present decision epoch."""
-        facts, step = self.world.facts, int(self.number("step"))
-        capacity_s, counts = facts.capacity_s, self.numbers("counts")
+        facts, step, plan = self.world.facts, int(self.state.step), self.world.planner.plan
+        capacity_s, counts = facts.capacity_s, self.entries("counts")
         observations, first, services = [], 0, len(facts.services)
-        for index, (seen, features) in enumerate(
-            zip(self.rows("seen"), self.features(), strict=True)
+        for index, (seen, ceiling, features) in enumerate(
+            zip(self.entries("seen"), self.settings.ceilings, self.features(), strict=True)
         ):
             station = duration_s = drained_s = None
             if capacity_s is not None:
-                plan = self.plan(index, seen.believed)
                 drained_s = math.inf
-                if plan.station >= 0:
-                    station, duration_s = plan.station, plan.duration_us / US
-                    drained_s = plan.drained_us / US
+                back = plan((seen.x, seen.y, seen.level), ceiling)
+                if back is not None:
+                    station, duration_s = back.station, back.duration_us / US
+                    drained_s = back.drained_us / US
             observations.append(
                 observed(
                     (
@@ -269,18 +266,18 @@ class RowEngine(Independent, ABC):
 
     def snapshot(self) -> Snapshot:
         """Return the snapshot of the present decision epoch."""
-        step, actions = int(self.number("step")), len(self.world.actions)
-        masks = [mask != 0 for mask in self.numbers("masks")]
+        state, step, actions = self.state, int(self.state.step), len(self.world.actions)
+        masks = [mask != 0 for mask in self.entries("masks")]
         self.shown = shown(
             (
                 step,
-                int(self.number("now_us")),
-                bool(self.number("terminated")),
-                bool(self.number("truncated")),
+                int(state.now_us),
+                bool(state.terminated),
+                bool(state.truncated),
                 self.observations(),
                 tuple(tuple(masks[at : at + actions]) for at in range(0, len(masks), actions)),
-                tuple(self.numbers("asked")),
-                tuple(self.numbers("rewards")) if step else (),
+                tuple(self.entries("asked")),
+                tuple(self.entries("rewards")) if step else (),
                 self.terms() if step else (),
             )
         )
@@ -295,29 +292,29 @@ class RowEngine(Independent, ABC):
 
     def drain_log(self) -> None:
         """Add what the rows say about the step that has ended to the log."""
-        log = self.log
-        if self.number("crashes") > len(log.crashed):
-            log.crashed[:] = self.numbers("crashed")
-        if self.number("keeps_requests"):
+        log, state = self.log, self.state
+        if state.crashes > len(log.crashed):
+            log.crashed[:] = self.entries("crashed")
+        if state.keeps_requests:
             self._log_requests()
-        if self.settings.keep_steps and self.number("step"):
+        if self.settings.keep_steps and state.step:
             self._log_steps()
         if log.events is not None:
-            for event in self.rows("events"):
+            for event in self.entries("events"):
                 if event.kind == ON_LEG:
                     log.legs.append(self._leg(event))
                 else:
                     phase, kind = PHASES[event.phase], EVENT_KINDS[event.kind]
                     rest = (event.drone, event.user, event.request, event.station)
                     log.events.append((event.t_us, phase, kind, *rest))
-        if self.number("terminated") or self.number("truncated"):
+        if state.terminated or state.truncated:
             self._end_log()
 
     def _leg(self, event: Any) -> FlownLeg:
         """Return the leg that an event of kind ON_LEG describes."""
         mode, drone = MODES[event.phase], event.drone
         if mode is Mode.CRASHED:
-            fallen = self.rows("drones")[drone]
+            fallen = self.drones[drone]
             place_m = (fallen.fallen_x_m, fallen.fallen_y_m, 0.0)
             return FlownLeg(event.t_us, drone, 0, mode, place_m, place_m)
         ends_m = self._place_m(event.user), self._place_m(event.request)
@@ -332,9 +329,9 @@ class RowEngine(Independent, ABC):
 
     def _log_requests(self) -> None:
         """Add the closed requests of a step to the log."""
-        for handover in self.rows("handovers"):
+        for handover in self.entries("handovers"):
             self._served_by.setdefault(handover.number, []).append(handover.drone)
-        for closed in self.rows("closed"):
+        for closed in self.entries("closed"):
             outcome = Outcome.UNFINISHED if closed.served_us else Outcome.NEVER_SERVED
             if closed.served_us == closed.required_us:
                 outcome = Outcome.COMPLETED
@@ -359,7 +356,7 @@ class RowEngine(Independent, ABC):
     def _log_steps(self) -> None:
         """Log the drones' records, with modes and actions in the place of their numbers."""
         actions, limited = self.world.actions, self.world.facts.capacity_s is not None
-        for record in self.rows("records"):
+        for record in self.entries("records"):
             return_us = math.inf if record.return_us == NEVER else record.return_us
             step = Step(*AS_LOGGED(record))
             self.log.steps.append(
@@ -374,14 +371,14 @@ class RowEngine(Independent, ABC):
 
     def _end_log(self) -> None:
         """Complete the log at the end of an episode: its totals, and the order of its entries."""
-        log = self.log
-        log.duration_us = int(self.number("now_us"))
-        log.attached_us = int(self.number("attached_us"))
-        log.bandwidth_us_bps = int(self.number("bandwidth_us_bps"))
-        log.queueing_us = int(self.number("queueing_us"))
-        log.distance_m = float(self.number("distance_m"))
-        log.charges = int(self.number("charges"))
-        log.suppressed = int(self.number("suppressed"))
+        log, state = self.log, self.state
+        log.duration_us = int(state.now_us)
+        log.attached_us = int(state.attached_us)
+        log.bandwidth_us_bps = int(state.bandwidth_us_bps)
+        log.queueing_us = int(state.queueing_us)
+        log.distance_m = float(state.distance_m)
+        log.charges = int(state.charges)
+        log.suppressed = int(state.suppressed)
         log.requests.sort(key=lambda request: request.request_id)
         log.put_in_order()
 
@@ -389,21 +386,24 @@ class RowEngine(Independent, ABC):
 
     def measures(self) -> Measures:
         """Return the quality of experience so far, to which open requests contribute."""
-        return Measures(*(None if math.isnan(value) else value for value in self.measured()))
+        values = requests.measures(self.constants, self.state)
+        return Measures(*(None if math.isnan(value) else value for value in values))
 
     def requests_made(self) -> int:
         """Return the number of requests made in the episode so far, including open ones."""
-        return int(self.number("opened"))
+        return int(self.state.opened)
+
+    def position_m(self, drone: int) -> Place:
+        """Return the true position of a drone now, in metres."""
+        return position(self.constants, self.state, self.drones[drone])
 
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the true positions in metres of drones (drones, 3) and users (users, 3)."""
         users = self.world.homes.copy()
-        users[:, :2] = all_walked(*self.walks(), int(self.number("now_us")))
-        count = self.world.scenario.drones.count
-        return np.array([self.position_m(drone) for drone in range(count)]), users
+        users[:, :2] = all_walked(*self.walking.drawn(), int(self.state.now_us))
+        return np.array(list(map(self.position_m, range(len(self.drones))))), users
 
     def user_states(self) -> list[UserState]:
         """Return what each user is doing, or after an episode, what it did at its end."""
-        if self.number("terminated") or self.number("truncated"):
-            return [STATES[user.doing] for user in self.rows("users")]
-        return [STATES[self.doing(user)] for user in range(len(self.world.homes))]
+        users, ended = self.state.users, self.state.terminated or self.state.truncated
+        return [UserState(user.doing if ended else requests.doing(user)) for user in users]

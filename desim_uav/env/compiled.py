@@ -7,9 +7,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import COUNTS, MEASURES, Engine, RunSettings
+from desim_uav.engine.base import COUNTS, MEASURES, RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.constants import term_names
+from desim_uav.engine.episode import Engine
 from desim_uav.env.session import ActionError, Session, info_keys
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath

@@ -14,9 +14,10 @@ from gymnasium import error
 from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
-from desim_uav.engine.base import COUNTS, MEASURES, Engine, RunSettings
+from desim_uav.engine.base import COUNTS, MEASURES, RunSettings
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.des import Simulation
+from desim_uav.engine.episode import Engine
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
 from desim_uav.model.sums import in_order

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from desim_uav.engine.base import Engine
+from desim_uav.engine.episode import Engine
 from desim_uav.learning.rows import Episode
 from desim_uav.model.observations import table_row
 from desim_uav.model.rules import DECIDES, Mode

@@ -188,7 +188,7 @@ class Training:
         fused.play(
             engine.fixed.at,
             paths.ctypes.data + 8 * starts,
-            engine.state.ctypes.data,
+            engine.memory.ctypes.data,
             self.memory.ctypes.data,
             np.array(laws),
             self._draws(numbers),

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections import namedtuple
 from collections.abc import Iterable
 from functools import cache
-from typing import Any, ClassVar, Generic, TypeVar, get_args, get_origin, get_type_hints
+from typing import Any, ClassVar, Generic, TypeVar, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,9 +93,14 @@ def is_row(kind: Any) -> bool:
     return isinstance(kind, type) and issubclass(kind, Row)
 
 
+def origin_of(kind: Any) -> Any:
+    """Return Table or Queue for a type of these, else None; it takes less time than typing's."""
+    return getattr(kind, "__origin__", None)
+
+
 def held_by(kind: Any) -> Any:
     """Return the type of the entries of a type of tables or queues."""
-    return get_args(kind)[0]
+    return kind.__args__[0]
 
 
 def width_of(kind: Any) -> int:
@@ -107,7 +112,7 @@ def width_of(kind: Any) -> int:
 def layout_of(cls: type[Row]) -> str:
     """Return the layout in memory of a class of rows, and of the rows in its fields, as text."""
     fields = [(name, str(kind), cls.places[name]) for name, kind in cls.kinds.items()]
-    kinds = (held_by(kind) if get_origin(kind) else kind for kind in cls.kinds.values())
+    kinds = (held_by(kind) if origin_of(kind) else kind for kind in cls.kinds.values())
     inner = [layout_of(kind) for kind in kinds if is_row(kind)]
     return f"{cls.__module__}.{cls.__qualname__} {cls.words} {fields} {inner}"
 
@@ -118,7 +123,7 @@ TABLE_WORDS, QUEUE_WORDS = 2, 4
 
 def _words_of(kind: Any) -> int:
     """Return the length of a field of this type, in words."""
-    origin = get_origin(kind)
+    origin = origin_of(kind)
     if origin is Table:
         return TABLE_WORDS
     return QUEUE_WORDS if origin is Queue else width_of(kind)
@@ -128,7 +133,7 @@ def blank(cls: type[R]) -> R:
     """Return a row of a class whose numbers are 0 and whose tables are empty."""
     made: Any = cls()
     for name, kind in cls.kinds.items():
-        origin = get_origin(kind)
+        origin = origin_of(kind)
         if is_row(kind):
             value = blank(kind)
         elif origin is Queue:
@@ -175,7 +180,7 @@ def _size_behind(one: Row) -> int:
         value = getattr(one, name)
         if is_row(kind):
             total += _size_behind(value)
-        elif get_origin(kind) is not None:
+        elif origin_of(kind) is not None:
             of = held_by(kind)
             total += _length(kind, value) * width_of(of)
             if is_row(of) and not isinstance(value, np.ndarray):
@@ -185,7 +190,7 @@ def _size_behind(one: Row) -> int:
 
 def _length(kind: Any, value: Any) -> int:
     """Return the number of entries with memory: a queue has a spare one, written if it overruns."""
-    return len(value) if get_origin(kind) is Table else max(value.room, len(value)) + 1
+    return len(value) if origin_of(kind) is Table else max(value.room, len(value)) + 1
 
 
 class _Packer:
@@ -206,10 +211,10 @@ class _Packer:
             place, value = at + one.places[name], getattr(one, name)
             if is_row(kind):
                 self._write(value, place)
-            elif get_origin(kind) is not None:
-                base = at if get_origin(kind) is Table else place
+            elif origin_of(kind) is not None:
+                base = at if origin_of(kind) is Table else place
                 header = [8 * (self.end - base), len(value)]
-                if get_origin(kind) is Queue:
+                if origin_of(kind) is Queue:
                     header += [max(value.room, len(value)), 0]
                 self.block[place : place + len(header)] = header
                 self._write_all(kind, value)
@@ -239,40 +244,64 @@ class _Packer:
 class View:
     """A row in a block of memory; its fields are read by name, its tables as arrays or views."""
 
-    __slots__ = ("_at", "_block", "_cls")
+    __slots__ = ("_at", "_block", "_kept")
 
-    def __init__(self, block: Words, cls: type[Row], at: int = 0) -> None:
-        object.__setattr__(self, "_block", block)
-        object.__setattr__(self, "_cls", cls)
-        object.__setattr__(self, "_at", at)
+    def __new__(cls, block: Words, of: Any, at: int = 0) -> Any:
+        """Return a view of the row of class ``of`` at a word, whose fields are properties."""
+        return super().__new__(_view_class(of))
 
-    def __getattr__(self, name: str) -> Any:
-        block, at = self._block, self._at
-        kind, place = self._cls.kinds[name], at + self._cls.places[name]
+    def __init__(self, block: Words, of: type[Row], at: int = 0) -> None:
+        self._block, self._at = block, at
+        self._kept: dict[str, Any] = {}
+
+
+@cache
+def _view_class(of: type[Row]) -> Any:
+    """Return the class of views of a class of rows."""
+    fields = {name: _field(of, name) for name in of.kinds}
+    return type(f"{of.__name__}View", (View,), {"__slots__": (), **fields})
+
+
+def _field(cls: type[Row], name: str) -> property:
+    """Return the property of views that reads and writes a field."""
+    kind, offset = cls.kinds[name], cls.places[name]
+
+    def read(view: Any) -> Any:
+        block, place = view._block, view._at + offset
+        if kind is int:
+            return block.item(place)
+        if kind is float:
+            return block[place : place + 1].view(np.float64).item()
         if is_row(kind):
             return View(block, kind, place)
-        origin = get_origin(kind)
-        if origin is None:
-            return (
-                block[place : place + 1].view(np.float64 if kind is float else np.int64)[0].item()
-            )
-        of, base = held_by(kind), at if origin is Table else place
-        begin, count = base + int(block[place]) // 8, int(block[place + 1])
-        if not is_row(of):
-            return block[begin : begin + count].view(np.float64 if of is float else np.int64)
-        return [View(block, of, begin + k * of.words) for k in range(count)]
+        if name in view._kept:
+            return view._kept[name]
+        of = held_by(kind)
+        entries: Any = array_of(block, cls, name, view._at)
+        if is_row(of):
+            begin = (entries.ctypes.data - block.ctypes.data) // 8
+            entries = [View(block, of, begin + k * of.words) for k in range(len(entries))]
+        if origin_of(kind) is Table:  # whose length does not change
+            view._kept[name] = entries
+        return entries
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        kind, place = self._cls.kinds[name], self._at + self._cls.places[name]
-        if kind not in (int, float):
-            raise AttributeError(f"{self._cls.__name__}.{name} is no number")
-        self._block[place : place + 1].view(np.float64 if kind is float else np.int64)[0] = value
+    def write(view: Any, value: Any) -> None:
+        block, place = view._block, view._at + offset
+        if kind in (int, float):
+            block[place : place + 1].view(np.float64 if kind is float else np.int64)[0] = value
+        elif kind == Queue[int]:
+            begin = place + int(block[place]) // 8
+            block[place + 1], block[begin : begin + len(value)] = len(value), value
+        else:
+            raise AttributeError(f"{cls.__name__}.{name} is no number")
+
+    return property(read, write)
 
 
 def array_of(block: Words, cls: type[Row], name: str, at: int = 0) -> NDArray[Any]:
     """Return a table or queue of the row at word ``at`` as a (structured) array over its memory."""
     kind, place = cls.kinds[name], at + cls.places[name]
-    base = at if get_origin(kind) is Table else place
+    base = at if origin_of(kind) is Table else place
     begin, count = base + int(block[place]) // 8, int(block[place + 1])
     of = held_by(kind)
     words = block[begin : begin + count * width_of(of)]
@@ -294,11 +323,3 @@ def dtype_of(cls: type[Row]) -> np.dtype[Any]:
             "itemsize": 8 * cls.words,
         }
     )
-
-
-def room_of(block: Words, cls: type[Row], name: str) -> NDArray[Any]:
-    """Return all entries for which a queue has room, used or not, as ``array_of`` returns them."""
-    place, of = cls.places[name], held_by(cls.kinds[name])
-    begin, room = place + int(block[place]) // 8, int(block[place + 2])
-    words = block[begin : begin + room * width_of(of)]
-    return words.view(dtype_of(of) if is_row(of) else np.float64 if of is float else np.int64)

@@ -268,10 +268,11 @@ class DroneProcess:
         """Return what the drone of the rows is paid at the end of a step."""
         world, state = self._engine.constants, self._engine.state
         state.step, state.now_us = step, step * self.world.step_us
-        world.pay(world, state)  # type: ignore[operator]
+        world.pay(world, state)
         self._engine.check_components()
         state.step = 0
-        return state.rewards[0]
+        reward: float = state.rewards[0]
+        return reward
 
     def _write(self, now: Stage, elapsed_us: int) -> None:
         """Write what the drone knows at a time of a stage into the engine's rows."""

@@ -10,9 +10,10 @@ import numpy as np
 from hypothesis import strategies as st
 
 from desim_uav.engine.audit import audit
-from desim_uav.engine.base import ClosedRequest, Engine, EpisodeLog, Event, RunSettings
+from desim_uav.engine.base import ClosedRequest, EpisodeLog, Event, RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.des import Simulation
+from desim_uav.engine.episode import Engine
 from desim_uav.model.admission import Waiting
 from desim_uav.model.demand import Requests
 from desim_uav.model.mobility import Walks

@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from desim_uav.engine.base import Engine, RunSettings
+from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import ENGINES, make_engine
+from desim_uav.engine.episode import Engine
 from desim_uav.errors import SimulationError
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import load

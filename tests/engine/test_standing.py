@@ -12,9 +12,7 @@ from desim_uav.engine.compiled import BatchSimulation, standing
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.des.crossings import Crossings
 from desim_uav.model.mobility import Walks
-from desim_uav.model.rows import View
 from desim_uav.model.rules import MOVES
-from desim_uav.rules.rows import State
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -73,9 +71,9 @@ def test_users_who_are_not_at_home_are_looked_at(how: str):
     rng = np.random.default_rng(0)
     for engine in (one, other):
         assert engine.reset(path)
-    assert View(other.state, State).look.stand == 1
+    assert other.state.look.stand == 1
     shown, seen = one.reset(moved), other.reset(moved)
-    assert View(other.state, State).look.stand == 0
+    assert other.state.look.stand == 0
     while not shown.truncated:
         told = rng.integers(0, len(world.actions), 1).tolist()
         shown, seen = one.step(told), other.step(told)

@@ -13,8 +13,6 @@ from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
 from desim_uav.model.coverage import T0_US
 from desim_uav.model.mobility import RandomWalk, Static
-from desim_uav.model.rows import View
-from desim_uav.rules.rows import State
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
@@ -45,7 +43,7 @@ def walking(walk: dict[str, float], step_s: float) -> World:
 
 def walked(engine: BatchSimulation, user: int) -> NDArray[np.float64]:
     """The legs of a user that the engine has in this step."""
-    look = View(engine.state, State).look
+    look = engine.state.look
     first, last = look.walked_at[user : user + 2].tolist()
     legs: NDArray[np.float64] = look.walked[5 * first : 5 * last].reshape(-1, 5)
     return legs
@@ -68,7 +66,7 @@ def test_the_legs_of_each_step_are_those_of_the_path(walk: dict[str, float], ste
         shown = engine.reset(path)
         while not shown.truncated:
             shown = engine.step([HOVER] * 2)
-            look = View(engine.state, State).look
+            look = engine.state.look
             span = look.from_us, look.to_us
             assert span == (shown.t_us - world.step_us, shown.t_us)
             for user in range(12):

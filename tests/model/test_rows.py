@@ -28,7 +28,6 @@ from desim_uav.model.rows import (
     held_by,
     is_row,
     packed,
-    room_of,
     row,
 )
 
@@ -443,12 +442,19 @@ class TestViews:
         assert View(block, Shelf).scores.tolist() == [0.1, 6.5, math.inf]
         assert View(block, Shelf).lent.tolist() == [8, 7, 9, 7]
 
+    def test_a_queue_of_numbers_is_overwritten_as_a_whole(self):
+        block = packed(shelf())
+        for numbers in ([3, 1], [4, 4, 2, 5, 6, 9], []):
+            View(block, Shelf).lent = numbers
+            assert View(block, Shelf).lent.tolist() == numbers
+        assert View(block, Shelf).returned[0].pages == shelf().returned[0].pages
+
     def test_a_table_is_not_overwritten(self):
         with pytest.raises(AttributeError, match=r"Shelf\.books is no number"):
             View(packed(shelf()), Shelf).books = 3
 
     def test_there_are_no_other_fields(self):
-        with pytest.raises(KeyError):
+        with pytest.raises(AttributeError):
             _ = View(packed(shelf()), Shelf).colour
 
 
@@ -464,17 +470,6 @@ def test_the_rows_of_a_table_as_an_array():
     at = int(block[first]) // 8 + Box.words  # the second box
     assert boxes["number"].tolist() == [0, 1]
     assert array_of(block, Box, "marks", at).tolist() == [1, 2]
-
-
-def test_all_the_rows_that_a_queue_has_room_for():
-    block = packed(shelf())
-    assert room_of(block, Shelf, "lent").tolist() == [5, 7, 9, 7, 0, 0]
-    assert room_of(block, Shelf, "heights").dtype == np.float64
-    room = room_of(block, Shelf, "returned")
-    assert len(room) == ROOM
-    room["pages"][1] = 12
-    block[Shelf.places["returned"] + 1] = 2
-    assert [book.pages for book in View(block, Shelf).returned] == [1, 12]
 
 
 # ---- functions and arrays

@@ -7,9 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.engine.base import ClosedRequest, Engine, RunSettings
+from desim_uav.engine.base import ClosedRequest, RunSettings
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
+from desim_uav.engine.episode import Engine
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path

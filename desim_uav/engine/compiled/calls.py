@@ -12,8 +12,7 @@ from desim_uav.engine.compiled import looking, loop
 from desim_uav.engine.compiled.loop import STEP
 from desim_uav.model.compiled_rows import address_of, call, entries_at, pointer_to
 from desim_uav.model.kernels import kernel, rule
-from desim_uav.model.rows import View
-from desim_uav.rules import flight, requests
+from desim_uav.rules import requests
 from desim_uav.rules.rows import Constants, Drone, Path, State
 
 Ints = NDArray[np.int64]
@@ -23,7 +22,7 @@ path_at: Any = pointer_to(Path)
 state_at: Any = pointer_to(State)
 
 
-def set_functions(constants: View) -> None:
+def set_functions(constants: Any) -> None:
     """Write the addresses of the engine's functions, which are valid in this process.
 
     Those of components are written by ``components.point_at``.
@@ -44,25 +43,6 @@ def describe(world: int, state: int) -> None:
     """Write what learners observe of the drones (see ``model.observations.RowObservation``)."""
     at = constants_at(world)
     call(at.describe, (at, state_at(state)))
-
-
-@kernel
-def measures(world: int, state: int) -> tuple[float, float, float]:
-    """Return QoE1-3 so far; NaN if they do not exist yet."""
-    return requests.measures(constants_at(world), state_at(state))
-
-
-@kernel
-def position(world: int, state: int, drone: int) -> tuple[float, float, float]:
-    """Return where a drone is now: x, y, z."""
-    own = state_at(state)
-    return flight.position(constants_at(world), own, own.drones[drone])
-
-
-@kernel
-def user_doing(state: int, user: int) -> int:
-    """Return what a user is doing (see ``UserState``)."""
-    return requests.doing(state_at(state).users[user])
 
 
 # ---- many environments

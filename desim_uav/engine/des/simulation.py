@@ -6,16 +6,15 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from desim_uav.engine.base import Carried, Place, RunSettings
+from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
 from desim_uav.engine.des.clock import Clock
 from desim_uav.engine.des.crossings import Crossings
 from desim_uav.engine.des.lives import Lives
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import set_components
-from desim_uav.engine.episode import RowEngine
+from desim_uav.engine.episode import Engine
 from desim_uav.engine.state import Room, fill_state
 from desim_uav.model.demand import Requests
 from desim_uav.model.rows import Table, blank, fill
@@ -23,8 +22,6 @@ from desim_uav.model.state import Observation, Snapshot
 from desim_uav.rules.attachment import settle
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
-from desim_uav.rules.flight import position
-from desim_uav.rules.requests import doing, measures
 from desim_uav.rules.rows import Ask, Constants, Path, State
 from desim_uav.rules.words import ADMISSION, COVERAGE, RECORD, RESPAWN
 from desim_uav.sample_path import SamplePath
@@ -40,7 +37,7 @@ class LiveState(State):
     observed: Callable[[], tuple[Observation, ...]]
 
 
-class Simulation(RowEngine):
+class Simulation(Engine):
     """The SimPy engine (see ``Engine``).
 
     ``audit`` is called with the simulation after every event (see ``engine.audit``).
@@ -63,6 +60,7 @@ class Simulation(RowEngine):
         self.transits = transits_of(world)
         self.constants = self._constants()
         self.state = self._state()
+        self.drones = self.state.drones
         self._crossings = Crossings(world.scenario.drones.footprint_radius_m, world.area)
         self._asks: tuple[Requests | None, Table[Any]] = (None, Table())
         self.clock = Clock(0)
@@ -98,7 +96,7 @@ class Simulation(RowEngine):
         """Begin an episode and return the snapshot of its first decision epoch."""
         carried = self.carried()
         self._began, self._commands = (path, carried), []
-        self.take_up(path.episode)
+        self.take_up(path.episode, path.walking)
         self.path = path
         world, state, own = self.constants, self.state, self._path(path)
         self.own_path = own
@@ -168,42 +166,19 @@ class Simulation(RowEngine):
 
     # ---- access to the rows
 
-    def number(self, name: str) -> Any:
-        """Return the number in this field of the state."""
-        return getattr(self.state, name)
-
-    def numbers(self, name: str) -> list[Any]:
-        """Return the numbers in this table or queue of the state."""
-        numbers: list[Any] = getattr(self.state, name)
-        return numbers
-
-    def rows(self, name: str) -> Sequence[Any]:
-        """Return the rows of this table or queue of the state, which are only read."""
-        rows: Sequence[Any] = getattr(self.state, name)
-        return rows
-
-    def drone(self, index: int) -> Any:
-        """Return the row of a drone, which may be written."""
-        return self.state.drones[index]
-
-    def plan(self, drone: int, place: int) -> Any:
-        """Return the planned return of a drone from a place, as a row."""
-        plans: Any = self.constants.plans
-        return plans.of(self.settings.ceilings[drone], place)
+    def entries(self, name: str) -> Sequence[Any]:
+        """Return the numbers or rows in this table or queue of the state."""
+        entries: Sequence[Any] = getattr(self.state, name)
+        return entries
 
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
         """Return the hops with the numbers ``first`` to ``end`` - 1, as (dx, dy, dlevel)."""
         return [(hop.dx, hop.dy, hop.dlevel) for hop in self.constants.hops[first:end]]
 
     def route(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
-        """Return the number of the first of these hops, and the number after that of the last."""
-        plans: Any = self.constants.plans
-        numbers: tuple[int, int] = plans.numbered(hops)
+        """Add hops; return the number of the first, and the number after that of the last."""
+        numbers: tuple[int, int] = self.constants.plans.numbered(hops)
         return numbers
-
-    def queue_up(self, drone: int, station: int) -> None:
-        """Append a drone to a station's queue."""
-        self.state.stations[station].queue.append(drone)
 
     def start_afresh(self) -> None:
         """Put all drones at their starting cells with full batteries, and empty the stations."""
@@ -211,31 +186,12 @@ class Simulation(RowEngine):
 
     def terms(self) -> tuple[dict[str, float], ...]:
         """Return the terms of the drones' rewards, by name."""
-        if self.state.named_terms:
-            return tuple(self.state.named_terms)
-        drones = self.state.drones
-        return tuple(dict(zip(self.term_names, drone.terms, strict=True)) for drone in drones)
+        return tuple(self.state.named_terms) or super().terms()
 
     def features(self) -> list[tuple[float, ...]]:
         """Return each drone's features, as far as an observation over rows has written them."""
-        self.constants.describe(self.constants, self.state)  # type: ignore[operator]
-        return [tuple(drone.features) for drone in self.state.drones]
-
-    def measured(self) -> tuple[float, float, float]:
-        """Return QoE1 to QoE3 so far (see ``Measures``); NaN where one is not defined yet."""
-        return measures(self.constants, self.state)
-
-    def position_m(self, drone: int) -> Place:
-        """Return the true position of a drone now, in metres."""
-        return position(self.constants, self.state, self.state.drones[drone])
-
-    def doing(self, user: int) -> int:
-        """Return what a user is doing now, as a number of ``UserState``."""
-        return doing(self.state.users[user])
-
-    def walks(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """Return the users' legs in this episode, and their offsets by user."""
-        return self.path.walks
+        self.constants.describe(self.constants, self.state)
+        return [tuple(drone.features) for drone in self.drones]
 
 
 def _played_again(
