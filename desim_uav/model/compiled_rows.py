@@ -33,6 +33,7 @@ register_model: Any = extending.register_model
 type_callable: Any = extending.type_callable
 
 I64, F64 = types.int64, types.float64
+ZERO = ir.Constant(ir.IntType(64), 0)
 
 
 def _name_of(kind: Any) -> str:
@@ -104,9 +105,22 @@ def _number_at(context: Any, builder: Any, place: Any, kind: Any) -> Any:
     return builder.bitcast(place, context.get_value_type(kind).as_pointer())
 
 
-def _load(context: Any, builder: Any, base: Any, words: int, kind: Any = I64) -> Any:
+def _load(context: Any, builder: Any, base: Any, words: int, kind: Any = I64, of: str = "") -> Any:
     """Return the number that is this many words behind an address."""
-    return builder.load(_number_at(context, builder, _moved(builder, base, words), kind))
+    place = _number_at(context, builder, _moved(builder, base, words), kind)
+    return _apart(builder, builder.load(place), of or f"word {words}")
+
+
+def _apart(builder: Any, instruction: Any, of: str) -> Any:
+    """Return a load or store of what ``of`` names, marked as one of no other field's memory.
+
+    LLVM then knows that a store to another field does not change what has been loaded. Arrays
+    (``as_array``) are not marked, so they may be of any field's memory.
+    """
+    module = builder.module
+    kind = module.add_metadata([of, module.add_metadata(["rows"]), ZERO])
+    instruction.set_metadata("tbaa", module.add_metadata([kind, kind, ZERO]))
+    return instruction
 
 
 # ---- fields
@@ -129,10 +143,11 @@ def _get(context: Any, builder: Any, row: Any, value: Any, name: str) -> Any:
         return _moved(builder, value, place)
     if isinstance(field, Entries):
         entries = cgutils.create_struct_proxy(field)(context, builder)
-        entries.data = builder.gep(value, [_load(context, builder, value, place)], inbounds=True)
-        entries.count = _load(context, builder, value, place + 1)
+        offset = _load(context, builder, value, place, I64, "offset")
+        entries.data = builder.gep(value, [offset], inbounds=True)
+        entries.count = _load(context, builder, value, place + 1, I64, "count")
         return entries._getvalue()
-    return _load(context, builder, value, place, field)
+    return _load(context, builder, value, place, field, f"{_name_of(row.cls)}.{name}")
 
 
 @lower_setattr_generic(Pointer)
@@ -141,7 +156,8 @@ def _set(context: Any, builder: Any, sig: Any, arguments: Any, name: str) -> Non
     field = _type_of(row.cls.kinds[name])
     value = context.cast(builder, arguments[1], kind, field)
     place = _moved(builder, arguments[0], row.cls.places[name])
-    builder.store(value, _number_at(context, builder, place, field))
+    stored = builder.store(value, _number_at(context, builder, place, field))
+    _apart(builder, stored, f"{_name_of(row.cls)}.{name}")
 
 
 # ---- entries
@@ -151,7 +167,7 @@ def _first_of(context: Any, builder: Any, kind: Any, value: Any) -> Any:
     """Return the address of the first entry of a table or a queue."""
     if isinstance(kind, Entries):
         return cgutils.create_struct_proxy(kind)(context, builder, value=value).data
-    return builder.gep(value, [_load(context, builder, value, 0)], inbounds=True)
+    return builder.gep(value, [_load(context, builder, value, 0, I64, "offset")], inbounds=True)
 
 
 def _entry(context: Any, builder: Any, kind: Any, value: Any, k: Any) -> Any:
@@ -177,7 +193,8 @@ def _get_item(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
     place = _entry(context, builder, sig.args[0], *arguments)
     if isinstance(sig.return_type, Pointer):
         return place
-    return builder.load(_number_at(context, builder, place, sig.return_type))
+    loaded = builder.load(_number_at(context, builder, place, sig.return_type))
+    return _apart(builder, loaded, f"entry {sig.return_type}")
 
 
 @type_callable(operator.setitem)
@@ -194,7 +211,8 @@ def _type_of_set_item(context: Any) -> Any:
 @lower_builtin(operator.setitem, Line, I64, types.Number)
 def _set_item(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
     place = _entry(context, builder, sig.args[0], *arguments[:2])
-    builder.store(arguments[2], _number_at(context, builder, place, sig.args[2]))
+    stored = builder.store(arguments[2], _number_at(context, builder, place, sig.args[2]))
+    _apart(builder, stored, f"entry {sig.args[2]}")
     return context.get_dummy_value()
 
 
@@ -236,7 +254,7 @@ def _set_word(typing_context: Any, line: Any, word: Any, value: Any) -> Any:
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         at = _number_at(context, builder, _moved(builder, arguments[0], place), I64)
-        builder.store(arguments[2], at)
+        _apart(builder, builder.store(arguments[2], at), f"word {place}")
         return context.get_dummy_value()
 
     return types.none(line, word, I64), generate
@@ -396,6 +414,23 @@ def address_of(kernel: Any, *classes: Any) -> int:
     """
     arguments = tuple(Pointer(cls) if is_row(cls) else I64 for cls in classes)
     return machine_code(kernel, arguments)
+
+
+# ---- choices that a processor cannot foresee
+
+
+def _either(typing_context: Any, condition: Any, one: Any, other: Any) -> Any:
+    """Return ``one`` if a condition holds, else ``other``, two whole numbers, without a jump."""
+
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        chosen = builder.select(*arguments)
+        chosen.set_metadata("unpredictable", builder.module.add_metadata([]))
+        return chosen
+
+    return I64(types.boolean, I64, I64), generate
+
+
+either: Any = intrinsic(_either)
 
 
 # ---- rows and tables from addresses

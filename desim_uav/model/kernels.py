@@ -37,8 +37,13 @@ MAKER: dict[str, Any] = {"nogil": True, "fastmath": False, "error_model": "numpy
 
 OPTIONS: dict[str, Any] = {**MAKER, **WITHOUT_COUNTING}
 
-INNER: dict[str, Any] = {**OPTIONS, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
-"""The same for what only kernels call."""
+INNER: dict[str, Any] = {
+    **OPTIONS,
+    "no_cpython_wrapper": True,
+    "no_cfunc_wrapper": True,
+    "forceinline": True,
+}
+"""The same for what only kernels call, and becomes part of their machine code."""
 
 NOWHERE = (
     "compiled code cannot be kept on disk and is compiled anew in each process, because neither "

@@ -13,7 +13,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from desim_uav.model.compiled_rows import address_of, as_array, call, entries_at, pointer_to
+from desim_uav.model.compiled_rows import (
+    address_of,
+    as_array,
+    call,
+    either,
+    entries_at,
+    pointer_to,
+)
 from desim_uav.model.kernels import OPTIONS, rule
 from desim_uav.model.rows import (
     Queue,
@@ -518,6 +525,38 @@ def test_tables_as_arrays_and_arrays_as_entries():
     assert View(block, Shelf).marks.tolist() == [3, 44, 2**40]
     assert floats.tolist() == [0.0, 0.1 - 0.2, 0.0]
     assert flags.tolist() == [False, True, False]
+
+
+@numba.njit(**OPTIONS)
+def between_stores(address: int) -> tuple[int, int, float, int]:
+    """Read fields again after others, and the same memory as an array, have been written."""
+    shelf = shelf_at(address)
+    marks = as_array(shelf.marks, (1, 3))
+    before = shelf.marks[1], shelf.number, shelf.books[0].weight
+    shelf.marks[1] = before[0] + 1
+    shelf.number += shelf.marks[1]
+    marks[0, 1] += 10
+    shelf.books[0].pages = 5
+    shelf.books[0].weight += marks[0, 1]
+    marks[0, 2] = shelf.marks[1] + before[1]
+    return shelf.marks[1], shelf.number, shelf.books[0].weight, shelf.marks[2]
+
+
+def test_what_is_read_after_a_store_is_what_was_stored():
+    made = shelf()
+    mark, number, weight = made.marks[1], made.number, made.books[0].weight
+    expected = mark + 11, number + mark + 1, weight + mark + 11, mark + 11 + number
+    assert between_stores(packed(made).ctypes.data) == expected
+
+
+@numba.njit(**OPTIONS)
+def chosen(holds: bool, one: int, other: int) -> int:
+    return either(holds, one, other)
+
+
+def test_one_of_two_numbers():
+    assert chosen(True, 3, -(2**60)) == 3
+    assert chosen(False, 3, -(2**60)) == -(2**60)
 
 
 @row

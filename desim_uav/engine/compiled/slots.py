@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from desim_uav.model.compiled_rows import either
 from desim_uav.model.kernels import rule, stands_in_for
 from desim_uav.rules import due as seam
 from desim_uav.rules.rows import State
@@ -35,7 +36,7 @@ def _nothing_due(state: Any) -> Any:
 def _meet(state: State, slot: int) -> None:
     """Play the matches of a slot that has changed.
 
-    Without branches: who wins cannot be foreseen, and a processor that guesses wrongly loses more.
+    Without jumps: who wins cannot be foreseen, and a processor that guesses wrongly loses more.
     """
     winners, times, keys = state.winners, state.slot_times, state.slot_keys
     t_us, key = times[slot], keys[slot]
@@ -43,10 +44,9 @@ def _meet(state: State, slot: int) -> None:
     while node > 1:
         other = winners[node ^ 1]
         t_other, other_key = times[other], keys[other]
-        lost = -int((t_other < t_us) | ((t_other == t_us) & (other_key < key)))  # all bits or none
-        t_us ^= (t_us ^ t_other) & lost
-        key ^= (key ^ other_key) & lost
-        slot ^= (slot ^ other) & lost
+        lost = (t_other < t_us) | ((t_other == t_us) & (other_key < key))
+        t_us, key = either(lost, t_other, t_us), either(lost, other_key, key)
+        slot = either(lost, other, slot)
         node >>= 1
         if slot != changed and winners[node] == slot:
             return
