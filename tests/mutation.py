@@ -213,8 +213,9 @@ MUTATIONS = (
     Mutation(
         "a drone that returns to a station goes on serving",
         "rules/flight.py",
-        "(world, state, drone, RETURNING)\n    silence(world, path, state, drone, COVERAGE)\n",
-        "(world, state, drone, RETURNING)\n",
+        "(world, state, drone, words.RETURNING)\n"
+        "    silence(world, path, state, drone, words.COVERAGE)\n",
+        "(world, state, drone, words.RETURNING)\n",
         ("engine/test_returns.py",),
     ),
     Mutation(
@@ -287,8 +288,8 @@ MUTATIONS = (
     Mutation(
         "a crashed drone is replaced only after more than its downtime",
         "rules/crash.py",
-        "state.now_us - drone.since_us >= world.respawn_after_us",
-        "state.now_us - drone.since_us > world.respawn_after_us",
+        "down_us >= world.respawn_after_us",
+        "down_us > world.respawn_after_us",
         ("engine/test_crashes.py",),
     ),
     Mutation(

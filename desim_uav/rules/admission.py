@@ -8,8 +8,8 @@ from desim_uav.model.admission import RowAdmission
 from desim_uav.model.kernels import rule
 from desim_uav.registry import register
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.service import refuse, serve
-from desim_uav.rules.words import OVERBOOKED
+from desim_uav.rules.service import close, serve
+from desim_uav.rules.words import ON_REFUSE, OVERBOOKED
 
 
 @register("admission", "first_come")
@@ -56,4 +56,4 @@ def turn_away(
 ) -> None:
     """Close the waiting request of user ``number``, who is attached to the drone, unserved."""
     drone.waiting.remove(number)
-    refuse(world, path, state, state.users[number], phase)
+    close(world, path, state, state.users[number], phase, ON_REFUSE)

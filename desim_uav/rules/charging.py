@@ -6,32 +6,23 @@ from typing import Any
 
 from desim_uav.model.battery import time_to_full_us
 from desim_uav.model.kernels import rule
+from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode
 from desim_uav.rules.coverage import silence
 from desim_uav.rules.due import arrival_slot, due, key
 from desim_uav.rules.flight import hover_at, station_under
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.words import (
-    ARRIVAL,
-    CHARGED,
-    CHARGING,
-    COVERAGE,
-    ON_CHARGE,
-    ON_CHARGED,
-    ON_LAND,
-    QUEUED,
-)
 
 
 @rule
 def land(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
     """Land a drone on the station beneath it, whose queue it joins."""
-    silence(world, path, state, drone, COVERAGE)
-    change_mode(world, state, drone, QUEUED)
+    silence(world, path, state, drone, words.COVERAGE)
+    change_mode(world, state, drone, words.QUEUED)
     hover_at(drone, drone.x, drone.y, drone.level)
     station = station_under(world, drone)
-    note(state, phase, ON_LAND, drone.index, -1, -1, station)
+    note(state, phase, words.ON_LAND, drone.index, -1, -1, station)
     drone.landed_in = phase
     state.stations[station].queue.append(drone.index)
     hand_on_pads(world, state, station)
@@ -49,9 +40,9 @@ def hand_on_pads(world: Any, state: Any, station: int) -> None:
 def begin_charging(world: Constants, state: State, drone: Drone, station: int) -> int:
     """Begin to charge a queued drone on a pad; return the phase under which this is logged."""
     count_queueing(state, drone)
-    phase = ARRIVAL if state.now_us > drone.since_us else drone.landed_in
-    change_mode(world, state, drone, CHARGING)
-    note(state, phase, ON_CHARGE, drone.index, -1, -1, station)
+    phase = words.ARRIVAL if state.now_us > drone.since_us else drone.landed_in
+    change_mode(world, state, drone, words.CHARGING)
+    note(state, phase, words.ON_CHARGE, drone.index, -1, -1, station)
     return phase
 
 
@@ -62,15 +53,15 @@ def await_full(world: Constants, state: State, drone: Drone) -> bool:
     if rest_us <= 0:
         return False
     slot, full_us = arrival_slot(state, drone.index), drone.since_us + rest_us
-    due(state, slot, full_us, key(ARRIVAL, drone.index, -1))
+    due(state, slot, full_us, key(words.ARRIVAL, drone.index, -1))
     return True
 
 
 @rule
 def end_charging(world: Constants, state: State, drone: Drone, station: int, phase: int) -> None:
     """End the charge of a drone, which frees the pad and waits on the ground for a command."""
-    change_mode(world, state, drone, CHARGED)
-    note(state, phase, ON_CHARGED, drone.index, -1, -1, station)
+    change_mode(world, state, drone, words.CHARGED)
+    note(state, phase, words.ON_CHARGED, drone.index, -1, -1, station)
     state.charges += 1
     state.stations[station].queue.remove(drone.index)
     drone.waits = 1
@@ -80,7 +71,7 @@ def end_charging(world: Constants, state: State, drone: Drone, station: int, pha
 def on_full(world: Constants, state: State, drone: Drone) -> None:
     """End a charge when it is due, and give the pad to the next drone in the queue."""
     station = station_under(world, drone)
-    end_charging(world, state, drone, station, ARRIVAL)
+    end_charging(world, state, drone, station, words.ARRIVAL)
     hand_on_pads(world, state, station)
 
 

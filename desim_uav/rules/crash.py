@@ -4,30 +4,22 @@ from __future__ import annotations
 
 from desim_uav.model.grid import cell_index
 from desim_uav.model.kernels import rule
+from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode
 from desim_uav.rules.coverage import silence
 from desim_uav.rules.due import arrival_slot, undo
 from desim_uav.rules.flight import appear, count_distance, hover_at, orient, position
 from desim_uav.rules.note import note, note_drone, note_leg
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.words import (
-    CRASHED,
-    DEPLETION,
-    ON_CRASH,
-    ON_DEPLETE,
-    ON_RESPAWN,
-    REMOVES,
-    RESPAWN,
-)
 
 
 @rule
 def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
     """Let a drone whose battery is empty fall to the ground beneath it, and detach its users."""
-    note_drone(state, DEPLETION, ON_DEPLETE, drone)
+    note_drone(state, words.DEPLETION, words.ON_DEPLETE, drone)
     x_m, y_m, _ = position(world, state, drone)
     count_distance(world, state, drone)
-    change_mode(world, state, drone, CRASHED)
+    change_mode(world, state, drone, words.CRASHED)
     x = cell_index(x_m, world.cell_x_m, world.nx)
     y = cell_index(y_m, world.cell_y_m, world.ny)
     hover_at(drone, x, y, 0)
@@ -36,10 +28,10 @@ def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
     drone.waits = drone.hopping = 0
     drone.route = drone.route_end = 0
     undo(state, arrival_slot(state, drone.index))
-    silence(world, path, state, drone, DEPLETION)
+    silence(world, path, state, drone, words.DEPLETION)
     state.crashed.append(drone.index)
     state.crashes += 1
-    note_drone(state, DEPLETION, ON_CRASH, drone)
+    note_drone(state, words.DEPLETION, words.ON_CRASH, drone)
     note_leg(world, state, drone)
 
 
@@ -47,10 +39,11 @@ def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
 def respawn(world: Constants, path: Path, state: State) -> bool:
     """Replace crashed drones whose downtime is over; return whether there were any."""
     any_back = False
-    if world.on_crash != REMOVES:
+    if world.on_crash != words.REMOVES:
         for d in range(len(state.drones)):
             drone = state.drones[d]
-            if drone.mode == CRASHED and state.now_us - drone.since_us >= world.respawn_after_us:
+            down_us = state.now_us - drone.since_us
+            if drone.mode == words.CRASHED and down_us >= world.respawn_after_us:
                 _replace(world, path, state, drone)
                 any_back = True
     return any_back
@@ -62,7 +55,7 @@ def _replace(world: Constants, path: Path, state: State, drone: Drone) -> None:
     station = path.respawns[drone.index * path.respawns_drawn + drone.respawns]
     cell = world.stations[station]
     appear(world, state, drone, cell.x, cell.y)
-    note(state, RESPAWN, ON_RESPAWN, drone.index, -1, -1, station)
+    note(state, words.RESPAWN, words.ON_RESPAWN, drone.index, -1, -1, station)
     note_leg(world, state, drone)
     drone.waits = 1
     drone.respawns += 1

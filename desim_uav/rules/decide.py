@@ -4,21 +4,11 @@ from __future__ import annotations
 
 from desim_uav.model.kernels import rule
 from desim_uav.model.rules import Action, Mode
+from desim_uav.rules import words
 from desim_uav.rules.battery import battery_now
 from desim_uav.rules.charging import land
 from desim_uav.rules.flight import fly, fly_home, position, station_under, turn_back, way_back
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.words import (
-    CHARGE,
-    CHARGING,
-    COMMAND,
-    CRASHED,
-    GOTO,
-    HOVER,
-    NEVER,
-    QUEUED,
-    RETURNING,
-)
 
 
 @rule
@@ -61,7 +51,7 @@ def record(world: Constants, state: State) -> None:
         record.return_us = 0
         if world.limited:
             plan = way_back(world, drone, seen.believed)
-            record.return_us = plan.drained_us if plan.station >= 0 else NEVER
+            record.return_us = plan.drained_us if plan.station >= 0 else words.NEVER
         record.reward = state.rewards[d]
 
 
@@ -83,15 +73,15 @@ def allow(world: Constants, state: State) -> None:
 @rule
 def is_allowed(action: int, mode: int, may_return: bool, may_charge: bool) -> bool:
     """Return whether a drone in this mode may take an action."""
-    if mode == RETURNING:
-        return action == GOTO
-    if mode in (QUEUED, CHARGING):
-        return action == CHARGE
-    if mode == CRASHED:
-        return action == HOVER
-    if action == GOTO:
+    if mode == words.RETURNING:
+        return action == words.GOTO
+    if mode in (words.QUEUED, words.CHARGING):
+        return action == words.CHARGE
+    if mode == words.CRASHED:
+        return action == words.HOVER
+    if action == words.GOTO:
         return may_return
-    if action == CHARGE:
+    if action == words.CHARGE:
         return may_charge
     return True
 
@@ -119,7 +109,7 @@ def taken(world: Constants, state: State, drone: Drone) -> int:
         if state.masks[first + k]:
             allowed += 1
             only = k
-        if world.moves[k].action == HOVER:
+        if world.moves[k].action == words.HOVER:
             hover = k
     return only if allowed == 1 else hover
 
@@ -129,11 +119,11 @@ def obey(world: Constants, path: Path, state: State, drone: Drone) -> None:
     """Let a drone begin the action that it takes on its command (``drone.taken``)."""
     drone.waits = 0
     action = world.moves[drone.taken].action
-    if action == GOTO:
+    if action == words.GOTO:
         turn_back(world, path, state, drone)
-        go_home(world, path, state, drone, COMMAND)
-    elif action == CHARGE:
-        land(world, path, state, drone, COMMAND)
+        go_home(world, path, state, drone, words.COMMAND)
+    elif action == words.CHARGE:
+        land(world, path, state, drone, words.COMMAND)
     else:
         fly(world, path, state, drone, drone.taken)
 

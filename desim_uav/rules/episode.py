@@ -4,36 +4,17 @@ from __future__ import annotations
 
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import rule
+from desim_uav.rules import words
 from desim_uav.rules.attachment import settle
 from desim_uav.rules.charging import await_full, count_queueing, hand_on_pads
 from desim_uav.rules.coverage import leave_all, look_anew, track
 from desim_uav.rules.crash import respawn
 from desim_uav.rules.decide import allow, go_home, obey, observe, record, taken
 from desim_uav.rules.due import nothing_due
-from desim_uav.rules.flight import (
-    appear,
-    await_hop,
-    count_distance,
-    orient,
-)
+from desim_uav.rules.flight import appear, await_hop, count_distance, orient
 from desim_uav.rules.note import note_drone, note_leg
 from desim_uav.rules.requests import close_all, doing, foresee_asking
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.words import (
-    ADMISSION,
-    ARRIVAL,
-    CHARGING,
-    COMMAND,
-    COVERAGE,
-    CRASHED,
-    ENDS_EPISODE,
-    ENTRY,
-    FLYING,
-    ON_DECIDE,
-    QUEUED,
-    RECORD,
-    RETURNING,
-)
 
 
 @rule
@@ -56,8 +37,8 @@ def begin(world: Constants, path: Path, state: State) -> None:
     _forget(state)
     look_anew(world, path, state)
     for d in range(len(state.drones)):
-        if state.drones[d].mode == FLYING:
-            track(world, path, state, state.drones[d], 0, ENTRY)
+        if state.drones[d].mode == words.FLYING:
+            track(world, path, state, state.drones[d], 0, words.ENTRY)
         orient(world, path, state, state.drones[d], 0)
     for u in range(len(state.users)):
         foresee_asking(world, path, state, state.users[u])
@@ -108,16 +89,16 @@ def _forget(state: State) -> None:
 def _go_on(world: Constants, path: Path, state: State, drone: Drone) -> None:
     """Continue what a drone was doing at the end of the previous episode."""
     note_leg(world, state, drone)
-    if drone.mode == RETURNING:
+    if drone.mode == words.RETURNING:
         if drone.hopping:
             await_hop(world, state, drone)
         else:
-            go_home(world, path, state, drone, ARRIVAL)
-    elif drone.mode == QUEUED:
-        drone.landed_in = ARRIVAL
-    elif drone.mode == CHARGING:
+            go_home(world, path, state, drone, words.ARRIVAL)
+    elif drone.mode == words.QUEUED:
+        drone.landed_in = words.ARRIVAL
+    elif drone.mode == words.CHARGING:
         await_full(world, state, drone)
-    elif drone.mode != CRASHED:
+    elif drone.mode != words.CRASHED:
         drone.waits = 1
 
 
@@ -138,7 +119,7 @@ def hear(world: Constants, state: State) -> None:
         state.history[state.step * len(state.drones) + d] = drone.command
         drone.taken = taken(world, state, drone)
         if drone.waits:
-            note_drone(state, COMMAND, ON_DECIDE, drone)
+            note_drone(state, words.COMMAND, words.ON_DECIDE, drone)
 
 
 @rule
@@ -148,7 +129,7 @@ def command(world: Constants, path: Path, state: State) -> None:
     for d in range(len(state.drones)):
         if state.drones[d].waits:
             obey(world, path, state, state.drones[d])
-    settle(world, path, state, COVERAGE, ADMISSION)
+    settle(world, path, state, words.COVERAGE, words.ADMISSION)
 
 
 @rule
@@ -161,12 +142,12 @@ def end_step(world: Constants, path: Path, state: State) -> None:
     any_crashed = False
     for d in range(len(state.drones)):
         orient(world, path, state, state.drones[d], state.step)
-        any_crashed = any_crashed or state.drones[d].mode == CRASHED
+        any_crashed = any_crashed or state.drones[d].mode == words.CRASHED
     observe(world, state)
     call(world.pay, (world, state))
     if state.keeps_requests:
         record(world, state)
-    state.terminated = int(any_crashed and world.on_crash == ENDS_EPISODE)
+    state.terminated = int(any_crashed and world.on_crash == words.ENDS_EPISODE)
     state.truncated = int(state.step == world.steps)
     if state.terminated or state.truncated:
         allow(world, state)
@@ -183,11 +164,11 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
     for u in range(len(state.users)):
         state.users[u].doing = doing(state.users[u])
     close_all(world, path, state)
-    leave_all(state, RECORD)
+    leave_all(state, words.RECORD)
     for d in range(len(state.drones)):
         drone = state.drones[d]
         drone.serving = 0
         drone.waiting.clear()
         count_distance(world, state, drone)
-        if drone.mode == QUEUED:
+        if drone.mode == words.QUEUED:
             count_queueing(state, drone)

@@ -5,23 +5,12 @@ from __future__ import annotations
 from desim_uav.model.grid import cell_index, level_index
 from desim_uav.model.kernels import rule
 from desim_uav.model.rules import US
+from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode, foresee_depletion
 from desim_uav.rules.coverage import silence, track
 from desim_uav.rules.due import arrival_slot, due, key
 from desim_uav.rules.note import note_drone, note_leg, place
 from desim_uav.rules.rows import Constants, Drone, Path, Plan, State
-from desim_uav.rules.words import (
-    ARRIVAL,
-    COMMAND,
-    COVERAGE,
-    FLYING,
-    HOVER,
-    ON_ARRIVE,
-    ON_BLOCKED,
-    ON_DEPART,
-    REST,
-    RETURNING,
-)
 
 # ---- where a drone is
 
@@ -64,7 +53,7 @@ def position(world: Constants, state: State, drone: Drone) -> tuple[float, float
     x0 = (drone.x + 0.5) * world.cell_x_m
     y0 = (drone.y + 0.5) * world.cell_y_m
     z0 = world.levels_m[drone.level]
-    if drone.transit == REST:
+    if drone.transit == words.REST:
         return x0, y0, z0
     share = flown_m(world, state, drone) / world.transits[drone.transit].distance_m
     x1 = (drone.to_x + 0.5) * world.cell_x_m
@@ -81,7 +70,7 @@ def orient(world: Constants, path: Path, state: State, drone: Drone, step: int) 
     """
     noisy = len(path.errors) > 0
     x, y, level = drone.x, drone.y, drone.level
-    if noisy or drone.transit != REST or drone.fallen:
+    if noisy or drone.transit != words.REST or drone.fallen:
         x_m, y_m, z_m = position(world, state, drone)
         if noisy:
             error = (drone.index * (world.steps + 1) + step) * 2
@@ -109,14 +98,14 @@ def hover_at(drone: Drone, x: int, y: int, level: int) -> None:
     """Put a drone at rest at the centre of a cell, at a level."""
     drone.x, drone.y, drone.level = x, y, level
     drone.to_x, drone.to_y, drone.to_level = x, y, level
-    drone.transit = REST
+    drone.transit = words.REST
     drone.fallen = 0
 
 
 @rule
 def appear(world: Constants, state: State, drone: Drone, x: int, y: int) -> None:
     """Put a drone in the air above a cell, at the lowest level and with a full battery."""
-    drone.mode = FLYING
+    drone.mode = words.FLYING
     drone.battery_us = world.capacity_us
     drone.since_us = state.now_us
     drone.counted_m = 0.0
@@ -128,7 +117,7 @@ def set_out(world: Constants, state: State, drone: Drone, mode: int, transit: in
     """Begin a leg to (``to_x``, ``to_y``, ``to_level``) by a transit's number (REST: a hover)."""
     change_mode(world, state, drone, mode)
     drone.transit = transit
-    if transit != REST:
+    if transit != words.REST:
         note_leg(world, state, drone)
 
 
@@ -138,7 +127,7 @@ def arrive(world: Constants, state: State, drone: Drone) -> None:
     state.distance_m += world.transits[drone.transit].distance_m - drone.counted_m
     change_mode(world, state, drone, drone.mode)
     hover_at(drone, drone.to_x, drone.to_y, drone.to_level)
-    note_drone(state, ARRIVAL, ON_ARRIVE, drone)
+    note_drone(state, words.ARRIVAL, words.ON_ARRIVE, drone)
 
 
 @rule
@@ -160,34 +149,34 @@ def fly(world: Constants, path: Path, state: State, drone: Drone, taken: int) ->
     """
     move = world.moves[taken]
     x, y, level = drone.x + move.dx, drone.y + move.dy, drone.level + move.dlevel
-    moves = move.action != HOVER
+    moves = move.action != words.HOVER
     if moves and not can_enter(world, drone, x, y, level):
-        note_drone(state, COMMAND, ON_BLOCKED, drone)
+        note_drone(state, words.COMMAND, words.ON_BLOCKED, drone)
         moves = False
     if not moves:
         hover_at(drone, drone.x, drone.y, drone.level)
-        _serve_on(world, path, state, drone, REST)
+        _serve_on(world, path, state, drone, words.REST)
         drone.waits = 1
         return
     drone.to_x, drone.to_y, drone.to_level = x, y, level
     _serve_on(world, path, state, drone, move.transit)
-    note_drone(state, COMMAND, ON_DEPART, drone)
+    note_drone(state, words.COMMAND, words.ON_DEPART, drone)
     _await_arrival(world, state, drone)
 
 
 @rule
 def _serve_on(world: Constants, path: Path, state: State, drone: Drone, transit: int) -> None:
     """Begin a leg that lasts for the step, on which the drone serves users."""
-    set_out(world, state, drone, FLYING, transit)
+    set_out(world, state, drone, words.FLYING, transit)
     foresee_depletion(world, state, drone, world.step_us)
-    track(world, path, state, drone, world.step_us, COVERAGE)
+    track(world, path, state, drone, world.step_us, words.COVERAGE)
 
 
 @rule
 def _await_arrival(world: Constants, state: State, drone: Drone) -> None:
     """Schedule the end of a drone's transit."""
     arrival_us = drone.since_us + world.transits[drone.transit].duration_us
-    due(state, arrival_slot(state, drone.index), arrival_us, key(ARRIVAL, drone.index, -1))
+    due(state, arrival_slot(state, drone.index), arrival_us, key(words.ARRIVAL, drone.index, -1))
 
 
 @rule
@@ -205,8 +194,8 @@ def end_move(world: Constants, state: State, drone: Drone) -> None:
 @rule
 def turn_back(world: Constants, path: Path, state: State, drone: Drone) -> None:
     """Stop serving, and plan the return from the place where the drone believes itself to be."""
-    change_mode(world, state, drone, RETURNING)
-    silence(world, path, state, drone, COVERAGE)
+    change_mode(world, state, drone, words.RETURNING)
+    silence(world, path, state, drone, words.COVERAGE)
     plan = way_back(world, drone, drone.believed)
     drone.route = drone.route_end = 0
     if station_under(world, drone) < 0 and plan.station >= 0:
@@ -237,15 +226,15 @@ def _next_hop(world: Constants, state: State, drone: Drone, phase: int) -> None:
     x, y, level = drone.x + hop.dx, drone.y + hop.dy, drone.level + hop.dlevel
     drone.route += 1
     if not can_enter(world, drone, x, y, level):
-        note_drone(state, phase, ON_BLOCKED, drone)
+        note_drone(state, phase, words.ON_BLOCKED, drone)
         drone.route = drone.route_end
         return
     axis = 0 if hop.dx != 0 else 1 if hop.dy != 0 else 2
     drone.to_x, drone.to_y, drone.to_level = x, y, level
-    set_out(world, state, drone, RETURNING, world.first_hop + axis)
+    set_out(world, state, drone, words.RETURNING, world.first_hop + axis)
     drone.hopping = 1
     await_hop(world, state, drone)
-    note_drone(state, phase, ON_DEPART, drone)
+    note_drone(state, phase, words.ON_DEPART, drone)
 
 
 @rule

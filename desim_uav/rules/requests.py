@@ -3,39 +3,18 @@
 from __future__ import annotations
 
 from desim_uav.model.kernels import rule
+from desim_uav.rules import words
 from desim_uav.rules.attachment import settle_after
-from desim_uav.rules.due import ask_slot, due, key
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Path, State, User
-from desim_uav.rules.service import close, open_request, scan_later, stop, wait
-from desim_uav.rules.words import (
-    ATTACHED,
-    COMPLETION,
-    IDLE,
-    ON_CLOSE,
-    ON_COMPLETE,
-    ON_REQUEST,
-    OPEN,
-    RECORD,
-    REQUEST,
-    SERVED,
-)
+from desim_uav.rules.service import close, foresee_request, open_request, scan_later, stop, wait
 
 
 @rule
 def foresee_asking(world: Constants, path: Path, state: State, user: User) -> None:
     """Schedule a user's first request, at the start of an episode."""
     user.next_ask = path.asks_at[user.index]
-    if user.next_ask < path.asks_at[user.index + 1]:
-        _foresee(world, path, state, user)
-
-
-@rule
-def _foresee(world: Constants, path: Path, state: State, user: User) -> None:
-    """Schedule a user's next request, unless it would come after the end of the episode."""
-    due_us = path.asks[user.next_ask].due_us
-    if due_us < world.horizon_us:
-        due(state, ask_slot(state, user.index), due_us, key(REQUEST, -1, user.index))
+    foresee_request(world, path, state, user, 0)
 
 
 @rule
@@ -47,29 +26,29 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
     """
     number = user.next_ask
     user.next_ask = number + 1
-    if not path.after_previous and number + 1 < path.asks_at[user.index + 1]:
-        _foresee(world, path, state, user)
+    if not path.after_previous:
+        foresee_request(world, path, state, user, 0)
     if user.request.number >= 0:
         state.suppressed += 1
         return
     open_request(path, state, user, number)
-    note(state, REQUEST, ON_REQUEST, -1, user.index, user.request.number, -1)
+    note(state, words.REQUEST, words.ON_REQUEST, -1, user.index, user.request.number, -1)
     if user.holder >= 0:
         drone = state.drones[user.holder]
         wait(state, drone, user)
         scan_later(state, drone)
-        settle_after(world, path, state, REQUEST)
+        settle_after(world, path, state, words.REQUEST)
 
 
 @rule
 def on_completion(world: Constants, path: Path, state: State, user: User) -> None:
     """Complete a user's request, which has been served for the time that it required."""
     drone = state.drones[user.request.server]
-    stop(state, user, COMPLETION)
-    close(world, path, state, user, COMPLETION, ON_COMPLETE)
+    stop(state, user, words.COMPLETION)
+    close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
     if len(drone.waiting) > 0:
         scan_later(state, drone)
-        settle_after(world, path, state, COMPLETION)
+        settle_after(world, path, state, words.COMPLETION)
 
 
 @rule
@@ -79,16 +58,16 @@ def close_all(world: Constants, path: Path, state: State) -> None:
         user = state.users[u]
         if user.request.number >= 0:
             if user.request.server >= 0:
-                stop(state, user, RECORD)
-            close(world, path, state, user, RECORD, ON_CLOSE)
+                stop(state, user, words.RECORD)
+            close(world, path, state, user, words.RECORD, words.ON_CLOSE)
 
 
 @rule
 def doing(user: User) -> int:
     """Return what a user is doing (see ``UserState``)."""
     if user.request.number >= 0:
-        return SERVED if user.request.server >= 0 else OPEN
-    return IDLE if user.holder < 0 else ATTACHED
+        return words.SERVED if user.request.server >= 0 else words.OPEN
+    return words.IDLE if user.holder < 0 else words.ATTACHED
 
 
 @rule

@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 from desim_uav.model.kernels import rule
+from desim_uav.rules import words
 from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Request, State, User
-from desim_uav.rules.words import (
-    COMPLETION,
-    ON_REFUSE,
-    ON_SERVE,
-    ON_STOP,
-    REQUEST,
-)
 
 
 @rule
@@ -39,12 +33,6 @@ def scan_later(state: State, drone: Drone) -> None:
 
 
 @rule
-def refuse(world: Constants, path: Path, state: State, user: User, phase: int) -> None:
-    """Close a request that an admission rule refuses for good."""
-    close(world, path, state, user, phase, ON_REFUSE)
-
-
-@rule
 def serve(world: Constants, state: State, drone: Drone, user: User, phase: int) -> None:
     """Begin to serve a user's request, and schedule its completion."""
     request, now_us = user.request, state.now_us
@@ -55,11 +43,11 @@ def serve(world: Constants, state: State, drone: Drone, user: User, phase: int) 
     request.started_us = now_us
     state.in_service += 1
     state.served_us -= now_us
-    note(state, phase, ON_SERVE, drone.index, user.index, request.number, -1)
+    note(state, phase, words.ON_SERVE, drone.index, user.index, request.number, -1)
     done_us = now_us + request.required_us - request.served_us
     if done_us <= world.horizon_us:
         slot = completion_slot(state, user.index)
-        due(state, slot, done_us, key(COMPLETION, drone.index, user.index))
+        due(state, slot, done_us, key(words.COMPLETION, drone.index, user.index))
 
 
 @rule
@@ -87,7 +75,7 @@ def stop(state: State, user: User, phase: int) -> None:
     drone.free_bps += request.bandwidth_bps
     drone.used_bps -= request.bandwidth_bps
     drone.served[request.service] -= 1
-    note(state, phase, ON_STOP, drone.index, user.index, request.number, -1)
+    note(state, phase, words.ON_STOP, drone.index, user.index, request.number, -1)
 
 
 @rule
@@ -127,10 +115,20 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
     _log_request(state, request)
     note(state, phase, kind, user.holder, user.index, request.number, -1)
     request.number = -1
-    if path.after_previous and user.next_ask < path.asks_at[user.index + 1]:
-        again_us = now_us + path.asks[user.next_ask].due_us
-        if again_us < world.horizon_us:
-            due(state, ask_slot(state, user.index), again_us, key(REQUEST, -1, user.index))
+    if path.after_previous:
+        foresee_request(world, path, state, user, now_us)
+
+
+@rule
+def foresee_request(world: Constants, path: Path, state: State, user: User, from_us: int) -> None:
+    """Schedule a user's next request if there is one before the episode's end.
+
+    Its time in the sample path counts from ``from_us``.
+    """
+    if user.next_ask < path.asks_at[user.index + 1]:
+        due_us = from_us + path.asks[user.next_ask].due_us
+        if due_us < world.horizon_us:
+            due(state, ask_slot(state, user.index), due_us, key(words.REQUEST, -1, user.index))
 
 
 @rule

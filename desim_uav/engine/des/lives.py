@@ -7,33 +7,15 @@ from typing import Any
 import simpy
 
 from desim_uav.engine.des.clock import Clock, Due, Life
+from desim_uav.rules import due, words
 from desim_uav.rules.attachment import settle
 from desim_uav.rules.charging import await_full, begin_charging, end_charging
 from desim_uav.rules.coverage import on_crossing
 from desim_uav.rules.crash import crash
 from desim_uav.rules.decide import go_home, obey
-from desim_uav.rules.due import (
-    arrival_slot,
-    ask_slot,
-    completion_slot,
-    crossing_slot,
-    depletion_slot,
-    key,
-    settle_slot,
-)
 from desim_uav.rules.flight import arrive, end_move, station_under
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Drone, User
-from desim_uav.rules.words import (
-    ARRIVAL,
-    ATTACHMENT,
-    CHARGING,
-    COMMAND,
-    CRASHED,
-    FLYING,
-    QUEUED,
-    RETURNING,
-)
 
 
 class Lives:
@@ -63,71 +45,71 @@ class Lives:
     def tell(self, drone: int) -> None:
         """Schedule the action of a drone that waits for its command, in this instant."""
         command, self.commands[drone] = self.commands[drone], Due(self.clock)
-        command.happen(0, key(COMMAND, drone, -1))
+        command.happen(0, due.key(words.COMMAND, drone, -1))
 
     def drone(self, drone: Drone) -> Life:
         """Obey a command; fly, return, queue and charge; after a crash, wait to be replaced."""
         world, path, state = self.world, self.path, self.state
         while True:
             try:
-                if drone.waits or drone.mode == CRASHED:
+                if drone.waits or drone.mode == words.CRASHED:
                     yield self.commands[drone.index]
                     obey(world, path, state, drone)
-                if drone.mode == FLYING and not drone.waits:
-                    yield from self.until(arrival_slot(state, drone.index))
+                if drone.mode == words.FLYING and not drone.waits:
+                    yield from self.until(due.arrival_slot(state, drone.index))
                     end_move(world, state, drone)
-                while drone.mode == RETURNING:
-                    yield from self.until(arrival_slot(state, drone.index))
+                while drone.mode == words.RETURNING:
+                    yield from self.until(due.arrival_slot(state, drone.index))
                     arrive(world, state, drone)
-                    go_home(world, path, state, drone, ARRIVAL)
-                if drone.mode in (QUEUED, CHARGING):
+                    go_home(world, path, state, drone, words.ARRIVAL)
+                if drone.mode in (words.QUEUED, words.CHARGING):
                     yield from self.charge(drone, station_under(world, drone))
             except simpy.Interrupt:  # by its battery: it has crashed
                 pass
 
     def charge(self, drone: Drone, station: int) -> Life:
         """Queue for a pad, and charge on it until the battery is full."""
-        world, state, phase = self.world, self.state, ARRIVAL
+        world, state, phase = self.world, self.state, words.ARRIVAL
         with self.pad_requests.pop(drone.index, None) or self.pads[station].request() as pad:
             yield pad
             self.set_time()
-            if drone.mode == QUEUED:
+            if drone.mode == words.QUEUED:
                 phase = begin_charging(world, state, drone, station)
             if await_full(world, state, drone):
-                yield from self.until(arrival_slot(state, drone.index))
-                phase = ARRIVAL
+                yield from self.until(due.arrival_slot(state, drone.index))
+                phase = words.ARRIVAL
             end_charging(world, state, drone, station, phase)
 
     def battery(self, drone: Drone) -> Life:
         """Let the drone crash whenever its battery is empty."""
         while True:
-            yield from self.until(depletion_slot(self.state, drone.index))
+            yield from self.until(due.depletion_slot(self.state, drone.index))
             crash(self.world, self.path, self.state, drone)
             self.drones[drone.index].interrupt()
 
     def footprint(self, drone: Drone) -> Life:
         """Let users enter and leave the footprint."""
         while True:
-            yield from self.until(crossing_slot(self.state, drone.index))
+            yield from self.until(due.crossing_slot(self.state, drone.index))
             on_crossing(self.world, self.path, self.state, drone)
 
     def user(self, user: User) -> Life:
         """Make the user's requests, one after the other."""
         while True:
-            yield from self.until(ask_slot(self.state, user.index))
+            yield from self.until(due.ask_slot(self.state, user.index))
             on_request(self.world, self.path, self.state, user)
 
     def service(self, user: User) -> Life:
         """Complete each of the user's requests when it has been served for the required time."""
         while True:
-            yield from self.until(completion_slot(self.state, user.index))
+            yield from self.until(due.completion_slot(self.state, user.index))
             on_completion(self.world, self.path, self.state, user)
 
     def attachment(self) -> Life:
         """Attach users and admit requests at the end of each instant that requires it."""
         while True:
-            yield from self.until(settle_slot(self.state))
-            settle(self.world, self.path, self.state, ATTACHMENT, ATTACHMENT)
+            yield from self.until(due.settle_slot(self.state))
+            settle(self.world, self.path, self.state, words.ATTACHMENT, words.ATTACHMENT)
 
     def until(self, slot: int) -> Life:
         """Wait until the event of a slot happens."""
