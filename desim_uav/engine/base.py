@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from functools import partial
-from operator import itemgetter
 from typing import NamedTuple
 
 from desim_uav.model.planner import Node
@@ -15,9 +13,6 @@ from desim_uav.rules.rows import Record
 
 Event = tuple[int, int, str, int, int, int, int]
 """An event: (t_us, phase, kind, drone, user, request_id, station); -1 stands for none."""
-
-IN_ORDER = itemgetter(0, 1, 3, 4)
-"""The sort key of events: (t_us, phase, drone, user); the sort must be stable."""
 
 
 @dataclass(slots=True)
@@ -103,12 +98,6 @@ class EpisodeLog:
         """The number of crashes in the episode."""
         return len(self.crashed)
 
-    def put_in_order(self) -> None:
-        """Sort the events and the legs, once the episode has ended."""
-        if self.events is not None:
-            self.events.sort(key=IN_ORDER)
-        self.legs.sort(key=itemgetter(0, 1))
-
 
 class RunSettings(NamedTuple):
     """The settings of a run that are not part of its world.
@@ -170,6 +159,3 @@ MEASURES = ("sim_time_s", *Measures._fields)
 
 COUNTS = ("attached_users", "crashes", "requests")
 """The names of the counts of an episode under way: users attached now, crashes and requests."""
-
-measured = partial(tuple.__new__, Measures)
-"""Make Measures of a tuple of all its fields."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
-from operator import attrgetter
+from operator import attrgetter, itemgetter
 from typing import Any
 
 import numpy as np
@@ -34,13 +34,14 @@ from desim_uav.model.state import Observation, Snapshot, observed, shown
 from desim_uav.rules import requests
 from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
+from desim_uav.rules.rows import Closed
 from desim_uav.rules.words import EVENT_KINDS, NEVER, ON_LEG, OVERBOOKED, TOO_LARGE
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
 MODES = tuple(Mode)
 PHASES = (None, *Phase)
-AS_LOGGED = attrgetter(*Step._fields)
+AS_LOGGED, AS_CLOSED = attrgetter(*Step._fields), attrgetter(*Closed.kinds)
 
 
 class Engine(Independent, ABC):
@@ -335,23 +336,11 @@ class Engine(Independent, ABC):
             outcome = Outcome.UNFINISHED if closed.served_us else Outcome.NEVER_SERVED
             if closed.served_us == closed.required_us:
                 outcome = Outcome.COMPLETED
-            self.log.requests.append(
-                ClosedRequest(
-                    closed.number,
-                    closed.user,
-                    closed.service,
-                    closed.bandwidth_bps,
-                    closed.required_us,
-                    closed.served_us,
-                    closed.attached_us,
-                    closed.t_request_us,
-                    None if closed.t_first_us < 0 else closed.t_first_us,
-                    closed.t_end_us,
-                    closed.interruptions,
-                    self._served_by.pop(closed.number, []),
-                    outcome,
-                )
-            )
+            drones = self._served_by.pop(closed.number, [])
+            request = ClosedRequest(*(*AS_CLOSED(closed), drones, outcome))
+            if closed.t_first_us < 0:
+                request.t_first_us = None
+            self.log.requests.append(request)
 
     def _log_steps(self) -> None:
         """Log the drones' records, with modes and actions in the place of their numbers."""
@@ -380,7 +369,9 @@ class Engine(Independent, ABC):
         log.charges = int(state.charges)
         log.suppressed = int(state.suppressed)
         log.requests.sort(key=lambda request: request.request_id)
-        log.put_in_order()
+        log.legs.sort(key=itemgetter(0, 1))
+        if log.events is not None:
+            log.events.sort(key=itemgetter(0, 1, 3, 4))
 
     # ---- measures and positions at any decision epoch
 

@@ -2,23 +2,12 @@
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.constants import term_names
 from desim_uav.model.rows import Queue, Table, blank
-from desim_uav.rules.rows import (
-    Closed,
-    Crossing,
-    Drone,
-    Event,
-    Handover,
-    Record,
-    Seen,
-    State,
-    Station,
-    User,
-)
+from desim_uav.rules import rows
 from desim_uav.world import World
 
 
@@ -32,35 +21,33 @@ class Room(NamedTuple):
     crossings: int = 0
 
 
-def state_of(world: World, settings: RunSettings, room: Room) -> State:
+S = TypeVar("S", bound=rows.State)
+
+
+def state_of(world: World, settings: RunSettings, room: Room, kind: type[S]) -> S:
     """Return a new state, whose queues have room for this many entries in compiled code."""
-    made = blank(State)
-    fill_state(made, world, settings, room)
-    return made
-
-
-def fill_state(made: State, world: World, settings: RunSettings, room: Room) -> None:
-    """Set the tables and the queues of a blank state."""
+    made = blank(kind)
     drones, users = world.scenario.drones.count, len(world.homes)
     services, steps = len(world.services.names), world.scenario.episode.steps
     made.keeps_events, made.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
     made.drones = Table(_drone(world, index, room) for index in range(drones))
     made.users = Table(_user(index, drones) for index in range(users))
-    made.stations = Table(blank(Station) for _ in world.stations)
+    made.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in made.stations:
         station.queue.room = drones
     made.loose.room = users * (2 * drones + 2)
     made.open_requests, made.asked = _zeros(services), _zeros(services)
-    made.seen = Table(blank(Seen) for _ in range(drones))
-    made.records = Table(blank(Record) for _ in range(drones))
+    made.seen = Table(blank(rows.Seen) for _ in range(drones))
+    made.records = Table(blank(rows.Record) for _ in range(drones))
     made.counts = _zeros(2 * services * drones)
     made.masks = _zeros(drones * len(world.actions))
     made.rewards = Table([0.0] * drones)
     made.crashed.room = drones * (steps + 2)
     made.history = _zeros(steps * drones)
-    made.events = Queue(of=Event, room=room.log * settings.keep_events)
-    made.closed = Queue(of=Closed, room=room.log * settings.keep_steps)
-    made.handovers = Queue(of=Handover, room=2 * room.log * settings.keep_steps)
+    made.events = Queue(of=rows.Event, room=room.log * settings.keep_events)
+    made.closed = Queue(of=rows.Closed, room=room.log * settings.keep_steps)
+    made.handovers = Queue(of=rows.Handover, room=2 * room.log * settings.keep_steps)
+    return made
 
 
 def _zeros(count: int) -> Table[int]:
@@ -68,12 +55,12 @@ def _zeros(count: int) -> Table[int]:
     return Table([0] * count)
 
 
-def _drone(world: World, index: int, room: Room) -> Drone:
+def _drone(world: World, index: int, room: Room) -> rows.Drone:
     """Return a blank drone with this index."""
-    made = blank(Drone)
+    made = blank(rows.Drone)
     made.index = index
     made.waiting.room = len(world.homes)
-    made.ahead = Queue(of=Crossing, room=room.crossings)
+    made.ahead = Queue(of=rows.Crossing, room=room.crossings)
     services = len(world.services.names)
     made.served, made.asking = _zeros(services), _zeros(services)
     made.terms = Table([0.0] * len(term_names(world)))
@@ -81,9 +68,9 @@ def _drone(world: World, index: int, room: Room) -> Drone:
     return made
 
 
-def _user(index: int, drones: int) -> User:
+def _user(index: int, drones: int) -> rows.User:
     """Return a user without a request, whom none of the drones covers."""
-    made = blank(User)
+    made = blank(rows.User)
     made.index = made.request.user = index
     made.holder = made.request.number = made.request.server = -1
     made.covering = Table([-1] * drones)

@@ -11,7 +11,7 @@ from desim_uav.engine.base import COUNTS, MEASURES, RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.episode import Engine
-from desim_uav.env.session import ActionError, Session, info_keys
+from desim_uav.env.session import Session, info_keys, out_of_range
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath
 from desim_uav.scenario.schema import Scenario
@@ -114,10 +114,10 @@ class CompiledSession(Session):
         self._look()
 
     def _step(self, action: Any) -> tuple[float, bool, bool]:
-        commands = whole_numbers(action, (1, self.drones))
+        commands = self._commands(action)[np.newaxis]
         stopped = calls.step_all(self._row.addresses, commands, ONE)
         if stopped < 0:
-            raise out_of_range(commands, self.world)
+            raise out_of_range(commands.tolist(), self.world)
         if stopped > 0:
             self.go_on()
         terminated, truncated, _ = self._row.over.tolist()
@@ -150,24 +150,3 @@ class CompiledSession(Session):
         info: dict[str, Any] = dict(zip(self.keys, values, strict=True))
         info["action_mask"] = self.mask()
         return info
-
-
-def whole_numbers(actions: Any, shape: tuple[int, int]) -> NDArray[np.int64]:
-    """Return actions as int64 (environments, drones). Raises ActionError."""
-    try:
-        numbers = np.asarray(actions)
-    except ValueError as problem:
-        raise ActionError(f"actions must be whole numbers: {problem}") from problem
-    if numbers.dtype != np.int64:
-        if numbers.dtype.kind not in "iu":
-            raise ActionError(f"actions must be whole numbers, not {numbers.dtype}")
-        numbers = numbers.astype(np.int64)
-    if numbers.size != shape[0] * shape[1]:
-        raise ActionError(f"actions must have the shape {shape}, not {numbers.shape}")
-    commands: NDArray[np.int64] = numbers.reshape(shape)
-    return commands
-
-
-def out_of_range(commands: NDArray[np.int64], world: World) -> ActionError:
-    """Return the error of commands of which at least one is not an action."""
-    return ActionError(f"actions must be from 0 to {len(world.actions) - 1}: {commands.tolist()}")

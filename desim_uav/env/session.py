@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import operator
 import secrets
-from collections.abc import Iterable
 from functools import cache, cached_property
 from itertools import chain
 from typing import Any
@@ -139,30 +138,15 @@ class Session(Independent):
         return reward, terminated, truncated
 
     def _step(self, action: Any) -> tuple[float, bool, bool]:
-        snapshot = self._snapshot = self.engine.step(self._commands(action))
+        commands = self._commands(action).tolist()
+        if min(commands) < 0 or max(commands) >= len(self.world.actions):
+            raise out_of_range(commands, self.world)
+        snapshot = self._snapshot = self.engine.step(commands)
         return in_order(snapshot.rewards) / self.drones, snapshot.terminated, snapshot.truncated
 
-    def _commands(self, action: Any) -> list[int]:
-        """Return an action as a list of commands, in the order of the drones."""
-        if self.drones == 1:
-            actions = [action]
-        else:
-            actions = action.tolist() if isinstance(action, np.ndarray) else action
-        try:
-            commands = list(map(operator.index, actions))
-        except TypeError as problem:
-            if not isinstance(actions, Iterable):
-                raise ActionError(
-                    f"an action must have one entry per drone, not {actions!r}"
-                ) from problem
-            raise ActionError(f"actions must be whole numbers, not {actions!r}") from problem
-        if len(commands) != self.drones:
-            raise ActionError(f"there are {len(commands)} action(s) for {self.drones} drone(s)")
-        last = len(self.world.actions) - 1
-        if min(commands) < 0 or max(commands) > last:
-            drone = next(d for d, command in enumerate(commands) if not 0 <= command <= last)
-            raise ActionError(f"drone {drone}: action {commands[drone]} is not one of 0 … {last}")
-        return commands
+    def _commands(self, action: Any) -> NDArray[np.int64]:
+        """Return an action as an array (drones,). Raises ActionError."""
+        return whole_numbers(action, () if self.drones == 1 else (self.drones,)).reshape(-1)
 
     # ---- what there is to see at a decision epoch
 
@@ -243,3 +227,21 @@ def _checked(seed: int) -> int:
     if not 0 <= operator.index(seed) < MOST_SEEDS:
         raise error.Error(f"seed {seed}: must be a whole number from 0 to 2**63 - 1")
     return operator.index(seed)
+
+
+def whole_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.int64]:
+    """Return actions as int64; they must have one of these shapes. Raises ActionError."""
+    try:
+        numbers = np.asarray(actions)
+    except ValueError as problem:
+        raise ActionError(f"actions must be whole numbers: {problem}") from problem
+    if numbers.dtype.kind not in "iu":
+        raise ActionError(f"actions must be whole numbers, not {actions!r}")
+    if numbers.shape not in shapes:
+        raise ActionError(f"actions must have the shape {shapes[0]}, not {numbers.shape}")
+    return numbers.astype(np.int64, copy=False)
+
+
+def out_of_range(commands: Any, world: World) -> ActionError:
+    """Return the error of commands of which at least one is not an action."""
+    return ActionError(f"actions must be from 0 to {len(world.actions) - 1}, not {commands}")

@@ -15,16 +15,10 @@ from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
 from desim_uav.engine.compiled import calls
-from desim_uav.env.compiled import (
-    COUNTED,
-    MEASURED,
-    CompiledSession,
-    Outputs,
-    out_of_range,
-    whole_numbers,
-)
+from desim_uav.env.compiled import COUNTED, MEASURED, CompiledSession, Outputs
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
+from desim_uav.env.session import out_of_range, whole_numbers
 from desim_uav.spaces import action_space, features, observation_space
 
 
@@ -154,7 +148,9 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         """
         over = self._over()
         self._require_episodes(over)
-        self._advance(whole_numbers(actions, (self.num_envs, self.sessions[0].drones)), ~over)
+        count, drones = self.num_envs, self.sessions[0].drones
+        shapes = [(count,), (count, 1)] if drones == 1 else [(count, drones)]
+        self._advance(whole_numbers(actions, *shapes).reshape(count, drones), ~over)
         if over.any():
             self._begin(over)
         rewards = self.outputs.rewards[:, 0].copy()
@@ -247,7 +243,7 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
             parts = [[array[share] for share in self._shares] for array in arrays]
             stopped = sum(self._pool.map(calls.step_all, *parts))
         if stopped < 0:
-            raise out_of_range(commands, world)
+            raise out_of_range(commands.tolist(), world)
         if stopped > 0:
             for k in np.flatnonzero(self.outputs.over[:, 2]).tolist():
                 self.sessions[k].go_on()

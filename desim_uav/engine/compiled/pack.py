@@ -27,7 +27,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.rows import View, Words, packed
 from desim_uav.rules.due import slots
-from desim_uav.rules.rows import Constants
+from desim_uav.rules.rows import Constants, State
 from desim_uav.world import World
 
 Array = np.ndarray[Any, Any]
@@ -136,7 +136,7 @@ def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:
 
 def pack_state(world: World, settings: RunSettings, room: Room, legs: int) -> Words:
     """Return a state; ``legs``: those of users who walk at random that there is room for."""
-    state: Any = state_of(world, settings, room)
+    state: Any = state_of(world, settings, room, State)
     drones, users = world.scenario.drones.count, len(world.homes)
     nx, ny = bucket_grid(*world.area, world.scenario.drones.footprint_radius_m)
     walkers, count = users if legs else 0, slots(users, drones)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from operator import itemgetter
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,17 +21,14 @@ from desim_uav.model.coverage import (
 from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings, crossings_near
 from desim_uav.model.mobility import Area, Walks
 from desim_uav.model.motion import Transit
+from desim_uav.model.rows import named
+from desim_uav.rules import rows
 
 _BY_TIME = itemgetter(TIME_US, ENTERS, USER)
 
 
-class Crossing(NamedTuple):
-    """The crossing of a footprint's edge by a user (see ``rules.rows.Crossing``)."""
-
-    t_us: int
-    user: int
-    enters: int
-
+Crossing: Any = named(rows.Crossing)
+"""The crossing of a footprint's edge by a user: a tuple, which takes less time than a row."""
 
 Way = tuple[float, float, float, float]
 """The start and the end of a leg: x0, y0, x1 and y1, in metres."""
@@ -106,7 +103,7 @@ class Crossings:
             else:
                 count = crossings(leg, users, self._buffer)
             if count <= len(self._buffer):
-                rows: list[Any] = self._buffer[:count].tolist()
-                rows.sort(key=_BY_TIME, reverse=True)
-                return [Crossing(*row) for row in rows]
+                found: list[Any] = self._buffer[:count].tolist()
+                found.sort(key=_BY_TIME, reverse=True)
+                return [Crossing(*row) for row in found]
             self._buffer = np.empty((2 * count, 3), np.int64)

@@ -32,10 +32,6 @@ class Plans:
             plan = self._plans[number] = self._row(self.planner.plan((x, y, level), bool(ceiling)))
         return plan
 
-    def of(self, ceiling: bool, place: int) -> Plan:
-        """Return the planned return from a place; ``ceiling``: below the drones' ceiling."""
-        return self[ceiling * self._places + place]
-
     def numbered(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
         """Add hops; return the number of the first, and the number after that of the last."""
         first = len(self.hops)

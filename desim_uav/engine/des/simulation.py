@@ -15,7 +15,7 @@ from desim_uav.engine.des.lives import Lives
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import set_components
 from desim_uav.engine.episode import Engine
-from desim_uav.engine.state import Room, fill_state
+from desim_uav.engine.state import Room, state_of
 from desim_uav.model.demand import Requests
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.state import Observation, Snapshot
@@ -84,8 +84,7 @@ class Simulation(Engine):
 
     def _state(self) -> LiveState:
         """Return a new state."""
-        made = blank(LiveState)
-        fill_state(made, self.world, self.settings, Room())
+        made = state_of(self.world, self.settings, Room(), LiveState)
         made.keeps_requests = 1
         made.named_terms, made.observed = (), self.observations
         return made
