@@ -534,7 +534,7 @@ class TestRunRefused:
         )
 
     def test_nothing_is_simulated_without_a_place(self, cli_run, monkeypatch):
-        monkeypatch.setattr(command, "play", lambda *_: pytest.fail("simulated"))
+        monkeypatch.setattr(command.run, "play", lambda *_: pytest.fail("simulated"))
         Path("file").touch()
         cli_run("run", "tiny", "--out", "file").failed(2, "exists and is not a folder")
         cli_run("run", "tiny", "--out", "file/run").failed(2, "cannot write to")

@@ -198,7 +198,7 @@ class TestUnwritable:
         def simulated(*_):
             pytest.fail("simulated before looking for a place")
 
-        monkeypatch.setattr(command, "play", simulated)
+        monkeypatch.setattr(command.run, "play", simulated)
 
     def test_beneath_a_file(self):
         Path("file").touch()

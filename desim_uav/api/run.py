@@ -11,27 +11,11 @@ from typing import Any, overload
 import pandas as pd
 
 from desim_uav import qoe as measures
-from desim_uav.api.arguments import (
-    MOST_EPISODES,
-    ScenarioLike,
-    command_of,
-    opened,
-    seeds_of,
-    warn,
-    whole,
-)
+from desim_uav.api import arguments
 from desim_uav.api.kept import InFolder, InMemory, Kept, Tables, default_place
 from desim_uav.api.replay import Replay
 from desim_uav.errors import Interrupted, UsageError
-from desim_uav.experiment.command import (
-    NAMED,
-    How,
-    Prepared,
-    place_of,
-    prepare,
-    record,
-    write_run,
-)
+from desim_uav.experiment import command
 from desim_uav.experiment.progress import progress as shown
 from desim_uav.experiment.replay.page import make_replay
 from desim_uav.experiment.statistics import estimate
@@ -43,7 +27,7 @@ from desim_uav.run_folder import Place
 from desim_uav.scenario.load import Overrides
 from desim_uav.scenario.schema import Scenario
 
-NOT_MEASURES = (*NAMED, "run_dir")
+NOT_MEASURES = (*command.NAMED, "run_dir")
 
 
 class RunResult:
@@ -308,7 +292,7 @@ def _covered_once(run: Kept) -> float:
 
 
 def run(
-    scenario: ScenarioLike,
+    scenario: arguments.ScenarioLike,
     overrides: Overrides | None = None,
     *,
     policy: PolicyLike = "baseline",
@@ -353,25 +337,25 @@ def run(
         Interrupted: Ctrl-C. Its ``result`` holds what had ended before.
     """
     given = locals()
-    whole("episodes", episodes, 1, MOST_EPISODES)
-    whole("warmup", warmup, 0, MOST_EPISODES)
+    arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
+    arguments.whole("warmup", warmup, 0, arguments.MOST_EPISODES)
     if seeds is not None and seed is not None:
         raise UsageError("seed and seeds exclude each other")
-    found = opened(scenario, overrides, seed, world_seed)
-    drawn = [found.scenario.seed] if seeds is None else seeds_of(seeds, first_seed)
+    found = arguments.opened(scenario, overrides, seed, world_seed)
+    drawn = [found.scenario.seed] if seeds is None else arguments.seeds_of(seeds, first_seed)
     scenarios = [found.scenario.model_copy(update={"seed": one}) for one in drawn]
     with found.located():
-        first = prepare(scenarios[0], policy, engine, events)
+        first = command.prepare(scenarios[0], policy, engine, events)
     places = [_place(one, policy, out, seeds is not None) for one in scenarios]
     if first.notice:
-        warn(first.notice)
-    how = How(episodes, warmup, events, engine, command_of(run, given))
+        arguments.warn(first.notice)
+    how = command.How(episodes, warmup, events, engine, arguments.command_of(run, given))
     kept: list[Kept] = []
     with shown(progress, (warmup + episodes) * len(drawn), engine=engine) as advance:
         for one, place in zip(scenarios, places, strict=True):
             try:
                 with found.located():
-                    prepared = prepare(one, policy, engine, events) if kept else first
+                    prepared = command.prepare(one, policy, engine, events) if kept else first
                     kept.append(_run_one(prepared, how, place, advance))
             except KeyboardInterrupt:
                 if not kept:
@@ -392,14 +376,14 @@ def read_run(folder: str | Path) -> RunResult:
 
 
 def _run_one(
-    prepared: Prepared, how: How, place: Place | None, advance: Callable[[], None]
+    prepared: command.Prepared, how: command.How, place: Place | None, advance: Callable[[], None]
 ) -> Kept:
     """Run on one seed, in memory or into a folder."""
     if place is not None:
-        done = write_run(prepared, how, place, advance)
+        done = command.write_run(prepared, how, place, advance)
         return InFolder(Path(done.summary["run_dir"]), done)
     tables = Tables()
-    return InMemory(record(prepared, how, tables.write, advance), tables)
+    return InMemory(command.record(prepared, how, tables.write, advance), tables)
 
 
 def _place(
@@ -409,8 +393,10 @@ def _place(
     if out is None or out is False:
         return None
     if out is True:
-        return place_of(scenario, policy, None)
-    return place_of(scenario, policy, Path(out) / f"s{scenario.seed}" if several else Path(out))
+        return command.place_of(scenario, policy, None)
+    return command.place_of(
+        scenario, policy, Path(out) / f"s{scenario.seed}" if several else Path(out)
+    )
 
 
 def _interrupted(kept: Sequence[Kept], seeds: int) -> Interrupted:

@@ -6,18 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from desim_uav.api.arguments import (
-    LAST_FIRST_SEED,
-    MOST_EPISODES,
-    MOST_JOBS,
-    MOST_SEEDS,
-    MOST_TRAINING,
-    ScenarioLike,
-    command_of,
-    opened,
-    warn,
-    whole,
-)
+from desim_uav.api import arguments
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment import reproduce as paper
 from desim_uav.experiment.interrupt import at_once
@@ -88,12 +77,12 @@ def sweep(
         raise UsageError(
             f"--backend {backend}{did_you_mean(backend, BACKENDS)}; allowed: {', '.join(BACKENDS)}"
         )
-    whole("first_seed", first_seed, 0, LAST_FIRST_SEED)
-    whole("seeds", seeds, 1, MOST_SEEDS)
-    whole("episodes", episodes, 1, MOST_EPISODES)
-    whole("warmup", warmup, 0, MOST_EPISODES)
+    arguments.whole("first_seed", first_seed, 0, arguments.LAST_FIRST_SEED)
+    arguments.whole("seeds", seeds, 1, arguments.MOST_SEEDS)
+    arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
+    arguments.whole("warmup", warmup, 0, arguments.MOST_EPISODES)
     if jobs is not None:
-        whole("jobs", jobs, 1, MOST_JOBS)
+        arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
     asked = Asked(
         find_scenario(str(scenario)),
         values,
@@ -112,9 +101,9 @@ def sweep(
         backend=backend,
         workers=jobs,
         address=address,
-        command=command_of(sweep, given),
+        command=arguments.command_of(sweep, given),
         show_progress=progress,
-        say=warn,
+        say=arguments.warn,
     )
     if done.interrupted:
         raise Interrupted("interrupted; the jobs that had ended are kept", done)
@@ -155,20 +144,20 @@ def reproduce(
     given = locals()
     if preset not in PRESETS:
         raise UsageError(f"--preset {preset}: allowed: {', '.join(PRESETS)}")
-    whole("first_seed", first_seed, 0, LAST_FIRST_SEED)
-    whole("seeds", seeds, 1, 10**4)
-    whole("jobs", jobs, 1, MOST_JOBS)
+    arguments.whole("first_seed", first_seed, 0, arguments.LAST_FIRST_SEED)
+    arguments.whole("seeds", seeds, 1, 10**4)
+    arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
     if episodes is not None:
-        whole("episodes", episodes, 1, MOST_TRAINING)
+        arguments.whole("episodes", episodes, 1, arguments.MOST_TRAINING)
     drawn = range(first_seed, first_seed + seeds)
     todo = paper.jobs(paper.numbers(cases), drawn, episodes, PRESETS[preset])
     with shown(progress, len(todo), "jobs", engine) as advance:
         rows = paper.run_jobs(todo, Path(out), jobs, advance, engine)
-    return paper.report(rows, Path(out), " ".join(command_of(reproduce, given)))
+    return paper.report(rows, Path(out), " ".join(arguments.command_of(reproduce, given)))
 
 
 def find_optimum(
-    scenario: ScenarioLike,
+    scenario: arguments.ScenarioLike,
     overrides: Overrides | None = None,
     *,
     seed: int | None = None,
@@ -187,7 +176,7 @@ def find_optimum(
     Raises:
         UsageError: the scenario is none that can be solved; the message names the key.
     """
-    found = opened(scenario, overrides, seed, world_seed)
+    found = arguments.opened(scenario, overrides, seed, world_seed)
     with found.located():
         solved: dict[str, Any] = at_once(optimum, found.scenario)
     return solved

@@ -8,34 +8,13 @@ from typing import Annotated
 
 import typer
 
+from desim_uav.cli import options
 from desim_uav.cli.ending import complain, end_politely
-from desim_uav.cli.options import (
-    MAKING,
-    OUTPUT,
-    SCENARIO,
-    Counted,
-    Engine,
-    EngineIfAny,
-    FirstSeed,
-    Json,
-    NoProgress,
-    Override,
-    Quiet,
-    RunDir,
-    ScenarioName,
-    Seed,
-    Seeds,
-    Warmup,
-    WorldSeed,
-    complete_scenarios,
-    one_of,
-    within,
-)
 from desim_uav.errors import UsageError
 
 
 def run(
-    scenario: ScenarioName,
+    scenario: options.ScenarioName,
     policy: Annotated[
         str,
         typer.Option(
@@ -44,21 +23,21 @@ def run(
             "commands from a file (script:FILE.csv), a network (sb3:FILE.zip, rllib:DIR), or a "
             'class of your own ("package.module:Class").',
             autocompletion=_policies,
-            rich_help_panel=MAKING,
+            rich_help_panel=options.MAKING,
         ),
     ] = "baseline",
-    episodes: Counted = 1,
-    warmup: Warmup = 0,
-    engine: Engine = "des",
-    overrides: Override = None,
-    seed: Seed = None,
-    world_seed: WorldSeed = None,
+    episodes: options.Counted = 1,
+    warmup: options.Warmup = 0,
+    engine: options.Engine = "des",
+    overrides: options.Override = None,
+    seed: options.Seed = None,
+    world_seed: options.WorldSeed = None,
     events: Annotated[
         bool,
         typer.Option(
             "--events",
             help="Keep the event log and the drones' flights, too.",
-            rich_help_panel=OUTPUT,
+            rich_help_panel=options.OUTPUT,
         ),
     ] = False,
     out: Annotated[
@@ -67,11 +46,11 @@ def run(
             metavar="DIR",
             help="The folder to write the run to. It must be new or empty. By default it is "
             "runs/<scenario>-<policy>-s<seed>.",
-            rich_help_panel=OUTPUT,
+            rich_help_panel=options.OUTPUT,
         ),
     ] = None,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run a policy in a scenario, log every request, and print the quality of experience.
 
@@ -115,7 +94,7 @@ def run(
 
 
 def qoe(
-    run_dir: RunDir,
+    run_dir: options.RunDir,
     by: Annotated[
         str | None,
         typer.Option(
@@ -130,14 +109,14 @@ def qoe(
             help="Also print the share of users that drones covered at least once in an episode.",
         ),
     ] = False,
-    as_json: Json = False,
+    as_json: options.Json = False,
 ) -> None:
     """Print the quality of experience of a finished run."""
     import desim_uav as du
     from desim_uav.qoe import GROUPS
 
     if by is not None:
-        one_of(GROUPS, by, "--by")
+        options.one_of(GROUPS, by, "--by")
         if covered_once:
             raise UsageError("--covered-once: it is one number for all requests; not with --by")
     found = du.read_run(run_dir)
@@ -165,7 +144,7 @@ def compare(
         typer.Argument(
             metavar="SCENARIO|RUN…",
             help="A scenario to run --policies in, or the folders of finished runs.",
-            autocompletion=complete_scenarios,
+            autocompletion=options.complete_scenarios,
         ),
     ],
     policies: Annotated[
@@ -173,33 +152,33 @@ def compare(
         typer.Option(
             metavar="P,Q…",
             help="The policies to run in the scenario, separated by commas; see `run --policy`.",
-            rich_help_panel=MAKING,
+            rich_help_panel=options.MAKING,
         ),
     ] = None,
-    seeds: Seeds = 10,
-    first_seed: FirstSeed = 0,
-    episodes: Counted = 20,
-    warmup: Warmup = 2,
+    seeds: options.Seeds = 10,
+    first_seed: options.FirstSeed = 0,
+    episodes: options.Counted = 20,
+    warmup: options.Warmup = 2,
     jobs: Annotated[
         int,
         typer.Option(
             "-j",
             "--jobs",
             metavar="N",
-            callback=within(1, 1024),
+            callback=options.within(1, 1024),
             help="The number of runs at a time, each in a process of its own.",
-            rich_help_panel=MAKING,
+            rich_help_panel=options.MAKING,
         ),
     ] = 1,
-    engine: Engine = "des",
-    overrides: Override = None,
-    world_seed: WorldSeed = None,
+    engine: options.Engine = "des",
+    overrides: options.Override = None,
+    world_seed: options.WorldSeed = None,
     against: Annotated[
         str | None,
         typer.Option(
             metavar="POLICY",
             help="The policy that the others are compared with. By default it is the first.",
-            rich_help_panel=OUTPUT,
+            rich_help_panel=options.OUTPUT,
         ),
     ] = None,
     out: Annotated[
@@ -207,11 +186,11 @@ def compare(
         typer.Option(
             metavar="FILE.csv",
             help="A file for the values of each policy and seed.",
-            rich_help_panel=OUTPUT,
+            rich_help_panel=options.OUTPUT,
         ),
     ] = None,
-    as_json: Json = False,
-    quiet: NoProgress = False,
+    as_json: options.Json = False,
+    quiet: options.NoProgress = False,
 ) -> None:
     """Compare policies on common seeds: means, 95 % intervals and paired differences."""
     import desim_uav as du
@@ -271,13 +250,13 @@ def _refuse_how_to_run(context: typer.Context) -> None:
 
 
 def sweep(
-    scenario: ScenarioName,
+    scenario: options.ScenarioName,
     out: Annotated[
         Path,
         typer.Option(
             metavar="DIR",
             help="The folder of the sweep. Its results/ is one Parquet dataset with a row per job.",
-            rich_help_panel=OUTPUT,
+            rich_help_panel=options.OUTPUT,
         ),
     ],
     overrides: Annotated[
@@ -287,7 +266,7 @@ def sweep(
             metavar="KEY.PATH=V,W…",
             help="The values of a key of the scenario: a,b,c or first:last or first:last:step. If "
             "the option is repeated, every combination of values is run.",
-            rich_help_panel=SCENARIO,
+            rich_help_panel=options.SCENARIO,
         ),
     ] = None,
     policies: Annotated[
@@ -296,7 +275,7 @@ def sweep(
             metavar="P,Q…",
             help="The policies to run, separated by commas; see `run --policy`. By default it is "
             "the baseline, unless --train is given.",
-            rich_help_panel=MAKING,
+            rich_help_panel=options.MAKING,
         ),
     ] = None,
     learn: Annotated[
@@ -304,7 +283,7 @@ def sweep(
         typer.Option(
             "--train",
             help="Train on each seed as well, and evaluate the learned policies.",
-            rich_help_panel=MAKING,
+            rich_help_panel=options.MAKING,
         ),
     ] = False,
     algorithm: Annotated[
@@ -313,22 +292,22 @@ def sweep(
             metavar="A,B…",
             help="The algorithms to train by, separated by commas. By default it is the "
             "scenario's.",
-            rich_help_panel=MAKING,
+            rich_help_panel=options.MAKING,
         ),
     ] = None,
-    seeds: Seeds = 10,
-    first_seed: FirstSeed = 0,
-    episodes: Counted = 20,
-    warmup: Warmup = 2,
+    seeds: options.Seeds = 10,
+    first_seed: options.FirstSeed = 0,
+    episodes: options.Counted = 20,
+    warmup: options.Warmup = 2,
     jobs: Annotated[
         int | None,
         typer.Option(
             "-j",
             "--jobs",
             metavar="N",
-            callback=within(1, 1024),
+            callback=options.within(1, 1024),
             help="The number of jobs at a time. By default it is 1, or all cores of a Ray cluster.",
-            rich_help_panel=MAKING,
+            rich_help_panel=options.MAKING,
         ),
     ] = None,
     backend: Annotated[
@@ -336,7 +315,7 @@ def sweep(
         typer.Option(
             metavar="local|ray",
             help="Where the jobs run: in processes of this machine, or in a Ray cluster.",
-            rich_help_panel=MAKING,
+            rich_help_panel=options.MAKING,
         ),
     ] = "local",
     address: Annotated[
@@ -345,20 +324,20 @@ def sweep(
             metavar="ADDRESS",
             help="The address of the Ray cluster: auto, or HOST:PORT. By default a cluster is "
             "started on this machine.",
-            rich_help_panel=MAKING,
+            rich_help_panel=options.MAKING,
         ),
     ] = None,
-    engine: EngineIfAny = None,
+    engine: options.EngineIfAny = None,
     resume: Annotated[
         bool,
         typer.Option(
             "--resume",
             help="Continue the sweep of the folder: run only the jobs without a row in results/.",
-            rich_help_panel=OUTPUT,
+            rich_help_panel=options.OUTPUT,
         ),
     ] = False,
-    as_json: Json = False,
-    quiet: Quiet = False,
+    as_json: options.Json = False,
+    quiet: options.Quiet = False,
 ) -> None:
     """Run or train policies for every combination of values of some keys, on common seeds."""
     import desim_uav as du
@@ -380,7 +359,7 @@ def sweep(
             warmup=warmup,
             jobs=jobs,
             resume=resume,
-            backend=one_of(BACKENDS, backend, "--backend"),
+            backend=options.one_of(BACKENDS, backend, "--backend"),
             address=address,
             engine=engine,
             progress=not quiet,

@@ -14,17 +14,9 @@ import pandas as pd
 from desim_uav import qoe
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError
+from desim_uav.experiment import run
 from desim_uav.experiment.interrupt import asked_to_stop, interruptible
 from desim_uav.experiment.provenance import clock, versions
-from desim_uav.experiment.run import (
-    Played,
-    Tally,
-    counted,
-    is_batch,
-    play,
-    run_settings,
-    tabulate,
-)
 from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import PolicyLike, file_of, parts, policy_name
 from desim_uav.records import EPISODES, REQUESTS, to_frame
@@ -182,7 +174,7 @@ def record(
     world, policy, seed = prepared.world, prepared.policy, prepared.scenario.seed
     now = clock()
     started = now()
-    episodes = play(
+    episodes = run.play(
         world,
         policy,
         prepared.name,
@@ -195,7 +187,7 @@ def record(
     tally, by_service = _write_tables(world, episodes, how.keep_events, write, advance)
     if not tally.episodes:
         raise KeyboardInterrupt
-    settings = run_settings(world, policy, how.keep_events)
+    settings = run.run_settings(world, policy, how.keep_events)
     manifest = {
         "scenario": prepared.scenario.name,
         "scenario_hash": scenario_hash(prepared.scenario),
@@ -220,35 +212,35 @@ def record(
 
 def _write_tables(
     world: World,
-    episodes: Iterable[Played],
+    episodes: Iterable[run.Played],
     keep_events: bool,
     write: Write,
     advance: Callable[[], None],
-) -> tuple[Tally, qoe.Groups]:
+) -> tuple[run.Tally, qoe.Groups]:
     """Write the tables of episodes when they have ended, with one batch in memory at a time.
 
     Return the measures of the counted episodes, and those of their requests by service. A signal
     ends the run after the current episode.
     """
-    tally, by_service = Tally(), qoe.Groups("service")
-    played: list[Played] = []
+    tally, by_service = run.Tally(), qoe.Groups("service")
+    played: list[run.Played] = []
     with asked_to_stop("this episode") as stop:
 
         def put_down() -> None:
             with stop.undisturbed():
-                results = tabulate(world, played, keep_events)
+                results = run.tabulate(world, played, keep_events)
                 for name, frame in vars(results).items():
                     if frame is not None:
                         write(name, frame)
                 tally.add(results.requests, results.episodes)
-                by_service.add(counted(results.requests))
+                by_service.add(run.counted(results.requests))
                 played.clear()
 
         with suppress(KeyboardInterrupt):
             for episode in interruptible(episodes):
                 played.append(episode)
                 advance()
-                if is_batch(played):
+                if run.is_batch(played):
                     put_down()
                 if stop():
                     break
@@ -266,7 +258,7 @@ def read_summary(
     One row group is in memory at a time. Raises PolicyError if the tables are unreadable or
     contradict each other.
     """
-    tally, groups = Tally(), None if by is None else qoe.Groups(by)
+    tally, groups = run.Tally(), None if by is None else qoe.Groups(by)
     no_episodes = to_frame(EPISODES, [])
     asked: Counter[int] = Counter()
     for requests in read_parts(folder, "requests", REQUESTS):
@@ -276,7 +268,7 @@ def read_summary(
         asked.update(requests["episode"].tolist())
         tally.add(requests, no_episodes)
         if groups is not None:
-            groups.add(counted(requests))
+            groups.add(run.counted(requests))
     for episodes in read_parts(folder, "episodes", EPISODES):
         tally.add(to_frame(REQUESTS, []), episodes)
         for episode, requests in zip(episodes["episode"], episodes["requests"], strict=True):

@@ -21,16 +21,8 @@ import numpy as np
 from desim_uav import __version__
 from desim_uav.checksums import of_row
 from desim_uav.errors import UsageError
+from desim_uav.experiment import paper_table
 from desim_uav.experiment.evaluate import evaluate
-from desim_uav.experiment.paper_table import (
-    Claim,
-    Line,
-    claims,
-    lines,
-    markdown,
-    rows_csv,
-    table_csv,
-)
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.published import POLICIES, PUBLISHED
 from desim_uav.experiment.train.course import train
@@ -125,23 +117,23 @@ def open_folder(folder: Path) -> None:
 def report(rows: Sequence[dict[str, Any]], folder: Path, command: str) -> Report:
     """Make the table of the finished rows and write rows.csv, table.csv and table.md."""
     rows = [row | best_cover(row["case"], row["seed"]) for row in rows]
-    table, found = lines(rows), claims(rows)
-    write_whole(folder / "rows.csv", rows_csv(rows).encode())
-    write_whole(folder / "table.csv", table_csv(table).encode())
+    table, found = paper_table.lines(rows), paper_table.claims(rows)
+    write_whole(folder / "rows.csv", paper_table.rows_csv(rows).encode())
+    write_whole(folder / "table.csv", paper_table.table_csv(table).encode())
     seeds = {row["seed"] for row in rows}
-    write_whole(folder / "table.md", markdown(table, found, seeds, command).encode())
+    write_whole(folder / "table.md", paper_table.markdown(table, found, seeds, command).encode())
     return Report(table, found, folder)
 
 
 class Report(NamedTuple):
     """The paper's table, the claims about it, and its folder."""
 
-    table: list[Line]
-    claims: list[Claim]
+    table: list[paper_table.Line]
+    claims: list[paper_table.Claim]
     folder: Path
 
     @property
-    def failed(self) -> list[Claim]:
+    def failed(self) -> list[paper_table.Claim]:
         """The gates that do not hold."""
         return [claim for claim in self.claims if claim.gate and not claim.holds]
 

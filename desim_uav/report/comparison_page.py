@@ -7,16 +7,9 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
+from desim_uav.report import intervals
 from desim_uav.report.figures import case_picture, intervals_figure
 from desim_uav.report.figures.style import NARROW
-from desim_uav.report.intervals import (
-    NONE_FROM_ONE,
-    have_interval,
-    have_single,
-    interval_words,
-    mean_words,
-    sentence,
-)
 from desim_uav.report.markup import Html, code, facts, folded, joined, paragraph, table, tag
 from desim_uav.report.page import (
     Picture,
@@ -77,8 +70,8 @@ def _policies(found: Compared) -> Html:
         [
             _estimates(found.content["policies"], "seeds"),
             paragraph(
-                f"{sentence(mean_words(found.content['policies']))} A seed is a replication: its "
-                "episodes are averaged first.",
+                f"{intervals.sentence(intervals.mean_words(found.content['policies']))} "
+                "A seed is a replication: its episodes are averaged first.",
                 class_="note",
             ),
         ]
@@ -91,8 +84,10 @@ def _differences(found: Compared) -> Html:
     if not rows:
         return Html("")
     apart = [row["policy"] for row in rows if not row["seeds"]]
-    bold = "Bold: the 95 % t-interval excludes zero. " if have_interval(rows) else None
-    alone = sentence(NONE_FROM_ONE) + " " if have_single(rows) else None
+    bold = "Bold: the 95 % t-interval excludes zero. " if intervals.have_interval(rows) else None
+    alone = (
+        intervals.sentence(intervals.NONE_FROM_ONE) + " " if intervals.have_single(rows) else None
+    )
     return joined(
         [
             _estimates(rows, "pairs"),
@@ -138,13 +133,13 @@ def _intervals(found: Compared) -> Html:
     pictures = [
         Picture(
             "Policies",
-            sentence(mean_words(content["policies"])),
+            intervals.sentence(intervals.mean_words(content["policies"])),
             partial(intervals_figure, content["policies"], found.policies, titles, False),
         )
     ]
     if content["differences"]:
         rows = content["differences"]
-        against = f"Minus {content['against']}, paired by seed, {interval_words(rows)}."
+        against = f"Minus {content['against']}, paired by seed, {intervals.interval_words(rows)}."
         draw = partial(intervals_figure, rows, found.policies, titles, True)
         pictures.append(Picture("Differences", against, draw))
     return gallery(pictures, 0)
@@ -166,7 +161,7 @@ def _services(found: Compared) -> Html:
         ]
         for row in found.by_service
     )
-    note = f"Per run: {mean_words(found.by_service)}."
+    note = f"Per run: {intervals.mean_words(found.by_service)}."
     return joined([table(headings, rows, (0, 1)), paragraph(note, class_="note")])
 
 

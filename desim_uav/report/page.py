@@ -15,19 +15,8 @@ from string import Template
 from typing import TYPE_CHECKING, Any
 
 from desim_uav import __version__
+from desim_uav.report import markup
 from desim_uav.report.inline_svg import drawn
-from desim_uav.report.markup import (
-    Html,
-    code,
-    facts,
-    folded,
-    html,
-    joined,
-    paragraph,
-    table,
-    tag,
-    visible,
-)
 from desim_uav.report.run import Run
 from desim_uav.report.text import MEASURES
 from desim_uav.scenario.load import to_plain
@@ -73,42 +62,48 @@ class Picture:
         return figure
 
 
-def page(title: str, lead: Any, sections: Iterable[tuple[str, Html]]) -> str:
+def page(title: str, lead: Any, sections: Iterable[tuple[str, markup.Html]]) -> str:
     """Return a page with its title, a line below the title, and its sections."""
-    title = visible(title, LONGEST_TITLE)
+    title = markup.visible(title, LONGEST_TITLE)
     filled = [(_anchor(name), name, content) for name, content in sections if content]
-    links = tag("nav", joined(tag("a", name, href=f"#{key}") for key, name, _ in filled))
-    body = joined(
+    links = markup.tag(
+        "nav", markup.joined(markup.tag("a", name, href=f"#{key}") for key, name, _ in filled)
+    )
+    body = markup.joined(
         [
-            tag("header", tag("h1", title), paragraph(lead, class_="lead"), links),
+            markup.tag(
+                "header", markup.tag("h1", title), markup.paragraph(lead, class_="lead"), links
+            ),
             *(
-                tag("section", tag("h2", name), "\n", content, id=key)
+                markup.tag("section", markup.tag("h2", name), "\n", content, id=key)
                 for key, name, content in filled
             ),
-            tag("footer", f"Made by desim-uav {__version__} from the run folders alone."),
+            markup.tag("footer", f"Made by desim-uav {__version__} from the run folders alone."),
         ],
         "\n",
     )
     template = Path(__file__).with_name("page.html").read_text(encoding="utf-8")
-    return Template(template).substitute(title=html(title), body=body)
+    return Template(template).substitute(title=markup.html(title), body=body)
 
 
 def _anchor(name: str) -> str:
     return re.sub("[^a-z0-9]+", "-", name.lower())
 
 
-def tiles(pairs: Iterable[tuple[str, str]]) -> Html:
+def tiles(pairs: Iterable[tuple[str, str]]) -> markup.Html:
     """Return the most important numbers as tiles."""
-    shown = (tag("div", tag("dt", name), tag("dd", value)) for name, value in pairs)
-    return tag("dl", joined(shown), class_="tiles")
+    shown = (
+        markup.tag("div", markup.tag("dt", name), markup.tag("dd", value)) for name, value in pairs
+    )
+    return markup.tag("dl", markup.joined(shown), class_="tiles")
 
 
-def qoe_table(by: str, rows: Sequence[dict[str, Any]]) -> Html:
+def qoe_table(by: str, rows: Sequence[dict[str, Any]]) -> markup.Html:
     """Return a table of the measures of groups of requests, as in ``desim-uav qoe``."""
     looks = MEASURES | OF_EPISODES
     shown = {name: look for name, look in looks.items() if any(name in row for row in rows)}
     headings = [by, *(heading(label) for label, _ in shown.values())]
-    return table(
+    return markup.table(
         headings,
         (
             [row[by], *(number(row.get(name), form) for name, (_, form) in shown.items())]
@@ -118,14 +113,14 @@ def qoe_table(by: str, rows: Sequence[dict[str, Any]]) -> Html:
     )
 
 
-def heading(of_terminal: str) -> Html:
+def heading(of_terminal: str) -> markup.Html:
     """Return a heading of a terminal's table with the line breaks of a page.
 
     Words that were hyphenated become whole again, and a unit stays with its quantity.
     """
     whole = of_terminal.replace("-\n", "").replace("\n", " ")
     whole = whole.replace(" %", "\u00a0%").replace(" it.", "\u00a0it.")
-    return Html(html(whole).replace("/", "/<wbr>"))
+    return markup.Html(markup.html(whole).replace("/", "/<wbr>"))
 
 
 def count(number: int, noun: str) -> str:
@@ -138,26 +133,26 @@ def number(value: float | None, form: str) -> str:
     return "" if value is None or math.isnan(value) else format(value, form)
 
 
-def gallery(pictures: Sequence[Picture], first: int) -> Html:
+def gallery(pictures: Sequence[Picture], first: int) -> markup.Html:
     """Return pictures side by side; ``first`` is the number of figures before them."""
     figures = (
-        tag(
+        markup.tag(
             "figure",
-            tag("figcaption", tag("strong", picture.title), f". {picture.caption}"),
+            markup.tag("figcaption", markup.tag("strong", picture.title), f". {picture.caption}"),
             drawn(picture.untitled, picture.title, first + k),
             class_="figure",
         )
         for k, picture in enumerate(pictures)
     )
-    return tag("div", joined(figures, "\n"), class_="figures")
+    return markup.tag("div", markup.joined(figures, "\n"), class_="figures")
 
 
-def scenario_section(run: Reported) -> Html:
+def scenario_section(run: Reported) -> markup.Html:
     """Return the section on the scenario: its main properties and the whole file."""
-    return joined(
+    return markup.joined(
         [
-            tag("div", facts(scenario_facts(run.scenario)), class_="facts"),
-            folded("scenario.yaml, every key", tag("pre", run.yaml, tabindex=0)),
+            markup.tag("div", markup.facts(scenario_facts(run.scenario)), class_="facts"),
+            markup.folded("scenario.yaml, every key", markup.tag("pre", run.yaml, tabindex=0)),
         ]
     )
 
@@ -206,7 +201,7 @@ def provenance_facts(run: Reported) -> list[tuple[str, Any]]:
     """Return the provenance of a run, as far as its manifest tells."""
     manifest = run.manifest
     return [
-        ("folder", code(str(run.folder))),
+        ("folder", markup.code(str(run.folder))),
         ("policy", manifest["policy"]),
         ("seed", manifest["seed"]),
         ("world seed", manifest.get("world_seed")),
@@ -222,10 +217,10 @@ def provenance_facts(run: Reported) -> list[tuple[str, Any]]:
     ]
 
 
-def command_of(run: Reported) -> Html | None:
+def command_of(run: Reported) -> markup.Html | None:
     """Return the command of a run, if its manifest has it."""
     command = run.manifest.get("command")
-    return code(shlex.join(map(str, command))) if isinstance(command, list) else None
+    return markup.code(shlex.join(map(str, command))) if isinstance(command, list) else None
 
 
 def version_facts(runs: Sequence[Reported]) -> list[tuple[str, str]]:

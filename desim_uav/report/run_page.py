@@ -7,12 +7,7 @@ from functools import partial
 
 from desim_uav import qoe
 from desim_uav.errors import NoEventsError
-from desim_uav.report.figures import (
-    battery_figure,
-    case_picture,
-    episodes_figure,
-    services_figure,
-)
+from desim_uav.report import figures
 from desim_uav.report.figures.style import MOST_PANELS, NARROW
 from desim_uav.report.markup import Html, facts, folded, joined, paragraph, tag
 from desim_uav.report.page import (
@@ -100,20 +95,22 @@ def _figures(run: Reported) -> Html:
         Picture(
             "Map",
             "The end of the first counted episode, with users' walks and drones' paths.",
-            partial(case_picture, run, first, width=NARROW),
+            partial(figures.case_picture, run, first, width=NARROW),
         ),
         Picture(
-            "QoE over episodes", "All counted episodes.", partial(episodes_figure, run, NARROW)
+            "QoE over episodes",
+            "All counted episodes.",
+            partial(figures.episodes_figure, run, NARROW),
         ),
     ]
     if run.summary["requests"]:
         caption = "The outcomes, waiting times and QoE1 of requests."
-        draw = partial(services_figure, run, width=NARROW)
+        draw = partial(figures.services_figure, run, width=NARROW)
         pictures.append(Picture("Services", caption, draw))
     problem = _no_battery(run, first)
     if problem is None:
         caption = "The first counted episode. Shaded times are those in which a drone cannot serve."
-        draw = partial(battery_figure, run, first, width=NARROW)
+        draw = partial(figures.battery_figure, run, first, width=NARROW)
         pictures.append(Picture("Battery", caption, draw))
     return joined([gallery(pictures, 0), paragraph(problem, class_="note") if problem else None])
 

@@ -317,7 +317,7 @@ class TestFolders:
     def test_nothing_is_run_without_a_place(self, monkeypatch):
         Path("there/s1").mkdir(parents=True)
         Path("there/s1/file").touch()
-        monkeypatch.setattr("desim_uav.api.run.write_run", lambda *_: pytest.fail("ran"))
+        monkeypatch.setattr("desim_uav.experiment.command.write_run", lambda *_: pytest.fail("ran"))
         with pytest.raises(UsageError, match="the folder is not empty"):
             du.run("tiny", seeds=2, out="there")
 

@@ -82,7 +82,7 @@ def test_interrupted_while_a_batch_is_put_into_tables(monkeypatch, calls, times)
         for _ in range(times):
             interrupt()
 
-    monkeypatch.setattr(command, "tabulate", after(calls, insist, command.tabulate))
+    monkeypatch.setattr(command.run, "tabulate", after(calls, insist, command.run.tabulate))
     assert kept() == (list(range(-1, 2 * calls - 1)), calls < 3)
 
 
@@ -94,7 +94,7 @@ def test_interrupted_while_the_last_ones_are_put_into_tables(monkeypatch, times)
         for _ in range(times):
             interrupt()
 
-    monkeypatch.setattr(command, "tabulate", after(3, insist, command.tabulate))
+    monkeypatch.setattr(command.run, "tabulate", after(3, insist, command.run.tabulate))
     assert kept(episodes=4) == ([-1, 0, 1, 2, 3], False)
 
 

@@ -22,7 +22,6 @@ from desim_uav.experiment.train.course import (
     learned,
 )
 from desim_uav.learning import checkpoint
-from desim_uav.learning.checkpoint import Checkpoint
 from desim_uav.learning.training import Training
 from desim_uav.records import TRAINING, to_frame
 from desim_uav.run_folder import Place, held, parquet, world_content, write_whole
@@ -184,7 +183,9 @@ def _identity(scenario: Scenario) -> str:
 
 def _save(course: Course, folder: Path) -> None:
     training = course.training
-    found = Checkpoint(_identity(training.world.scenario), training.remember(), course.rows)
+    found = checkpoint.Checkpoint(
+        _identity(training.world.scenario), training.remember(), course.rows
+    )
     content = checkpoint.to_bytes(found)
     with suppress(OSError):
         write_whole(folder / BEFORE, (folder / CHECKPOINT).read_bytes())
