@@ -12,18 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
-from desim_uav.engine.base import (
-    Carried,
-    CarriedDrone,
-    ClosedRequest,
-    EpisodeLog,
-    FlownLeg,
-    Measures,
-    Place,
-    RunSettings,
-    Step,
-    UserState,
-)
+from desim_uav.engine import base
 from desim_uav.engine.constants import hop_transit, term_names
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
@@ -41,7 +30,7 @@ from desim_uav.world import World
 
 MODES = tuple(Mode)
 PHASES = (None, *Phase)
-AS_LOGGED, AS_CLOSED = attrgetter(*Step._fields), attrgetter(*Closed.kinds)
+AS_LOGGED, AS_CLOSED = attrgetter(*base.Step._fields), attrgetter(*Closed.kinds)
 
 
 class Engine(Independent, ABC):
@@ -59,14 +48,14 @@ class Engine(Independent, ABC):
     drones: Sequence[Any]
     walking: Walks | RandomWalks
 
-    def __init__(self, world: World, settings: RunSettings) -> None:
+    def __init__(self, world: World, settings: base.RunSettings) -> None:
         self.world = world
         self.settings = settings
         self.term_names = term_names(world)
         self.shown: Snapshot | None = None
-        self.log = EpisodeLog(0)
+        self.log = base.EpisodeLog(0)
         """The log of the present episode."""
-        self._carried: Carried | None = None
+        self._carried: base.Carried | None = None
         self._under_way = False
 
     @abstractmethod
@@ -125,11 +114,11 @@ class Engine(Independent, ABC):
         """Whether drones begin the next episode as they are now."""
         return self.truncated and not self.terminated and self.settings.carry_over
 
-    def carried(self) -> Carried | None:
+    def carried(self) -> base.Carried | None:
         """Return the states in which drones begin the next episode; None if they start afresh."""
         return self._drones_now() if self._goes_on else self._carried
 
-    def carry(self, drones: Carried | None) -> None:
+    def carry(self, drones: base.Carried | None) -> None:
         """Let drones begin the next episode in these states, or afresh if they are None.
 
         The states may come from another engine of the same world and settings.
@@ -147,7 +136,7 @@ class Engine(Independent, ABC):
         self.walking = walking
         self.new_log(episode)
 
-    def _drones_now(self) -> Carried:
+    def _drones_now(self) -> base.Carried:
         """Return the present states of the drones."""
         now_us, stations = int(self.state.now_us), self.state.stations
         places = {d: place for station in stations for place, d in enumerate(station.queue)}
@@ -155,7 +144,7 @@ class Engine(Independent, ABC):
         for drone in self.entries("drones"):
             hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
             carried.append(
-                CarriedDrone(
+                base.CarriedDrone(
                     MODES[drone.mode],
                     (drone.x, drone.y, drone.level),
                     drone.battery_us,
@@ -169,7 +158,7 @@ class Engine(Independent, ABC):
             )
         return tuple(carried)
 
-    def load(self, carried: Carried | None) -> None:
+    def load(self, carried: base.Carried | None) -> None:
         """Put drones in these states, or at their starting cells, before an episode."""
         self.start_afresh()
         landed: list[list[tuple[int, int]]] = [[] for _ in self.world.stations]
@@ -289,7 +278,7 @@ class Engine(Independent, ABC):
     def new_log(self, episode: int) -> None:
         """Begin the log of an episode, by its number."""
         self._served_by: dict[int, list[int]] = {}
-        self.log = EpisodeLog(episode, [] if self.settings.keep_events else None)
+        self.log = base.EpisodeLog(episode, [] if self.settings.keep_events else None)
 
     def drain_log(self) -> None:
         """Add what the rows say about the step that has ended to the log."""
@@ -311,17 +300,17 @@ class Engine(Independent, ABC):
         if state.terminated or state.truncated:
             self._end_log()
 
-    def _leg(self, event: Any) -> FlownLeg:
+    def _leg(self, event: Any) -> base.FlownLeg:
         """Return the leg that an event of kind ON_LEG describes."""
         mode, drone = MODES[event.phase], event.drone
         if mode is Mode.CRASHED:
             fallen = self.drones[drone]
             place_m = (fallen.fallen_x_m, fallen.fallen_y_m, 0.0)
-            return FlownLeg(event.t_us, drone, 0, mode, place_m, place_m)
+            return base.FlownLeg(event.t_us, drone, 0, mode, place_m, place_m)
         ends_m = self._place_m(event.user), self._place_m(event.request)
-        return FlownLeg(event.t_us, drone, event.station, mode, *ends_m)
+        return base.FlownLeg(event.t_us, drone, event.station, mode, *ends_m)
 
-    def _place_m(self, place: int) -> Place:
+    def _place_m(self, place: int) -> base.Place:
         """Return the position of a place, by its number."""
         grid = self.world.grid
         column, y = divmod(place, grid.cells[1])
@@ -337,7 +326,7 @@ class Engine(Independent, ABC):
             if closed.served_us == closed.required_us:
                 outcome = Outcome.COMPLETED
             drones = self._served_by.pop(closed.number, [])
-            request = ClosedRequest(*(*AS_CLOSED(closed), drones, outcome))
+            request = base.ClosedRequest(*(*AS_CLOSED(closed), drones, outcome))
             if closed.t_first_us < 0:
                 request.t_first_us = None
             self.log.requests.append(request)
@@ -347,7 +336,7 @@ class Engine(Independent, ABC):
         actions, limited = self.world.actions, self.world.facts.capacity_s is not None
         for record in self.entries("records"):
             return_us = math.inf if record.return_us == NEVER else record.return_us
-            step = Step(*AS_LOGGED(record))
+            step = base.Step(*AS_LOGGED(record))
             self.log.steps.append(
                 step._replace(
                     mode=MODES[record.mode],
@@ -375,16 +364,16 @@ class Engine(Independent, ABC):
 
     # ---- measures and positions at any decision epoch
 
-    def measures(self) -> Measures:
+    def measures(self) -> base.Measures:
         """Return the quality of experience so far, to which open requests contribute."""
         values = requests.measures(self.constants, self.state)
-        return Measures(*(None if math.isnan(value) else value for value in values))
+        return base.Measures(*(None if math.isnan(value) else value for value in values))
 
     def requests_made(self) -> int:
         """Return the number of requests made in the episode so far, including open ones."""
         return int(self.state.opened)
 
-    def position_m(self, drone: int) -> Place:
+    def position_m(self, drone: int) -> base.Place:
         """Return the true position of a drone now, in metres."""
         return position(self.constants, self.state, self.drones[drone])
 
@@ -394,7 +383,7 @@ class Engine(Independent, ABC):
         users[:, :2] = all_walked(*self.walking.drawn(), int(self.state.now_us))
         return np.array(list(map(self.position_m, range(len(self.drones))))), users
 
-    def user_states(self) -> list[UserState]:
+    def user_states(self) -> list[base.UserState]:
         """Return what each user is doing, or after an episode, what it did at its end."""
         users, ended = self.state.users, self.state.terminated or self.state.truncated
-        return [UserState(user.doing if ended else requests.doing(user)) for user in users]
+        return [base.UserState(user.doing if ended else requests.doing(user)) for user in users]
