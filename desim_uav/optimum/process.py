@@ -285,7 +285,7 @@ class DroneProcess:
         held = self.attached(now.node) if now.mode is Mode.FLYING else 0
         drone.mode = seen.mode = int(now.mode)
         seen.x, seen.y, seen.level = believed
-        drone.believed = seen.believed = place(self._engine.constants, *believed)
+        seen.believed = place(self._engine.constants, *believed)
         drone.battery_us = seen.battery_us = self._battery_us(now, elapsed_us)
         drone.attached_users = seen.attached_users = seen.served_requests = held
         drone.served[0] = drone.asking[0] = state.counts[0] = state.counts[services] = held

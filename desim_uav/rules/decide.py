@@ -21,9 +21,7 @@ def observe(world: Constants, state: State) -> None:
     for d in range(len(state.drones)):
         drone, seen = state.drones[d], state.seen[d]
         seen.mode = drone.mode
-        seen.x, seen.y, seen.level = drone.believed_x, drone.believed_y, drone.believed_level
         seen.battery_us = battery_now(world, state, drone)
-        seen.believed = drone.believed
         seen.attached_users = drone.attached_users
         seen.used_bps = drone.used_bps
         seen.served_requests = 0

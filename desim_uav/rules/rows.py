@@ -197,11 +197,11 @@ class Drone(Row):
     ``hopping`` says that it is on a hop of a return, whose next hops are ``route`` to
     ``route_end`` - 1, ``waits`` that it can be commanded, ``serving`` that it has a footprint, and
     ``scan`` that its queue has to be scanned. A crashed drone has ``fallen`` to (fallen_x_m, …).
-    ``believed`` is the place at which it believes itself to be, ``landed_in`` the phase in which it
-    landed, ``taken`` the action on its ``command``. ``waiting`` is its queue: the users whose
-    requests wait, by (request time, user). ``ahead`` holds the crossings to come, the next one
-    last. ``served`` counts the requests that it serves, and ``asking`` the open ones in its
-    footprint, by service. ``terms`` are those of its reward; a learner observes ``features``.
+    ``landed_in`` is the phase in which it landed, ``taken`` the action on its ``command``.
+    ``waiting`` is its queue: the users whose requests wait, by (request time, user). ``ahead``
+    holds the crossings to come, the next one last. ``served`` counts the requests that it serves,
+    and ``asking`` the open ones in its footprint, by service. ``terms`` are those of its reward; a
+    learner observes ``features``.
     """
 
     index: int
@@ -230,10 +230,6 @@ class Drone(Row):
     used_bps: int
     attached_users: int
     scan: int
-    believed: int
-    believed_x: int
-    believed_y: int
-    believed_level: int
     command: int
     taken: int
     waiting: Queue[int]
@@ -246,7 +242,10 @@ class Drone(Row):
 
 @row
 class Seen(Row):
-    """What a drone knows at a decision epoch (see ``model.state.Observation``)."""
+    """What a drone knows at a decision epoch (see ``model.state.Observation``).
+
+    ``believed`` is the number of the place at which it believes itself to be.
+    """
 
     mode: int
     x: int
