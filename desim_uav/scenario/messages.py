@@ -11,7 +11,8 @@ from pydantic_core import ErrorDetails
 from desim_uav.registry import did_you_mean
 from desim_uav.scenario.components import Slot
 from desim_uav.scenario.draft import MAX_PROBLEMS, Draft
-from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario, Section
+from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
+from desim_uav.scenario.section import Section
 from desim_uav.scenario.yaml12 import KeyPath
 
 

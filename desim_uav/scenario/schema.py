@@ -2,22 +2,10 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, Self, cast
+from typing import Annotated, Any, Literal, cast
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    GetJsonSchemaHandler,
-    StringConstraints,
-    model_validator,
-)
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
 
 import desim_uav.model
 import desim_uav.rules
@@ -34,7 +22,8 @@ from desim_uav.rules.admission import FirstCome
 from desim_uav.rules.observations import Position
 from desim_uav.rules.rewards import MultiService
 from desim_uav.scenario.components import Slot, errors, strictly
-from desim_uav.scenario.meanings import with_meanings
+from desim_uav.scenario.learning import PAPER_LEARNING, Learning
+from desim_uav.scenario.section import Fraction, Section
 from desim_uav.scenario.yaml12 import KeyPath
 
 registry.discover(desim_uav.model)
@@ -59,7 +48,6 @@ def _ascending(values: tuple[float, float]) -> tuple[float, float]:
 
 Metres = Annotated[float, Field(ge=0.001, le=1e6)]
 Length = Annotated[float, Field(ge=0, le=1e6)]
-Fraction = Annotated[float, Field(ge=0, le=1)]
 Height = Annotated[float, Field(ge=0.001, le=1e4)]
 Point = tuple[Length, Length]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
@@ -72,31 +60,6 @@ Side = Annotated[float, Field(ge=1, le=1e6)]
 FractionRange = Annotated[tuple[Fraction, Fraction], AfterValidator(_ascending)]
 HeightRange = Annotated[tuple[Height, Height], AfterValidator(_ascending)]
 RadiusRange = Annotated[tuple[Metres, Metres], AfterValidator(_ascending)]
-
-
-class Section(BaseModel):
-    """A mapping of a scenario file: unknown keys are refused, values never change."""
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    def _settle(self, **values: object) -> None:
-        """Set what follows from other keys; ``model_fields_set`` still says what was given."""
-        self.__dict__.update(values)
-
-    def _with(self, **values: object) -> Self:
-        """A copy in which some values follow from other keys."""
-        copied = self.model_copy()
-        copied._settle(**values)
-        return copied
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
-    ) -> JsonSchemaValue:
-        """What each key means stands beside it."""
-        made = handler(schema)
-        with_meanings(handler.resolve_ref_schema(made), cls)
-        return made
 
 
 SIDE_M = 2400.0
@@ -269,99 +232,6 @@ class Episode(Section):
     """Whether drones begin an episode in the state in which the one before has left them."""
 
 
-ALGORITHMS = ("q_learning", "sarsa", "expected_sarsa", "double_q")
-
-
-def _algorithm(name: str) -> str:
-    if name not in ALGORITHMS and not re.fullmatch(r"[\w.]+:\w+", name):
-        raise ValueError(
-            f"unknown algorithm{registry.did_you_mean(name, ALGORITHMS)}; "
-            f'allowed: {", ".join(ALGORITHMS)}, or "package.module:Class"'
-        )
-    return name
-
-
-class Schedule(Section):
-    """A parameter over the episodes of a training: ``start`` x ``decay`` each, down to ``end``."""
-
-    start: Fraction = 1.0
-    """The value in the first episode."""
-    decay: Fraction = 1.0
-    """The factor by which the value is multiplied after each episode."""
-    end: Fraction = 0.0
-    """The value below which it does not fall."""
-
-    def at(self, episode: int) -> float:
-        """Its value in an episode, counted from 0."""
-        return max(self.end, self.start * self.decay**episode)
-
-
-def _schedule(value: Any) -> Any:
-    if isinstance(value, bool) or not isinstance(value, int | float | Mapping | Schedule):
-        raise ValueError("must be a number, or a mapping of start, decay and end")
-    return {"start": value} if isinstance(value, int | float) else value
-
-
-def _over(default: Schedule) -> BeforeValidator:
-    """A number is a constant; of a mapping, what is not given is as by default."""
-
-    def filled(value: Any) -> Any:
-        return default.model_dump() | value if isinstance(value, dict) else _schedule(value)
-
-    return BeforeValidator(filled, json_schema_input_type=Schedule | Fraction)
-
-
-ALPHA = Schedule(start=1.0, decay=0.9996, end=0.1)
-EPSILON = Schedule(start=0.4, decay=0.9996, end=0.02)
-
-
-LARGEST_Q = 1e6
-InitialQ = (
-    Literal["zero", "random", "max_reward", "prior"]
-    | Annotated[float, Field(ge=-LARGEST_Q, le=LARGEST_Q)]
-)
-INITIAL_Q = ("zero", "random", "max_reward", "prior")
-
-
-def _initial_q(value: Any) -> Any:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if number and abs(value) <= LARGEST_Q:
-        return value
-    if value not in INITIAL_Q:
-        near = registry.did_you_mean(value, INITIAL_Q) if isinstance(value, str) else ""
-        raise ValueError(f"must be {', '.join(INITIAL_Q)}, or a number from -1e6 to 1e6{near}")
-    return value
-
-
-class Learning(Section):
-    """How a drone learns: the algorithm, its parameters, and for how many episodes.
-
-    With carry-over, every so many episodes (``restart_every``; null: never) begin at the starts.
-    """
-
-    algorithm: Annotated[str, AfterValidator(_algorithm)] = "q_learning"
-    """`q_learning`, `sarsa`, `expected_sarsa`, `double_q`, or the class of an algorithm of
-    your own as `"package.module:Class"`.
-    """
-    alpha: Annotated[Schedule, _over(ALPHA)] = ALPHA
-    """The learning rate: a number, or a schedule over the episodes."""
-    gamma: Annotated[float, Field(ge=0, lt=1)] = 0.95
-    """The discount factor per step."""
-    epsilon: Annotated[Schedule, _over(EPSILON)] = EPSILON
-    """The probability of a random action: a number, or a schedule over the episodes."""
-    initial_q: Annotated[InitialQ, BeforeValidator(_initial_q)] = 3.0
-    """The values with which a table begins: `zero`, `random` (uniform from 0 to 1),
-    `max_reward` (1), `prior` (how near the action's next cell is to a cluster), or a
-    number.
-    """
-    episodes: Annotated[int, Field(ge=1, le=10**7)] = 12_000
-    """The number of episodes of a training."""
-    restart_every: Annotated[int, Field(ge=1, le=10**7)] | None = 3
-    """With carry-over, every so many episodes of a training begin at the start places; null
-    means never.
-    """
-
-
 class Scenario(Section):
     """A scenario, fully resolved: every key has its value, the preset's among them."""
 
@@ -424,17 +294,6 @@ class Scenario(Section):
     def effective_world_seed(self) -> int:
         """The seed the world is drawn from."""
         return self.seed if self.world_seed is None else self.world_seed
-
-
-PAPER_LEARNING: dict[str, Any] = {
-    "alpha": {"start": 1.0, "decay": 1.0, "end": 0.0},
-    "gamma": 0.95,
-    "epsilon": {"start": 1.0, "decay": 0.998, "end": 0.01},
-    "initial_q": "random",
-    "episodes": 7000,
-    "restart_every": None,
-}
-"""How the paper trained."""
 
 
 def paper_preset(given: Mapping[str, Any]) -> dict[str, Any]:

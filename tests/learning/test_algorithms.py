@@ -12,7 +12,7 @@ from desim_uav.learning.rows import Learner, Lesson, Values
 from desim_uav.learning.sarsa import Sarsa
 from desim_uav.model.rows import blank, fill
 from desim_uav.registry import names, resolve
-from desim_uav.scenario.schema import ALGORITHMS
+from desim_uav.scenario.learning import ALGORITHMS
 
 ALPHA, GAINED, DISCOUNT, EPSILON = 0.5, 2.0, 0.9, 0.2
 ALLOWED = (True, True, False)

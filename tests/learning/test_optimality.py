@@ -2,7 +2,7 @@
 
 import pytest
 
-from desim_uav.scenario.schema import ALGORITHMS
+from desim_uav.scenario.learning import ALGORITHMS
 from tests.verification.figure import check
 from tests.verification.optimality import LEAST, THOROUGH, figures, share
 

@@ -10,8 +10,8 @@ from desim_uav.errors import PolicyError, UsageError
 from desim_uav.learning.checkpoint import Checkpoint, read, to_bytes
 from desim_uav.learning.training import FIRST_PATH, Training, table_features
 from desim_uav.model.rules import Action, Mode
+from desim_uav.scenario.learning import ALGORITHMS
 from desim_uav.scenario.load import from_mapping, load
-from desim_uav.scenario.schema import ALGORITHMS
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
 from tests.selection import by_default

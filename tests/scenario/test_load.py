@@ -18,8 +18,9 @@ from desim_uav.model.services import PAPER
 from desim_uav.rules.observations import Position
 from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.scenario.layout import start_cells, station_cells
+from desim_uav.scenario.learning import Schedule
 from desim_uav.scenario.load import dump, from_mapping, json_schema, load, loads, scenario_hash
-from desim_uav.scenario.schema import ListedObstacles, Scenario, Schedule
+from desim_uav.scenario.schema import ListedObstacles, Scenario
 from desim_uav.scenario.yaml12 import plain_scalar
 
 HERE = Path(__file__).parent

@@ -1,0 +1,38 @@
+"""The base of all mappings of a scenario file."""
+
+from __future__ import annotations
+
+from typing import Annotated, Self
+
+from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler
+from pydantic.json_schema import JsonSchemaValue
+from pydantic_core import CoreSchema
+
+from desim_uav.scenario.meanings import with_meanings
+
+Fraction = Annotated[float, Field(ge=0, le=1)]
+
+
+class Section(BaseModel):
+    """A mapping of a scenario file: unknown keys are refused, values never change."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    def _settle(self, **values: object) -> None:
+        """Set what follows from other keys; ``model_fields_set`` still says what was given."""
+        self.__dict__.update(values)
+
+    def _with(self, **values: object) -> Self:
+        """A copy in which some values follow from other keys."""
+        copied = self.model_copy()
+        copied._settle(**values)
+        return copied
+
+    @classmethod
+    def __get_pydantic_json_schema__(
+        cls, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """What each key means stands beside it."""
+        made = handler(schema)
+        with_meanings(handler.resolve_ref_schema(made), cls)
+        return made
