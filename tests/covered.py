@@ -30,7 +30,12 @@ PLAIN = (
 NOT_MEASURED = (  # no file may be large, that of the coverage neither
     *("--deselect", "tests/faults/test_disk_full.py::test_a_limit_on_the_size_of_files"),
 )
-COMPILED_ONLY = ("engine/compiled/", "learning/fused.py", "model/compiled_rows.py")
+COMPILED_ONLY = (
+    "engine/compiled/",
+    "learning/fused.py",
+    "model/compiled_rows.py",
+    "model/compiled_queues.py",
+)
 WHOLE = ("model/", "engine/", "qoe.py", "run_folder.py")
 ENOUGH, TOO_LITTLE = 90.0, 6
 

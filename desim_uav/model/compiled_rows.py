@@ -27,8 +27,6 @@ lower_getattr_generic: Any = extending.lower_getattr_generic
 lower_setattr_generic: Any = extending.lower_setattr_generic
 models: Any = extending.models
 overload: Any = extending.overload
-overload_attribute: Any = extending.overload_attribute
-overload_method: Any = extending.overload_method
 register_model: Any = extending.register_model
 type_callable: Any = extending.type_callable
 
@@ -264,78 +262,6 @@ word: Any = intrinsic(prefer_literal=True)(_word)
 set_word: Any = intrinsic(prefer_literal=True)(_set_word)
 
 
-@overload_method(Line, "append")
-def _append(line: Any, value: Any) -> Any:
-    def append(line: Any, value: Any) -> None:
-        count = len(line)
-        if count < word(line, 2):
-            line[count] = value
-            set_word(line, 1, count + 1)
-        else:
-            set_word(line, 3, 1)
-
-    return append
-
-
-@overload_method(Line, "added")
-def _added(line: Any) -> Any:
-    def added(line: Any) -> Any:
-        count = len(line)
-        if count < word(line, 2):
-            set_word(line, 1, count + 1)
-        else:
-            set_word(line, 3, 1)
-        return line[count]  # the spare entry if the queue overruns
-
-    return added
-
-
-@overload_method(Line, "pop")
-def _pop(line: Any) -> Any:
-    def pop(line: Any) -> Any:
-        last = len(line) - 1
-        set_word(line, 1, last)
-        return line[last]
-
-    return pop
-
-
-@overload_method(Line, "clear")
-def _clear(line: Any) -> Any:
-    def clear(line: Any) -> None:
-        set_word(line, 1, 0)
-
-    return clear
-
-
-@overload_method(Line, "insert")
-def _insert(line: Any, place: Any, value: Any) -> Any:
-    def insert(line: Any, place: Any, value: Any) -> None:
-        count = len(line)
-        if count < word(line, 2):
-            for k in range(count, place, -1):
-                line[k] = line[k - 1]
-            line[place] = value
-            set_word(line, 1, count + 1)
-        else:
-            set_word(line, 3, 1)
-
-    return insert
-
-
-@overload_method(Line, "remove")
-def _remove(line: Any, value: Any) -> Any:
-    def remove(line: Any, value: Any) -> None:
-        place, last = 0, len(line) - 1
-        while line[place] != value:
-            place += 1
-        for k in range(place, last):
-            line[k] = line[k + 1]
-        set_word(line, 1, last)
-
-    return remove
-
-
 # ---- indexing of classes of rows that define it
 
 
@@ -467,22 +393,6 @@ def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
 
 
 as_array: Any = intrinsic(_as_array)
-
-
-@overload_attribute(Line, "overrun")
-def _overrun(line: Any) -> Any:
-    def overrun(line: Any) -> Any:
-        return word(line, 3)
-
-    return overrun
-
-
-@overload_attribute(Line, "room")
-def _room(line: Any) -> Any:
-    def room(line: Any) -> Any:
-        return word(line, 2)
-
-    return room
 
 
 def entries_at(of: Any) -> Any:

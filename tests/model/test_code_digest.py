@@ -9,7 +9,7 @@ import numba
 import numpy as np
 import pytest
 
-from desim_uav.model import compiled_rows, numba_parts
+from desim_uav.model import compiled_queues, compiled_rows, numba_parts
 from desim_uav.model.code_digest import code_digest
 from desim_uav.model.rows import Row, row
 
@@ -195,7 +195,7 @@ def test_rows_elsewhere_do_not_count():
 
 @pytest.mark.parametrize(
     ("module", "name"),
-    [(compiled_rows, "_get"), (compiled_rows, "_append"), (numba_parts, "keep_in")],
+    [(compiled_rows, "_get"), (compiled_queues, "_append"), (numba_parts, "keep_in")],
 )
 def test_how_rows_are_compiled_counts_for_what_is_over_rows(
     module: ModuleType, name: str, monkeypatch: pytest.MonkeyPatch
