@@ -226,5 +226,5 @@ def test_the_kernels_of_the_engine_are_over_rows(monkeypatch: pytest.MonkeyPatch
     code = compiled_rows._get.__code__.replace(co_consts=("changed",) * 9)
     monkeypatch.setattr(compiled_rows, "_get", FunctionType(code, vars(compiled_rows)))
     after = [code_digest(kernel.py_func) for kernel in kernels]
-    assert len(kernels) > 5
+    assert len(kernels) > 3
     assert all(one != other for one, other in zip(before, after, strict=True))
