@@ -14,7 +14,7 @@ import pytest
 from scipy import stats
 
 from desim_uav.experiment.command import run_to_folder
-from desim_uav.experiment.compare import compare_runs
+from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.runs import read_runs
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path

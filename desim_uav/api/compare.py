@@ -16,6 +16,7 @@ from desim_uav.api.arguments import (
 )
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment import compare as comparing
+from desim_uav.experiment import compare_runs as finished
 from desim_uav.experiment.compare import Comparison
 from desim_uav.experiment.progress import progress as shown
 from desim_uav.policies.base import PolicyLike
@@ -118,7 +119,7 @@ def compare_runs(
         UsageError: ``against`` is not one of the policies, or ``out`` cannot be written.
     """
     place = None if out is None else file_place(Path(out), "--out")
-    comparison = comparing.compare_runs([Path(folder) for folder in folders], against)
+    comparison = finished.compare_runs([Path(folder) for folder in folders], against)
     if place is not None:
         comparison.save(place)
     return comparison

@@ -19,20 +19,17 @@ from typing import Any
 import pandas as pd
 
 from desim_uav.engine.choose import check_engine
-from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.command import read_summary
+from desim_uav.errors import UsageError
 from desim_uav.experiment.evaluate import MEASURES, evaluate
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate, paired
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike, policy_name
-from desim_uav.records import EPISODES
 from desim_uav.registry import did_you_mean
 from desim_uav.report import notebook
 from desim_uav.report.text import COMPARED, estimate_cells
-from desim_uav.run_folder import file_place, read_scenario, read_table, write_at
-from desim_uav.scenario.load import scenario_hash, seedless, to_plain
+from desim_uav.run_folder import file_place, write_at
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
 
@@ -186,7 +183,7 @@ def compare_policies(
     ``policies`` maps names to policies; ``engine`` is des or batch. After Ctrl-C the finished
     replications are returned. Raises KeyboardInterrupt if there is none.
     """
-    reference = _reference(list(policies), against)
+    reference = reference_of(list(policies), against)
     if jobs > 1:
         _check_portable(policies)
     drawn = [(policy, seed) for seed in seeds for policy in policies]
@@ -197,7 +194,7 @@ def compare_policies(
         with closing(run_each(evaluate, tasks, jobs)) as ended:
             for number, measured in ended:
                 policy, seed = drawn[number]
-                done.append(Replication(policy, seed, _world_seed(scenario, seed), measured))
+                done.append(Replication(policy, seed, world_seed_of(scenario, seed), measured))
                 on_replication()
     except KeyboardInterrupt:
         if not done:
@@ -277,7 +274,7 @@ def try_on(
     Raises PolicyError if a policy does not fit the scenario, and ScenarioError if the engine cannot
     run a component.
     """
-    world = build_world(scenario, _world_seed(scenario, seeds[0]))
+    world = build_world(scenario, world_seed_of(scenario, seeds[0]))
     check_engine(engine, world)
     for policy in policies.values():
         load_policy(policy).begin(world, Streams(seeds[0], Purpose.LEARNER), False)
@@ -287,7 +284,7 @@ def out_of_place(
     scenario: Scenario, policies: Mapping[str, PolicyLike], seeds: Sequence[int]
 ) -> list[str]:
     """Return a warning for each policy that was learned in a world other than the compared ones."""
-    worlds = {_world_seed(scenario, seed) for seed in seeds}
+    worlds = {world_seed_of(scenario, seed) for seed in seeds}
     warnings = []
     for name, policy in policies.items():
         known = getattr(load_policy(policy), "world_seed", None)
@@ -300,94 +297,8 @@ def out_of_place(
     return warnings
 
 
-def compare_runs(folders: Sequence[Path], against: str | None = None) -> Comparison:
-    """Compare finished runs; each is the replication of its policy on its seed.
-
-    Raises PolicyError if a folder cannot be read, if the runs differ in scenario or length, or if
-    two runs have the same policy and seed.
-    """
-    runs = [_read(folder) for folder in folders]
-    first = runs[0]
-    of_seed: dict[tuple[str, int], Path] = {}
-    for run in runs:
-        _fits(run, first)
-        policy, seed = run.replication.policy, run.replication.seed
-        if (policy, seed) in of_seed:
-            raise PolicyError(
-                f"{run.folder}: {policy} on seed {seed} is given twice; "
-                f"{of_seed[policy, seed]} has the same policy and seed"
-            )
-        of_seed[policy, seed] = run.folder
-    policies = list(dict.fromkeys(policy for policy, _ in of_seed))
-    return Comparison(
-        first.scenario.name,
-        first.episodes,
-        first.warmup,
-        policies,
-        _reference(policies, against),
-        [run.replication for run in runs],
-    )
-
-
-@dataclass(frozen=True)
-class _Run:
-    """A finished run; ``scenario`` has no seeds."""
-
-    folder: Path
-    scenario: Scenario
-    episodes: int
-    warmup: int
-    replication: Replication
-
-
-def _read(folder: Path) -> _Run:
-    if not folder.is_dir():
-        raise PolicyError(
-            f"{folder}: no such run folder (to compare policies in a scenario, use --policies)"
-        )
-    summary, _ = read_summary(folder)
-    numbers = read_table(folder, "episodes", EPISODES)["episode"]
-    scenario = read_scenario(folder)
-    if not summary["episodes"]:
-        raise PolicyError(f"{folder}: the run has no counted episode")
-    policy, seed = summary["policy"], summary["seed"]
-    summary["crashes_per_drone_episode"] = summary["crashes"] / (
-        summary["episodes"] * scenario.drones.count
-    )
-    return _Run(
-        folder,
-        seedless(scenario),
-        summary["episodes"],
-        int((numbers < 0).sum()),
-        Replication(
-            policy, seed, _world_seed(scenario, seed), {name: summary[name] for name in MEASURES}
-        ),
-    )
-
-
-def _fits(run: _Run, first: _Run) -> None:
-    if scenario_hash(run.scenario) != scenario_hash(first.scenario):
-        where = _difference(to_plain(run.scenario), to_plain(first.scenario)) or "a file it names"
-        raise PolicyError(f"{run.folder}: its scenario is not that of {first.folder}: {where}")
-    if (run.episodes, run.warmup) != (first.episodes, first.warmup):
-        raise PolicyError(
-            f"{run.folder}: {run.episodes} episode(s) after {run.warmup} of warm-up, "
-            f"but {first.folder}: {first.episodes} after {first.warmup}"
-        )
-
-
-def _difference(one: Any, other: Any, path: tuple[str, ...] = ()) -> str | None:
-    """Return the first key other than ``name`` in which two scenarios differ, with both values."""
-    if isinstance(one, dict) and isinstance(other, dict):
-        for key in [*one, *(key for key in other if key not in one)]:
-            found = _difference(one.get(key), other.get(key), (*path, key))
-            if found and (*path, key) != ("name",):
-                return found
-        return None
-    return None if one == other else f"{'.'.join(path)} is {one}, not {other}"
-
-
-def _reference(policies: Sequence[str], against: str | None) -> str:
+def reference_of(policies: Sequence[str], against: str | None) -> str:
+    """Return the policy with which others are compared, by default the first. Raises UsageError."""
     if against is None:
         return policies[0]
     if against not in policies:
@@ -399,7 +310,8 @@ def _reference(policies: Sequence[str], against: str | None) -> str:
     return against
 
 
-def _world_seed(scenario: Scenario, seed: int) -> int:
+def world_seed_of(scenario: Scenario, seed: int) -> int:
+    """Return the seed of the world of a run on this seed."""
     return seed if scenario.world_seed is None else scenario.world_seed
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.compare import compare_runs
+from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.policies.tabular import read_table
 from desim_uav.registry import did_you_mean
 from desim_uav.run_folder import file_place, write_at

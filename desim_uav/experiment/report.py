@@ -12,7 +12,7 @@ from urllib.parse import quote
 from desim_uav import qoe
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import read_summary
-from desim_uav.experiment.compare import compare_runs
+from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.replay.again import playing_again
 from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep.pictures import sweep_report

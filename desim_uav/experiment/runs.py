@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pandas as pd
 
-from desim_uav.experiment.compare import compare_runs
+from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.report.run import Run
 
 

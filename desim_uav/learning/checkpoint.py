@@ -52,13 +52,13 @@ def read(path: Path, q_shape: tuple[int, ...] | None = None) -> Checkpoint:
         raise PolicyError(f"{path}: the table must have the shape {q_shape}, not {shape}")
     arrays = stored.arrays()
     try:
-        carried = about["carried"]
+        carried = _tuples(about["carried"])
         memory = Memory(
             int(about["episode"]),
             arrays["q"],
             tuple(arrays["sums"].tolist()),
             tuple(Decision(*(decision or ())) for decision in about["pending"]),
-            None if carried is None else tuple(map(_drone, carried)),
+            carried and tuple(CarriedDrone(Mode(mode), *rest) for mode, *rest in carried),
         )
         return Checkpoint(str(about["identity"]), memory, _progress(arrays["rows"]))
     except (KeyError, TypeError, ValueError, IndexError) as error:
@@ -71,17 +71,9 @@ def identity(path: Path) -> str:
     return str(stored.about.get("identity"))
 
 
-def _drone(values: list[Any]) -> CarriedDrone:
-    """Return a drone's state from JSON, which has neither tuples nor modes."""
-    plain = dict(zip(CarriedDrone._fields, values, strict=True))
-    tuples: dict[str, Any] = {
-        "mode": Mode(plain["mode"]),
-        "node": tuple(plain["node"]),
-        "hop": None if plain["hop"] is None else tuple(plain["hop"]),
-        "route": tuple(tuple(hop) for hop in plain["route"]),
-        "fallen_m": None if plain["fallen_m"] is None else tuple(plain["fallen_m"]),
-    }
-    return CarriedDrone(**plain | tuples)
+def _tuples(value: Any) -> Any:
+    """Return a value of JSON, which has no tuples, with tuples in the place of lists."""
+    return tuple(map(_tuples, value)) if isinstance(value, list) else value
 
 
 def _progress(rows: NDArray[np.float64]) -> list[Progress]:

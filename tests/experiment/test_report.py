@@ -16,7 +16,7 @@ from desim_uav import cli, qoe
 from desim_uav.errors import PolicyError
 from desim_uav.experiment import report as reporting
 from desim_uav.experiment.command import run_to_folder
-from desim_uav.experiment.compare import compare_runs
+from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.report import report
 from desim_uav.experiment.statistics import estimate
 from desim_uav.report import page as page_module
@@ -215,9 +215,9 @@ class TestOneRun:
     def test_its_figures_are_of_the_first_counted_episode(self, runs, monkeypatch):
         asked = {}
         for name in ("case_picture", "battery_figure"):
-            draw = getattr(run_page, name)
+            draw = getattr(run_page.figures, name)
             monkeypatch.setattr(
-                run_page,
+                run_page.figures,
                 name,
                 lambda run, n, *, draw=draw, **k: draw(run, asked.setdefault(draw, n), **k),
             )

@@ -11,7 +11,7 @@ from matplotlib.patches import Circle
 from scipy.stats import t as student
 
 from desim_uav.errors import NoEventsError, PolicyError, UsageError
-from desim_uav.experiment.compare import compare_runs
+from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.replay import playable
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.figures import (
