@@ -3,7 +3,7 @@
 Both fly the same random small scenarios on the same sample path with the same commands, some of
 them masked or no action at all: 2D and 3D, with and without battery, stations with queues, crashes,
 respawns and removals, position noise, drones with and without ceiling, unlimited and tight
-bandwidth, static and walking users, all demands, both timings.
+bandwidth, static and walking users, all demands, both timings of moves and of returns.
 
 The reference notices everything at the first tick at or after it happens, so each moment is late by
 less than dt, and what the two must have in common follows:

@@ -65,6 +65,7 @@ class Inputs:
     max_speed_mps: float
     max_acceleration_mps2: float
     fill_epoch: bool
+    returns_fill_epoch: bool
     capacity_us: int | None
     return_below: float
     respawn_after_us: int | None
@@ -162,13 +163,11 @@ class Map:
         v, a = inputs.max_speed_mps, inputs.max_acceleration_mps2
         dx, dy = inputs.cell_m
         lengths = (dx, dy, inputs.level_step_m)
-        self.quick = [quickest(length, v, a) for length in lengths]
-        self.hop_us = [round(hop.duration_s * US) for hop in self.quick]
-        step_s = inputs.step_us / US
-        axes = (0, 1, 2) if inputs.three_d else (0, 1)
-        self.commanded = self.quick
-        if inputs.fill_epoch:
-            self.commanded = [filling(lengths[axis], step_s, a) for axis in axes]
+        quick = [quickest(length, v, a) for length in lengths]
+        filled = [filling(length, inputs.step_us / US, a) for length in lengths]
+        self.commanded = filled if inputs.fill_epoch else quick
+        self.returning = filled if inputs.returns_fill_epoch else quick
+        self.hop_us = [round(hop.duration_s * US) for hop in self.returning]
         self.home_us = {levels: self._homes(levels) for levels in set(inputs.levels)}
 
     def free(self, node: Node, levels: int) -> bool:
@@ -421,7 +420,7 @@ class FixedStep:
             drone.path = list(self.map.way_home(drone.node, drone.levels))
         if drone.path:
             hop = drone.path.pop(0)
-            self._take_hop(drone, hop, since_us, self.map.quick[axis_of(hop)])
+            self._take_hop(drone, hop, since_us, self.map.returning[axis_of(hop)])
         else:
             self._land(drone)
 

@@ -84,6 +84,7 @@ def scenario_of(seed: int) -> dict[str, Any]:
             "motion": {
                 "kind": "bang_coast_bang",
                 "timing": pick("fill_epoch", "minimum_time"),
+                "return_timing": "fill_epoch" if seed % 5 == 1 else "minimum_time",
             },
             "battery": battery if limited else None,
         },
@@ -135,6 +136,7 @@ def inputs_of(world: World, path: SamplePath, ceilings: tuple[bool, ...]) -> Inp
         max_speed_mps=motion.max_speed_mps,
         max_acceleration_mps2=motion.max_acceleration_mps2,
         fill_epoch=motion.timing == "fill_epoch",
+        returns_fill_epoch=motion.return_timing == "fill_epoch",
         capacity_us=None if battery is None else world.capacity_us,
         return_below=0.0 if battery is None else battery.return_below,
         respawn_after_us=None if dies else round(battery.respawn_after_min * 60 * US),
