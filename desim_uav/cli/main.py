@@ -12,7 +12,7 @@ import typer
 
 from desim_uav import __version__
 from desim_uav.api.invocation import begun_by
-from desim_uav.cli import basics, learning, pictures, runs
+from desim_uav.cli import basics, gallery, learning, pictures, runs
 from desim_uav.cli.ending import complain
 from desim_uav.cli.plain import Command, Group
 from desim_uav.errors import DesimError, UsageError
@@ -41,6 +41,7 @@ COMMANDS: list[Callable[..., None]] = [
     pictures.report,
     pictures.plot,
     pictures.video,
+    gallery.gallery,
     basics.doctor,
 ]
 """As `--help` lists them."""

@@ -57,7 +57,7 @@ class RowPathLoss:
 
 @rule
 def mean_of(p_los: float, los_db: float, nlos_db: float) -> float:
-    """Return the mean loss in dB (Al-Hourani et al. 2014, equation 7)."""
+    """Return the mean loss in dB (Al-Hourani et al. 2014)."""
     return p_los * los_db + (1.0 - p_los) * nlos_db
 
 
@@ -103,7 +103,9 @@ class Environment(NamedTuple):
     eta_nlos_db: float
 
 
-ENVIRONMENTS = {
+Town = Literal["suburban", "urban", "dense_urban", "high_rise"]
+
+ENVIRONMENTS: dict[Town, Environment] = {
     "suburban": Environment(4.88, 0.43, 0.1, 21.0),
     "urban": Environment(9.61, 0.16, 1.0, 20.0),
     "dense_urban": Environment(12.08, 0.11, 1.6, 23.0),
@@ -122,7 +124,7 @@ class AlHourani(RowPathLoss):
     Give an environment, or all of ``a``, ``b``, ``eta_los_db`` and ``eta_nlos_db``.
     """
 
-    environment: Literal["suburban", "urban", "dense_urban", "high_rise"] | None = None
+    environment: Town | None = None
     """The kind of town, which sets the four numbers below."""
     a: Annotated[float, Gt(0), Le(100)] | None = None
     """The first parameter of the probability of line of sight, in degrees."""
@@ -156,11 +158,11 @@ class AlHourani(RowPathLoss):
             raise ValueError("eta_nlos_db must not be below eta_los_db: excess loss is a loss")
 
     def los_db(self: Any, distance_m: float, height_m: float, carrier_ghz: float) -> float:
-        """Return the loss in free space and ``eta_los_db`` more (equation 6)."""
+        """Return the loss in free space and ``eta_los_db`` more."""
         return free_space_db(distance_m, height_m, carrier_ghz) + float(self.eta_los_db)
 
     def nlos_db(self: Any, distance_m: float, height_m: float, carrier_ghz: float) -> float:
-        """Return the loss in free space and ``eta_nlos_db`` more (equation 6)."""
+        """Return the loss in free space and ``eta_nlos_db`` more."""
         return free_space_db(distance_m, height_m, carrier_ghz) + float(self.eta_nlos_db)
 
     def p_los(self: Any, elevation: float) -> float:

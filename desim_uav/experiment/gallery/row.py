@@ -1,0 +1,54 @@
+"""A figure of a published paper beside what is computed here."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Row:
+    """One figure: what the paper says of it, how that was read, and ours.
+
+    It holds if both are at most ``limit`` apart: the reading error, half a unit of the last printed
+    digit, or 4 standard errors of an estimate. Without a limit it is an open question: nothing is
+    claimed, because the paper leaves out what the figure depends on, or we have not read it.
+    """
+
+    figure: str
+    """What is compared, with its unit."""
+    where: str
+    """Where the paper has it, and how it was read."""
+    theirs: float
+    ours: float
+    limit: float | None
+    digits: int
+    """How many digits after the point are shown."""
+
+    @property
+    def apart(self) -> float:
+        """How far both are apart."""
+        return abs(self.ours - self.theirs)
+
+    @property
+    def holds(self) -> bool | None:
+        """Whether both agree; None for an open question. What is no number does not hold."""
+        return None if self.limit is None else self.apart <= self.limit
+
+    def content(self) -> dict[str, Any]:
+        """Return the row as plain values."""
+        return asdict(self) | {"apart": self.apart, "holds": self.holds}
+
+    def cells(self) -> tuple[str, ...]:
+        """Return the row as text: figure, where, theirs, ours, apart, limit, holds."""
+        theirs, ours = (f"{number:.{self.digits}f}" for number in (self.theirs, self.ours))
+        limit = "" if self.limit is None else f"{self.limit:.2g}"
+        holds = {True: "yes", False: "NO", None: "open"}[self.holds]
+        return self.figure, self.where, theirs, ours, f"{self.apart:.2g}", limit, holds
+
+
+def evaluated(
+    figure: str, where: str, theirs: float, ours: float, digits: int, half_units: float = 1.0
+) -> Row:
+    """Return a row whose figure is known to ``digits`` digits after the point."""
+    return Row(figure, where, theirs, ours, half_units * 0.5 * 10.0**-digits * (1 + 1e-9), digits)
