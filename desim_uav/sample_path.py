@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
-from desim_uav.model.demand import Requests
+from desim_uav.model.asking import Requests
 from desim_uav.model.kernels import maker
-from desim_uav.model.mobility import RandomWalks, Walks
 from desim_uav.model.streams import Purpose, Streams, next_uniform, states_of
+from desim_uav.model.walking import RowWalks, Walks
 from desim_uav.world import World
 
 MOST_AT_ONCE, AT_ONCE_FOR = 64, 3072
@@ -23,7 +23,7 @@ MOST_AT_ONCE, AT_ONCE_FOR = 64, 3072
 class SamplePath(Unchanging):
     """The walks, requests, position errors and respawn stations of one episode.
 
-    ``walking``: the walks; random ones are drawn when ``walks`` is first used.
+    ``walking``: the walks; those over rows are drawn when ``walks`` is first used.
 
     ``position_error``: (drones, steps + 1, 2), the error of a drone's believed cell at each
     decision epoch and at the end of the episode, in cells; None without noise. ``respawn``:
@@ -31,7 +31,7 @@ class SamplePath(Unchanging):
     """
 
     episode: int
-    walking: Walks | RandomWalks
+    walking: Walks | RowWalks
     requests: Requests
     position_error: NDArray[np.float64] | None
     respawn: NDArray[np.int64]
@@ -51,7 +51,7 @@ class SamplePaths:
     """
 
     episodes: Sequence[int]
-    walking: Sequence[Walks | RandomWalks]
+    walking: Sequence[Walks | RowWalks]
     requests: Sequence[Requests]
     position_error: NDArray[np.float64] | None
     respawn: NDArray[np.int64]

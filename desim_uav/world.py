@@ -6,21 +6,25 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
 from desim_uav.errors import ScenarioError
-from desim_uav.model.demand import Requests, requests_of
+from desim_uav.model.asking import Requests, RowDemand, RowDraws
+from desim_uav.model.components import works_on_rows
+from desim_uav.model.demand import requests_of
 from desim_uav.model.grid import Cell, Grid, altitudes, connected
-from desim_uav.model.mobility import Area, RandomWalks, Walks, walks_of
+from desim_uav.model.mobility import walks_of
 from desim_uav.model.motion import Transit, return_transit
 from desim_uav.model.planner import Node, Planner
 from desim_uav.model.rules import MOVES, US, Action, actions
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
-from desim_uav.model.streams import Purpose, Streams
+from desim_uav.model.streams import Purpose, Streams, states_of
+from desim_uav.model.walking import Area, RowMobility, RowWalks, Walks, compiled_walk
 from desim_uav.registry import naming_plug_ins
 from desim_uav.scenario.cost import check_cost
 from desim_uav.scenario.layout import start_cells, station_cells
@@ -67,10 +71,17 @@ class World(Unchanging):
         """Draw the users' walks in an episode."""
         return self.walks_of(seed, [episode])[0].drawn()
 
-    def walks_of(self, seed: int, episodes: Sequence[int]) -> Sequence[Walks | RandomWalks]:
-        """Draw the users' walks in several episodes; random walks are drawn when needed."""
+    def walks_of(self, seed: int, episodes: Sequence[int]) -> Sequence[Walks | RowWalks]:
+        """Draw the users' walks in several episodes; compiled ones over rows are drawn later."""
         mobility, homes = self.scenario.users.mobility, self._homes_on_map
-        return walks_of(mobility, homes, seed, episodes, self.area, self.horizon_us)
+        walking = walks_of(mobility, homes, seed, episodes, self.area, self.horizon_us)
+        return walking if self.row_mobility else [own.drawn() for own in walking]
+
+    @cached_property
+    def row_mobility(self) -> RowMobility | None:
+        """The mobility model if compiled code walks by it step by step, else None."""
+        mobility: Any = self.scenario.users.mobility
+        return mobility if compiled_walk(mobility) else None
 
     def requests(self, seed: int, episode: int) -> Requests:
         """Draw the users' requests in an episode."""
@@ -79,7 +90,17 @@ class World(Unchanging):
     def requests_of(self, seed: int, episodes: Sequence[int]) -> Sequence[Requests]:
         """Draw the users' requests in several episodes at once."""
         demand, users = self.scenario.demand, len(self.homes)
+        if self._row_draws:
+            return self._row_draws.of(states_of(seed, Purpose.DEMAND, episodes, users))
         return requests_of(demand, users, self.services, seed, episodes, self.horizon_us)
+
+    @cached_property
+    def _row_draws(self) -> RowDraws | None:
+        """The draws of a demand over rows."""
+        demand: Any = self.scenario.demand
+        if not works_on_rows(demand, RowDemand):
+            return None
+        return RowDraws(demand, self.services, self.horizon_us)
 
     @cached_property
     def _homes_on_map(self) -> NDArray[np.float64]:

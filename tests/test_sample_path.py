@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from desim_uav.engine.compiled.paths import paths_of
-from desim_uav.model.mobility import RandomWalks, Static
+from desim_uav.model.mobility import Static
 from desim_uav.model.rows import View, array_of
+from desim_uav.model.walking import RowWalks
 from desim_uav.rules.rows import Path
 from desim_uav.sample_path import SamplePaths, draw, draw_all
 from desim_uav.scenario.load import load
@@ -51,8 +52,8 @@ def test_what_is_packed_is_what_was_drawn(case):
     for episode, at in enumerate(starts.tolist(), start=5):
         path, row = draw(world, 3, episode), View(packed, Path, at)
         walking = path.walking
-        assert row.at_random == isinstance(walking, RandomWalks)
-        if isinstance(walking, RandomWalks):
+        assert row.stepwise == isinstance(walking, RowWalks)
+        if isinstance(walking, RowWalks):
             assert (row.streams == walking.states.view(np.int64).reshape(-1)).all()
         else:
             assert (row.legs_at == walking.offsets).all()

@@ -9,12 +9,11 @@ import numpy as np
 from desim_uav.engine.base import RunSettings
 from desim_uav.model.components import works_on_rows
 from desim_uav.model.coverage import bucket_grid
-from desim_uav.model.mobility import RandomWalk
 from desim_uav.model.motion import REST, Transit
 from desim_uav.model.planner import Node
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import Table, blank, fill
-from desim_uav.model.rules import MOVES, US
+from desim_uav.model.rules import MOVES
 from desim_uav.rules.rows import Cell, Constants, Move, Piece, Place, TransitRow
 from desim_uav.rules.words import CRASHES
 from desim_uav.world import World
@@ -61,9 +60,6 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     made.bucket_x_m, made.bucket_y_m = (
         size / max(count, 1) for size, count in zip(world.area, buckets, strict=True)
     )
-    mobility = scenario.users.mobility
-    if isinstance(mobility, RandomWalk):
-        made.walk_speed_mps, made.walk_leg_us = mobility.speed_mps, round(mobility.leg_s * US)
     return made
 
 

@@ -16,10 +16,10 @@ from desim_uav.engine import base
 from desim_uav.engine.constants import hop_transit, term_names
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
-from desim_uav.model.mobility import RandomWalks, Walks
 from desim_uav.model.rows import Queue
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot, observed, shown
+from desim_uav.model.walking import RowWalks, Walks
 from desim_uav.rules import requests
 from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
@@ -46,7 +46,7 @@ class Engine(Independent, ABC):
     state: Any
     constants: Any
     drones: Sequence[Any]
-    walking: Walks | RandomWalks
+    walking: Walks | RowWalks
 
     def __init__(self, world: World, settings: base.RunSettings) -> None:
         self.world = world
@@ -80,10 +80,6 @@ class Engine(Independent, ABC):
     @abstractmethod
     def entries(self, name: str) -> Sequence[Any]:
         """Return the numbers or rows in this table or queue of the state, which are only read."""
-
-    @abstractmethod
-    def plan(self, number: int) -> Any:
-        """Return the planned return with this number (see ``Constants.plans``), as a row."""
 
     @abstractmethod
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
@@ -120,10 +116,7 @@ class Engine(Independent, ABC):
 
     def carried(self) -> base.Carried | None:
         """Return the states in which drones begin the next episode; None if they start afresh."""
-        if not self._goes_on:
-            return self._carried
-        queues = [list(station.queue) for station in self.state.stations]
-        return self.drones_of(int(self.state.now_us), self.entries("drones"), queues)
+        return self._drones_now() if self._goes_on else self._carried
 
     def carry(self, drones: base.Carried | None) -> None:
         """Let drones begin the next episode in these states, or afresh if they are None.
@@ -134,7 +127,7 @@ class Engine(Independent, ABC):
         self._under_way = False
         self._carried = drones
 
-    def take_up(self, episode: int, walking: Walks | RandomWalks) -> None:
+    def take_up(self, episode: int, walking: Walks | RowWalks) -> None:
         """Put drones in their states at the start of an episode, and begin its log."""
         if not self._goes_on:
             self.load(self._carried)
@@ -143,13 +136,12 @@ class Engine(Independent, ABC):
         self.walking = walking
         self.new_log(episode)
 
-    def drones_of(
-        self, now_us: int, drones: Sequence[Any], queues: Sequence[Sequence[int]]
-    ) -> base.Carried:
-        """Return the states of drones at a time, given their rows and the stations' queues."""
-        places = {d: place for queue in queues for place, d in enumerate(queue)}
+    def _drones_now(self) -> base.Carried:
+        """Return the present states of the drones."""
+        now_us, stations = int(self.state.now_us), self.state.stations
+        places = {d: place for station in stations for place, d in enumerate(station.queue)}
         carried = []
-        for drone in drones:
+        for drone in self.entries("drones"):
             hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
             carried.append(
                 base.CarriedDrone(
@@ -223,8 +215,7 @@ class Engine(Independent, ABC):
 
     def observations(self) -> tuple[Observation, ...]:
         """Return the drones' observations at the present decision epoch."""
-        facts, grid, step = self.world.facts, self.world.grid, int(self.state.step)
-        places = len(grid.levels_m) * grid.cells[0] * grid.cells[1]
+        facts, step, plan = self.world.facts, int(self.state.step), self.world.planner.plan
         capacity_s, counts = facts.capacity_s, self.entries("counts")
         observations, first, services = [], 0, len(facts.services)
         for index, (seen, ceiling, features) in enumerate(
@@ -233,10 +224,10 @@ class Engine(Independent, ABC):
             station = duration_s = drained_s = None
             if capacity_s is not None:
                 drained_s = math.inf
-                plan = self.plan(ceiling * places + seen.believed)
-                if plan.station >= 0:
-                    station, duration_s = plan.station, plan.duration_us / US
-                    drained_s = plan.drained_us / US
+                back = plan((seen.x, seen.y, seen.level), ceiling)
+                if back is not None:
+                    station, duration_s = back.station, back.duration_us / US
+                    drained_s = back.drained_us / US
             observations.append(
                 observed(
                     (

@@ -31,7 +31,8 @@ register_model: Any = extending.register_model
 type_callable: Any = extending.type_callable
 
 I64, F64 = types.int64, types.float64
-ZERO = ir.Constant(ir.IntType(64), 0)
+WORD = ir.IntType(64)
+ZERO = ir.Constant(WORD, 0)
 
 
 def _name_of(kind: Any) -> str:
@@ -262,6 +263,42 @@ word: Any = intrinsic(prefer_literal=True)(_word)
 set_word: Any = intrinsic(prefer_literal=True)(_set_word)
 
 
+# ---- rows in registers
+
+
+def _copy(context: Any, builder: Any, row: Any, target: Any, source: Any) -> None:
+    """Copy a row, word by word, which may be of any field's memory (see ``_apart``)."""
+    for k in range(row.cls.words):
+        begin, end = (_moved(builder, base, k) for base in (source, target))
+        word = builder.load(_number_at(context, builder, begin, I64))
+        builder.store(word, _number_at(context, builder, end, I64))
+
+
+def _held(typing_context: Any, row: Any) -> Any:
+    """Return a copy of a row while the function runs, which the compiler keeps in registers."""
+
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        space = cgutils.alloca_once(builder, ir.ArrayType(WORD, row.cls.words))
+        made = builder.bitcast(space, cgutils.voidptr_t)
+        _copy(context, builder, row, made, arguments[0])
+        return made
+
+    return row(row), generate
+
+
+def _put_back(typing_context: Any, row: Any, copy: Any) -> Any:
+    """Write such a copy into the row that it was made of."""
+
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        _copy(context, builder, row, *arguments)
+        return context.get_dummy_value()
+
+    return types.none(row, copy), generate
+
+
+held, put_back = intrinsic(_held), intrinsic(_put_back)
+
+
 # ---- indexing of classes of rows that define it
 
 
@@ -372,6 +409,20 @@ def pointer_to(cls: type[Row]) -> Any:
         return Pointer(cls)(I64), generate
 
     return intrinsic(at)
+
+
+def _place_of(typing_context: Any, of: Any) -> Any:
+    """Return the address of a row, or of the first entry of a table."""
+
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        (value,) = arguments
+        first = value if isinstance(of, Pointer) else _first_of(context, builder, of, value)
+        return builder.ptrtoint(first, cgutils.intp_t)
+
+    return I64(of), generate
+
+
+place_of: Any = intrinsic(_place_of)
 
 
 def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:

@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 import copy
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import fields, is_dataclass
 from functools import cache
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from numba.core.errors import NumbaError, UnsupportedBytecodeError
 
+from desim_uav.model.compiled_rows import address_of, call, pointer_to
 from desim_uav.model.kernels import kernel, rule
-from desim_uav.model.rows import Row, Table, fill, row
+from desim_uav.model.rows import Row, Table, Words, fill, packed, row
+from desim_uav.notices import notice
 
 C = TypeVar("C")
 
@@ -78,6 +80,83 @@ def own_kernel(function: Any, cls: Any) -> Any:
     name = f"{function.__name__}_of_{cls.__module__}_{cls.__qualname__}"
     function.__qualname__ = name.replace(".", "_")
     return kernel(function)
+
+
+@cache
+def remembering(cls: type[Row], component: Any) -> Any:
+    """Return a class of rows with the numbers that a class of components remembers of each row."""
+    kinds = {**cls.kinds, **component.remembers}
+    return row(type(cls.__name__, (Row,), {"__annotations__": kinds}))
+
+
+def kind_of(component: Any) -> str:
+    """Return the name by which a scenario can name the class of a component."""
+    return f"{type(component).__module__}:{type(component).__qualname__}"
+
+
+# ---- functions that are known by their addresses
+
+
+class Function(NamedTuple):
+    """A compiled function of a component, with the name by which it is kept.
+
+    ``around`` makes it of the component's class, and of a function that returns the component's
+    values at an address. ``arguments`` are the types with which it is compiled.
+    """
+
+    name: str
+    around: Callable[[Any, Any], Any]
+    arguments: tuple[Any, ...]
+
+
+class Compiled(NamedTuple):
+    """A compiled component: the addresses of its functions by name, and its values in memory.
+
+    Addresses are valid in this process.
+    """
+
+    functions: dict[str, int]
+    values: Words
+
+
+def compiled(
+    functions: tuple[Function, ...], component: Any, services: tuple[str, ...]
+) -> Compiled:
+    """Compile functions of a component, which stay loaded. Raises Numba's errors."""
+    values = values_of(over_rows(component, services))
+    kinds: tuple[Any, Any] = type(component), type(values)
+    return Compiled({one.name: _address(one, *kinds) for one in functions}, packed(values))
+
+
+@cache
+def _address(one: Function, cls: Any, values: Any) -> int:
+    """Compile a function of a class of components, which has a file of its own on disk."""
+    return address_of(own_kernel(one.around(cls, pointer_to(values)), cls), *one.arguments)
+
+
+def compiled_or_none(
+    key: str, component: Any, functions: tuple[Function, ...], services: tuple[str, ...] = ()
+) -> Compiled | None:
+    """Compile functions of a component that Python can run as well; a notice says why not."""
+    if type(component) in _ONLY_PYTHON or not hasattr(call_at, "overloads"):
+        return None  # the latter if NUMBA_DISABLE_JIT is set
+    try:
+        return compiled(functions, component, services)
+    except NOT_COMPILED as error:
+        _ONLY_PYTHON.add(type(component))
+        why = cause_of(error, over_rows(component, services))
+        notice(f"{key}: {kind_of(component)!r} is not compiled, and drawn more slowly: {why}")
+        return None
+
+
+_ONLY_PYTHON: set[type] = set()
+"""Classes of components that are not compiled, of which a notice has told."""
+
+
+@kernel
+def call_at(function: int, arguments: tuple[int, ...]) -> None:
+    """Call a function at an address."""
+    call(function, arguments)
 
 
 NOT_COMPILED = (NumbaError, UnsupportedBytecodeError)

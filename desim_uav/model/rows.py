@@ -238,6 +238,17 @@ class _Packer:
         return self.floats if kind is float else self.block
 
 
+def attach(block: Words, cls: type[Row], name: str, array: NDArray[Any]) -> None:
+    """Let a table of the row at the beginning of a block be an array, which stays where it is."""
+    at, width = cls.places[name], width_of(held_by(cls.kinds[name]))
+    block[at : at + TABLE_WORDS] = place(array) - place(block), array.size // width
+
+
+def place(array: NDArray[Any]) -> int:
+    """Return the address of an array's memory."""
+    return int(array.ctypes.data)
+
+
 # ---- blocks of memory in Python
 
 

@@ -6,13 +6,16 @@ The kernels here give the same numbers as that generator's ``random()``, for all
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import kernel, maker
+from desim_uav.model.kernels import kernel, maker, rule
+from desim_uav.model.rows import Row, row
 
 
 class Purpose(IntEnum):
@@ -170,3 +173,63 @@ def uniforms(states: NDArray[np.uint64], count: int) -> NDArray[np.float64]:
         for k in range(count):
             drawn[stream, k] = next_uniform(states[stream])
     return drawn
+
+
+# ---- streams of components over rows
+
+
+@row
+class Stream(Row):
+    """A random stream, from which a component over rows draws: the words of its SFC64 state."""
+
+    a: int
+    b: int
+    c: int
+    counter: int
+
+
+@rule
+def begin_stream(stream: Stream, words: Any, first: int) -> None:
+    """Put a stream at the state whose four words begin at index ``first``."""
+    stream.a, stream.b = words[first], words[first + 1]
+    stream.c, stream.counter = words[first + 2], words[first + 3]
+
+
+@rule
+def uniform(stream: Any) -> float:
+    """Return the next number of a stream, which is uniform in [0, 1)."""
+    word, state = advanced(
+        (
+            np.uint64(stream.a),
+            np.uint64(stream.b),
+            np.uint64(stream.c),
+            np.uint64(stream.counter),
+        )
+    )
+    stream.a, stream.b, stream.c, stream.counter = state
+    return as_uniform(np.uint64(word))
+
+
+@rule
+def exponential_us(stream: Any, mean_s: float) -> int:
+    """Return an exponential time in whole microseconds, which takes one number of a stream.
+
+    Rounding hides differences of logarithms between platforms, which are in their last bit.
+    """
+    return int(np.rint(-math.log1p(-uniform(stream)) * mean_s * 1e6))
+
+
+@rule
+def heading(stream: Any) -> tuple[float, float]:
+    """Return a vector of length 1 in a uniform direction.
+
+    It is drawn by rejection, because square roots and quotients are the same on every platform,
+    but sines are not.
+    """
+    while True:
+        x = 2.0 * uniform(stream) - 1.0
+        y = 2.0 * uniform(stream) - 1.0
+        squared = x * x + y * y
+        if 1e-6 < squared <= 1.0:
+            length = math.sqrt(squared)
+            return x / length, y / length

@@ -8,6 +8,7 @@ those of user u are ``asks[asks_at[u]:asks_at[u + 1]]``; ``legs_at`` and ``known
 from __future__ import annotations
 
 from desim_uav.model.rows import Queue, Row, Table, row
+from desim_uav.model.walking import Walking
 
 
 @row
@@ -139,13 +140,12 @@ class Constants(Row):
     admission_values: int
     observation_values: int
     battery_values: int
+    mobility_values: int
     features: int
     buckets_x: int
     buckets_y: int
     bucket_x_m: float
     bucket_y_m: float
-    walk_speed_mps: float
-    walk_leg_us: int
     known_at: Table[int]
     known: Table[Crossing]
     foresee: int
@@ -154,6 +154,7 @@ class Constants(Row):
     describe: int
     drained_us: int
     lasts_us: int
+    walk: int
     run: int
 
 
@@ -171,14 +172,14 @@ class Ask(Row):
 class Path(Row):
     """The sample path of an episode (see ``SamplePath``).
 
-    ``asks`` and ``legs`` (five numbers each) are ordered by user. If users walk ``at_random``, the
+    ``asks`` and ``legs`` (five numbers each) are ordered by user. If users walk ``stepwise``, the
     compiled engine has the initial states of their random streams (four words each) instead of
     legs. ``respawns`` holds ``respawns_drawn`` stations per drone, and ``errors`` the position
     errors in x and y, in cells, per drone and decision epoch, or nothing without noise.
     """
 
     after_previous: int
-    at_random: int
+    stepwise: int
     respawns_drawn: int
     asks: Table[Ask]
     asks_at: Table[int]
@@ -370,25 +371,16 @@ class Handover(Row):
 
 @row
 class Look(Row):
-    """The users' walks in the present span of time (only in ``engine.compiled.looking``).
-
-    For users who walk at random, it includes their random streams, their present legs, the times
-    at which they turn, and the legs in the span.
-    """
+    """The users' walks in the present span of time (only in ``engine.compiled.looking``)."""
 
     from_us: int
     to_us: int
     far_m: float
     stand: int
-    overrun: int
     users: Table[float]
     heads: Table[int]
     following: Table[int]
-    streams: Table[int]
-    turns: Table[int]
-    walking: Table[float]
-    walked: Table[float]
-    walked_at: Table[int]
+    walking: Walking
 
 
 @row

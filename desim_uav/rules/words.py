@@ -73,9 +73,9 @@ LEADS_TO = {
     ON_LEG,
 ) = range(len(EVENT_KINDS) + 1)
 
-OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED = 1, 2, 4
+OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED, LOST = 1, 2, 4, 8
 """The flags of ``State.faults``: something did not fit in memory; a reward was too large or not a
-number; an admission rule served requests beyond a drone's bandwidth."""
+number; an admission rule served requests beyond a drone's bandwidth; a user's leg leads nowhere."""
 
 NEVER = 2**62
 """A time after all others, in microseconds, for events that are not scheduled."""

@@ -11,9 +11,9 @@ import numpy as np
 
 from desim_uav.model.battery import LONGEST_MIN
 from desim_uav.model.grid import Cell, reachable
-from desim_uav.model.mobility import Area
 from desim_uav.model.motion import return_transit
 from desim_uav.model.sums import in_order
+from desim_uav.model.walking import Area
 from desim_uav.notices import notice
 from desim_uav.registry import FAULTS, did_you_mean, what_failed
 from desim_uav.rules.rewards import MultiService

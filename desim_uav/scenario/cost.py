@@ -15,7 +15,7 @@ import numpy as np
 
 from desim_uav.available import available_bytes
 from desim_uav.errors import ScenarioError
-from desim_uav.model.mobility import Area
+from desim_uav.model.walking import Area
 from desim_uav.scenario.schema import DrawnObstacles, Scenario
 
 MOST_EVENTS = 1e10

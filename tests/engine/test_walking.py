@@ -43,9 +43,9 @@ def walking(walk: dict[str, float], step_s: float) -> World:
 
 def walked(engine: BatchSimulation, user: int) -> NDArray[np.float64]:
     """The legs of a user that the engine has in this step."""
-    look = engine.state.look
-    first, last = look.walked_at[user : user + 2].tolist()
-    legs: NDArray[np.float64] = look.walked[5 * first : 5 * last].reshape(-1, 5)
+    walking = engine.state.look.walking
+    first, last = walking.legs_at[user : user + 2].tolist()
+    legs: NDArray[np.float64] = walking.legs[5 * first : 5 * last].reshape(-1, 5)
     return legs
 
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from desim_uav.engine.compiled.standing import recall, stand
-from desim_uav.engine.compiled.walking import begin_walks, walk
-from desim_uav.model.compiled_rows import as_array, set_word
+from desim_uav.model.compiled_rows import as_array, call, place_of, set_word
 from desim_uav.model.coverage import (
     SEEN_ROWS,
     Buckets,
@@ -17,10 +16,12 @@ from desim_uav.model.coverage import (
 )
 from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings, crossings_near
 from desim_uav.model.kernels import kernel, rule, stands_in_for
+from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import coverage as seam
 from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.words import LOST
 
-LEG_COLUMNS, CROSSING_COLUMNS, PIECE_COLUMNS = 5, 3, 4
+CROSSING_COLUMNS, PIECE_COLUMNS = 3, 4
 
 
 @stands_in_for(seam.look_anew)
@@ -29,8 +30,7 @@ def _look_anew(world: Any, path: Any, state: Any) -> Any:
         look = state.look
         look.from_us = look.to_us = -1
         look.stand = stand(world, path)
-        if path.at_random:
-            begin_walks(world, path, look)
+        look.walking.begun = look.walking.lost = 0
 
     return look_anew
 
@@ -56,10 +56,16 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
     look, count = state.look, len(state.users)
     start_us, end_us = state.now_us, state.now_us + span_us
     is_new = look.from_us != start_us or look.to_us != end_us
-    if path.at_random:
-        if is_new:
-            walk(world, look, start_us, end_us)
-        rows, begins = look.walked, look.walked_at
+    if path.stepwise:
+        walking = look.walking
+        if is_new and not walking.lost:
+            homes, streams = place_of(world.homes), place_of(path.streams)
+            model = world.mobility_values
+            call(world.walk, (model, place_of(walking), homes, streams, start_us, end_us))
+        if walking.lost:
+            state.faults |= LOST
+            return 0
+        rows, begins = walking.legs, walking.legs_at
     else:
         rows, begins = path.legs, path.legs_at
     users = Users(

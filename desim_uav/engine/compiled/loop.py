@@ -6,6 +6,7 @@ from typing import Any
 
 from desim_uav.engine.compiled.slots import is_before, next_slot
 from desim_uav.model.kernels import kernel, rule, stands_in_for
+from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules.attachment import settle
 from desim_uav.rules.charging import (
     await_full,
@@ -96,7 +97,8 @@ def _hand_on_pads(world: Any, state: Any, station: Any) -> Any:
 @rule
 def _overrun(state: State) -> int:
     """Return whether a queue of the state had no memory left for an entry."""
-    overrun = state.look.overrun | state.loose.overrun
+    walking = state.look.walking
+    overrun = int(walking.count * LEG_COLUMNS > len(walking.legs)) | state.loose.overrun
     overrun |= state.events.overrun | state.closed.overrun | state.handovers.overrun
     for d in range(len(state.drones)):
         overrun |= state.drones[d].ahead.overrun

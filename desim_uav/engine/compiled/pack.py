@@ -14,18 +14,19 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
 from desim_uav.engine.compiled.components import (
     SLOTS,
-    compiled,
     components_of,
     point_at,
     why_not_compiled,
 )
 from desim_uav.engine.compiled.standing import tabulate
-from desim_uav.engine.compiled.walking import WALKING_COLUMNS
 from desim_uav.engine.constants import constants_of
 from desim_uav.engine.state import Room, state_of
 from desim_uav.errors import ScenarioError
+from desim_uav.model.components import compiled
 from desim_uav.model.coverage import SEEN_ROWS, bucket_grid
-from desim_uav.model.rows import View, Words, packed
+from desim_uav.model.rows import View, Words, blank, held_by, packed
+from desim_uav.model.rules import US
+from desim_uav.model.walking import LEG_COLUMNS, walking_of
 from desim_uav.rules.due import slots
 from desim_uav.rules.rows import Constants, State
 from desim_uav.world import World
@@ -82,13 +83,12 @@ class Fixed(Unchanging):
         """Write the addresses, which are valid only in this process."""
         constants = View(self.block, Constants)
         set_functions(constants)
-        loaded = [
-            compiled(slot, self.components[slot.key], self.services)
-            for slot in SLOTS
-            if slot.key in self.components
-        ]
-        for component in loaded:
-            point_at(constants, component)
+        loaded = []
+        for slot in SLOTS:
+            if slot.key in self.components:
+                component = self.components[slot.key]
+                loaded.append(compiled(slot.functions, component, self.services))
+                point_at(constants, slot, loaded[-1])
         object.__setattr__(self, "at", int(self.block.ctypes.data))
         object.__setattr__(self, "_loaded", loaded)  # the constants point at their values
 
@@ -134,20 +134,33 @@ def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:
     return plans.reshape(-1, 5), hops[:used]
 
 
+def legs_of_step(world: World) -> int:
+    """Return for how many legs in a step there is room at first; 0 if all legs are known."""
+    mobility, users = world.row_mobility, len(world.homes)
+    if mobility is None:
+        return 0
+    return int(mobility.expected_legs(users, world.area, world.step_us / US)) + 2 * users + 16
+
+
 def pack_state(world: World, settings: RunSettings, room: Room, legs: int) -> Words:
-    """Return a state; ``legs``: those of users who walk at random that there is room for."""
+    """Return a state; ``legs``: the number of users' legs in a step that there is room for."""
     state: Any = state_of(world, settings, room, State)
     drones, users = world.scenario.drones.count, len(world.homes)
     nx, ny = bucket_grid(*world.area, world.scenario.drones.footprint_radius_m)
-    walkers, count = users if legs else 0, slots(users, drones)
+    count = slots(users, drones)
     state.slot_times, state.slot_keys = _whole(count), _whole(count)
     state.winners = _whole(2 * count)
     look = state.look
     look.users = np.zeros(SEEN_ROWS * users)
     look.heads, look.following = _whole(nx * ny), _whole(users if nx * ny else 0)
-    look.streams, look.turns = _whole(4 * walkers), _whole(2 * walkers)
-    look.walking, look.walked = np.zeros(WALKING_COLUMNS * walkers), np.zeros(5 * legs)
-    look.walked_at = _whole(walkers + 1)
+    if world.row_mobility:
+        model: Any = type(world.row_mobility)
+        look.walking = walking = blank(walking_of(model))
+        walking.width_m, walking.depth_m = world.area
+        walking.horizon_us = world.horizon_us
+        walker = held_by(walking.kinds["walkers"])
+        walking.walkers, walking.legs_at = np.zeros((users, walker.words), int), _whole(users + 1)
+        walking.legs = np.zeros(LEG_COLUMNS * legs)
     return packed(state)
 
 

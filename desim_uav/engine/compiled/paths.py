@@ -8,9 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.demand import ManyRequests, Requests
-from desim_uav.model.mobility import ManyRandomWalks, RandomWalks, Walks
+from desim_uav.model.asking import ManyRequests, Requests
 from desim_uav.model.rows import Words
+from desim_uav.model.walking import ManyRowWalks, RowWalks, Walks
 from desim_uav.rules.rows import Path
 from desim_uav.sample_path import SamplePaths
 
@@ -32,11 +32,11 @@ NOTHING = Section([], 0, 0)
 
 def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
     """Return sample paths in one block, and the word at which each one's row begins."""
-    at_random, legs_at, legs, streams = _walking(paths.walking)
+    stepwise, legs_at, legs, streams = _walking(paths.walking)
     asks, asks_at = _requests(paths.requests)
     episodes, drawn = len(paths.episodes), paths.respawn.shape[2]
     rows = np.empty((episodes, Path.words), np.int64)
-    rows[:, 0], rows[:, 1], rows[:, 2] = _after_previous(paths.requests), at_random, drawn
+    rows[:, 0], rows[:, 1], rows[:, 2] = _after_previous(paths.requests), stepwise, drawn
     starts = Path.words * np.arange(episodes)
     at, place, parts = rows.size, 3, []
     # In the order of the tables of Path, of whose rows asks have four words.
@@ -69,11 +69,11 @@ def _listed(arrays: Sequence[NDArray[Any]]) -> Section:
     return Section(flat, np.cumsum(sizes) - sizes, sizes)
 
 
-def _walking(walking: Sequence[Walks | RandomWalks]) -> tuple[bool, Section, Section, Section]:
-    """Return whether users walk at random, the offsets of legs, the legs, and users' streams."""
-    if isinstance(walking, ManyRandomWalks):
+def _walking(walking: Sequence[Walks | RowWalks]) -> tuple[bool, Section, Section, Section]:
+    """Return whether users walk step by step, the offsets of legs, the legs, and users' streams."""
+    if isinstance(walking, ManyRowWalks):
         return True, NOTHING, NOTHING, _block(walking.states.view(np.int64))
-    states = [own.states.view(np.int64) for own in walking if isinstance(own, RandomWalks)]
+    states = [own.states.view(np.int64) for own in walking if isinstance(own, RowWalks)]
     if states:
         return True, NOTHING, NOTHING, _listed(states)
     walks = [own.drawn() for own in walking]

@@ -9,7 +9,6 @@ from desim_uav.model.compiled_rows import set_word
 from desim_uav.model.coverage import SEEN_ROWS, VX, VY, X0, Y0, DroneLeg, Users, look_around
 from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings
 from desim_uav.model.kernels import rule
-from desim_uav.model.mobility import Static
 from desim_uav.model.motion import Transit
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.rules.rows import Constants, Drone, Path, State
@@ -34,7 +33,8 @@ def tabulate(world: World) -> tuple[Ints, Ints]:
     """
     nx, ny = world.grid.cells
     pairs = nx * ny * len(COURSES) * len(world.homes)
-    if type(world.scenario.users.mobility) is not Static or pairs > MOST_LOOKS:
+    walks = world.fixed_walks
+    if walks is None or walks.legs[:, VX:].any() or pairs > MOST_LOOKS:
         return np.empty(0, np.int64), np.empty((0, CROSSING_COLUMNS), np.int64)
     by_course = {
         MOVES[action][:2]: transit
@@ -81,7 +81,7 @@ class _Looks:
 @rule
 def stand(world: Constants, path: Path) -> int:
     """Return whether all users of a sample path stand where the table has them."""
-    if len(world.known_at) == 0 or path.at_random or len(path.legs) != 5 * len(world.homes):
+    if len(world.known_at) == 0 or path.stepwise or len(path.legs) != 5 * len(world.homes):
         return 0
     for user in range(len(world.homes)):
         home, leg = world.homes[user], 5 * user

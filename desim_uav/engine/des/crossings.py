@@ -19,9 +19,9 @@ from desim_uav.model.coverage import (
     sort_into_buckets,
 )
 from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings, crossings_near
-from desim_uav.model.mobility import Area, Walks
 from desim_uav.model.motion import Transit
 from desim_uav.model.rows import named
+from desim_uav.model.walking import Area, Walks
 from desim_uav.rules import rows
 
 _BY_TIME = itemgetter(TIME_US, ENTERS, USER)

@@ -16,7 +16,7 @@ from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import set_components
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.state import Room, state_of
-from desim_uav.model.demand import Requests
+from desim_uav.model.asking import Requests
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.rules.attachment import settle
@@ -169,10 +169,6 @@ class Simulation(Engine):
         """Return the numbers or rows in this table or queue of the state."""
         entries: Sequence[Any] = getattr(self.state, name)
         return entries
-
-    def plan(self, number: int) -> Any:
-        """Return the planned return with this number."""
-        return self.constants.plans[number]
 
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
         """Return the hops with the numbers ``first`` to ``end`` - 1, as (dx, dy, dlevel)."""

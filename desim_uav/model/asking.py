@@ -1,0 +1,378 @@
+"""Demand over rows: what a user asks for next, and when, which can be compiled."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache, cached_property
+from typing import Any, ClassVar, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import SimulationError
+from desim_uav.model.compiled_rows import held, pointer_to, put_back
+from desim_uav.model.components import (
+    Compiled,
+    Function,
+    call_at,
+    compiled_or_none,
+    kind_of,
+    over_rows,
+    remembering,
+    ruled,
+)
+from desim_uav.model.kernels import rule
+from desim_uav.model.rows import Row, Table, View, Words, attach, blank, fill, packed, place, row
+from desim_uav.model.services import Catalogue
+from desim_uav.model.streams import Stream, Streams, begin_stream, uniform
+
+DUE_US, SERVICE, REQUIRED_US, BANDWIDTH_BPS = range(4)
+"""Columns of a table of requests."""
+
+NOTHING = -1
+"""The service of a user who asks for nothing."""
+
+NO_MORE_US = 2**60
+"""A time to wait for users who ask for nothing any more."""
+
+
+class Requests(NamedTuple):
+    """All users' requests in one episode: rows of DUE_US SERVICE REQUIRED_US BANDWIDTH_BPS.
+
+    The rows of user u are ``offsets[u]:offsets[u + 1]``. If ``after_previous`` is true, DUE_US
+    counts from the end of the user's previous request, and for the first request from the start of
+    the episode. Otherwise DUE_US is the time of an arrival, which is dropped while another request
+    of that user is open.
+    """
+
+    rows: NDArray[np.int64]
+    offsets: NDArray[np.int64]
+    after_previous: bool
+
+
+class ManyRequests(Sequence[Requests]):
+    """The requests of several episodes in one table.
+
+    The rows of episode k are ``begins[k]:begins[k + 1]``. ``offsets`` (episodes, users + 1) count
+    from the beginning of each episode's rows.
+    """
+
+    def __init__(
+        self, rows: NDArray[np.int64], offsets: NDArray[np.int64], after_previous: bool
+    ) -> None:
+        self.offsets, self.after_previous = offsets, after_previous
+        ends: list[int] = np.cumsum(offsets[:, -1]).tolist()
+        self.begins, self.rows = [0, *ends[:-1]], rows[: ends[-1]]
+
+    def __len__(self) -> int:
+        return len(self.offsets)
+
+    def __getitem__(self, k: Any) -> Any:
+        """Return the requests of episode k of the table."""
+        own, begin = self.offsets[k], self.begins[k]
+        return Requests(self.rows[begin : begin + own[-1]], own, self.after_previous)
+
+
+@row
+class Asker(Row):
+    """A user who asks: how often it has drawn, the time that is left, and what it draws now.
+
+    The askers of a demand model also have the numbers that the model remembers.
+    """
+
+    draws: int
+    left_us: int
+    wait_us: int
+    service: int
+    required_us: int
+    bandwidth_bps: int
+    stream: Stream
+
+
+@row
+class Offer(Row):
+    """The services: the cumulative ``shares`` of the mix, service times and bandwidths.
+
+    Service s has ``sizes[2 * s]`` service times, from ``durations_us[s * longest]`` on, and
+    ``sizes[2 * s + 1]`` bandwidths, from ``bandwidths_bps[s * widest]`` on, each as likely.
+    """
+
+    longest: int
+    widest: int
+    shares: Table[float]
+    sizes: Table[int]
+    durations_us: Table[int]
+    bandwidths_bps: Table[int]
+
+
+@row
+class Asking(Row):
+    """The draws of several episodes: where they begin, and the requests that are drawn.
+
+    ``count`` is the number of requests, which may be larger than there is room for (``most``).
+    ``lost`` is the number of the user whose draw is no request, plus 1; 0 if there is none.
+    """
+
+    horizon_us: int
+    users: int
+    most: int
+    count: int
+    lost: int
+    asker: Asker
+    states: Table[int]
+    offsets: Table[int]
+    rows: Table[int]
+
+
+class RowDemand:
+    """A demand model over rows, which can be compiled.
+
+    A subclass is a frozen dataclass whose fields are numbers, or mappings from services to numbers.
+    ``remembers`` has the names and types (int or float) of the numbers that a user has besides its
+    request; they are 0 at first. ``after_previous``: users wait from the end of a request to the
+    next one; else, from one request to the next.
+    """
+
+    remembers: ClassVar[dict[str, type]] = {}
+    after_previous: ClassVar[bool] = True
+    plain: ClassVar = ("requests",)
+    """The methods of which a subclass overrides one if it makes whole tables of requests."""
+
+    def next_request(self, asker: Any, stream: Any, services: Any) -> None:
+        """Draw what a user asks for next, and when.
+
+        Write ``asker.wait_us``, ``service`` (or NOTHING), ``required_us`` and ``bandwidth_bps``
+        (see ``ask_for`` and ``ask_for_mix``). ``asker.draws`` counts the draws before. Draw from
+        ``stream`` only, with ``uniform`` and the like from ``model.streams``. ``services`` is the
+        Offer.
+        """
+        raise NotImplementedError
+
+    def requests(
+        self, users: int, services: Catalogue, streams: Streams, horizon_us: int
+    ) -> Requests:
+        """Return the requests of one episode, with one random stream per user."""
+        states = streams.states(users)[np.newaxis]
+        drawn: Requests = RowDraws(self, services, horizon_us).of(states)[0]
+        return drawn
+
+
+# ---- what models draw
+
+
+@rule
+def ask_for(asker: Any, stream: Any, services: Any, service: int) -> None:
+    """Let a user ask for a service, for one of its service times and with one of its bandwidths."""
+    asker.service = service
+    k = int(uniform(stream) * services.sizes[2 * service])
+    asker.required_us = services.durations_us[service * services.longest + k]
+    k = int(uniform(stream) * services.sizes[2 * service + 1])
+    asker.bandwidth_bps = services.bandwidths_bps[service * services.widest + k]
+
+
+@rule
+def ask_for_mix(asker: Any, stream: Any, services: Any, none: float) -> None:
+    """Let a user ask for a service of the mix, or with probability ``none`` for nothing.
+
+    It takes four uniform numbers, of which some may not be used: for whether there is a request,
+    for service, duration and bandwidth. A user who would wait for too long draws none of them.
+    """
+    if asker.wait_us >= asker.left_us:
+        return
+    asks = uniform(stream) >= none
+    which, service = uniform(stream), 0
+    for k in range(len(services.shares)):  # all: a branch that nobody can foresee costs more
+        service += int(services.shares[k] <= which)
+    ask_for(asker, stream, services, service)
+    if not asks:
+        asker.service = NOTHING
+
+
+# ---- the draws of all users
+
+MOST_IDLE = 1000
+"""How often a user may draw while no time passes."""
+
+
+def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., None]:
+    """Return a function that writes a user's requests in an episode.
+
+    It ends at once if a draw is no request, or if no time passes.
+    """
+
+    def ask(demand: Any, asking: Any, asker: Any, services: Any) -> None:
+        rows, count, most = asking.rows, asking.count, asking.most
+        due_us = idle = 0
+        asker.left_us = asking.horizon_us
+        while True:
+            next_request(demand, asker, asker.stream, services)
+            asker.draws += 1
+            passed_us = asker.wait_us
+            if passed_us >= asker.left_us:
+                break
+            if not _is_sound(asker, services) or idle > MOST_IDLE:
+                asking.lost = 1
+                break
+            due_us += passed_us
+            if asker.service >= 0:
+                if count < most:
+                    first = 4 * count
+                    rows[first + DUE_US], rows[first + SERVICE] = due_us, asker.service
+                    rows[first + REQUIRED_US] = asker.required_us
+                    rows[first + BANDWIDTH_BPS] = asker.bandwidth_bps
+                count += 1
+                if follow:
+                    passed_us += asker.required_us
+                    due_us = 0
+            asker.left_us -= passed_us
+            idle = 0 if passed_us > 0 else idle + 1
+        asking.count = count
+
+    return ask
+
+
+@rule
+def _is_sound(asker: Any, services: Any) -> Any:
+    """Return whether a draw is a request for an existing service, or for nothing."""
+    nothing = (asker.service == NOTHING) & (asker.wait_us >= 0)
+    exists = (asker.service >= 0) & (asker.service < len(services.shares))
+    request = exists & (asker.required_us > 0) & (asker.bandwidth_bps >= 0)
+    return nothing | (request & (asker.wait_us >= 0))
+
+
+def _anew(asker: Any) -> Any:
+    """Return a row whose numbers are all 0 again."""
+    for name, kind in asker.kinds.items():
+        if kind in (int, float):
+            setattr(asker, name, kind(0))
+    return asker
+
+
+def _draw_by(
+    ask: Callable[..., None],
+    held: Callable[[Any], Any] = _anew,
+    put_back: Callable[[Any, Any], None] = lambda asker, held: None,
+) -> Callable[..., None]:
+    """Return a function that writes all users' requests in some episodes.
+
+    Compiled code works on a copy of an asker whose numbers are 0 (``held``), which is in registers.
+    """
+
+    def draw(demand: Any, asking: Any, services: Any) -> None:
+        users, first = asking.users, 0
+        for k in range(len(asking.states) // 4):
+            if k % users == 0:
+                first = asking.count
+            asker = held(asking.asker)
+            begin_stream(asker.stream, asking.states, 4 * k)
+            ask(demand, asking, asker, services)
+            if asking.lost:
+                asking.lost += k % users
+                put_back(asking.asker, asker)
+                return
+            asking.offsets[k + k // users + 1] = asking.count - first
+
+    return draw
+
+
+offer_at: Any = pointer_to(Offer)
+
+
+@cache
+def _asking_of(demand: Any) -> Any:
+    """Return the class of rows for the draws of a class of models."""
+    kinds = {**Asking.kinds, "asker": remembering(Asker, demand)}
+    return row(type("Asking", (Row,), {"__annotations__": kinds}))
+
+
+def _around(cls: Any, values_at: Any) -> Any:
+    ask = ruled(_ask_by(ruled(cls.next_request), cls.after_previous))
+    draw_all, asking_at = ruled(_draw_by(ask, held, put_back)), pointer_to(_asking_of(cls))
+
+    def draw(values: int, asking: int, services: int) -> None:
+        draw_all(values_at(values), asking_at(asking), offer_at(services))
+
+    return draw
+
+
+DRAW = Function("draw", _around, (int,) * 3)
+"""The function of a model that draws all requests of some episodes.
+
+Its arguments are the addresses of the model's values, of the Asking and of the Offer.
+"""
+
+
+@dataclass(frozen=True, eq=False)
+class RowDraws:
+    """The draws of a demand model over rows."""
+
+    demand: RowDemand
+    services: Catalogue
+    horizon_us: int
+
+    @cached_property
+    def _compiled(self) -> Compiled | None:
+        return compiled_or_none("demand", self.demand, (DRAW,), self.services.names)
+
+    @cached_property
+    def _offer(self) -> Offer:
+        own = self.services
+        (_, longest), (_, widest) = own.durations_us.shape, own.bandwidths_bps.shape
+        arrays = (own.share, own.sizes, own.durations_us, own.bandwidths_bps)
+        tables = (Table(array.reshape(-1).tolist()) for array in arrays)
+        return fill(Offer, (longest, widest, *tables))
+
+    @cached_property
+    def _packed_offer(self) -> Words:
+        return packed(self._offer)
+
+    def of(self, states: NDArray[np.uint64]) -> ManyRequests:
+        """Draw the requests of episodes from the states of random streams (episodes, users, 4).
+
+        Raises SimulationError if a draw is no request.
+        """
+        episodes, users, _ = states.shape
+        most = episodes * users * 16
+        offsets = np.zeros((episodes, users + 1), np.int64)
+        while True:
+            rows = np.empty((most, 4), np.int64)
+            asking = self._draw(states, offsets, rows)
+            if asking.lost:
+                raise SimulationError(f"demand: {kind_of(self.demand)!r}: {_what_is_wrong(asking)}")
+            if asking.count <= most:
+                return ManyRequests(rows, offsets, self.demand.after_previous)
+            most = asking.count
+
+    def _draw(self, states: Any, offsets: Any, rows: Any) -> Any:
+        """Draw, and return the Asking."""
+        model: Any = type(self.demand)
+        made, cls, users = self._compiled, _asking_of(model), states.shape[1]
+        if made is None:
+            asking = blank(cls)
+            asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows)
+            asking.states = Table(states.reshape(-1).tolist())
+            asking.offsets, asking.rows = offsets.reshape(-1), rows.reshape(-1)
+            ask = _ask_by(model.next_request, self.demand.after_previous)
+            _draw_by(ask)(over_rows(self.demand, self.services.names), asking, self._offer)
+            return asking
+        block, states = np.zeros(cls.words, np.int64), np.ascontiguousarray(states)
+        seen: Any = View(block, cls)
+        seen.horizon_us, seen.users, seen.most = self.horizon_us, users, len(rows)
+        for name, array in (("states", states), ("offsets", offsets), ("rows", rows)):
+            attach(block, cls, name, array)
+        values, offer = made.values, self._packed_offer
+        call_at(made.functions["draw"], (place(values), place(block), place(offer)))
+        return seen
+
+
+def _what_is_wrong(asking: Any) -> str:
+    """Say what is wrong with the last draw of a user."""
+    user, asker = asking.lost - 1, asking.asker
+    drawn = (
+        f"wait {asker.wait_us} µs, service {asker.service}, {asker.required_us} µs, "
+        f"{asker.bandwidth_bps} bit/s"
+    )
+    if asker.draws > MOST_IDLE:
+        return f"no time passes between the requests of user {user} ({drawn})"
+    return f"user {user} drew what is no request: {drawn}"
