@@ -1,8 +1,8 @@
-"""How fast training is with a reward of one's own, beside the built-in one that it copies.
+"""How fast training is with components of one's own, beside the built-in ones that they copy.
 
     python benchmarks/own_reward.py [--rounds 9]
 
-Both train case 8 with R1: once the built-in, once the same written as a ``RowReward``. The rounds
+Each trains case 8: once with the built-in component, once with the same written anew. The rounds
 alternate; the figure is the median of the ratios of CPU times. Aim: 0.8.
 """
 
@@ -14,10 +14,13 @@ import sys
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from desim_uav.learning.training import Training
+from desim_uav.model.asking import RowDemand, ask_for_mix
 from desim_uav.model.rewards import RowReward
+from desim_uav.model.streams import exponential_us, heading
+from desim_uav.model.walking import RowMobility, go_on
 from desim_uav.rules.words import CRASHED, QUEUED
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
@@ -39,20 +42,61 @@ class R1(RowReward):
             drone.terms[0] = min(share, 1.0)
 
 
+@dataclass(frozen=True)
+class Walk(RowMobility):
+    """The random walk, written anew."""
+
+    speed_mps: float = 1.4
+    leg_s: float = 60.0
+    remembers: ClassVar = {"turn_us": int}
+
+    def next_leg(self, walker: Any, stream: Any, area: Any) -> None:
+        """Walk to a turn or to the edge of the map."""
+        if walker.t_us == walker.turn_us:
+            x, y = heading(stream)
+            walker.vx_mps, walker.vy_mps = self.speed_mps * x, self.speed_mps * y
+            walker.turn_us += int(self.leg_s * 1e6)
+        go_on(walker, area, walker.turn_us)
+
+
+@dataclass(frozen=True)
+class Thinking(RowDemand):
+    """The demand ``dynamic``, written anew."""
+
+    think_time_s: float = 300.0
+
+    def next_request(self, asker: Any, stream: Any, services: Any) -> None:
+        """Ask at the start, and then after a think time each."""
+        asker.wait_us = 0
+        if asker.draws > 0:
+            asker.wait_us = exponential_us(stream, self.think_time_s)
+        ask_for_mix(asker, stream, services, 0.0)
+
+
+MIX = ", ".join(f"{name}: 1" for name in ("throughput", "edge_computing", "data_gathering"))
+COMPARED = {
+    "reward": ("reward", "kind: coverage", "R1"),
+    "mobility": ("users.mobility", "kind: random_walk", "Walk"),
+    "demand": ("demand", f"kind: dynamic, mix: {{{MIX}}}", "Thinking"),
+}
+"""The key of each component, the built-in one, and the class that copies it."""
+
+
 def main() -> None:
     """Train and print."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--rounds", type=int, default=9)
     rounds = parser.parse_args().rounds
-    kinds = ("coverage", f"{Path(__file__).stem}:R1")
-    built_in, own = (trained(kind) for kind in kinds)
-    ratios = [timed(built_in) / timed(own) for _ in range(rounds)]
-    print(f"own reward / built-in, case 8: {statistics.median(ratios):.2f} (aim: 0.8)")
+    for name, (key, built_in, copy) in COMPARED.items():
+        own = f"kind: '{Path(__file__).stem}:{copy}'"
+        one, other = trained(f"{key}={{{built_in}}}"), trained(f"{key}={{{own}}}")
+        ratios = [timed(one) / timed(other) for _ in range(rounds)]
+        print(f"own {name} / built-in, case 8: {statistics.median(ratios):.2f} (aim: 0.8)")
 
 
-def trained(kind: str) -> Training:
+def trained(override: str) -> Training:
     """A training that has been compiled."""
-    world = build_world(load(scenario_path("case8"), [f"reward={{kind: '{kind}'}}"]), 0)
+    world = build_world(load(scenario_path("case8"), [override]), 0)
     training = Training(world, 0, "batch")
     training.play(64)
     return training
