@@ -82,6 +82,10 @@ class Engine(Independent, ABC):
         """Return the numbers or rows in this table or queue of the state, which are only read."""
 
     @abstractmethod
+    def plan(self, number: int) -> Any:
+        """Return the planned return with this number (see ``Constants.plans``), as a row."""
+
+    @abstractmethod
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
         """Return the hops with the numbers ``first`` to ``end`` - 1, as (dx, dy, dlevel)."""
 
@@ -116,7 +120,10 @@ class Engine(Independent, ABC):
 
     def carried(self) -> base.Carried | None:
         """Return the states in which drones begin the next episode; None if they start afresh."""
-        return self._drones_now() if self._goes_on else self._carried
+        if not self._goes_on:
+            return self._carried
+        queues = [list(station.queue) for station in self.state.stations]
+        return self.drones_of(int(self.state.now_us), self.entries("drones"), queues)
 
     def carry(self, drones: base.Carried | None) -> None:
         """Let drones begin the next episode in these states, or afresh if they are None.
@@ -136,12 +143,13 @@ class Engine(Independent, ABC):
         self.walking = walking
         self.new_log(episode)
 
-    def _drones_now(self) -> base.Carried:
-        """Return the present states of the drones."""
-        now_us, stations = int(self.state.now_us), self.state.stations
-        places = {d: place for station in stations for place, d in enumerate(station.queue)}
+    def drones_of(
+        self, now_us: int, drones: Sequence[Any], queues: Sequence[Sequence[int]]
+    ) -> base.Carried:
+        """Return the states of drones at a time, given their rows and the stations' queues."""
+        places = {d: place for queue in queues for place, d in enumerate(queue)}
         carried = []
-        for drone in self.entries("drones"):
+        for drone in drones:
             hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
             carried.append(
                 base.CarriedDrone(
@@ -215,7 +223,8 @@ class Engine(Independent, ABC):
 
     def observations(self) -> tuple[Observation, ...]:
         """Return the drones' observations at the present decision epoch."""
-        facts, step, plan = self.world.facts, int(self.state.step), self.world.planner.plan
+        facts, grid, step = self.world.facts, self.world.grid, int(self.state.step)
+        places = len(grid.levels_m) * grid.cells[0] * grid.cells[1]
         capacity_s, counts = facts.capacity_s, self.entries("counts")
         observations, first, services = [], 0, len(facts.services)
         for index, (seen, ceiling, features) in enumerate(
@@ -224,10 +233,10 @@ class Engine(Independent, ABC):
             station = duration_s = drained_s = None
             if capacity_s is not None:
                 drained_s = math.inf
-                back = plan((seen.x, seen.y, seen.level), ceiling)
-                if back is not None:
-                    station, duration_s = back.station, back.duration_us / US
-                    drained_s = back.drained_us / US
+                plan = self.plan(ceiling * places + seen.believed)
+                if plan.station >= 0:
+                    station, duration_s = plan.station, plan.duration_us / US
+                    drained_s = plan.drained_us / US
             observations.append(
                 observed(
                     (

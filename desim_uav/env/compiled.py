@@ -11,7 +11,7 @@ from desim_uav.engine.base import COUNTS, MEASURES, RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.episode import Engine
-from desim_uav.env.session import Session, info_keys, out_of_range
+from desim_uav.env.session import Session, info_keys, out_of_range, whole_numbers
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath
 from desim_uav.scenario.schema import Scenario
@@ -114,7 +114,7 @@ class CompiledSession(Session):
         self._look()
 
     def _step(self, action: Any) -> tuple[float, bool, bool]:
-        commands = self._commands(action)[np.newaxis]
+        commands = whole_numbers(action, self.shape).reshape(1, -1)
         stopped = calls.step_all(self._row.addresses, commands, ONE)
         if stopped < 0:
             raise out_of_range(commands.tolist(), self.world)

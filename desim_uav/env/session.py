@@ -37,8 +37,8 @@ class Session(Independent):
     """A scenario that the SimPy engine simulates one decision epoch at a time.
 
     ``seed`` is the seed of the run. It also draws the world, unless the scenario has a
-    ``world_seed``. ``episode`` counts from 0; it is -1 before the first ``reset``. ``terms`` are
-    the keys of the reward's terms in an info, by name.
+    ``world_seed``. ``episode`` counts from 0; it is -1 before the first ``reset``. ``shape`` is
+    that of an action, and ``terms`` are the keys of the reward's terms in an info, by name.
     """
 
     world: World
@@ -57,6 +57,7 @@ class Session(Independent):
         """
         self.scenario = scenario
         self.drones = scenario.drones.count
+        self.shape = () if self.drones == 1 else (self.drones,)
         given = "seed" in scenario.model_fields_set
         self.seed = scenario.seed if given else secrets.randbits(32)
         self.episode = -1
@@ -138,15 +139,11 @@ class Session(Independent):
         return reward, terminated, truncated
 
     def _step(self, action: Any) -> tuple[float, bool, bool]:
-        commands = self._commands(action).tolist()
+        commands = whole_numbers(action, self.shape).reshape(-1).tolist()
         if min(commands) < 0 or max(commands) >= len(self.world.actions):
             raise out_of_range(commands, self.world)
         snapshot = self._snapshot = self.engine.step(commands)
         return in_order(snapshot.rewards) / self.drones, snapshot.terminated, snapshot.truncated
-
-    def _commands(self, action: Any) -> NDArray[np.int64]:
-        """Return an action as an array (drones,). Raises ActionError."""
-        return whole_numbers(action, () if self.drones == 1 else (self.drones,)).reshape(-1)
 
     # ---- what there is to see at a decision epoch
 
@@ -235,11 +232,13 @@ def whole_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.int64]:
         numbers = np.asarray(actions)
     except ValueError as problem:
         raise ActionError(f"actions must be whole numbers: {problem}") from problem
-    if numbers.dtype.kind not in "iu":
-        raise ActionError(f"actions must be whole numbers, not {actions!r}")
+    if numbers.dtype != np.int64:
+        if numbers.dtype.kind not in "iu":
+            raise ActionError(f"actions must be whole numbers, not {actions!r}")
+        numbers = numbers.astype(np.int64)
     if numbers.shape not in shapes:
         raise ActionError(f"actions must have the shape {shapes[0]}, not {numbers.shape}")
-    return numbers.astype(np.int64, copy=False)
+    return numbers
 
 
 def out_of_range(commands: Any, world: World) -> ActionError:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import owned, usable
-from desim_uav.engine.base import RunSettings
+from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.compiled import calls, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.engine.compiled.pack import legs_of_step, pack, pack_state
@@ -23,7 +23,7 @@ from desim_uav.model.code_digest import code_digest
 from desim_uav.model.rows import View, Words, array_of, held_by, is_row, named
 from desim_uav.model.state import Snapshot
 from desim_uav.model.walking import misstep, walking_of
-from desim_uav.rules.rows import Constants, Look, State
+from desim_uav.rules.rows import Constants, Drone, Look, Plan, State
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY
 from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.world import World
@@ -32,7 +32,7 @@ ROOM, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
 """How many rows there is memory for: of the log of a step (and more per user), and of a leg's
 crossings per user. There is more as soon as an episode needs it."""
 
-DERIVED = ("state", "drones", "constants", "all_hops")
+DERIVED = ("state", "state_at", "drones", "constants", "all_plans", "all_hops")
 """The attributes that name parts of an engine's memory, which a copy makes again."""
 
 
@@ -82,7 +82,9 @@ class BatchSimulation(Engine):
     def _name_parts(self) -> None:
         """Name the parts of the memory that Python reads and writes."""
         self.constants = View(self.fixed.block, Constants)
+        self.all_plans = array_of(self.fixed.block, Constants, "plans")
         self.all_hops = array_of(self.fixed.block, Constants, "hops")
+        self.state_at = int(self.memory.ctypes.data)
         self.state = View(self.memory, State)
         self.drones = self.state.drones
 
@@ -96,7 +98,7 @@ class BatchSimulation(Engine):
 
     def addresses(self) -> tuple[int, int, int]:
         """Return the addresses of constants, sample path and state."""
-        return self.fixed.at, self.path.ctypes.data, self.memory.ctypes.data
+        return self.fixed.at, self.path.ctypes.data, self.state_at
 
     def entries(self, name: str) -> Sequence[Any]:
         """Return the numbers or rows in this table or queue of the state."""
@@ -105,6 +107,10 @@ class BatchSimulation(Engine):
             numbers: list[Any] = getattr(self.state, name).tolist()
             return numbers
         return list(map(named(of)._make, array_of(self.memory, State, name).tolist()))
+
+    def plan(self, number: int) -> Any:
+        """Return the planned return with this number."""
+        return named(Plan)._make(self.all_plans[number].tolist())
 
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
         """Return the hops with the numbers ``first`` to ``end`` - 1, as (dx, dy, dlevel)."""
@@ -122,14 +128,13 @@ class BatchSimulation(Engine):
 
     def start_afresh(self) -> None:
         """Put all drones at their starting cells with full batteries, and empty the stations."""
-        state = self.memory.ctypes.data
-        calls.run(self.fixed.at, state, state, START_AFRESH)
+        calls.run(self.fixed.at, self.state_at, self.state_at, START_AFRESH)
 
     def features(self) -> list[tuple[float, ...]]:
         """Return each drone's features, as far as an observation over rows has written them."""
         if "observation" not in self.fixed.components:
             return [()] * len(self.drones)
-        calls.describe(self.fixed.at, self.memory.ctypes.data)
+        calls.describe(self.fixed.at, self.state_at)
         return [tuple(drone.features.tolist()) for drone in self.drones]
 
     # ---- episodes
@@ -142,10 +147,23 @@ class BatchSimulation(Engine):
     def begin(self, path: SamplePath) -> None:
         """Begin an episode without a snapshot."""
         self.shown = None
-        self._began = self.carried()
+        self._began = self._carried, self._standing() if self._goes_on else None
         self.path, _ = self.prepare(SamplePaths.of(path))
         calls.run(*self.addresses(), RESET)
         self.drain()
+
+    def _standing(self) -> tuple[int, NDArray[Any], list[list[int]]]:
+        """Return the time, the drones' rows as an array, and the queues at the stations."""
+        queues = [station.queue.tolist() for station in self.state.stations]
+        return self.state.now_us, array_of(self.memory, State, "drones").copy(), queues
+
+    def _before(self) -> Carried | None:
+        """Return the states in which drones began the episode."""
+        carried, standing = self._began
+        if standing is None:
+            return carried
+        now_us, drones, queues = standing
+        return self.drones_of(now_us, list(map(named(Drone)._make, drones.tolist())), queues)
 
     def prepare(self, paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
         """Put the drones where they begin; episodes on these packed paths are to follow."""
@@ -186,7 +204,7 @@ class BatchSimulation(Engine):
             self.room = Room(2 * self.room.log, 2 * self.room.crossings)
             self.leg_room *= 2
             self._make_room()
-            self.load(self._began)
+            self.load(self._before())
             self.new_log(self.log.episode)
             calls.run(*self.addresses(), RESET)
             for commands in heard:  # before the last of them nothing can be short of memory

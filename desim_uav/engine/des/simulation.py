@@ -170,6 +170,10 @@ class Simulation(Engine):
         entries: Sequence[Any] = getattr(self.state, name)
         return entries
 
+    def plan(self, number: int) -> Any:
+        """Return the planned return with this number."""
+        return self.constants.plans[number]
+
     def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
         """Return the hops with the numbers ``first`` to ``end`` - 1, as (dx, dy, dlevel)."""
         return [(hop.dx, hop.dy, hop.dlevel) for hop in self.constants.hops[first:end]]
