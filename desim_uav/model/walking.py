@@ -32,7 +32,7 @@ from desim_uav.model.components import (
 )
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.kernels import part, rule
-from desim_uav.model.rows import Row, Table, View, attach, blank, held_by, packed, place, row
+from desim_uav.model.rows import Row, Table, View, attach, blank, held_by, place, row
 from desim_uav.model.streams import Stream, Streams, begin_stream
 
 LEG_COLUMNS = 5
@@ -385,10 +385,11 @@ class RowWalks(Unchanging):
         model: Any = type(self.mobility)
         cls: Any = walking_of(model)
         own: Any = held_by(cls.kinds["walkers"])
-        walking: Any = blank(cls)
+        made = compiled_walk(self.mobility)
+        block = np.zeros(cls.words + len(self.homes) * own.words, np.int64)
+        walking: Any = View(block, cls) if made else blank(cls)
         walking.width_m, walking.depth_m = self.area
         walking.horizon_us = self.horizon_us
-        made = compiled_walk(self.mobility)
         if made is None:
             walking.legs, walking.legs_at = legs.reshape(-1), offsets
             walking.walkers = Table(blank(own) for _ in self.homes)
@@ -396,14 +397,12 @@ class RowWalks(Unchanging):
             by_hand = _walk_by(model.next_leg)
             by_hand(over_rows(self.mobility, ()), walking, 0, self.horizon_us)
             return walking
-        walking.walkers = np.zeros((len(self.homes), own.words), np.int64)
-        block = packed(walking)
-        attach(block, cls, "legs", legs)
-        attach(block, cls, "legs_at", offsets)
+        for name, array in (("walkers", block[cls.words :]), ("legs", legs), ("legs_at", offsets)):
+            attach(block, cls, name, array)
         homes, states = map(np.ascontiguousarray, (self.homes, self.states))
         places = (made.values, block, homes, states)
         call_at(made.functions["walk"], (*map(place, places), 0, self.horizon_us))
-        return View(block, cls)
+        return walking
 
 
 @dataclass(frozen=True, eq=False)
