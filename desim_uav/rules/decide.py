@@ -6,8 +6,17 @@ from desim_uav.model.kernels import rule
 from desim_uav.model.rules import Action, Mode
 from desim_uav.rules import words
 from desim_uav.rules.battery import battery_now
-from desim_uav.rules.charging import land
-from desim_uav.rules.flight import fly, fly_home, position, station_under, turn_back, way_back
+from desim_uav.rules.charging import land, on_full
+from desim_uav.rules.flight import (
+    arrive,
+    end_move,
+    fly,
+    fly_home,
+    position,
+    station_under,
+    turn_back,
+    way_back,
+)
 from desim_uav.rules.rows import Constants, Drone, Path, State
 
 
@@ -131,3 +140,15 @@ def go_home(world: Constants, path: Path, state: State, drone: Drone, phase: int
     """Begin the next hop of a drone's return, or land if it has reached a station."""
     if not fly_home(world, state, drone, phase):
         land(world, path, state, drone, phase)
+
+
+@rule
+def on_arrival(world: Constants, path: Path, state: State, drone: Drone) -> None:
+    """End the move, the hop of a return or the charge of a drone."""
+    if drone.mode == words.CHARGING:
+        on_full(world, state, drone)
+    elif drone.mode == words.RETURNING:
+        arrive(world, state, drone)
+        go_home(world, path, state, drone, words.ARRIVAL)
+    else:
+        end_move(world, state, drone)

@@ -8,31 +8,15 @@ from desim_uav.engine.compiled.slots import is_before, next_slot
 from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules.attachment import settle
-from desim_uav.rules.charging import (
-    await_full,
-    begin_charging,
-    end_charging,
-    hand_on_pads,
-    on_full,
-)
+from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads
 from desim_uav.rules.coverage import on_crossing
 from desim_uav.rules.crash import crash
-from desim_uav.rules.decide import go_home
+from desim_uav.rules.decide import on_arrival
 from desim_uav.rules.due import key, undo
 from desim_uav.rules.episode import begin, command, end_step, show_first, start_afresh
-from desim_uav.rules.flight import arrive, end_move
 from desim_uav.rules.requests import on_completion, on_request
-from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.words import (
-    ARRIVAL,
-    ATTACHMENT,
-    CHARGING,
-    OUT_OF_MEMORY,
-    QUEUED,
-    RECORD,
-    RESPAWN,
-    RETURNING,
-)
+from desim_uav.rules.rows import Constants, Path, State
+from desim_uav.rules.words import ATTACHMENT, OUT_OF_MEMORY, QUEUED, RECORD, RESPAWN
 
 START_AFRESH, RESET, STEP = range(3)
 """The tasks of ``run``: put the drones at their starts, begin an episode, or run a step."""
@@ -64,18 +48,6 @@ def run(world: Constants, path: Path, state: State, what: int) -> None:
         end_step(world, path, state)
     if _overrun(state):
         state.faults |= OUT_OF_MEMORY
-
-
-@rule
-def on_arrival(world: Constants, path: Path, state: State, drone: Drone) -> None:
-    """End the move, the hop of a return or the charge of a drone."""
-    if drone.mode == CHARGING:
-        on_full(world, state, drone)
-    elif drone.mode == RETURNING:
-        arrive(world, state, drone)
-        go_home(world, path, state, drone, ARRIVAL)
-    else:
-        end_move(world, state, drone)
 
 
 @stands_in_for(hand_on_pads)
