@@ -76,8 +76,7 @@ class _Places:
         self.nodes = flown_to(world)
         self.rows = np.arange(len(self.nodes))
         number = {node: k for k, node in enumerate(self.nodes)}
-        rewards = [drone.arrival((node, 0)).reward for node in self.nodes]
-        self.reward = np.array(rewards)
+        self.reward = np.array([drone.arrival((node, 0)) for node in self.nodes])
         self.leads = np.array(
             [[number[drone.neighbour(node, a)] for a in world.actions] for node in self.nodes]
         )

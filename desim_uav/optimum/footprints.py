@@ -25,12 +25,7 @@ class Footprints:
     """
 
     def __init__(self, world: World) -> None:
-        mobility = world.scenario.users.mobility
-        if type(mobility) is not Static:
-            raise UsageError(
-                f"users.mobility: the best cells can be computed for static users only, "
-                f"not for {type(mobility).kind!r}"  # type: ignore[attr-defined]
-            )
+        refuse_walks(world)
         self.world = world
         users = len(world.homes)
         self.users = Users(*world.walks(world.seed, 0), np.zeros((SEEN_ROWS, users)))
@@ -39,15 +34,6 @@ class Footprints:
     def held(self, centre_m: tuple[float, float]) -> NDArray[np.int64]:
         """Return the users in the footprint of a drone that hovers over a point."""
         return self._crossings(Leg(REST, centre_m, centre_m, 0.0, 0.0), 0)[:, USER]
-
-    def attached_us(self, leg: Leg, span_us: int, until_us: int) -> int:
-        """Return the total time that users spend in a lone drone's footprint.
-
-        The drone flies a leg of ``span_us`` and serves for the first ``until_us`` of it.
-        """
-        found = self._crossings(leg, span_us)
-        left_us = np.maximum(until_us - found[:, TIME_US], 0)
-        return int(np.where(found[:, ENTERS] != 0, left_us, -left_us).sum())
 
     def sets_along(self, leg: Leg, span_us: int) -> set[int]:
         """Return the largest sets of users in the footprint during a leg, user u as bit u.
@@ -91,6 +77,16 @@ class Footprints:
             for iy in range(ny):
                 covered[ix, iy, self.held(self.world.grid.centre(ix, iy))] = True
         return covered
+
+
+def refuse_walks(world: World) -> None:
+    """Raise UsageError if users move."""
+    mobility = world.scenario.users.mobility
+    if type(mobility) is not Static:
+        raise UsageError(
+            f"users.mobility: the best cells can be computed for static users only, "
+            f"not for {type(mobility).kind!r}"  # type: ignore[attr-defined]
+        )
 
 
 def moves(world: World) -> list[Leg]:

@@ -21,7 +21,8 @@ from desim_uav.errors import UsageError
 from desim_uav.model.planner import Node
 from desim_uav.model.rules import Action
 from desim_uav.optimum.footprints import flown_to
-from desim_uav.optimum.process import DroneProcess, Flight, Outcome, State
+from desim_uav.optimum.lone_drone import State
+from desim_uav.optimum.process import DroneProcess, Flight, Outcome
 
 LARGEST, LARGEST_UNLIMITED = 10**6, 10**5
 """The largest number of states with a battery, and without."""
@@ -83,7 +84,7 @@ def unlimited(process: DroneProcess) -> Graph:
     shape = (len(states), len(actions))
     target = np.full(shape, 2 * len(states) + 1)
     reward, attached_us = np.zeros(shape), np.zeros(shape)
-    arrivals = [process.arrival(state).reward for state in states]
+    arrivals = [process.arrival(state) for state in states]
     for k, state in enumerate(states):
         allowed = process.allowed(state)
         for column, action in enumerate(actions):
@@ -115,7 +116,8 @@ class _Explorer:
     """Numbers states in the order of discovery and notes the result of each action in each.
 
     Until all states are known, a target is a state's number, LOTTERY, NOWHERE, or RENEWAL - k for
-    renewal k. The state of a drone that is never replaced has a battery below 0.
+    renewal k. The state of a drone that is never replaced has a battery below 0; it is paid one of
+    ``last`` for ever.
     """
 
     def __init__(self, process: DroneProcess, largest: int) -> None:
@@ -124,7 +126,7 @@ class _Explorer:
         self.actions = _hover_first(self.world.actions)
         self.largest = largest
         self.number: dict[State, int] = {}
-        self.gained: list[float] = []
+        self.last: list[float] = []
         self.renewals: list[State] = []
         self.flights: dict[tuple[Node, Action], Flight] = {}
         self.target, self.steps = array("q"), array("q")
@@ -141,20 +143,19 @@ class _Explorer:
                 states.append(state)
         return self._in_order(states)
 
-    def _find(self, state: State, gained: float | None = None) -> int:
-        """Return the number of a state, perhaps a new one; ``gained`` is the reward of arriving."""
+    def _find(self, state: State) -> int:
+        """Return the number of a state, perhaps a new one."""
         if state not in self.number:
             if len(self.number) == self.largest:
                 raise UsageError(_too_many(self.largest))
-            self.number[state] = len(self.gained)
-            self.gained.append(self.process.arrival(state).reward if gained is None else gained)
+            self.number[state] = len(self.number)
         return self.number[state]
 
-    def _renew(self, state: State, gained: float = 0.0) -> int:
+    def _renew(self, state: State) -> int:
         """Return a state's target as a renewal, perhaps a new one."""
         if state not in self.renewals:
             self.renewals.append(state)
-            self._find(state, gained)
+            self._find(state)
         return RENEWAL - self.renewals.index(state)
 
     def _expand(self, state: State) -> None:
@@ -164,7 +165,7 @@ class _Explorer:
         for action in self.actions:
             target, steps, reward, attached_us = NOWHERE, 1, 0.0, 0
             if action in allowed and nothing_more:
-                target, reward = self._renew(state), self.gained[self.number[state]]
+                target, reward = self._renew(state), self.last[state[0][0]]
             elif action in allowed:
                 target, steps, reward, attached_us = self._follow(state, action)
             self.target.append(target)
@@ -173,13 +174,16 @@ class _Explorer:
             self.attached_us.append(attached_us)
 
     def _follow(self, state: State, action: Action) -> tuple[int, int, float, int]:
-        """Return target, steps, reward and attached time of an allowed action."""
+        """Return target, steps, reward and attached time of an allowed action.
+
+        The reward of a flight, which is 0 here, is that of being in its target.
+        """
         node, battery_us = state
         if action not in FORCED:
             flight = self._flight(node, action)
             if flight.drained_us < battery_us:
                 there = self._find((flight.to, battery_us - flight.drained_us))
-                return there, 1, self.gained[there], flight.attached_us
+                return there, 1, 0.0, flight.attached_us
         outcome = self.process.outcome(state, action)
         rewards = [step.reward for step in outcome.steps]
         if len(rewards) > 1:
@@ -208,10 +212,10 @@ class _Explorer:
             full_us = self.world.capacity_us
             places = [self._renew(((*cell, 0), full_us)) for cell in self.world.stations]
             return places[0] if len(places) == 1 else LOTTERY
-        gained = outcome.steps[-1].reward
-        known = [self.gained[self.number[state]] for state in self.renewals if state[1] < 0]
-        place = known.index(gained) if gained in known else len(known)
-        return self._renew(((place, -1, -1), -1), gained)
+        last = outcome.steps[-1].reward
+        if last not in self.last:
+            self.last.append(last)
+        return self._renew(((self.last.index(last), -1, -1), -1))
 
     def _in_order(self, found: list[State]) -> Graph:
         """Return the graph with its states in order of their battery."""
@@ -221,6 +225,11 @@ class _Explorer:
         place[order] = np.arange(len(found))
         shape = (len(found), len(self.actions))
         target = np.array(self.target, np.int64).reshape(shape)
+        reward = np.array(self.reward).reshape(shape)
+        gained = np.zeros(len(found))
+        for state in sorted(state for state in found if state[1] >= 0):  # by node
+            gained[self.number[state]] = self.process.arrival(state)
+        reward = np.where(target >= 0, gained[np.maximum(target, 0)], reward)
         renewals, states = len(self.renewals), len(found)
         target = np.select(
             [target >= 0, target == LOTTERY, target == NOWHERE],
@@ -235,7 +244,7 @@ class _Explorer:
             self.actions,
             target[order],
             np.array(self.steps, float).reshape(shape)[order],
-            np.array(self.reward).reshape(shape)[order],
+            reward[order],
             np.array(self.attached_us, float).reshape(shape)[order],
             place[[self.number[state] for state in self.renewals]],
             lottery / max(1.0, lottery.sum()),

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from desim_uav.model.rules import Action
 from desim_uav.optimum.gain import path, renewal_after
 from desim_uav.optimum.graph import Graph
-from desim_uav.optimum.process import DroneProcess, State, Step
+from desim_uav.optimum.lone_drone import State, Step
+from desim_uav.optimum.process import DroneProcess
 
 
 @dataclass(frozen=True)

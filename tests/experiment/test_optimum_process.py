@@ -1,21 +1,25 @@
 """One drone as a decision process: step by step what the engine says, whatever it is told."""
 
+from dataclasses import dataclass
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from desim_uav.engine.base import RunSettings
+from desim_uav.engine.base import CarriedDrone, RunSettings
 from desim_uav.engine.des import Simulation
 from desim_uav.errors import ScenarioError, UsageError
+from desim_uav.model.battery import Endurance
 from desim_uav.model.rules import Action, Mode
+from desim_uav.optimum.footprints import flown_to
 from desim_uav.optimum.process import DroneProcess
 from desim_uav.rules.admission import FirstCome
 from desim_uav.rules.rewards import Coverage
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
-from tests.engine.helpers import HOP_US, US, returning, strip
+from tests.engine.helpers import HOP_US, US, in_3d, returning, strip
 from tests.selection import by_default
 
 
@@ -169,6 +173,109 @@ def follow(scenario, seed):
             break
 
 
+@dataclass(frozen=True)
+class Brisk(Endurance):
+    """An autonomy that falls twice as fast while the drone speeds up or brakes."""
+
+    def drains(self, flight, elapsed_us):
+        drained_us, pieces = elapsed_us, flight.pieces
+        for k in range(len(pieces) - 1):
+            if pieces[k].acceleration_mps2 != 0.0:
+                begins_us, ends_us = (
+                    round(pieces[k].start_s * US),
+                    round(pieces[k + 1].start_s * US),
+                )
+                drained_us += max(0, min(elapsed_us, ends_us) - begins_us)
+        return drained_us
+
+    def lasts(self, flight, battery_us):
+        low, high = 0, battery_us  # it drains at least as fast as time passes
+        while low < high:
+            middle = (low + high) // 2
+            if self.drains(flight, middle) < battery_us:
+                low = middle + 1
+            else:
+                high = middle
+        return low
+
+
+@dataclass(frozen=True)
+class PlainBrisk(Brisk):
+    """The same, but told of transits, not of rows."""
+
+    def drained_us(self, flight, elapsed_us):
+        assert flight.profile.shape[1] == 4
+        return self.drains(flight, elapsed_us)
+
+
+BATTERIES = ["endurance", f"{__name__}:Brisk", f"{__name__}:PlainBrisk"]
+
+
+def flown(world, state, action):
+    """What the engine says of a decision: each step of it, and the state at the next one."""
+    engine = Simulation(world, RunSettings((True,), carry_over=True, keep_events=True))
+    engine.carry((CarriedDrone(Mode.FLYING, *state, 0, None, (), 0.0, 0, None),))
+    engine.reset(draw(world, 0, 0))
+    drone, steps, decides = engine.drones[0], [], False
+    while not decides:
+        engine.step([world.actions.index(action)])
+        row = engine.log.steps[-1]
+        place = (*world.grid.cell_of(row.x_m, row.y_m), world.grid.level_of(row.z_m))
+        attached_us = attached(engine.log.events, row.t_us - world.step_us, row.t_us)
+        told = (row.mode, place, row.battery_us / US, row.attached_users, row.reward)
+        steps.append((*told, attached_us))
+        gone = engine.log.crashes and world.on_crash != "respawn"
+        decides = bool(drone.waits or gone)
+    there = (drone.x, drone.y, drone.level), engine.state.seen[0].battery_us
+    return steps, None if engine.log.crashes else there
+
+
+def attached(events, from_us, to_us):
+    """The time for which users were attached in a span, by the log."""
+    sign = {"attach": 1, "detach": -1}
+    return sum(sign.get(kind, 0) * (to_us - max(t_us, from_us)) for t_us, _, kind, *_ in events)
+
+
+def as_flown(world, process, state, action):
+    """Whether the process says the same."""
+    found = process.outcome(state, action)
+    steps = []
+    for reward, seen, attached_us in found.steps:
+        place = (*seen.cell, seen.level)
+        now = (seen.mode, place, seen.battery_s, seen.attached_users, reward, attached_us)
+        steps.append(now)
+    return (steps, found.state) == flown(world, state, action)
+
+
+@pytest.mark.parametrize("on_crash", ["respawn", "remove", "end_episode"])
+@pytest.mark.parametrize("kind", BATTERIES)
+def test_every_action_in_random_states(kind, on_crash):
+    """Over a map with buildings. Every fourth battery would not outlast two steps of hovering."""
+    battery = {"kind": kind, "autonomy_min": 6, "return_below": 1.0, "on_crash": on_crash}
+    world = in_3d(
+        [[0, 1, 30], [2, 0, 45], [3, 1, 25]],
+        [(0, 0)],
+        cells=(4, 3),
+        users=[(130, 100), (300, 400), (620, 390), (840, 600)],
+        radius_m=200.0,
+        battery={**battery, "respawn_after_min": 1.5},
+        stations={"full_charge_min": 3},
+        episode={"steps": 30},
+    )
+    process, rng = DroneProcess(world), np.random.default_rng(0)
+    nodes = flown_to(world)
+    ends = set()
+    for k in range(48):
+        most_us = 2 * world.step_us if k % 4 == 0 else world.capacity_us
+        state = nodes[rng.integers(len(nodes))], int(rng.integers(1, most_us))
+        for action in process.allowed(state):
+            assert as_flown(world, process, state, action), (state, action)
+            after = process.outcome(state, action)
+            ends.add((action, after.state is None))
+    assert {(action, False) for action in world.actions} <= ends
+    assert {(action, True) for action in world.actions if action is not Action.CHARGE} <= ends
+
+
 # ---- worked by hand
 
 
@@ -222,6 +329,26 @@ def test_a_crash(after_min, steps):
     found, state = outcome(world, (0, 0, 0), 30, "HOVER")
     assert told(found) == [("CRASHED", 0.0, 30 * US)] + [("CRASHED", 0.0, 0)] * (steps - 1)
     assert state is None
+
+
+@pytest.mark.parametrize("kind", BATTERIES[1:])
+def test_a_battery_of_ones_own(kind):
+    """A hop takes 4.15 s more than its time: 2.075 s each while speeding up and while braking."""
+    battery = {"kind": kind, "autonomy_min": 10, "return_below": 1.0, "on_crash": "remove"}
+    world = strip(battery=battery, users=[(1560, 120)], radius_m=600.0, steps=9)
+    steps, state = outcome(world, (6, 0, 0), 500, "GOTO_CHARGING_STATION")
+    left_us, landed_us = 500 * US - 2 * (HOP_US + 4_150_000), 2 * HOP_US
+    assert told(steps) == [
+        ("RETURNING", 433.681326, 0),  # the second hop has braked for 93,674 us
+        ("CHARGING", (left_us + 2 * (120 * US - landed_us)) / US, 0),
+        ("CHARGED", 600.0, 0),
+    ]
+    assert state == ((4, 0, 0), 600)
+    steps, state = outcome(world, (6, 0, 0), 33, "LEFT")
+    assert (told(steps), state) == ([("CRASHED", 0.0, 29_920_332)], None)  # braking for 1.004669 s
+    process = DroneProcess(world)
+    for battery_s, action in [(500, Action.GOTO_CHARGING_STATION), (33, Action.LEFT)]:
+        assert as_flown(world, process, ((6, 0, 0), battery_s * US), action)
 
 
 # ---- what is refused
