@@ -91,6 +91,8 @@ class Straying(RowMobility):
 class Stuck(RowMobility):
     """No time passes after the first leg."""
 
+    stays_on_map = True
+
     def next_leg(self, walker: Any, stream: Any, area: Any) -> None:
         if walker.t_us == 0:
             stay(walker, 90_000_000)

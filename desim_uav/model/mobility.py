@@ -80,6 +80,7 @@ class RandomWalk(RowMobility):
     """How long a user walks before it takes a new heading, in seconds."""
 
     remembers: ClassVar = {"turn_us": int}
+    stays_on_map = True
 
     def next_leg(self, walker: Any, stream: Any, area: Any) -> None:
         """Walk to a turn, where the user takes a new heading, or to the edge of the map."""

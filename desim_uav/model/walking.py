@@ -111,6 +111,8 @@ class RowMobility:
     """
 
     remembers: ClassVar[dict[str, type]] = {}
+    stays_on_map: ClassVar[bool] = False
+    """Whether all legs are made by ``go_on`` and ``stay``, so that they need not be checked."""
     plain: ClassVar = ("walks",)
     """The methods of which a subclass overrides one if it makes whole tables of legs."""
 
@@ -220,6 +222,7 @@ def _begin(walking: Any, homes: Any, streams: Any) -> None:
 
 def _walk_by(
     next_leg: Callable[..., None],
+    stays_on_map: bool,
     held: Callable[[Any], Any] = lambda walker: walker,
     put_back: Callable[[Any, Any], None] = lambda walker, held: None,
 ) -> Callable[..., None]:
@@ -249,7 +252,8 @@ def _walk_by(
                 walker.from_us = walker.t_us
                 walker.from_x_m, walker.from_y_m = walker.x_m, walker.y_m
                 next_leg(mobility, walker, walker.stream, area)
-                if not _leads_on(walker, area):
+                takes_time = walker.t_us > walker.from_us
+                if not takes_time or not (stays_on_map or _leads_on(walker, area)):
                     walking.lost = user + 1
                     break
             put_back(walking.walkers[user], walker)
@@ -263,13 +267,12 @@ def _walk_by(
 
 @rule
 def _leads_on(walker: Any, area: Any) -> Any:
-    """Return whether a leg takes time, and leads at its velocity to where it ends, on the map."""
+    """Return whether a leg leads at its velocity to where it ends, and this is on the map."""
     lasts_us = walker.t_us - walker.from_us
     apart_m = abs(walker.from_x_m + walker.vx_mps * lasts_us * 1e-6 - walker.x_m)
     apart_m += abs(walker.from_y_m + walker.vy_mps * lasts_us * 1e-6 - walker.y_m)
     return (
-        (lasts_us > 0)
-        & (apart_m <= NEAR_M)
+        (apart_m <= NEAR_M)
         & (abs(walker.x_m - 0.5 * area.width_m) <= 0.5 * area.width_m + STRAY_M)
         & (abs(walker.y_m - 0.5 * area.depth_m) <= 0.5 * area.depth_m + STRAY_M)
     )
@@ -314,7 +317,7 @@ floats_at, words_at = entries_at(float), entries_at(int)
 
 def _around(cls: Any, values_at: Any) -> Any:
     walk_on, walking_at = (
-        ruled(_walk_by(ruled(cls.next_leg), held, put_back)),
+        ruled(_walk_by(ruled(cls.next_leg), cls.stays_on_map, held, put_back)),
         pointer_to(walking_of(cls)),
     )
     words = remembering(Walker, cls).words
@@ -394,7 +397,7 @@ class RowWalks(Unchanging):
             walking.legs, walking.legs_at = legs.reshape(-1), offsets
             walking.walkers = Table(blank(own) for _ in self.homes)
             _begin(walking, self.homes.reshape(-1).tolist(), self.states.reshape(-1).tolist())
-            by_hand = _walk_by(model.next_leg)
+            by_hand = _walk_by(model.next_leg, model.stays_on_map)
             by_hand(over_rows(self.mobility, ()), walking, 0, self.horizon_us)
             return walking
         for name, array in (("walkers", block[cls.words :]), ("legs", legs), ("legs_at", offsets)):
