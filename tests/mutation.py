@@ -228,7 +228,7 @@ MUTATIONS = (
     # ---- batteries, stations, episodes
     Mutation(
         "the drone that landed last is charged first, SimPy engine",
-        "engine/des/lives.py",
+        "engine/des/processes.py",
         "        self.pads = [simpy.Resource(clock, world.pads) for _ in state.stations]\n",
         "        self.pads = [simpy.Resource(clock, world.pads) for _ in state.stations]\n"
         "        last = type('Last', (list,), {'append': lambda own, one: own.insert(0, one)})\n"

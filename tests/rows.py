@@ -9,7 +9,8 @@ from desim_uav.model.components import over_rows
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import US
 from desim_uav.model.state import Facts, Observation
-from desim_uav.rules.rows import Cell, Constants, Drone, Plan, Seen, State, User
+from desim_uav.rules import rows
+from desim_uav.rules.rows import Cell, Constants, Drone, Plan, State, User
 
 
 def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ()) -> Any:
@@ -38,7 +39,7 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
         )
     world.plans = Table([fill(Plan, plan)])
     state.drones = Table(blank(Drone) for _ in range(max(facts.drones, observation.drone + 1)))
-    state.seen = Table(blank(Seen) for _ in state.drones)
+    state.observations = Table(blank(rows.Observation) for _ in state.drones)
     state.users = Table(blank(User) for _ in range(facts.users))
     state.rewards, state.asked = Table([0.0] * len(state.drones)), Table(asked or [0] * services)
     state.counts = Table([0] * 2 * services * len(state.drones))
@@ -46,7 +47,7 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
         first = 2 * services * observation.drone + services * (name == "asking")
         state.counts[first : first + len(counts)] = counts
     state.step = observation.step
-    drone, seen = state.drones[observation.drone], state.seen[observation.drone]
+    drone, seen = state.drones[observation.drone], state.observations[observation.drone]
     drone.index = observation.drone
     drone.mode = seen.mode = int(observation.mode)
     seen.x, seen.y = observation.cell

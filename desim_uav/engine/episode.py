@@ -18,7 +18,7 @@ from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.rows import Queue
 from desim_uav.model.rules import US, Mode, Outcome, Phase
-from desim_uav.model.state import Observation, Snapshot, observed, shown
+from desim_uav.model.state import Observation, Snapshot, observation_of, snapshot_of
 from desim_uav.model.walking import RowWalks, Walks
 from desim_uav.rules import requests
 from desim_uav.rules.flight import position
@@ -52,7 +52,7 @@ class Engine(Independent, ABC):
         self.world = world
         self.settings = settings
         self.term_names = term_names(world)
-        self.shown: Snapshot | None = None
+        self.latest: Snapshot | None = None
         self.log = base.EpisodeLog(0)
         """The log of the present episode."""
         self._carried: base.Carried | None = None
@@ -130,7 +130,7 @@ class Engine(Independent, ABC):
 
         The states may come from another engine of the same world and settings.
         """
-        self.shown = None
+        self.latest = None
         self._under_way = False
         self._carried = drones
 
@@ -194,12 +194,12 @@ class Engine(Independent, ABC):
 
     def hear(self, commands: Sequence[int]) -> None:
         """Write a step's commands into the drones' rows. Raises the errors of ``step``."""
-        if self.shown is None or self.shown.terminated or self.shown.truncated:
+        if self.latest is None or self.latest.terminated or self.latest.truncated:
             raise SimulationError("step: the episode is over, or none has begun; call reset first")
         drones, count = len(self.drones), len(self.world.actions)
         if len(commands) != drones:
             raise ValueError(f"{len(commands)} commands for {drones} drones")
-        self.shown = None  # which it stays if the step fails
+        self.latest = None  # which it stays if the step fails
         for drone, command in zip(self.drones, commands, strict=True):
             drone.command = int(command) if 0 <= command < count else -1
 
@@ -228,7 +228,7 @@ class Engine(Independent, ABC):
         capacity_s, counts = facts.capacity_s, self.entries("counts")
         observations, first, services = [], 0, len(facts.services)
         for index, (seen, ceiling, features) in enumerate(
-            zip(self.entries("seen"), self.settings.ceilings, self.features(), strict=True)
+            zip(self.entries("observations"), self.settings.ceilings, self.features(), strict=True)
         ):
             station = duration_s = drained_s = None
             if capacity_s is not None:
@@ -238,7 +238,7 @@ class Engine(Independent, ABC):
                     station, duration_s = plan.station, plan.duration_us / US
                     drained_s = plan.drained_us / US
             observations.append(
-                observed(
+                observation_of(
                     (
                         index,
                         step,
@@ -267,7 +267,7 @@ class Engine(Independent, ABC):
         """Return the snapshot of the present decision epoch."""
         state, step, actions = self.state, int(self.state.step), len(self.world.actions)
         masks = [mask != 0 for mask in self.entries("masks")]
-        self.shown = shown(
+        self.latest = snapshot_of(
             (
                 step,
                 int(state.now_us),
@@ -280,7 +280,7 @@ class Engine(Independent, ABC):
                 self.terms() if step else (),
             )
         )
-        return self.shown
+        return self.latest
 
     # ---- the log
 

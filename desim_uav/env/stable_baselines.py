@@ -19,7 +19,7 @@ try:
 except ImportError as missing:
     raise MissingExtraError("UavVecEnv", "sb3") from missing
 
-TOLD_ONCE = "final_"
+FINAL = "final_"
 """The prefix of info keys that exist only at the end of an episode."""
 
 
@@ -53,11 +53,11 @@ class UavVecEnv(Independent, VecEnv):
 
     def reset(self) -> NDArray[Any]:
         """Begin the next episode everywhere, or new runs if ``seed`` has been called."""
-        seen, infos = self.vector.reset(seed=self._seeds)
+        observations, infos = self.vector.reset(seed=self._seeds)
         self.reset_infos = self._each(infos)
         self._reset_seeds()
         self._reset_options()
-        return seen
+        return observations
 
     def step_async(self, actions: NDArray[Any]) -> None:
         """Store the actions of the next step."""
@@ -67,17 +67,19 @@ class UavVecEnv(Independent, VecEnv):
         self,
     ) -> tuple[NDArray[Any], NDArray[np.float32], NDArray[np.bool_], list[dict[str, Any]]]:
         """Step all environments with the stored actions."""
-        seen, rewards, terminated, truncated, told = self.vector.step(np.asarray(self.actions))
-        infos = self._each(told)
+        observations, rewards, terminated, truncated, all_infos = self.vector.step(
+            np.asarray(self.actions)
+        )
+        infos = self._each(all_infos)
         ended = np.logical_or(terminated, truncated)
-        last = self._each(told["final_info"]) if ended.any() else []
+        last = self._each(all_infos["final_info"]) if ended.any() else []
         for k in ended.nonzero()[0].tolist():
             self.reset_infos[k], infos[k] = infos[k], last[k]
-            infos[k]["terminal_observation"] = told["final_obs"][k]
+            infos[k]["terminal_observation"] = all_infos["final_obs"][k]
         cut = np.logical_and(truncated, np.logical_not(terminated)).tolist()
         for k, info in enumerate(infos):
             info["TimeLimit.truncated"] = cut[k]
-        return seen, rewards.astype(np.float32), ended, infos
+        return observations, rewards.astype(np.float32), ended, infos
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """Return the present frame of each environment; ``render`` tiles them."""
@@ -110,12 +112,12 @@ class UavVecEnv(Independent, VecEnv):
         """Return False for each environment, because none is wrapped."""
         return [False for _ in self._get_indices(indices)]
 
-    def _each(self, told: dict[str, Any]) -> list[dict[str, Any]]:
+    def _each(self, infos: dict[str, Any]) -> list[dict[str, Any]]:
         """Return the infos as one dict per environment, with Python numbers."""
         plain = {
             key: list(values) if values.ndim > 1 else values.tolist()
-            for key, values in told.items()
-            if not key.startswith(("_", TOLD_ONCE))
+            for key, values in infos.items()
+            if not key.startswith(("_", FINAL))
         }
         rows: Sequence[tuple[Any, ...]] = list(zip(*plain.values(), strict=True))
         return [dict(zip(plain, row, strict=True)) for row in rows]

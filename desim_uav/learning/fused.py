@@ -26,8 +26,8 @@ from desim_uav.rules.words import CRASHED, HAS_A_CHOICE, REMOVES
 
 Floats = NDArray[np.float64]
 
-TOLD = 6
-"""What is told of a drone's episode: reward, sum of values, QoE1 to QoE3 and crashes."""
+RESULTS = 6
+"""The number of results of a drone's episode: reward, sum of values, QoE1 to QoE3 and crashes."""
 
 episode_at: Any = pointer_to(Episode)
 
@@ -47,29 +47,29 @@ def play(
     paths: NDArray[np.int64],
     state: int,
     episode: int,
-    laws: Floats,
+    parameters: Floats,
     draws: Floats,
-    told: Floats,
+    results: Floats,
 ) -> None:
     """Play episodes and learn in them.
 
-    ``world``, ``paths`` (episodes,), ``state`` and ``episode`` are the addresses of rows. ``laws``
-    (episodes, 3): see ``learner.Law``. ``draws``: (episodes, drones, epochs, 3). The results are
-    written into ``told`` (episodes, drones, TOLD).
+    ``world``, ``paths`` (episodes,), ``state`` and ``episode`` are the addresses of rows.
+    ``parameters`` (episodes, 3): see ``learner.Parameters``. ``draws``: (episodes, drones, epochs,
+    3). The results are written into ``results`` (episodes, drones, RESULTS).
     """
     w, s, learning = constants_at(world), state_at(state), episode_at(episode)
     for k in range(len(paths)):
         engine = Compiled(w, path_at(paths[k]), s, draws[k])
-        if k > 0 and (learning.terminated or laws[k - 1, 2]):
+        if k > 0 and (learning.terminated or parameters[k - 1, 2]):
             call(w.run, (w, engine.path, s, START_AFRESH))
-        learner.play(engine, learning, laws[k])
+        learner.play(engine, learning, parameters[k])
         first, second, third = measures(w, s)
         for d in range(len(learning.learners)):
             one = learning.learners[d]
-            told[k, d, 0], told[k, d, 1] = one.rewards, one.q.sum
-            told[k, d, 2], told[k, d, 3], told[k, d, 4] = first, second, third
+            results[k, d, 0], results[k, d, 1] = one.rewards, one.q.sum
+            results[k, d, 2], results[k, d, 3], results[k, d, 4] = first, second, third
         for crash in range(len(s.crashed)):
-            told[k, s.crashed[crash], 5] += 1
+            results[k, s.crashed[crash], 5] += 1
         if s.faults or learning.lost:
             return
 
@@ -104,7 +104,7 @@ def _show(engine: Compiled, episode: Episode) -> None:
     episode.terminated, episode.truncated = state.terminated, state.truncated
     call(world.describe, (world, state))
     for d in range(len(episode.learners)):
-        one, mode = episode.learners[d], state.seen[d].mode
+        one, mode = episode.learners[d], state.observations[d].mode
         lesson = one.lesson
         for k in range(len(lesson.allowed)):
             lesson.allowed[k] = state.masks[d * len(lesson.allowed) + k]

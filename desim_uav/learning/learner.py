@@ -19,17 +19,17 @@ from desim_uav.learning.rows import Episode, Learner, value_of
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import rule
 
-Law = tuple[float, float, float]
+Parameters = tuple[float, float, float]
 """What holds for an episode: ε, α, and whether (1) the next one begins at the drones' starts."""
 
 
 @rule
-def play(engine: Any, episode: Episode, law: Law) -> None:
+def play(engine: Any, episode: Episode, parameters: Parameters) -> None:
     """Play an episode and learn in it."""
     learners = episode.learners
     for d in range(len(learners)):
         learners[d].rewards = 0.0
-        learners[d].lesson.epsilon, learners[d].lesson.alpha = law[0], law[1]
+        learners[d].lesson.epsilon, learners[d].lesson.alpha = parameters[0], parameters[1]
     begin(engine, episode)
     while not (episode.terminated or episode.truncated):
         for d in range(len(learners)):
@@ -37,7 +37,7 @@ def play(engine: Any, episode: Episode, law: Law) -> None:
         step(engine, episode)
         for d in range(len(learners)):
             gain(learners[d])
-    if episode.terminated or law[2]:
+    if episode.terminated or parameters[2]:
         for d in range(len(learners)):
             close(episode, learners[d])
 

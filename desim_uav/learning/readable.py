@@ -31,18 +31,18 @@ class Readable:
 
     def step(self, episode: Episode) -> None:
         """Give the drones their commands, and run to the next decision epoch."""
-        shown = self.engine.step([learner.command for learner in episode.learners])
-        for learner, reward in zip(episode.learners, shown.rewards, strict=True):
+        snapshot = self.engine.step([learner.command for learner in episode.learners])
+        for learner, reward in zip(episode.learners, snapshot.rewards, strict=True):
             learner.reward = reward
-        self._show(episode, shown)
+        self._show(episode, snapshot)
 
-    def _show(self, episode: Episode, shown: Snapshot) -> None:
+    def _show(self, episode: Episode, snapshot: Snapshot) -> None:
         """Show a decision epoch to the learners."""
-        world, draws = self.engine.world, self.draws[shown.step]
+        world, draws = self.engine.world, self.draws[snapshot.step]
         encode, removes = world.scenario.observation.encode, world.on_crash == "remove"
-        episode.terminated, episode.truncated = shown.terminated, shown.truncated
+        episode.terminated, episode.truncated = snapshot.terminated, snapshot.truncated
         for learner, seen, mask, drawn in zip(
-            episode.learners, shown.observations, shown.masks, draws, strict=True
+            episode.learners, snapshot.observations, snapshot.masks, draws, strict=True
         ):
             lesson: Any = learner.lesson
             lesson.allowed = mask

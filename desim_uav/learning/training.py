@@ -17,7 +17,7 @@ from desim_uav.errors import PolicyError, SimulationError, UsageError
 from desim_uav.learning import fused
 from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.initial_q import initial_q
-from desim_uav.learning.learner import Law, forget, play
+from desim_uav.learning.learner import Parameters, forget, play
 from desim_uav.learning.readable import Readable
 from desim_uav.learning.rows import Episode, Learner, Values
 from desim_uav.model.components import NOT_COMPILED, cause_of
@@ -148,11 +148,11 @@ class Training:
         """Learn in the next episode, or in up to ``most``; return a row per episode and drone."""
         count = min(most, self.together) if self.fuses else 1
         episodes = range(self.episode, self.episode + count)
-        laws = self._laws(episodes)
+        parameters = self._parameters(episodes)
         learn = self._learn_compiled if self.fuses else self._learn
-        told = learn([FIRST_PATH + episode for episode in episodes], laws)
+        results = learn([FIRST_PATH + episode for episode in episodes], parameters)
         self.episode += count
-        if self.engine.terminated or laws[-1][2]:
+        if self.engine.terminated or parameters[-1][2]:
             self.engine.carry(None)
         size = self.q[0].size
         if any(math.isnan(learner.q.sum) for learner in self.learners):
@@ -162,15 +162,17 @@ class Training:
             )
         return [
             made((episode, drone, reward, epsilon, alpha, total / size, *qoe, int(crashes)))
-            for episode, (epsilon, alpha, _), drones in zip(episodes, laws, told, strict=True)
+            for episode, (epsilon, alpha, _), drones in zip(
+                episodes, parameters, results, strict=True
+            )
             for drone, (reward, total, *qoe, crashes) in enumerate(drones)
         ]
 
-    def _learn(self, numbers: list[int], laws: list[Law]) -> list[Any]:
-        """Learn in an episode; return the results of each drone (see ``fused.TOLD``)."""
+    def _learn(self, numbers: list[int], parameters: list[Parameters]) -> list[Any]:
+        """Learn in an episode; return the results of each drone (see ``fused.RESULTS``)."""
         (number,), draws = numbers, self._draws(numbers)[0].swapaxes(0, 1).tolist()
         engine = Readable(self.engine, draw(self.world, self.seed, number), draws)
-        play(engine, self.episode_row, laws[0])
+        play(engine, self.episode_row, parameters[0])
         measures, crashed = self.engine.measures(), self.engine.log.crashed
         return [
             [
@@ -179,33 +181,33 @@ class Training:
             ]
         ]
 
-    def _learn_compiled(self, numbers: list[int], laws: list[Law]) -> list[Any]:
+    def _learn_compiled(self, numbers: list[int], parameters: list[Parameters]) -> list[Any]:
         """Learn in episodes in compiled code; return the results by episode and drone."""
         engine = self.engine
         assert isinstance(engine, BatchSimulation)
         paths, starts = engine.prepare(draw_all(self.world, self.seed, numbers))
-        told = np.zeros((len(numbers), len(self.learners), fused.TOLD))
+        results = np.zeros((len(numbers), len(self.learners), fused.RESULTS))
         fused.play(
             engine.fixed.at,
             paths.ctypes.data + 8 * starts,
             engine.memory.ctypes.data,
             self.memory.ctypes.data,
-            np.array(laws),
+            np.array(parameters),
             self._draws(numbers),
-            told,
+            results,
         )
         engine.check()
         if self.episode_row.lost:
             for code in engine.features():
                 table_row(code, self.sizes)
-        missing = np.isnan(told)
+        missing = np.isnan(results)
         if missing.any():
-            told = told.astype(object)
-            told[missing] = None  # of measures
-        return told.tolist()
+            results = results.astype(object)
+            results[missing] = None  # of measures
+        return results.tolist()
 
-    def _laws(self, episodes: Iterable[int]) -> list[Law]:
-        """Return what holds for episodes (see ``Law``)."""
+    def _parameters(self, episodes: Iterable[int]) -> list[Parameters]:
+        """Return what holds for episodes (see ``Parameters``)."""
         epsilon, alpha = self.settings.epsilon, self.settings.alpha
         every = self.settings.restart_every if self.carries_over else 1
         return [

@@ -92,9 +92,9 @@ def _overrun(line: Any) -> Any:
     return overrun
 
 
-@overload_attribute(Line, "room")
-def _room(line: Any) -> Any:
-    def room(line: Any) -> Any:
+@overload_attribute(Line, "buffer")
+def _buffer(line: Any) -> Any:
+    def buffer(line: Any) -> Any:
         return word(line, 2)
 
-    return room
+    return buffer

@@ -234,7 +234,7 @@ def _len(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
     return _load(context, builder, value, 1)
 
 
-# ---- queues, whose words 1 to 3 are the count, the room, and whether the queue overran
+# ---- queues, whose words 1 to 3 are the count, the size of the buffer, whether the queue overran
 
 
 def _word(typing_context: Any, line: Any, word: Any) -> Any:

@@ -50,8 +50,8 @@ class RowObservation:
         """Write what a drone observes into ``drone.features``, one number per feature.
 
         ``world``, ``state`` and ``drone`` are rows (see ``rules.rows``: Constants, State, Drone).
-        ``state.seen[drone.index]`` is what the drone knows. Compiled code can use rows and numbers
-        only.
+        ``state.observations[drone.index]`` is what the drone knows. Compiled code can use
+        rows and numbers only.
         """
         raise NotImplementedError
 

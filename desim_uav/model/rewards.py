@@ -42,9 +42,9 @@ class RowReward:
         """Write a drone's terms for the step that ends now into ``drone.terms``, which are all 0.
 
         ``world``, ``state`` and ``drone`` are rows (see ``rules.rows``: Constants, State, Drone).
-        ``state.seen[drone.index]`` is what the drone knows, and ``state.asked`` counts the open
-        requests by service. A mapping from services to numbers is a table here, in the order of
-        the services. Compiled code can use rows and numbers only.
+        ``state.observations[drone.index]`` is what the drone knows, and ``state.asked`` counts
+        the open requests by service. A mapping from services to numbers is a table here, in the
+        order of the services. Compiled code can use rows and numbers only.
         """
         raise NotImplementedError
 

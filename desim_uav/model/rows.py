@@ -44,16 +44,16 @@ class Table(list[T], Generic[T]):
 class Queue(list[T], Generic[T]):
     """A list of rows or numbers whose length changes.
 
-    Compiled code has memory for ``room`` entries. If more are added, it drops them and sets
+    Compiled code has memory for ``buffer`` entries. If more are added, it drops them and sets
     ``overrun``. ``of`` is the type of the entries.
     """
 
-    __slots__ = ("of", "room")
+    __slots__ = ("buffer", "of")
     overrun = 0
 
-    def __init__(self, values: Iterable[T] = (), room: int = 0, of: Any = None) -> None:
+    def __init__(self, values: Iterable[T] = (), buffer: int = 0, of: Any = None) -> None:
         super().__init__(values)
-        self.room, self.of = room, of
+        self.buffer, self.of = buffer, of
 
     def added(self) -> T:
         """Append a new row and return it; the caller must set all its fields."""
@@ -118,7 +118,7 @@ def layout_of(cls: type[Row]) -> str:
 
 
 TABLE_WORDS, QUEUE_WORDS = 2, 4
-"""The words of a table: distance to its entries, and count; a queue adds its room and overrun."""
+"""The words of a table: distance to its entries, and count; a queue adds its buffer and overrun."""
 
 
 def _words_of(kind: Any) -> int:
@@ -190,7 +190,7 @@ def _size_behind(one: Row) -> int:
 
 def _length(kind: Any, value: Any) -> int:
     """Return the number of entries with memory: a queue has a spare one, written if it overruns."""
-    return len(value) if origin_of(kind) is Table else max(value.room, len(value)) + 1
+    return len(value) if origin_of(kind) is Table else max(value.buffer, len(value)) + 1
 
 
 class _Packer:
@@ -215,7 +215,7 @@ class _Packer:
                 base = at if origin_of(kind) is Table else place
                 header = [8 * (self.end - base), len(value)]
                 if origin_of(kind) is Queue:
-                    header += [max(value.room, len(value)), 0]
+                    header += [max(value.buffer, len(value)), 0]
                 self.block[place : place + len(header)] = header
                 self._write_all(kind, value)
             else:

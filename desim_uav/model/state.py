@@ -65,7 +65,7 @@ class Observation(NamedTuple):
     features: tuple[float, ...] = ()
 
 
-observed = partial(tuple.__new__, Observation)
+observation_of = partial(tuple.__new__, Observation)
 """Make an Observation of a tuple of all its fields: ``_make`` without counting them."""
 
 
@@ -89,5 +89,5 @@ class Snapshot(NamedTuple):
     reward_terms: tuple[dict[str, float], ...]
 
 
-shown = partial(tuple.__new__, Snapshot)
+snapshot_of = partial(tuple.__new__, Snapshot)
 """Make a Snapshot of a tuple of all its fields."""

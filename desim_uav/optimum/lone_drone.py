@@ -134,7 +134,7 @@ class LoneDrone:
             self._run_step()
             gone = rows.crashes and self.constants.on_crash == words.REMOVES
             over = bool(drone.waits or gone)
-        there = (drone.x, drone.y, drone.level), rows.seen[0].battery_us
+        there = (drone.x, drone.y, drone.level), rows.observations[0].battery_us
         return tuple(self._steps), None if rows.crashes else there
 
     def reward(self, state: State) -> float:

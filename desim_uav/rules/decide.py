@@ -22,20 +22,20 @@ from desim_uav.rules.rows import Constants, Drone, Path, State
 
 @rule
 def observe(world: Constants, state: State) -> None:
-    """Write what each drone knows at a decision epoch into ``state.seen`` and ``state.counts``.
+    """Write what each drone knows at a decision epoch into ``observations`` and ``counts``.
 
     ``orient`` must have been called before: it sets where a drone believes itself to be.
     """
     services = world.services
     for d in range(len(state.drones)):
-        drone, seen = state.drones[d], state.seen[d]
-        seen.mode = drone.mode
-        seen.battery_us = battery_now(world, state, drone)
-        seen.attached_users = drone.attached_users
-        seen.used_bps = drone.used_bps
-        seen.served_requests = 0
+        drone, observation = state.drones[d], state.observations[d]
+        observation.mode = drone.mode
+        observation.battery_us = battery_now(world, state, drone)
+        observation.attached_users = drone.attached_users
+        observation.used_bps = drone.used_bps
+        observation.served_requests = 0
         for k in range(services):
-            seen.served_requests += drone.served[k]
+            observation.served_requests += drone.served[k]
             state.counts[2 * services * d + k] = drone.served[k]
             state.counts[2 * services * d + services + k] = drone.asking[k]
     for k in range(services):
@@ -46,18 +46,18 @@ def observe(world: Constants, state: State) -> None:
 def record(world: Constants, state: State) -> None:
     """Note what is logged of each drone at the end of a step, once it has its reward."""
     for d in range(len(state.drones)):
-        drone, seen, record = state.drones[d], state.seen[d], state.records[d]
+        drone, observation, record = state.drones[d], state.observations[d], state.records[d]
         record.step, record.t_us, record.drone = state.step - 1, state.now_us, d
         x_m, y_m, z_m = position(world, state, drone)
         record.x_m, record.y_m, record.z_m = x_m, y_m, z_m
-        record.mode, record.battery_us = seen.mode, seen.battery_us
+        record.mode, record.battery_us = observation.mode, observation.battery_us
         record.action, record.action_taken = drone.command, drone.taken
-        record.attached_users = seen.attached_users
-        record.served_requests = seen.served_requests
-        record.bandwidth_bps = seen.used_bps
+        record.attached_users = observation.attached_users
+        record.served_requests = observation.served_requests
+        record.bandwidth_bps = observation.used_bps
         record.return_us = 0
         if world.limited:
-            plan = way_back(world, drone, seen.believed)
+            plan = way_back(world, drone, observation.believed)
             record.return_us = plan.drained_us if plan.station >= 0 else words.NEVER
         record.reward = state.rewards[d]
 
@@ -69,7 +69,7 @@ def allow(world: Constants, state: State) -> None:
     A move off the map or into a building is allowed, because a drone has no map.
     """
     for d in range(len(state.drones)):
-        drone, battery_us = state.drones[d], state.seen[d].battery_us
+        drone, battery_us = state.drones[d], state.observations[d].battery_us
         may_return = battery_us <= world.return_below_us
         may_charge = battery_us < world.capacity_us and station_under(world, drone) >= 0
         for k in range(len(world.moves)):

@@ -79,8 +79,9 @@ def orient(world: Constants, path: Path, state: State, drone: Drone, step: int) 
         x = cell_index(x_m, world.cell_x_m, world.nx)
         y = cell_index(y_m, world.cell_y_m, world.ny)
         level = level_index(z_m, world.lowest_m, world.level_step_m, world.levels)
-    seen = state.seen[drone.index]
-    seen.x, seen.y, seen.level, seen.believed = x, y, level, place(world, x, y, level)
+    observation = state.observations[drone.index]
+    observation.x, observation.y, observation.level = x, y, level
+    observation.believed = place(world, x, y, level)
 
 
 @rule
@@ -196,7 +197,7 @@ def turn_back(world: Constants, path: Path, state: State, drone: Drone) -> None:
     """Stop serving, and plan the return from the place where the drone believes itself to be."""
     change_mode(world, state, drone, words.RETURNING)
     silence(world, path, state, drone, words.COVERAGE)
-    plan = way_back(world, drone, state.seen[drone.index].believed)
+    plan = way_back(world, drone, state.observations[drone.index].believed)
     drone.route = drone.route_end = 0
     if station_under(world, drone) < 0 and plan.station >= 0:
         drone.route, drone.route_end = plan.first, plan.end

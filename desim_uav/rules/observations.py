@@ -11,7 +11,7 @@ from desim_uav.model.rules import MINUTE_US, US
 from desim_uav.model.state import Facts
 from desim_uav.registry import register
 from desim_uav.rules.flight import way_back
-from desim_uav.rules.rows import Constants, Drone, Seen, State
+from desim_uav.rules.rows import Constants, Drone, Observation, State
 
 
 @register("observation", "position")
@@ -60,14 +60,14 @@ class Local(RowObservation):
 
     def write(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the features, all real numbers, into ``drone.features``."""
-        seen, out, users = state.seen[drone.index], drone.features, len(state.users)
-        out[0] = (seen.x + 0.5) / world.nx
-        out[1] = (seen.y + 0.5) / world.ny
+        observation, out, users = state.observations[drone.index], drone.features, len(state.users)
+        out[0] = (observation.x + 0.5) / world.nx
+        out[1] = (observation.y + 0.5) / world.ny
         k = 2
         if world.three_d:
-            out[k] = (seen.level + 0.5) / world.levels_under_ceiling
+            out[k] = (observation.level + 0.5) / world.levels_under_ceiling
             k += 1
-        out[k] = seen.attached_users / users
+        out[k] = observation.attached_users / users
         k += 1
         counts = 2 * world.services
         for count in range(counts):
@@ -75,44 +75,44 @@ class Local(RowObservation):
         k += counts
         used = 0.0
         if world.bandwidth_bps >= 0:
-            used = (seen.used_bps / 1000) / (world.bandwidth_bps / 1000)
+            used = (observation.used_bps / 1000) / (world.bandwidth_bps / 1000)
         out[k] = 1.0 - used
         out[k + 1] = 1.0 - state.step / world.steps
         if world.limited:
-            _write_way_home(world, drone, seen, k + 2)
+            _write_way_home(world, drone, observation, k + 2)
 
 
 @rule
 def write_position(world: Constants, state: State, drone: Drone) -> int:
     """Write the paper's state as a drone's first features; return the number of these features."""
-    seen, out = state.seen[drone.index], drone.features
-    out[0], out[1] = seen.x, seen.y
+    observation, out = state.observations[drone.index], drone.features
+    out[0], out[1] = observation.x, observation.y
     k = 2
     if world.three_d:
-        out[k] = seen.level
+        out[k] = observation.level
         k += 1
     if world.limited:
-        out[k] = seen.battery_us // MINUTE_US
+        out[k] = observation.battery_us // MINUTE_US
         k += 1
     return k
 
 
 @rule
-def _write_way_home(world: Constants, drone: Drone, seen: Seen, k: int) -> None:
+def _write_way_home(world: Constants, drone: Drone, observation: Observation, k: int) -> None:
     """Write the battery, n_B, and the bearing and flight time of the nearest station, from ``k``.
 
     The bearing is that of the cells; n_B and the flight time are 1 if no station can be reached.
     """
     out, capacity_s = drone.features, world.capacity_us / US
-    plan = way_back(world, drone, seen.believed)
-    out[k] = (seen.battery_us / US) / capacity_s
+    plan = way_back(world, drone, observation.believed)
+    out[k] = (observation.battery_us / US) / capacity_s
     out[k + 1] = out[k + 4] = 1.0
     out[k + 2] = out[k + 3] = 0.0
     if plan.station >= 0:
         station = world.stations[plan.station]
         out[k + 1] = min((plan.drained_us / US) / capacity_s, 1.0)
-        east = (station.x - seen.x) * world.cell_x_m
-        north = (station.y - seen.y) * world.cell_y_m
+        east = (station.x - observation.x) * world.cell_x_m
+        north = (station.y - observation.y) * world.cell_y_m
         distance = math.sqrt(east * east + north * north)
         if distance > 0.0:
             out[k + 2], out[k + 3] = east / distance, north / distance

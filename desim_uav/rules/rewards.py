@@ -13,7 +13,7 @@ from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import US
 from desim_uav.registry import register
 from desim_uav.rules.flight import way_back
-from desim_uav.rules.rows import Constants, Drone, Seen, State
+from desim_uav.rules.rows import Constants, Drone, Observation, State
 from desim_uav.rules.words import FLYING, RETURNING, TOO_LARGE
 
 LARGEST_REWARD = 1e100
@@ -35,9 +35,9 @@ class Coverage(RowReward):
 
     def pay(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the one term of the reward, which stays 0 for a drone on the ground."""
-        seen = state.seen[drone.index]
-        if is_in_the_air(seen):
-            drone.terms[0] = fair_share(state, seen, self.capped)
+        observation = state.observations[drone.index]
+        if is_in_the_air(observation):
+            drone.terms[0] = fair_share(state, observation, self.capped)
 
 
 @register("reward", "coverage_battery")
@@ -61,12 +61,12 @@ class CoverageBattery(RowReward):
 
     def pay(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the terms ``users`` and ``return``, which stay 0 for a drone on the ground."""
-        seen = state.seen[drone.index]
-        if is_in_the_air(seen):
+        observation = state.observations[drone.index]
+        if is_in_the_air(observation):
             service, cost, way_home = battery_weights(
-                world, drone, seen, self.low_battery, self.capped
+                world, drone, observation, self.low_battery, self.capped
             )
-            drone.terms[0] = service * fair_share(state, seen, self.capped)
+            drone.terms[0] = service * fair_share(state, observation, self.capped)
             drone.terms[1] = self.cost_sign * cost * way_home
 
 
@@ -104,12 +104,12 @@ class MultiService(RowReward):
 
     def pay(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the terms (see ``term_names``), which stay 0 for a drone on the ground."""
-        seen, terms, services = state.seen[drone.index], drone.terms, world.services
-        if is_in_the_air(seen):
+        observation, terms, services = state.observations[drone.index], drone.terms, world.services
+        if is_in_the_air(observation):
             service, cost, way_home = battery_weights(
-                world, drone, seen, self.low_battery, self.capped
+                world, drone, observation, self.low_battery, self.capped
             )
-            terms[0] = service * self.users * fair_share(state, seen, self.capped)
+            terms[0] = service * self.users * fair_share(state, observation, self.capped)
             first = 2 * services * drone.index + (0 if self.served_only else services)
             for k in range(services):
                 counted, asked = state.counts[first + k], state.asked[k]
@@ -121,24 +121,24 @@ class MultiService(RowReward):
 
 
 @rule
-def is_in_the_air(seen: Seen) -> bool:
+def is_in_the_air(observation: Observation) -> bool:
     """Return whether a drone flies or returns; one that has landed or crashed is paid nothing."""
-    return seen.mode in (FLYING, RETURNING)
+    return observation.mode in (FLYING, RETURNING)
 
 
 @rule
-def fair_share(state: State, seen: Seen, capped: bool) -> float:
+def fair_share(state: State, observation: Observation, capped: bool) -> float:
     """Return r_u: the drone's users divided by the mean number of users per drone.
 
     If it is ``capped``, it is at most 1.
     """
-    share = seen.attached_users * len(state.drones) / len(state.users)
+    share = observation.attached_users * len(state.drones) / len(state.users)
     return 1.0 if capped and share > 1.0 else share
 
 
 @rule
 def battery_weights(
-    world: Constants, drone: Drone, seen: Seen, low_battery: float, capped: bool
+    world: Constants, drone: Drone, observation: Observation, low_battery: float, capped: bool
 ) -> tuple[float, float, float]:
     """Return w_s and w_c, the weights of service and of the way to a station, and r_c, its cost.
 
@@ -152,7 +152,7 @@ def battery_weights(
     """
     if not world.limited:
         return 1.0, 0.0, 0.0
-    battery_us, plan = seen.battery_us, way_back(world, drone, seen.believed)
+    battery_us, plan = observation.battery_us, way_back(world, drone, observation.believed)
     battery_s, return_s, lost = battery_us / US, plan.drained_us / US, plan.station < 0
     cost = 1.0
     if battery_us > 0 and not lost:

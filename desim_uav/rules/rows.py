@@ -242,7 +242,7 @@ class Drone(Row):
 
 
 @row
-class Seen(Row):
+class Observation(Row):
     """What a drone knows at a decision epoch (see ``model.state.Observation``).
 
     ``believed`` is the number of the place at which it believes itself to be.
@@ -424,7 +424,7 @@ class State(Row):
     loose: Queue[int]
     open_requests: Table[int]
     asked: Table[int]
-    seen: Table[Seen]
+    observations: Table[Observation]
     records: Table[Record]
     counts: Table[int]
     masks: Table[int]

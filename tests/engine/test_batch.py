@@ -145,7 +145,7 @@ def test_an_episode_may_begin_in_the_other_engine():
 
 
 def without_room(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(simulation, "ROOM", 1)
+    monkeypatch.setattr(simulation, "BUFFER", 1)
     monkeypatch.setattr(simulation, "REQUESTS_A_USER", 0)
     monkeypatch.setattr(simulation, "CROSSINGS_A_USER", 0)
 

@@ -215,7 +215,7 @@ def looked_at(engine: BatchSimulation, numbers: int) -> list[float]:
 def test_room_is_made_for_everything_that_may_happen(
     timing: str, keep_events: bool, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(simulation, "ROOM", 1)
+    monkeypatch.setattr(simulation, "BUFFER", 1)
     monkeypatch.setattr(simulation, "REQUESTS_A_USER", 0)
     monkeypatch.setattr(simulation, "CROSSINGS_A_USER", 0)
     users = [(120 + 20 * k, 120) for k in range(24)]
@@ -223,14 +223,14 @@ def test_room_is_made_for_everything_that_may_happen(
     engines = both(world, keep_events=keep_events)
     asks = {user: [(0, 5, 100), (20, 5, 100), (90, 5, 100)] for user in range(24)}
     alike(engines, path_of(world, asks), "right right left right", "left left right left")
-    assert engines[1].room.log > 1
-    assert engines[1].room.crossings > 16
+    assert engines[1].buffers.log > 1
+    assert engines[1].buffers.crossings > 16
 
 
 def test_too_many_who_look_for_a_drone_are_not_written_beyond_their_room():
     world = strip(users=[(120, 120)] * 8, steps=1)
     one, other = both(world)
-    other.memory[State.places["loose"] + 2] = 3  # its room
+    other.memory[State.places["loose"] + 2] = 3  # its buffer
     alike((one, other), path_of(world))
 
 

@@ -68,7 +68,7 @@ def stepped(engine: Engine, seed: int, most: int = 99) -> list[Any]:
     """What random commands lead to, up to the episode's end."""
     rng, told = np.random.default_rng(seed), []
     while not (engine.terminated or engine.truncated) and len(told) < 2 * most:
-        shown = engine.shown  # type: ignore[attr-defined]
+        shown = engine.latest  # type: ignore[attr-defined]
         commands = [some_command(engine.world, mask, rng) for mask in shown.masks]
         told += [engine.step(commands), everything(engine)]
     return told
@@ -136,10 +136,10 @@ def test_a_copy_finds_more_room_for_what_does_not_fit():
     for each in (engine, twin):
         _begun(each, draw(world, 0, 0))
     other: Any = pickle.loads(pickle.dumps(engine))
-    room = other.room
+    room = other.buffers
     went_on = stepped(twin, 2)
     assert stepped(other, 2) == went_on
-    assert other.room > room
+    assert other.buffers > room
     assert stepped(engine, 2) == went_on
 
 

@@ -55,9 +55,9 @@ class Careful(RowReward):
     names = ("served", "risk")
 
     def pay(self, world: Any, state: Any, drone: Any) -> None:
-        seen = state.seen[drone.index]
-        drone.terms[0] = self.whole * seen.served_requests / len(state.users)
-        if self.on and world.limited and seen.battery_us < self.below * world.capacity_us:
+        observation = state.observations[drone.index]
+        drone.terms[0] = self.whole * observation.served_requests / len(state.users)
+        if self.on and world.limited and observation.battery_us < self.below * world.capacity_us:
             drone.terms[1] = -self.penalty
 
 
@@ -151,7 +151,7 @@ class Crowd(RowObservation):
 
     def write(self, world: Any, state: Any, drone: Any) -> None:
         k = write_position(world, state, drone)
-        drone.features[k] = min(3, state.seen[drone.index].attached_users // self.per_class)
+        drone.features[k] = min(3, state.observations[drone.index].attached_users // self.per_class)
 
 
 @dataclass(frozen=True)
@@ -361,7 +361,7 @@ def test_such_a_reward_ends_an_episode_that_is_played_again_with_more_room():
     own = f"reward={{kind: '{__name__}:Boundless'}}"
     world = build_world(load(scenario_path("case8"), [walk, own]), 0)
     one = BatchSimulation(world, RunSettings((True,) * 3, False, keep_events=True))
-    one.room = one.room._replace(log=20, crossings=8)
+    one.buffers = one.buffers._replace(log=20, crossings=8)
     one._make_room()
     one.reset(draw(world, 0, 0))
     with pytest.raises(SimulationError, match="'Boundless'"):

@@ -77,13 +77,13 @@ def test_room_is_made_for_more_legs_than_are_usual():
     world = walking({"speed_mps": 200.0, "leg_s": 2.0}, 60)
     settings = RunSettings((True,) * 2, False, keep_events=True)
     engine, reference = BatchSimulation(world, settings), Simulation(world, settings)
-    room, engine.leg_room = engine.leg_room, 14
+    room, engine.leg_buffer = engine.leg_buffer, 14
     engine._make_room()
     path = draw(world, 3, 0)
     assert engine.reset(path) == reference.reset(path)
     for _ in range(20):
         assert engine.step([HOVER] * 2) == reference.step([HOVER] * 2)
-    assert 14 < engine.leg_room < 2 * room
+    assert 14 < engine.leg_buffer < 2 * room
     assert engine.log.events == reference.log.events
 
 

@@ -258,7 +258,7 @@ def test_more_crossings_than_there_is_room_for():
     run = {"users.mobility": {"kind": "random_walk", "speed_mps": 190.0, "leg_s": 2.0}}
     one = SyncVectorEnv([lambda: UavEnv("case2", run)] * 2)
     other = UavVectorEnv("case2", 2, run)
-    room = other.sessions[0].engine.room.crossings
+    room = other.sessions[0].engine.buffers.crossings
     one.reset(seed=0)
     _, told = other.reset(seed=0)
     rng = np.random.default_rng(0)
@@ -269,7 +269,7 @@ def test_more_crossings_than_there_is_room_for():
         for part, same in zip(seen, others, strict=True):
             assert_same(part, same)
         told = others[4]
-    assert max(s.engine.room.crossings for s in other.sessions) > room
+    assert max(s.engine.buffers.crossings for s in other.sessions) > room
 
 
 def test_gymnasium_makes_them():

@@ -226,7 +226,7 @@ def flown(world, state, action):
         steps.append((*told, attached_us))
         gone = engine.log.crashes and world.on_crash != "respawn"
         decides = bool(drone.waits or gone)
-    there = (drone.x, drone.y, drone.level), engine.state.seen[0].battery_us
+    there = (drone.x, drone.y, drone.level), engine.state.observations[0].battery_us
     return steps, None if engine.log.crashes else there
 
 

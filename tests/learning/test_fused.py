@@ -135,8 +135,12 @@ class Crowd(RowObservation):
         return tuple(Feature(name, 0, high, True) for name, high in highest.items())
 
     def write(self, world: Any, state: Any, drone: Any) -> None:
-        seen, out = state.seen[drone.index], drone.features
-        out[0], out[1], out[2] = seen.x, seen.y, min(seen.attached_users, self.most)
+        observation, out = state.observations[drone.index], drone.features
+        out[0], out[1], out[2] = (
+            observation.x,
+            observation.y,
+            min(observation.attached_users, self.most),
+        )
 
 
 def own(algorithm: type, case: str = "case8") -> str:

@@ -47,7 +47,7 @@ def paid(reward, drone, asked=(0, 0, 0), facts=None) -> float:
 
 def battery_weights(drone, low) -> tuple[float, float]:
     world, state, row = rows_of(drone, facts_of())
-    service, cost, _ = rules.battery_weights(world, row, state.seen[drone.drone], low, True)
+    service, cost, _ = rules.battery_weights(world, row, state.observations[drone.drone], low, True)
     return service, cost
 
 

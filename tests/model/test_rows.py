@@ -72,7 +72,7 @@ class Shelf(Row):
 
 def shelf() -> Shelf:
     books = Table(fill(Book, (100 + k, 0.5 * k)) for k in range(3))
-    boxes = Table(fill(Box, (k, Queue([k, k + 1], room=4))) for k in range(2))
+    boxes = Table(fill(Box, (k, Queue([k, k + 1], buffer=4))) for k in range(2))
     made = blank(Shelf)
     made.number, made.load, made.first = 4, 2.5, fill(Book, (7, 0.25))
     made.books, made.boxes = books, boxes
@@ -219,7 +219,7 @@ def set_entries(shelf: Shelf, k: int) -> None:
 def count(shelf: Shelf, k: int) -> None:
     tables = len(shelf.books) + 10 * len(shelf.marks)
     queues = len(shelf.lent) + 10 * len(shelf.returned)
-    shelf.number = tables + 100 * queues + 10000 * shelf.lent.room + shelf.lent.overrun
+    shelf.number = tables + 100 * queues + 10000 * shelf.lent.buffer + shelf.lent.overrun
 
 
 @pytest.mark.parametrize(
@@ -245,13 +245,13 @@ APPEND, POP, INSERT, REMOVE, CLEAR, SET, ADD = range(7)
 def do(shelf: Shelf, what: int, value: int) -> None:
     """One change to the queues, if it is possible."""
     lent, heights, returned = shelf.lent, shelf.heights, shelf.returned
-    if what == APPEND and len(lent) < lent.room and len(heights) < heights.room:
+    if what == APPEND and len(lent) < lent.buffer and len(heights) < heights.buffer:
         lent.append(value)
         heights.append(value / 8)
     elif what == POP and len(lent) > 0 and len(heights) > 0:
         shelf.number = lent.pop()
         shelf.load = heights.pop()
-    elif what == INSERT and len(lent) < lent.room:
+    elif what == INSERT and len(lent) < lent.buffer:
         lent.insert(value % (len(lent) + 1), value)
     elif what == REMOVE and len(lent) > 0:
         lent.remove(lent[value % len(lent)])
@@ -261,7 +261,7 @@ def do(shelf: Shelf, what: int, value: int) -> None:
         returned.clear()
     elif what == SET and len(lent) > 0:
         lent[value % len(lent)] = value
-    elif what == ADD and len(returned) < returned.room:
+    elif what == ADD and len(returned) < returned.buffer:
         book = returned.added()
         book.pages, book.weight = value, value / 3
 
@@ -365,7 +365,7 @@ def test_python_has_room_for_everything():
 
 def test_a_queue_has_room_for_what_it_holds():
     own = shelf()
-    own.lent = Queue(range(9), room=2)
+    own.lent = Queue(range(9), buffer=2)
     assert array_of(packed(own), Shelf, "lent").tolist() == list(range(9))
 
 

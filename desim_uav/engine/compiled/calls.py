@@ -49,23 +49,23 @@ def describe(world: int, state: int) -> None:
 
 ADDRESSES = 8
 """The columns of a table of environments, which hold addresses: of world, sample path and state,
-and of the five arrays of ``Shown``."""
+and of the five arrays of ``OutputRow``."""
 
 floats_at, bytes_at = entries_at(float), entries_at(bool)
 
 
-class Shown(NamedTuple):
+class OutputRow(NamedTuple):
     """What an environment returns at a decision epoch, in arrays that a kernel writes.
 
-    ``values`` (drones * features,), ``mask`` (drones * actions,); ``reward`` (1,), the mean over
-    the drones; ``told``, the MEASURES (0 if they do not exist yet), COUNTS and mean terms; ``over``
-    (3,): terminated, truncated, stopped by a fault.
+    ``observations`` (drones * features,), ``mask`` (drones * actions,); ``reward`` (1,), the mean
+    over the drones; ``numbers``, the MEASURES (0 if they do not exist yet), COUNTS and mean terms;
+    ``over`` (3,): terminated, truncated, stopped by a fault.
     """
 
-    values: Any
+    observations: Any
     mask: Any
     reward: Any
-    told: Any
+    numbers: Any
     over: Any
 
 
@@ -98,42 +98,42 @@ def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
     for k in range(len(environments)):
         if which[k]:
             row = environments[k]
-            shown = Shown(
+            outputs = OutputRow(
                 floats_at(row[3], 0),
                 bytes_at(row[4], 0),
                 floats_at(row[5], 0),
                 floats_at(row[6], 0),
                 bytes_at(row[7], 0),
             )
-            stopped += _look_at(constants_at(row[0]), state_at(row[2]), shown)
+            stopped += _look_at(constants_at(row[0]), state_at(row[2]), outputs)
     return stopped
 
 
 @rule
-def _look_at(world: Constants, state: State, shown: Shown) -> int:
-    drones, terms, told = len(state.drones), len(state.drones[0].terms), shown.told
-    told[0] = state.now_us / 1_000_000
+def _look_at(world: Constants, state: State, outputs: OutputRow) -> int:
+    drones, terms, numbers = len(state.drones), len(state.drones[0].terms), outputs.numbers
+    numbers[0] = state.now_us / 1_000_000
     first, second, third = requests.measures(world, state)
-    told[1], told[2], told[3] = _number(first), _number(second), _number(third)
-    told[4], told[5], told[6] = 0.0, state.crashes, state.opened
+    numbers[1], numbers[2], numbers[3] = _number(first), _number(second), _number(third)
+    numbers[4], numbers[5], numbers[6] = 0.0, state.crashes, state.opened
     for term in range(terms):
-        told[7 + term] = 0.0
+        numbers[7 + term] = 0.0
     for k in range(len(state.masks)):
-        shown.mask[k] = state.masks[k]
+        outputs.mask[k] = state.masks[k]
     reward = 0.0
     call(world.describe, (world, state))
     for d in range(drones):
         for k in range(world.features):
-            shown.values[d * world.features + k] = state.drones[d].features[k]
-        told[4] += state.seen[d].attached_users
+            outputs.observations[d * world.features + k] = state.drones[d].features[k]
+        numbers[4] += state.observations[d].attached_users
         if state.step > 0:
             reward += state.rewards[d]
             for term in range(terms):
-                told[7 + term] += state.drones[d].terms[term]
+                numbers[7 + term] += state.drones[d].terms[term]
     for term in range(terms):
-        told[7 + term] /= drones
-    shown.reward[0] = reward / drones
-    over = shown.over
+        numbers[7 + term] /= drones
+    outputs.reward[0] = reward / drones
+    over = outputs.over
     stopped = int(state.faults != 0)
     over[0], over[1], over[2] = state.terminated, state.truncated, stopped
     return stopped

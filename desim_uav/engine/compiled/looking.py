@@ -43,9 +43,9 @@ def foresee(world: Constants, path: Path, state: State, drone: Drone, span_us: i
         recall(world, state, drone)
         return
     count = _find(world, path, state, drone, span_us)
-    if count > ahead.room:
+    if count > ahead.buffer:
         set_word(ahead, 3, 1)
-        count = ahead.room
+        count = ahead.buffer
     set_word(ahead, 1, count)
     _sort_last_first(as_array(ahead, (count, CROSSING_COLUMNS)))
 
@@ -98,7 +98,7 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
         world.radius_m,
         drone.serving == 0,
     )
-    found = as_array(ahead, (ahead.room, CROSSING_COLUMNS))
+    found = as_array(ahead, (ahead.buffer, CROSSING_COLUMNS))
     if in_buckets:
         return crossings_near(leg, users, buckets, look.far_m, found)
     return crossings(leg, users, found)

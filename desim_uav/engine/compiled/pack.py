@@ -20,7 +20,7 @@ from desim_uav.engine.compiled.components import (
 )
 from desim_uav.engine.compiled.standing import tabulate
 from desim_uav.engine.constants import constants_of
-from desim_uav.engine.state import Room, state_of
+from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
 from desim_uav.model.components import compiled
 from desim_uav.model.coverage import SEEN_ROWS, bucket_grid
@@ -142,9 +142,9 @@ def legs_of_step(world: World) -> int:
     return int(mobility.expected_legs(users, world.area, world.step_us / US)) + 2 * users + 16
 
 
-def pack_state(world: World, settings: RunSettings, room: Room, legs: int) -> Words:
+def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int) -> Words:
     """Return a state; ``legs``: the number of users' legs in a step that there is room for."""
-    state: Any = state_of(world, settings, room, State)
+    state: Any = state_of(world, settings, buffers, State)
     drones, users = world.scenario.drones.count, len(world.homes)
     nx, ny = bucket_grid(*world.area, world.scenario.drones.footprint_radius_m)
     count = slots(users, drones)

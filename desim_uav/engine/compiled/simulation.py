@@ -17,7 +17,7 @@ from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.engine.compiled.pack import legs_of_step, pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.engine.episode import Engine
-from desim_uav.engine.state import Room
+from desim_uav.engine.state import Buffers
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.code_digest import code_digest
 from desim_uav.model.rows import View, Words, array_of, held_by, is_row, named
@@ -28,7 +28,7 @@ from desim_uav.rules.words import LOST, OUT_OF_MEMORY
 from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.world import World
 
-ROOM, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
+BUFFER, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
 """How many rows there is memory for: of the log of a step (and more per user), and of a leg's
 crossings per user. There is more as soon as an episode needs it."""
 
@@ -52,8 +52,8 @@ class BatchSimulation(Engine):
         super().__init__(world, settings)
         self.fixed = pack(world, settings)
         users = len(world.homes)
-        self.room = Room(ROOM + REQUESTS_A_USER * users, CROSSINGS_A_USER * users + 16)
-        self.leg_room = legs_of_step(world)
+        self.buffers = Buffers(BUFFER + REQUESTS_A_USER * users, CROSSINGS_A_USER * users + 16)
+        self.leg_buffer = legs_of_step(world)
         self._make_room()
 
     def __getstate__(self) -> dict[str, Any]:
@@ -76,7 +76,7 @@ class BatchSimulation(Engine):
 
     def _make_room(self) -> None:
         """Make a new state in memory."""
-        self.memory = pack_state(self.world, self.settings, self.room, self.leg_room)
+        self.memory = pack_state(self.world, self.settings, self.buffers, self.leg_buffer)
         self._name_parts()
 
     def _name_parts(self) -> None:
@@ -146,7 +146,7 @@ class BatchSimulation(Engine):
 
     def begin(self, path: SamplePath) -> None:
         """Begin an episode without a snapshot."""
-        self.shown = None
+        self.latest = None
         self._began = self._carried, self._standing() if self._goes_on else None
         self.path, _ = self.prepare(SamplePaths.of(path))
         calls.run(*self.addresses(), RESET)
@@ -184,9 +184,11 @@ class BatchSimulation(Engine):
         self.log.crashed[:] = self.entries("crashed")
         self.check_components()
         if self.state.faults & OUT_OF_MEMORY:
-            legs = f", or a step more than {self.leg_room} legs of users" if self.leg_room else ""
+            legs = (
+                f", or a step more than {self.leg_buffer} legs of users" if self.leg_buffer else ""
+            )
             raise SimulationError(
-                f"a drone's leg has more than {self.room.crossings} crossings{legs}; "
+                f"a drone's leg has more than {self.buffers.crossings} crossings{legs}; "
                 "--engine des has room"
             )
 
@@ -201,8 +203,8 @@ class BatchSimulation(Engine):
         """Move what has happened into the log; if it did not fit, make room and play again."""
         while self.state.faults & OUT_OF_MEMORY:
             heard = self.state.history.reshape(-1, len(self.drones))[: self.state.step].tolist()
-            self.room = Room(2 * self.room.log, 2 * self.room.crossings)
-            self.leg_room *= 2
+            self.buffers = Buffers(2 * self.buffers.log, 2 * self.buffers.crossings)
+            self.leg_buffer *= 2
             self._make_room()
             self.load(self._before())
             self.new_log(self.log.episode)

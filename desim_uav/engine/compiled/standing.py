@@ -99,7 +99,7 @@ def recall(world: Constants, state: State, drone: Drone) -> None:
     leg = (drone.x * world.ny + drone.y) * 5 + course
     first, ahead = world.known_at[leg], drone.ahead
     count = world.known_at[leg + 1] - first
-    if count > ahead.room:
+    if count > ahead.buffer:
         set_word(ahead, 3, 1)
         count = 0
     for k in range(count):

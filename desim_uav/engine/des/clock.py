@@ -7,7 +7,7 @@ from typing import Any
 
 import simpy
 
-Life = Generator[simpy.Event, Any, None]
+Process = Generator[simpy.Event, Any, None]
 """A generator that SimPy runs as a process."""
 
 
@@ -76,7 +76,7 @@ class Clock(simpy.Environment):
         """Return whether no other event is scheduled for this instant, whatever its key."""
         return self.peek() > self.now
 
-    def wait(self, slot: int) -> Life:
+    def wait(self, slot: int) -> Process:
         """Wait until the event of a slot happens."""
         happened = False
         while not happened:

@@ -11,11 +11,11 @@ from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
 from desim_uav.engine.des.clock import Clock
 from desim_uav.engine.des.crossings import Crossings
-from desim_uav.engine.des.lives import Lives
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import set_components
+from desim_uav.engine.des.processes import Processes
 from desim_uav.engine.episode import Engine
-from desim_uav.engine.state import Room, state_of
+from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.asking import Requests
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.state import Observation, Snapshot
@@ -69,7 +69,7 @@ class Simulation(Engine):
         """Return how to make an equal engine, which is by running the present episode again."""
         made_of = (self.world, self.settings, self.audit)
         episode = (self._began, self._commands)
-        return _played_again, (made_of, episode, self.shown is None, self._carried)
+        return _played_again, (made_of, episode, self.latest is None, self._carried)
 
     def _constants(self) -> Constants:
         """Return the constants, with plans and functions."""
@@ -84,7 +84,7 @@ class Simulation(Engine):
 
     def _state(self) -> LiveState:
         """Return a new state."""
-        made = state_of(self.world, self.settings, Room(), LiveState)
+        made = state_of(self.world, self.settings, Buffers(), LiveState)
         made.keeps_requests = 1
         made.named_terms, made.observed = (), self.observations
         return made
@@ -102,9 +102,9 @@ class Simulation(Engine):
         self._crossings.begin(path.walks)
         after_event = None if self.audit is None else self._after_event
         self.clock = state.clock = Clock(slots(len(state.users), len(state.drones)), after_event)
-        self._lives = Lives(self.clock, world, own, state)
+        self._processes = Processes(self.clock, world, own, state)
         begin(world, own, state)
-        self._lives.begin()
+        self._processes.begin()
         self.clock.run_before(0, key(RESPAWN, -1, -1))
         show_first(world, own, state)
         self.check_components()
@@ -114,14 +114,14 @@ class Simulation(Engine):
     def step(self, commands: Sequence[int]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the end of the episode."""
         self.hear(commands)
-        world, state, lives = self.constants, self.state, self._lives
+        world, state, processes = self.constants, self.state, self._processes
         state.events.clear()
         state.closed.clear()
         state.handovers.clear()
         hear(world, state)
         for drone in state.drones:
             if drone.waits:
-                lives.tell(drone.index)
+                processes.tell(drone.index)
         self.clock.run_before(state.now_us, key(COVERAGE, -1, -1))
         settle(world, self.own_path, state, COVERAGE, ADMISSION)
         self.clock.run_before(state.now_us + world.step_us, key(RECORD, -1, -1))

@@ -6,7 +6,7 @@ from typing import Any
 
 import simpy
 
-from desim_uav.engine.des.clock import Clock, Due, Life
+from desim_uav.engine.des.clock import Clock, Due, Process
 from desim_uav.rules import due, words
 from desim_uav.rules.attachment import settle
 from desim_uav.rules.charging import await_full, begin_charging, end_charging
@@ -18,7 +18,7 @@ from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Drone, User
 
 
-class Lives:
+class Processes:
     """The processes of an episode: those of drones, batteries, footprints, users and services."""
 
     def __init__(self, clock: Clock, world: Any, path: Any, state: Any) -> None:
@@ -47,7 +47,7 @@ class Lives:
         command, self.commands[drone] = self.commands[drone], Due(self.clock)
         command.happen(0, due.key(words.COMMAND, drone, -1))
 
-    def drone(self, drone: Drone) -> Life:
+    def drone(self, drone: Drone) -> Process:
         """Obey a command; fly, return, queue and charge; after a crash, wait to be replaced."""
         world, path, state = self.world, self.path, self.state
         while True:
@@ -67,7 +67,7 @@ class Lives:
             except simpy.Interrupt:  # by its battery: it has crashed
                 pass
 
-    def charge(self, drone: Drone, station: int) -> Life:
+    def charge(self, drone: Drone, station: int) -> Process:
         """Queue for a pad, and charge on it until the battery is full."""
         world, state, phase = self.world, self.state, words.ARRIVAL
         with self.pad_requests.pop(drone.index, None) or self.pads[station].request() as pad:
@@ -80,38 +80,38 @@ class Lives:
                 phase = words.ARRIVAL
             end_charging(world, state, drone, station, phase)
 
-    def battery(self, drone: Drone) -> Life:
+    def battery(self, drone: Drone) -> Process:
         """Let the drone crash whenever its battery is empty."""
         while True:
             yield from self.until(due.depletion_slot(self.state, drone.index))
             crash(self.world, self.path, self.state, drone)
             self.drones[drone.index].interrupt()
 
-    def footprint(self, drone: Drone) -> Life:
+    def footprint(self, drone: Drone) -> Process:
         """Let users enter and leave the footprint."""
         while True:
             yield from self.until(due.crossing_slot(self.state, drone.index))
             on_crossing(self.world, self.path, self.state, drone)
 
-    def user(self, user: User) -> Life:
+    def user(self, user: User) -> Process:
         """Make the user's requests, one after the other."""
         while True:
             yield from self.until(due.ask_slot(self.state, user.index))
             on_request(self.world, self.path, self.state, user)
 
-    def service(self, user: User) -> Life:
+    def service(self, user: User) -> Process:
         """Complete each of the user's requests when it has been served for the required time."""
         while True:
             yield from self.until(due.completion_slot(self.state, user.index))
             on_completion(self.world, self.path, self.state, user)
 
-    def attachment(self) -> Life:
+    def attachment(self) -> Process:
         """Attach users and admit requests at the end of each instant that requires it."""
         while True:
             yield from self.until(due.settle_slot(self.state))
             settle(self.world, self.path, self.state, words.ATTACHMENT, words.ATTACHMENT)
 
-    def until(self, slot: int) -> Life:
+    def until(self, slot: int) -> Process:
         """Wait until the event of a slot happens."""
         yield from self.clock.wait(slot)
         self.set_time()
