@@ -1,0 +1,103 @@
+"""Tracks: the same places as the sampler's, and the very same numbers where two spans meet."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+
+from desim_uav.model.coverage import leg_at, walked
+from desim_uav.model.radio.tracks import (
+    AT,
+    BEGIN,
+    TRACK_COLUMNS,
+    Flight,
+    fastest,
+    fly,
+    note,
+    place,
+    relative,
+    row_at,
+    walk,
+)
+from tests.model.radio.looking import moving
+from tests.model.radio.making import START_US, absolute, flying, walks
+
+
+def test_places_are_those_of_the_sampler():
+    rng = np.random.default_rng(1)
+    for _ in range(200):
+        span_s = round(rng.uniform(5.0, 70.0), 6)
+        span = (START_US, START_US + round(span_s * 1e6))
+        leg = flying(rng, *rng.uniform(-400.0, 400.0, (2, 3)), span_s)
+        stroll = moving(rng, span_s, 5)
+        tracks, (drone,), user = absolute([leg], stroll, 1.5, span)
+        out = np.zeros((60, TRACK_COLUMNS))
+        last = relative(tracks, drone, user, out, 0)
+        assert (np.diff(out[:last, BEGIN]) >= 0.0).all()
+        assert out[last - 1, BEGIN] == (span[1] - span[0]) * 1e-6
+        times = rng.uniform(0.0, span_s, 50)
+        apart = leg.trip.at(times) - np.column_stack([stroll.at(times), np.full(50, 1.5)])
+        for t, expected in zip(times, apart, strict=True):
+            assert place(out, row_at(out, 0, last, t), t) == pytest.approx(expected, abs=1e-9)
+
+
+def test_two_spans_meet_at_the_same_numbers():
+    rng = np.random.default_rng(2)
+    for _ in range(200):
+        leg = flying(rng, *rng.uniform(-400.0, 400.0, (2, 3)), 60.0)
+        own = walks(moving(rng, 60.0, 5))
+        cuts = [START_US, *np.sort(START_US + rng.integers(1, 60_000_000, 3)).tolist()]
+        cuts.append(int(START_US - leg.before_us + round(leg.profile[-1, 0] * 1e6)))
+        ends = []
+        for span in pairwise(cuts):
+            if span[1] <= span[0]:
+                continue
+            tracks = np.zeros((40, TRACK_COLUMNS))
+            flight = Flight(leg.profile, leg.route, START_US - leg.before_us)
+            after = fly(flight, span, tracks, 0)
+            last = walk(own, (0, len(own)), 1.5, span, tracks, after)
+            ends.append((*tracks[0, AT : AT + 3], *tracks[after, AT : AT + 3]))
+            ends.append((*tracks[after - 1, AT : AT + 3], *tracks[last - 1, AT : AT + 3]))
+            assert ends[-1][3:5] == walked(own, leg_at(own, 0, len(own), span[1]), span[1])
+        assert ends[1:-1:2] == ends[2::2]
+        assert ends[-1][:3] == leg.route[3:]
+
+
+def test_the_highest_speed_of_a_stretch():
+    rng = np.random.default_rng(3)
+    for _ in range(200):
+        leg = flying(rng, *rng.uniform(-400.0, 400.0, (2, 3)), 60.0)
+        span = (START_US, START_US + 60_000_000)
+        tracks, (drone,), user = absolute([leg], moving(rng, 60.0, 5), 1.5, span)
+        out = np.zeros((60, TRACK_COLUMNS))
+        last = relative(tracks, drone, user, out, 0)
+        since, until = np.sort(rng.uniform(0.0, 60.0, 2))
+        most = fastest(out, 0, last, since, until)
+        times = np.linspace(since, until, 200)
+        places = np.array([place(out, row_at(out, 0, last, t), t) for t in times])
+        speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(times)
+        assert speeds.max() <= most + 1e-6
+        assert speeds.max() >= 0.7 * most - 1e-6
+
+
+def test_rows_without_room_are_counted():
+    leg = flying(np.random.default_rng(4), (0, 0, 50), (300, 0, 90), 60.0)
+    flight = Flight(leg.profile, leg.route, START_US)
+    span = (START_US, START_US + 60_000_000)
+    tracks = np.full((9, TRACK_COLUMNS), -7.0)
+    rows = fly(flight, span, tracks, 0)
+    short = np.full((2, TRACK_COLUMNS), -7.0)
+    assert fly(flight, span, short, 0) == rows
+    assert np.array_equal(short, tracks[:2])
+
+
+def test_changes_in_one_microsecond_are_one_or_none():
+    out = np.zeros((9, 2), np.int64)
+    rows = note(out, 0, 0, 5, 1)
+    assert note(out, rows, 0, 5, 0) == 0
+    rows = note(out, 0, 0, 5, 1)
+    rows = note(out, rows, 0, 7, 2)
+    rows = note(out, rows, 0, 7, 3)
+    assert out[:rows].tolist() == [[5, 1], [7, 3]]
+    assert note(out, rows, 0, 7, 1) == 1
+    assert note(out, 1, 0, 9, 1) == 1
