@@ -1,0 +1,446 @@
+"""When buildings begin and cease to block the line of sight between a walking user and a drone.
+
+A building is a vertical prism: a convex footprint on the ground, and a flat roof. It blocks the
+line if it contains a stretch of it; a line that only touches a wall, an edge or a roof is clear.
+
+Whether a building blocks the line can only change when, in plan, the line passes a corner of the
+footprint, when it passes over a wall at just the height of the roof, or when the user or the drone
+passes a wall or the level of the roof. All these times are roots of polynomials of degree three or
+less, for the user walks straight and the drone keeps its acceleration. Between two of them the
+state is decided once, at the time in the middle.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.kernels import kernel, maker, part
+from desim_uav.model.radio.polynomial import Coefficients, sign_changes
+from desim_uav.model.radio.tracks import (
+    BEGIN,
+    PULL_AT,
+    Point,
+    Rows,
+    note,
+    place,
+    rounded_us,
+    row_at,
+    velocity,
+)
+
+BLOCKED, CLEAR = 0, 1
+"""The states of a line of sight."""
+
+GAP_S = 1e-7
+"""A stretch of time shorter than this, clear or blocked, is none: it is the rounding of two times
+that are one, as where a line passes from one building to the next."""
+
+
+class Buildings(NamedTuple):
+    """Buildings, and a grid of buckets by which they are found.
+
+    ``corners_m`` has the corners of all footprints, counterclockwise; those of building b are
+    ``offsets[b]:offsets[b + 1]``. ``roofs_m`` are the heights. ``shape``: the buckets along x and
+    y, and ``side_m`` how long they are. ``members[heads[k]:heads[k + 1]]`` are the buildings that
+    reach into bucket k, by rows of x.
+    """
+
+    corners_m: NDArray[np.float64]
+    offsets: NDArray[np.int64]
+    roofs_m: NDArray[np.float64]
+    shape: tuple[int, int]
+    side_m: tuple[float, float]
+    heads: NDArray[np.int64]
+    members: NDArray[np.int64]
+    tallest_m: float
+
+
+class Room(NamedTuple):
+    """Room to work in, so that nothing is allocated.
+
+    ``times`` for the times at which one building may change the state in one piece: at least
+    9 for each of its corners, and 4 more. ``blocked`` (rows, 2) for the stretches of time in which
+    a building blocks the line. ``visited`` (buildings + 1,) begins as zeros.
+    """
+
+    times: NDArray[np.float64]
+    blocked: NDArray[np.float64]
+    visited: NDArray[np.int64]
+
+
+class Line(NamedTuple):
+    """A line of sight from a time on: place and velocity of the user, and those of the drone."""
+
+    user: Point
+    walks: Point
+    drone: Point
+    flies: Point
+    pulled: Point
+
+
+def prisms(
+    footprints_m: Sequence[NDArray[np.float64]],
+    roofs_m: Sequence[float],
+    shape: tuple[int, int],
+    side_m: tuple[float, float],
+) -> Buildings:
+    """Return buildings with these footprints, convex and counterclockwise, on a map of buckets.
+
+    The map begins at (0, 0). Raises ValueError for a footprint that is not convex and
+    counterclockwise, or that reaches off the map.
+    """
+    buckets: list[list[int]] = [[] for _ in range(shape[0] * shape[1])]
+    for number, corners in enumerate(footprints_m):
+        ahead = np.roll(corners, -1, axis=0) - corners
+        beyond = np.roll(ahead, -1, axis=0)
+        if len(corners) < 3 or not (ahead[:, 0] * beyond[:, 1] > ahead[:, 1] * beyond[:, 0]).all():
+            raise ValueError(f"footprint {number} is not convex and counterclockwise")
+        low, high = corners.min(axis=0) / side_m, corners.max(axis=0) / side_m
+        if (low < -1e-9).any() or (high > np.array(shape) + 1e-9).any():
+            raise ValueError(f"footprint {number} reaches off the map")
+        for ix in range(max(int(low[0]), 0), min(int(np.ceil(high[0])), shape[0])):
+            for iy in range(max(int(low[1]), 0), min(int(np.ceil(high[1])), shape[1])):
+                buckets[ix * shape[1] + iy].append(number)
+    return Buildings(
+        np.concatenate([np.zeros((0, 2)), *footprints_m]),
+        np.cumsum([0, *map(len, footprints_m)]),
+        np.array(roofs_m, float),
+        shape,
+        side_m,
+        np.cumsum([0, *map(len, buckets)]),
+        np.array([number for bucket in buckets for number in bucket], np.int64),
+        max(roofs_m, default=0.0),
+    )
+
+
+def cells_as_prisms(height_m: NDArray[np.float64], side_m: tuple[float, float]) -> Buildings:
+    """Return the buildings of a grid of cells (nx, ny), each with the height of what stands on it.
+
+    Each cell that is higher than 0 is a building, and a bucket of its own.
+    """
+    nx, ny = height_m.shape
+    built = np.argwhere(height_m > 0.0)
+    corner = np.array([(0, 0), (1, 0), (1, 1), (0, 1)])
+    corners = (built[:, None, :] + corner[None, :, :]) * np.array(side_m)
+    heads = np.concatenate([[0], np.cumsum(height_m.ravel() > 0.0)])
+    return Buildings(
+        np.ascontiguousarray(corners.reshape(-1, 2)),
+        np.arange(0, 4 * len(built) + 1, 4),
+        np.ascontiguousarray(height_m[height_m > 0.0]),
+        (nx, ny),
+        side_m,
+        heads,
+        np.arange(len(built)),
+        float(height_m.max(initial=0.0)),
+    )
+
+
+@maker
+def room_for(offsets: NDArray[np.int64], stretches: int) -> Room:
+    """Return room for buildings with these offsets, and for so many blocked stretches of time."""
+    most = 0
+    for b in range(len(offsets) - 1):
+        most = max(most, offsets[b + 1] - offsets[b])
+    return Room(np.empty(9 * most + 4), np.empty((stretches, 2)), np.zeros(len(offsets), np.int64))
+
+
+@kernel
+def sight_changes(
+    tracks: NDArray[np.float64],
+    user: Rows,
+    drone: Rows,
+    buildings: Buildings,
+    room: Room,
+    span_us: tuple[int, int],
+    held: int,
+    out: NDArray[np.int64],
+) -> int:
+    """Write when the line between a user and a drone becomes blocked or clear.
+
+    ``user`` and ``drone`` are their tracks in ``tracks`` (not relative), of the same span; between
+    two rows the drone flies straight on and does not turn back. Rows (time, state) go into ``out``.
+    ``held`` is the state before the span: a row at its start says if it is another one there.
+    States at both ends of the span depend on the places there only, and changes in one microsecond
+    cancel.
+
+    Returns the number of rows; if ``out`` is too short, it is larger than its length, and with that
+    many rows it is long enough. If ``room.blocked`` is too short and n rows are enough, returns -n.
+    """
+    i, j = user[0], drone[0]
+    rows = note(out, 0, held, span_us[0], state_at(tracks, i, j, 0.0, buildings, room))
+    end = tracks[user[1] - 1, BEGIN]
+    at, found = 0.0, 0
+    while at < end:
+        i = row_at(tracks, i, user[1], at)
+        j = row_at(tracks, j, drone[1], at)
+        until = min(
+            tracks[i + 1, BEGIN] if i + 1 < user[1] else end,
+            tracks[j + 1, BEGIN] if j + 1 < drone[1] else end,
+        )
+        found = _look(_line(tracks, i, j, at), at, until, buildings, room, found)
+        at = until
+    if found > len(room.blocked):
+        return -found
+    _sort(room.blocked, found)
+    k, clear = 0, 0.0
+    while k < found:
+        since, until = room.blocked[k, 0], room.blocked[k, 1]
+        k += 1
+        while k < found and room.blocked[k, 0] <= until + GAP_S:
+            until = max(until, room.blocked[k, 1])
+            k += 1
+        if until - since > GAP_S:
+            if since - clear > GAP_S:
+                rows = note(out, rows, held, rounded_us(span_us[0], clear), CLEAR)
+            rows = note(out, rows, held, rounded_us(span_us[0], since), BLOCKED)
+            clear = until
+    if clear < end:
+        rows = note(out, rows, held, rounded_us(span_us[0], clear), CLEAR)
+    last = state_at(tracks, user[1] - 1, drone[1] - 1, end, buildings, room)
+    return note(out, rows, held, span_us[1], last)
+
+
+@kernel
+def state_at(
+    tracks: NDArray[np.float64], i: int, j: int, t: float, buildings: Buildings, room: Room
+) -> int:
+    """Return whether a line is clear at a time, by the rows i of the user and j of the drone."""
+    line = _line(tracks, i, j, t)
+    return BLOCKED if _look(line, t, t, buildings, room, 0) > 0 else CLEAR
+
+
+@part
+def _line(tracks: NDArray[np.float64], i: int, j: int, t: float) -> Line:
+    pulled = (tracks[j, PULL_AT], tracks[j, PULL_AT + 1], tracks[j, PULL_AT + 2])
+    return Line(
+        place(tracks, i, t),
+        velocity(tracks, i, t),
+        place(tracks, j, t),
+        velocity(tracks, j, t),
+        pulled,
+    )
+
+
+@part
+def _ends(line: Line, s: float) -> tuple[Point, Point]:
+    """Return where the user and the drone are s seconds on."""
+    (ux, uy, uz), (wx, wy, wz), (px, py, pz), (vx, vy, vz), (ax, ay, az) = line
+    h = 0.5 * s
+    return (
+        (ux + s * wx, uy + s * wy, uz + s * wz),
+        (px + s * (vx + h * ax), py + s * (vy + h * ay), pz + s * (vz + h * az)),
+    )
+
+
+@kernel
+def _look(line: Line, at: float, until: float, buildings: Buildings, room: Room, found: int) -> int:
+    """Add the stretches of time in which buildings block a line; return how many there are then.
+
+    Looked at are the buildings in the buckets that the line sweeps. Only the part of the line below
+    the tallest roof counts. Rows for which there is no room are counted only.
+    """
+    (ux, uy, uz), (px, py, pz) = _ends(line, 0.0)
+    (tx, ty, tz), (qx, qy, qz) = _ends(line, until - at)
+    low, high, share = min(uz, tz), min(pz, qz), 1.0
+    if low >= buildings.tallest_m:
+        if high >= buildings.tallest_m:
+            return found
+    elif high > buildings.tallest_m:
+        share = (buildings.tallest_m - low) / (high - low)
+    rest = 1.0 - share
+    xs = (
+        ux,
+        tx,
+        rest * ux + share * px,
+        rest * tx + share * px,
+        rest * ux + share * qx,
+        rest * tx + share * qx,
+    )
+    ys = (
+        uy,
+        ty,
+        rest * uy + share * py,
+        rest * ty + share * py,
+        rest * uy + share * qy,
+        rest * ty + share * qy,
+    )
+    stamp = room.visited[len(room.visited) - 1] + 1
+    room.visited[len(room.visited) - 1] = stamp
+    (nx, ny), (dx, dy) = buildings.shape, buildings.side_m
+    for ix in range(_bucket(min(xs), dx, nx), _bucket(max(xs), dx, nx) + 1):
+        south, north = _slab(xs, ys, ix * dx, (ix + 1) * dx)
+        if south > north:
+            continue
+        for iy in range(_bucket(south, dy, ny), _bucket(north, dy, ny) + 1):
+            bucket = ix * ny + iy
+            for k in range(buildings.heads[bucket], buildings.heads[bucket + 1]):
+                b = buildings.members[k]
+                if room.visited[b] != stamp:
+                    room.visited[b] = stamp
+                    if min(low, high) < buildings.roofs_m[b]:
+                        found = _stretches(line, at, until, buildings, b, room, found)
+    return found
+
+
+@part
+def _bucket(at: float, side: float, count: int) -> int:
+    return min(max(int(np.floor(at / side)), 0), count - 1)
+
+
+@part
+def _slab(
+    xs: tuple[float, float, float, float, float, float],
+    ys: tuple[float, float, float, float, float, float],
+    west: float,
+    east: float,
+) -> tuple[float, float]:
+    """Return the range of y, within a slab of x, of the convex hull of six points, and a bit more.
+
+    It is that of the straight ways between any two of them.
+    """
+    west, east = west - 1e-6, east + 1e-6
+    south, north = np.inf, -np.inf
+    for i in range(6):
+        for j in range(i, 6):
+            x0, y0, x1, y1 = xs[i], ys[i], xs[j], ys[j]
+            if x0 > x1:
+                x0, y0, x1, y1 = x1, y1, x0, y0
+            if x1 < west or x0 > east:
+                continue
+            first = y0 if x0 >= west else y0 + (y1 - y0) * ((west - x0) / (x1 - x0))
+            last = y1 if x1 <= east else y0 + (y1 - y0) * ((east - x0) / (x1 - x0))
+            south = min(south, first, last)
+            north = max(north, first, last)
+    return south - 1e-6, north + 1e-6
+
+
+@kernel
+def _stretches(
+    line: Line,
+    at: float,
+    until: float,
+    buildings: Buildings,
+    b: int,
+    room: Room,
+    found: int,
+) -> int:
+    """Add the stretches of time in which one building blocks a line."""
+    times, end = room.times, until - at
+    count = _times(line, end, buildings, b, times)
+    for k in range(1, count):
+        t, i = times[k], k
+        while i > 0 and times[i - 1] > t:
+            times[i] = times[i - 1]
+            i -= 1
+        times[i] = t
+    since = -1.0
+    for k in range(count + 1):
+        low = times[k - 1] if k > 0 else 0.0
+        high = times[k] if k < count else end
+        if _blocks(line, 0.5 * (low + high), buildings, b):
+            since = low if since < 0.0 else since
+            if k < count:
+                continue
+            high = end
+        elif since >= 0.0:
+            high = low
+        if since >= 0.0:
+            if found < len(room.blocked):
+                room.blocked[found, 0], room.blocked[found, 1] = at + since, at + high
+            found += 1
+            since = -1.0
+    return found
+
+
+@kernel
+def _times(line: Line, end: float, buildings: Buildings, b: int, times: NDArray[np.float64]) -> int:
+    """Write all times inside (0, ``end``) at which one building may change the state."""
+    if not end > 0.0:
+        return 0
+    (ux, uy, uz), (wx, wy, wz), (px, py, pz), (vx, vy, vz), (ax, ay, az) = line
+    ax, ay, az = 0.5 * ax, 0.5 * ay, 0.5 * az
+    roof = buildings.roofs_m[b]
+    # The user below the roof, and the drone above the user: polynomials of s.
+    u = (uz - roof, wz)
+    d = (pz - uz, vz - wz, az)
+    count = _add((u[0], u[1], 0.0, 0.0, 0.0), end, times, 0)
+    count = _add((u[0] + d[0], u[1] + d[1], d[2], 0.0, 0.0), end, times, count)
+    first, last = buildings.offsets[b], buildings.offsets[b + 1]
+    for k in range(first, last):
+        x, y = buildings.corners_m[k, 0], buildings.corners_m[k, 1]
+        following = k + 1 if k + 1 < last else first
+        ex, ey = buildings.corners_m[following, 0] - x, buildings.corners_m[following, 1] - y
+        # The line passes a corner: (corner - user) x (drone - user) = 0.
+        cx, cy = x - ux, y - uy
+        gx, gy = px - ux, py - uy
+        hx, hy = vx - wx, vy - wy
+        corner = (
+            cx * gy - cy * gx,
+            cx * hy - cy * hx - (wx * gy - wy * gx),
+            cx * ay - cy * ax - (wx * hy - wy * hx),
+            -(wx * ay - wy * ax),
+            0.0,
+        )
+        count = _add(corner, end, times, count)
+        # It passes the wall's line at the share n / g of its length: there it is at the roof.
+        n = (cx * ey - cy * ex, -(wx * ey - wy * ex))
+        g = (gx * ey - gy * ex, hx * ey - hy * ex, ax * ey - ay * ex)
+        over = (
+            u[0] * g[0] + n[0] * d[0],
+            u[0] * g[1] + u[1] * g[0] + n[0] * d[1] + n[1] * d[0],
+            u[0] * g[2] + u[1] * g[1] + n[0] * d[2] + n[1] * d[1],
+            u[1] * g[2] + n[1] * d[2],
+            0.0,
+        )
+        count = _add(over, end, times, count)
+        count = _add((n[0], n[1], 0.0, 0.0, 0.0), end, times, count)
+        count = _add((n[0] - g[0], n[1] - g[1], -g[2], 0.0, 0.0), end, times, count)
+    return count
+
+
+@part
+def _add(c: Coefficients, end: float, times: NDArray[np.float64], count: int) -> int:
+    """Write where a polynomial changes its sign, and return the number of times then."""
+    found, roots = sign_changes(c, c[0] > 0.0, end, 0.0)
+    for k in range(found):
+        times[count + k] = roots[k]
+    return count + found
+
+
+@kernel
+def _blocks(line: Line, s: float, buildings: Buildings, b: int) -> bool:
+    """Return whether a building contains a stretch of a line, s seconds on."""
+    (ux, uy, uz), (px, py, pz) = _ends(line, s)
+    begin, end = 0.0, 1.0
+    first, last = buildings.offsets[b], buildings.offsets[b + 1]
+    for k in range(first, last):
+        x, y = buildings.corners_m[k, 0], buildings.corners_m[k, 1]
+        following = k + 1 if k + 1 < last else first
+        ex, ey = buildings.corners_m[following, 0] - x, buildings.corners_m[following, 1] - y
+        near = ex * (uy - y) - ey * (ux - x)
+        far = ex * (py - y) - ey * (px - x)
+        if near <= 0.0 and far <= 0.0:
+            return False
+        if near < 0.0:
+            begin = max(begin, near / (near - far))
+        elif far < 0.0:
+            end = min(end, near / (near - far))
+    if not begin < end:
+        return False
+    lowest = min(uz + begin * (pz - uz), uz + end * (pz - uz))
+    return bool(lowest < buildings.roofs_m[b])
+
+
+@part
+def _sort(rows: NDArray[np.float64], count: int) -> None:
+    """Sort the first rows of a table by their first number."""
+    for k in range(1, count):
+        since, until, i = rows[k, 0], rows[k, 1], k
+        while i > 0 and rows[i - 1, 0] > since:
+            rows[i, 0], rows[i, 1] = rows[i - 1, 0], rows[i - 1, 1]
+            i -= 1
+        rows[i, 0], rows[i, 1] = since, until
