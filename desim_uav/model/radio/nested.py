@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.coverage import AT_X, AT_Y, DroneLeg, Users, comes_near, ways_of
+from desim_uav.model.coverage import AT_X, AT_Y, DroneLeg, Users, Way, comes_near, ways_of
 from desim_uav.model.crossings import ENTERS, TIME_US, USER, _beyond, _cross
 from desim_uav.model.kernels import kernel, part
 
@@ -35,6 +35,7 @@ def class_changes(
     long enough.
     """
     x0, y0 = leg.route[0], leg.route[1]
+    flight, stay = ways_of(DroneLeg(leg.profile, leg.route, leg.span_us, 0.0, leg.fresh))
     kept = most = 0
     for user in range(len(users.offsets) - 1):
         x, y = x0 - users.seen[AT_X, user], y0 - users.seen[AT_Y, user]
@@ -43,16 +44,23 @@ def class_changes(
             radius = radii_m[user, k]
             if radius < 0.0:
                 break
-            ring = DroneLeg(leg.profile, leg.route, leg.span_us, radius, leg.fresh)
-            flight, stay = ways_of(ring)
             if not leg.fresh and _beyond(x, y, radius) <= 0.0:
                 held += 1
-            near = comes_near(flight, users.seen, user, leg.fresh)
-            if near + comes_near(stay, users.seen, user, leg.fresh) > 0.0:
+            near = comes_near(_widened(flight, radius), users.seen, user, leg.fresh)
+            near += comes_near(_widened(stay, radius), users.seen, user, leg.fresh)
+            if near > 0.0:
+                ring = DroneLeg(leg.profile, leg.route, leg.span_us, radius, leg.fresh)
                 total = _cross(ring, users, user, out, total)
         most = max(most, total)
         kept = total if total > len(out) else _classes(out, kept, total, held)
     return max(kept, most) if most > len(out) else kept
+
+
+@part
+def _widened(way: Way, radius: float) -> Way:
+    """Return the way for a circle of this radius, of that for a circle of none."""
+    x0, y0, x1, y1, begin, end, out, within = way
+    return Way(x0, y0, x1, y1, begin, end, out + radius, within + radius)
 
 
 @part

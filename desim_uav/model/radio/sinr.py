@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.kernels import part, rule
-from desim_uav.model.radio.tracks import BEGIN, fastest, note, place, rounded_us, row_at
+from desim_uav.model.radio.tracks import BEGIN, note, place, receding, rounded_us, row_at
 
 TOLERANCE_DB = 1e-4
 """Stays on the other side of a threshold that go less far than this beyond it may be missed."""
@@ -79,7 +79,8 @@ def steepness_of(slope: Any) -> Any:
     """Return the function (links, since, until) -> the most that the ratio changes, in dB/s.
 
     ``slope(own, link, distance_m, height_m, within_m)`` returns the most that the level of a link
-    changes, in dB a metre, at places at most ``within_m`` away from a place; inf is allowed.
+    changes, in dB a metre of distance and in dB a metre of height, at places at most ``within_m``
+    away from a place; inf is allowed.
     """
 
     @rule
@@ -87,11 +88,11 @@ def steepness_of(slope: Any) -> Any:
         serving = strongest = 0.0
         for k in range(len(links.offsets) - 1):
             first, last = links.offsets[k], links.offsets[k + 1]
-            speed = fastest(links.tracks, first, last, since, until)
+            radial, up, speed = receding(links.tracks, first, last, since, until)
             if speed > 0.0:
                 x, y, z = place(links.tracks, row_at(links.tracks, first, last, since), since)
-                within = speed * (until - since)
-                steep = speed * slope(links.own, k, np.sqrt(x * x + y * y), z, within)
+                away, over = slope(links.own, k, np.sqrt(x * x + y * y), z, speed * (until - since))
+                steep = (away * radial if radial > 0.0 else 0.0) + (over * up if up > 0.0 else 0.0)
                 if k == 0:
                     serving = steep
                 else:

@@ -203,22 +203,44 @@ def row_at(tracks: NDArray[np.float64], first: int, last: int, t: float) -> int:
 @kernel
 def fastest(
     tracks: NDArray[np.float64], first: int, last: int, since: float, until: float
-) -> float:
-    """Return the highest speed of a track between two times, in metres per second.
+) -> tuple[float, float]:
+    """Return the highest horizontal and the highest vertical speed between two times, in m/s.
 
-    The speed is a convex function of time in each piece, and so highest at one of its ends.
+    Both are convex functions of time in each piece, and so highest at one of its ends.
     """
-    row, most = row_at(tracks, first, last, since), 0.0
+    row, level, up = row_at(tracks, first, last, since), 0.0, 0.0
     t = since
     while True:
         ends = min(until, tracks[row + 1, BEGIN]) if row + 1 < last else until
         for s in (t, ends):
             x, y, z = velocity(tracks, row, s)
-            most = max(most, x * x + y * y + z * z)
+            level, up = max(level, x * x + y * y), max(up, abs(z))
         if row + 1 >= last or tracks[row + 1, BEGIN] >= until:
-            return float(np.sqrt(most))
+            return float(np.sqrt(level)), up
         row += 1
         t = tracks[row, BEGIN]
+
+
+@kernel
+def receding(
+    tracks: NDArray[np.float64], first: int, last: int, since: float, until: float
+) -> tuple[float, float, float]:
+    """Return the most that the horizontal distance, the height and the place change, in m/s.
+
+    The horizontal distance r changes by r' = p v / r now, and r' itself by at most v² / r + |a|
+    until the velocity jumps, which it does where a user turns: at the end of a piece.
+    """
+    level, up = fastest(tracks, first, last, since, until)
+    row, lasts, radial = row_at(tracks, first, last, since), until - since, level
+    if row + 1 >= last or tracks[row + 1, BEGIN] >= until:
+        (x, y, _), (vx, vy, _) = place(tracks, row, since), velocity(tracks, row, since)
+        apart = np.sqrt(x * x + y * y)
+        nearest = apart - level * lasts
+        if nearest > 0.0:
+            ax, ay = tracks[row, PULL_AT], tracks[row, PULL_AT + 1]
+            bends = level * level / nearest + np.sqrt(ax * ax + ay * ay)
+            radial = min(radial, abs(x * vx + y * vy) / apart + bends * lasts)
+    return radial, up, float(np.sqrt(level * level + up * up))
 
 
 @part

@@ -15,6 +15,7 @@ from desim_uav.model.radio.tracks import (
     fly,
     note,
     place,
+    receding,
     relative,
     row_at,
     walk,
@@ -71,13 +72,20 @@ def test_the_highest_speed_of_a_stretch():
         tracks, (drone,), user = absolute([leg], moving(rng, 60.0, 5), 1.5, span)
         out = np.zeros((60, TRACK_COLUMNS))
         last = relative(tracks, drone, user, out, 0)
-        since, until = np.sort(rng.uniform(0.0, 60.0, 2))
-        most = fastest(out, 0, last, since, until)
+        since = rng.uniform(0.0, 60.0)
+        until = min(since + 10 ** rng.uniform(-2.0, 1.5), 60.0)
+        level, up = fastest(out, 0, last, since, until)
+        radial, same, whole = receding(out, 0, last, since, until)
+        assert (same, whole) == (up, pytest.approx(np.hypot(level, up), rel=1e-14))
         times = np.linspace(since, until, 200)
         places = np.array([place(out, row_at(out, 0, last, t), t) for t in times])
-        speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / np.diff(times)
-        assert speeds.max() <= most + 1e-6
-        assert speeds.max() >= 0.7 * most - 1e-6
+        moved = np.diff(places, axis=0) / np.diff(times)[:, None]
+        speeds = np.hypot(moved[:, 0], moved[:, 1])
+        away = np.abs(np.diff(np.hypot(places[:, 0], places[:, 1])) / np.diff(times))
+        for found, most in ((speeds, level), (np.abs(moved[:, 2]), up), (away, radial)):
+            assert found.max() <= most + 1e-6
+        assert speeds.max() >= 0.7 * level - 1e-6
+        assert radial <= level
 
 
 def test_rows_without_room_are_counted():
