@@ -1,9 +1,9 @@
-"""Where users are in a span of time, and who of them may enter or leave a footprint: pass one.
+"""Pass one: where users are in a span of time, and which of them may cross a footprint's edge.
 
-Users walk straight legs. ``look_around`` sums up, for all drones, how each user walks in a span.
-For each leg of a drone a cheap classifier then discards the users who cannot cross the edge of its
-footprint; on wide maps only users in buckets near the drone are looked at. For the other users
-``model.crossings`` finds the times.
+Users walk straight legs. ``look_around`` summarises, for all drones, how each user walks in a span.
+For each leg of a drone, a fast classifier (``comes_near``) then discards the users who cannot cross
+the edge of its footprint; on wide maps it is applied only to users in buckets near the drone. For
+the other users, ``model.crossings`` computes the times of crossings.
 """
 
 from __future__ import annotations
@@ -17,30 +17,33 @@ from desim_uav.model.kernels import kernel, maker, part
 from desim_uav.model.motion import ACCELERATION, DISTANCE, START
 
 T0_US, X0, Y0, VX, VY = range(5)
-"""Columns of a table of user legs: a straight walk from (X0, Y0) that begins at T0_US."""
+"""The columns of a table of user legs: a straight walk from (X0, Y0), in metres, with the velocity
+(VX, VY), in m/s, that begins at T0_US, in microseconds."""
 
 MARGIN_M = 1e-6
-"""What is farther than this from crossing does not, whatever the rounding."""
+"""The distance in metres from a footprint's edge beyond which rounding makes no crossing."""
 
 LEG, AT_X, AT_Y, TO_X, TO_Y, STRAY, NEAR = range(7)
 SEEN_ROWS = 7
-"""Rows of a table of users in a span: which of their legs they begin it on, their place then and
-at its end, how far they stray from the straight way between at an even speed; and whether a drone's
-leg comes near (NEAR, of the drone looked at last)."""
+"""The rows of a table of users in a span, and their number: the leg on which a user begins the span
+(LEG), its position then (AT_X, AT_Y) and at the end (TO_X, TO_Y), how far it strays from a straight
+walk between them at an even speed (STRAY), all in metres, and whether it comes near the leg of the
+drone for which crossings were computed last (NEAR)."""
 
 FEWEST_BUCKETS = 48
-"""With fewer than these a drone's reach is a good part of the map, and buckets save nothing."""
+"""With fewer buckets than this, a drone reaches a good part of the map, and they save no time."""
 
 MOST_BUCKETS = 128
-"""With more along an axis, emptying them costs more than they save."""
+"""With more buckets than this along an axis, emptying them takes more time than they save."""
 
 
 class DroneLeg(NamedTuple):
     """A leg of a drone that serves: a transit along one axis, then a hover until the leg ends.
 
-    ``profile``: the transit (see ``model.motion``). ``route``: x and y of its start and of its
-    destination, in metres. ``span_us``: when the leg begins and ends. ``radius_m``: of the
-    footprint. ``fresh``: the drone begins to serve, so that users inside at the start enter then.
+    ``profile`` (pieces, 4) is the transit (see ``model.motion``), and ``route`` the x and y of its
+    start and of its destination, in metres. ``span_us`` holds the times at which the leg begins and
+    ends, and ``radius_m`` is the radius of the footprint. If ``fresh``, the drone begins to serve,
+    so that users who are inside at the start enter then.
     """
 
     profile: NDArray[np.float64]
@@ -65,9 +68,9 @@ class Users(NamedTuple):
 class Buckets(NamedTuple):
     """The users by where they are at the start of a span, in a grid of buckets.
 
-    ``shape``: how many buckets there are along x and y, and ``side_m`` how long they are. ``heads``
-    (buckets,) is the first user of each, -1 where there is none, ``following`` (users,) the next
-    one in the same.
+    ``shape`` is the number of buckets along x and y, and ``side_m`` their lengths. ``heads``
+    (buckets,) holds the first user in each bucket, and ``following`` (users,) the next user in the
+    same bucket; both are -1 where there is none.
     """
 
     shape: tuple[int, int]
@@ -79,8 +82,9 @@ class Buckets(NamedTuple):
 class Way(NamedTuple):
     """A part of a drone's leg as a straight way at an even speed.
 
-    ``begin`` and ``end``: when it is there, as shares of the span. ``out_m`` and ``within_m``: how
-    near a user has to come, and how far to be off, to cross the footprint's edge.
+    ``begin`` and ``end`` are the times at which it begins and ends, as shares of the span. A user
+    who stays farther away than ``out_m``, or nearer than ``within_m``, does not cross the
+    footprint's edge.
     """
 
     from_x_m: float
@@ -95,7 +99,7 @@ class Way(NamedTuple):
 
 @kernel
 def leg_at(legs: NDArray[np.float64], first: int, last: int, t_us: float) -> int:
-    """The row of the last leg in ``first`` … ``last``-1 that has begun at ``t_us``."""
+    """Return the row of the last leg in ``first`` … ``last`` - 1 that has begun at ``t_us``."""
     low, high = first, last - 1
     while low < high:
         middle = (low + high + 1) // 2
@@ -108,7 +112,7 @@ def leg_at(legs: NDArray[np.float64], first: int, last: int, t_us: float) -> int
 
 @part
 def leg_near(legs: NDArray[np.float64], first: int, last: int, t_us: float, guess: int) -> int:
-    """``leg_at``, looked for beside a guess before anywhere else."""
+    """Return the same row as ``leg_at``, which is searched for near a guess first."""
     leg = min(max(guess, first), last - 1)
     for _ in range(4):
         if leg > first and legs[leg, T0_US] > t_us:
@@ -122,7 +126,7 @@ def leg_near(legs: NDArray[np.float64], first: int, last: int, t_us: float, gues
 
 @kernel
 def walked(legs: NDArray[np.float64], leg: int, t_us: float) -> tuple[float, float]:
-    """Where the walk of row ``leg`` stands at ``t_us``, in metres."""
+    """Return the position at ``t_us`` of a user on the leg of row ``leg``: x and y in metres."""
     t = (t_us - legs[leg, T0_US]) * 1e-6
     return legs[leg, X0] + legs[leg, VX] * t, legs[leg, Y0] + legs[leg, VY] * t
 
@@ -131,7 +135,7 @@ def walked(legs: NDArray[np.float64], leg: int, t_us: float) -> tuple[float, flo
 def all_walked(
     legs: NDArray[np.float64], offsets: NDArray[np.int64], t_us: float
 ) -> NDArray[np.float64]:
-    """Where all walks stand at ``t_us``: (users, 2), in metres."""
+    """Return the positions of all users at ``t_us``: (users, 2), in metres."""
     places = np.empty((len(offsets) - 1, 2))
     for user in range(len(offsets) - 1):
         leg = leg_at(legs, offsets[user], offsets[user + 1], t_us)
@@ -141,10 +145,10 @@ def all_walked(
 
 @kernel
 def look_around(users: Users, start_us: int, end_us: int) -> None:
-    """Write where each user is at the start of a span and at its end, and how straight it walks.
+    """Write where each user is at the start and at the end of a span, and how straight it walks.
 
-    It goes into ``users.seen``, the same for all drones that fly then. What this says of the span
-    before, if anything, tells where to look first.
+    The numbers are written into ``users.seen`` and hold for all drones. Its row LEG of the previous
+    span, or zeros, is the first guess at each user's leg.
     """
     legs, offsets, seen = users
     for user in range(len(offsets) - 1):
@@ -187,11 +191,12 @@ def ways_of(leg: DroneLeg) -> tuple[Way, Way]:
 
 @kernel
 def comes_near(way: Way, seen: NDArray[np.float64], user: int, fresh: bool) -> float:
-    """Pass one: 0.0 where a user who walked straight on would stay out of the footprint or in it.
+    """Return 0.0 if a user stays outside the footprint, or inside, all the way, and 1.0 otherwise.
 
-    By more than it and the drone stray. One who stays in it has no crossing, but is entered by a
-    drone that begins to serve (``fresh``). Without branches, so that a processor does several at
-    once.
+    The user is taken to walk straight; the margins of ``way`` and STRAY account for the deviations
+    of drone and user. A user who stays inside has no crossing, unless the drone begins to serve
+    (``fresh``), because the user enters then. The code has no branches, so that a processor handles
+    several users at once.
     """
     x0, y0, x1, y1, begin, end, out, within = way
     x, y = seen[AT_X, user], seen[AT_Y, user]
@@ -212,7 +217,7 @@ def comes_near(way: Way, seen: NDArray[np.float64], user: int, fresh: bool) -> f
 
 @kernel
 def sort_into_buckets(seen: NDArray[np.float64], buckets: Buckets) -> float:
-    """Put users into buckets; return how far any of them goes along an axis in the span."""
+    """Put users into buckets; return a bound in metres on their moves along an axis in the span."""
     shape, side, heads, following = buckets
     far = 0.0
     heads[:] = -1
@@ -228,14 +233,14 @@ def sort_into_buckets(seen: NDArray[np.float64], buckets: Buckets) -> float:
 
 @kernel
 def bucket_of(place: float, side: float, count: int) -> int:
-    """Which of ``count`` buckets along an axis a place falls into."""
+    """Return the index of the bucket, of ``count`` along an axis, that contains a place."""
     return min(max(int(np.floor(place / side)), 0), count - 1)
 
 
 def bucket_grid(width_m: float, depth_m: float, radius_m: float) -> tuple[int, int]:
-    """How many buckets a map is worth along x and y; (0, 0) if it is small.
+    """Return the number of buckets of a map along x and y; (0, 0) if it is too small for buckets.
 
-    Each is about a radius wide, but there are at most ``MOST_BUCKETS`` along an axis.
+    Each is at least a radius wide, and there are at most ``MOST_BUCKETS`` along an axis.
     """
     shape = (
         min(int(width_m // radius_m), MOST_BUCKETS),

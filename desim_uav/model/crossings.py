@@ -1,10 +1,10 @@
-"""When users enter and leave a footprint: the roots of |drone(t) - user(t)| = R, never sampled.
+"""Pass two: when users enter and leave a footprint, as roots of |drone(t) - user(t)| = R.
 
-The users whom pass one (``model.coverage``) leaves get safeguarded roots, piece by piece: pass two.
-A piece is a stretch of time in which drone and user both keep their acceleration: the squared
-distance is quadratic there while the drone coasts and quartic while it accelerates. The sign of
-(distance - R) is carried from piece to piece, so entries and exits alternate whatever the rounding,
-and a tangent is never an entry without an exit.
+The roots are computed, by safeguarded methods, for the users whom pass one (``model.coverage``)
+does not discard; nothing is sampled. A piece is a stretch of time in which drone and user both keep
+their acceleration: the squared distance is quadratic there while the drone coasts and quartic while
+it accelerates. The sign of (distance - R) is carried from piece to piece, so entries and exits
+alternate whatever the rounding, and a tangent is never an entry without an exit.
 """
 
 from __future__ import annotations
@@ -38,10 +38,10 @@ from desim_uav.model.kernels import kernel, part
 from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
 
 GRAZE_M = 1e-13
-"""A distance that turns this close to the radius touches it: that is no crossing."""
+"""How close to the radius, in metres, an extremum of the distance touches it without a crossing."""
 
 TIME_US, USER, ENTERS = range(3)
-"""Columns of a table of crossings."""
+"""The columns of a table of crossings: time in µs, user, and 1 for an entry or 0 for an exit."""
 
 Points = tuple[float, float, float]
 
@@ -61,19 +61,19 @@ class Relative(NamedTuple):
 def crossings(leg: DroneLeg, users: Users, out: NDArray[np.int64]) -> int:
     """Write all entries and exits of one drone's leg, for all users, and return their number.
 
-    ``users.seen`` is what ``look_around`` says of the leg's span. Rows (time, user, enters) go into
-    ``out``, user by user in order of time; what does not fit is counted but not written. An entry
-    and an exit in one microsecond cancel.
+    ``look_around`` must have written ``users.seen`` for the leg's span. Rows (time, user, enters)
+    are written into ``out`` (buffer, 3), user by user in order of time; rows that do not fit are
+    counted but not written. An entry and an exit in the same microsecond cancel.
     """
     seen, fresh = users.seen, leg.fresh
     flight, stay = ways_of(leg)
-    for user in range(len(users.offsets) - 1):  # by itself, for several users are done at once
+    for user in range(len(users.offsets) - 1):  # a loop of its own, so that it can be vectorised
         seen[NEAR, user] = comes_near(flight, seen, user, fresh)
     if stay.end > stay.begin:
         for user in range(len(users.offsets) - 1):
             seen[NEAR, user] = max(seen[NEAR, user], comes_near(stay, seen, user, fresh))
     near = 0
-    for user in range(len(users.offsets) - 1):  # without branches, too: nobody can foresee them
+    for user in range(len(users.offsets) - 1):  # without branches, which cannot be predicted
         is_near = int(seen[NEAR, user])
         seen[NEAR, near] = user
         near += is_near
@@ -87,9 +87,10 @@ def crossings(leg: DroneLeg, users: Users, out: NDArray[np.int64]) -> int:
 def crossings_near(
     leg: DroneLeg, users: Users, buckets: Buckets, far_m: float, out: NDArray[np.int64]
 ) -> int:
-    """Write the same for users in buckets, of whom only those near by are looked at.
+    """Write the same crossings as ``crossings``, but examine only users in buckets near the leg.
 
-    ``far_m`` is what ``sort_into_buckets`` has returned. Rows come bucket by bucket.
+    ``far_m`` is the distance that ``sort_into_buckets`` has returned. Rows are in the order of the
+    buckets.
     """
     x0, y0, x1, y1 = leg.route
     seen, fresh, shape, side = users.seen, leg.fresh, buckets.shape, buckets.side_m
@@ -136,7 +137,7 @@ def _roots(
 ) -> int:
     """Write the crossings of a user who is ``inside`` at the start; return the new total.
 
-    ``latest``: when the last crossing was that has been written, -1 if there is none.
+    ``latest`` is the time of the last crossing that has been written, or -1 if there is none.
     """
     profile, legs, radius = leg.profile, users.legs, leg.radius_m
     start_us, end_us = leg.span_us
@@ -202,7 +203,7 @@ def _write(out: NDArray[np.int64], total: int, t_us: int, user: int, enters: boo
 def _is_inside(leg: DroneLeg, legs: NDArray[np.float64], walk: int) -> bool:
     """Return whether a user is in the closed disc around the drone at the end of its leg.
 
-    It is the one test at both ends of every leg.
+    The same test applies at both ends of every leg.
     """
     x, y = walked(legs, walk, leg.span_us[1])
     return _beyond(leg.route[2] - x, leg.route[3] - y, leg.radius_m) <= 0.0
@@ -248,7 +249,7 @@ def _sign(x: float) -> float:
 
 @part
 def _stays_away(piece: Relative, radius: float, span_s: float) -> bool:
-    """Return whether a piece is too short for the drone to reach the edge from where it is."""
+    """Return whether a piece is too short for the user to reach the edge of the footprint."""
     px, py, wx, wy, ax, ay = piece
     moved = (abs(wx) + abs(wy) + 0.5 * (abs(ax) + abs(ay)) * span_s) * span_s + MARGIN_M
     apart = px * px + py * py
@@ -280,7 +281,7 @@ def _slope(piece: Relative, t: float) -> float:
 
 @kernel
 def _turning_points(piece: Relative, end: float) -> tuple[int, Points]:
-    """Return how often the distance stops growing or shrinking inside (0, end), and where."""
+    """Return the number of extrema of the distance inside (0, end), and their times in seconds."""
     px, py, wx, wy, ax, ay = piece
     slope = px * wx + py * wy
     ww = wx * wx + wy * wy
@@ -322,7 +323,7 @@ def _turning_points(piece: Relative, end: float) -> tuple[int, Points]:
 
 @kernel
 def _slope_root(piece: Relative, low: float, high: float, rising: bool) -> float:
-    """Return the zero of the slope in a stretch where it is monotone.
+    """Return the zero of the slope between two times where it is monotone.
 
     It is found by Newton's method, safeguarded by bisection.
     """
@@ -347,7 +348,7 @@ def _slope_root(piece: Relative, low: float, high: float, rising: bool) -> float
 
 @kernel
 def _root(piece: Relative, radius: float, low: float, high: float, enters: bool) -> float:
-    """Return the crossing in [low, high], where the distance is monotone and passes the radius."""
+    """Return the time in [low, high] at which the distance, which is monotone there, is R."""
     px, py, wx, wy, ax, ay = piece
     if ax == 0.0 and ay == 0.0:
         # Quadratic: |w|² t² + 2 (p·w) t + |p|² - R² = 0, without cancellation in either term.

@@ -1,8 +1,8 @@
 """The decorators under which the model's numbers are compiled, and where machine code is kept.
 
-A kernel is scalar code over flat arrays, compiled with strict IEEE arithmetic (no reassociation,
-no contraction) and kept on disk. What is not Numba's public
-interface comes from ``model.numba_parts``.
+A kernel is scalar code over flat arrays, compiled with strict IEEE arithmetic (no reassociation, no
+contraction) and kept on disk. All that is not part of Numba's public interface is imported from
+``model.numba_parts``.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ INNER: dict[str, Any] = {
     "no_cfunc_wrapper": True,
     "forceinline": True,
 }
-"""The same for what only kernels call, and becomes part of their machine code."""
+"""The options of functions that only kernels call, whose machine code they become part of."""
 
 NOWHERE = (
     "compiled code cannot be kept on disk and is compiled anew in each process, because neither "
@@ -54,17 +54,17 @@ CHECKSUM = hashlib.sha256().digest_size
 
 
 def kernel(function: F) -> F:
-    """A kernel that Python can call; it makes no arrays."""
+    """Compile a function as a kernel that Python can call, and that makes no arrays."""
     return cached(function, OPTIONS)
 
 
 def maker(function: F) -> F:
-    """A kernel that Python can call, and that makes arrays or lists."""
+    """Compile a function as a kernel that Python can call, and that makes arrays or lists."""
     return cached(function, MAKER)
 
 
 def part(function: F) -> F:
-    """A kernel that becomes part of the machine code of those that call it."""
+    """Compile a function as a kernel that becomes part of the machine code of its callers."""
     return cached(function, {**OPTIONS, "forceinline": True})
 
 
@@ -75,21 +75,24 @@ def cached(function: F, options: Mapping[str, Any]) -> F:
         try:
             keep_in(MachineCode(compiled), compiled)
         except RuntimeError:
-            if multiprocessing.parent_process() is None:  # which says it for its children
+            if multiprocessing.parent_process() is None:  # the parent prints it for all
                 folder = Path(function.__code__.co_filename).parent
                 _say_once("nowhere", NOWHERE.format(folder=folder))
     return cast(F, compiled)
 
 
 def rule(function: F) -> F:
-    """A function that Python runs as it stands, and that kernels which call it have compiled."""
+    """Have a function compiled with the kernels that call it; Python runs it as it stands."""
     RULES.add(cast(FunctionType, function))
     made: F = register_jitable(**INNER)(function)
     return made
 
 
 def stands_in_for(function: Any) -> Callable[[F], F]:
-    """Say what compiled code has in the place of a function: what the one below returns."""
+    """Return a decorator that replaces a function in compiled code.
+
+    The decorated function takes the same arguments as ``function`` and returns its replacement.
+    """
 
     def stand_in(implementation: F) -> F:
         STANDS_IN[function] = cast(FunctionType, implementation)
@@ -100,7 +103,7 @@ def stands_in_for(function: Any) -> Callable[[F], F]:
 
 
 def compiled_before(function: Any) -> bool:
-    """Whether machine code of this very kernel is on disk."""
+    """Return whether machine code of the present source of a kernel is on disk."""
     try:
         return isinstance(cache_of(function), MachineCode) and bool(cache_of(function).file.read())
     except (OSError, ValueError):
@@ -108,13 +111,16 @@ def compiled_before(function: Any) -> bool:
 
 
 def cache_folder(function: Any) -> Path | None:
-    """Where the machine code of a kernel is kept; None if there is no place for it."""
+    """Return the folder of a kernel's machine code, or None if no folder can be written."""
     folder = cache_of(function).cache_path
     return None if folder is None else Path(folder)
 
 
 class MachineCode(FunctionCache):
-    """The machine code of one kernel on disk; without a folder for it, Numba's RuntimeError."""
+    """The machine code of one kernel on disk.
+
+    Raises Numba's RuntimeError if no folder can be written.
+    """
 
     def __init__(self, compiled: Any) -> None:
         super().__init__(compiled.py_func)
@@ -123,11 +129,11 @@ class MachineCode(FunctionCache):
         base._cache_file = self.file  # whose load, save and flush it calls
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
-        """The machine code for a signature, or None. What is damaged is removed."""
+        """Return the machine code for a signature, or None; a damaged file is removed."""
         try:
             return super().load_overload(sig, target_context)
         except Exception as error:
-            with suppress(OSError):  # another process may have removed it, and said so
+            with suppress(OSError):  # another process may have removed it, with a notice
                 self.file.path.unlink()
                 problem = f"damaged compiled code is removed and made anew: {self.file.path}"
                 _say_once("damaged", f"{problem} ({error})")
@@ -142,11 +148,11 @@ class MachineCode(FunctionCache):
 
 
 class CodeFile:
-    """The file of one kernel: a checksum, what it was compiled from, and the compiled signatures.
+    """The file of one kernel: a checksum, a digest of its origin, and the compiled signatures.
 
-    It is written as a whole. Numba's own cache has an index beside its files and looks at the text
-    of one source file: if a process ends, or another one writes, between index and file, or if a
-    called kernel has changed, it would use machine code of other sources.
+    It is written as a whole. Numba's own cache has an index beside its files and checks one source
+    file only. It would therefore use outdated machine code after a change of a called kernel, or if
+    a process ends, or another one writes, between the writing of the index and of a file.
     """
 
     def __init__(self, path: Path, compiled: Any) -> None:
@@ -155,13 +161,13 @@ class CodeFile:
 
     @cached_property
     def origin(self) -> bytes:
-        """What the machine code depends on: code, options, compiler. Asked for at a first call."""
+        """The digest of code, options and compiler, which is computed at the first call."""
         digest = code_digest(self._compiled.py_func)
         options = self._compiled.targetoptions
         return hashlib.sha256(repr((digest, options, numba.__version__)).encode()).digest()
 
     def read(self) -> dict[Any, bytes]:
-        """The compiled signatures, if they are of this very kernel.
+        """Return the compiled signatures, or none if they have another origin.
 
         Raises ValueError if the file is damaged.
         """
@@ -176,16 +182,16 @@ class CodeFile:
         return dict(pickle.loads(rest[CHECKSUM:])) if fits else {}
 
     def load(self, key: Any) -> Any:
-        """What was saved under a key, or None."""
+        """Return the object that was saved under a key, or None."""
         found = self.read().get(key)
         return None if found is None else pickle.loads(found)
 
     def save(self, key: Any, data: Any) -> None:
-        """Save under a key, beside what is there."""
+        """Save an object under a key; the other keys stay as they are."""
         self._write({**self.read(), key: dumps(data)})
 
     def flush(self) -> None:
-        """Forget everything."""
+        """Remove all signatures from the file."""
         self._write({})
 
     def _write(self, signatures: dict[Any, bytes]) -> None:
@@ -203,7 +209,7 @@ _said: set[str] = set()
 
 
 def _say_once(kind: str, words: str) -> None:
-    """One line on stderr, the first of its kind in this process."""
+    """Print one line on stderr, if it is the first of its kind in this process."""
     if kind not in _said:
         _said.add(kind)
         notice(words)
