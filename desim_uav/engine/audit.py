@@ -44,7 +44,7 @@ def _battery(world: Any, state: Any, drone: Any) -> None:
 
 
 def _bandwidth(world: Any, state: Any, drone: Any) -> None:
-    """Check that the bandwidth of served requests adds up and fits, and that the drone flies."""
+    """Check that the bandwidth in use adds up and fits, and that only flying drones serve."""
     served = [
         user.request
         for user in state.users

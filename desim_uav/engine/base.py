@@ -38,7 +38,7 @@ class ClosedRequest:
 
 
 class Step(named(Record)):  # type: ignore[misc]  # its fields are declared in Record alone
-    """One drone at the end of one step: its record (see ``rules.rows.Record``).
+    """The record of one drone at the end of one step (see ``rules.rows.Record``).
 
     ``mode`` is a Mode, and ``action`` and ``action_taken`` are Actions; ``action`` is None if there
     was none. ``battery_us`` and ``return_us`` are None without a battery, and ``return_us`` is inf

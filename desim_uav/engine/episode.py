@@ -1,4 +1,4 @@
-"""An engine: what both make of rows, which are snapshots, the log, and what drones carry over."""
+"""The base of both engines, which makes snapshots, logs and carried states of drones from rows."""
 
 from __future__ import annotations
 
@@ -290,7 +290,7 @@ class Engine(Independent, ABC):
         self.log = base.EpisodeLog(episode, [] if self.settings.keep_events else None)
 
     def drain_log(self) -> None:
-        """Add what the rows say about the step that has ended to the log."""
+        """Add the events, requests and records of the step that has ended to the log."""
         log, state = self.log, self.state
         if state.crashes > len(log.crashed):
             log.crashed[:] = self.entries("crashed")
@@ -393,6 +393,6 @@ class Engine(Independent, ABC):
         return np.array(list(map(self.position_m, range(len(self.drones))))), users
 
     def user_states(self) -> list[base.UserState]:
-        """Return what each user is doing, or after an episode, what it did at its end."""
+        """Return the state of each user now, or at the end of the episode if it is over."""
         users, ended = self.state.users, self.state.terminated or self.state.truncated
         return [base.UserState(user.doing if ended else requests.doing(user)) for user in users]

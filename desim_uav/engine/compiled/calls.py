@@ -40,7 +40,7 @@ def run(world: int, path: int, state: int, what: int) -> None:
 
 @kernel
 def describe(world: int, state: int) -> None:
-    """Write what learners observe of the drones (see ``model.observations.RowObservation``)."""
+    """Write the features that learners observe (see ``model.observations.RowObservation``)."""
     at = constants_at(world)
     call(at.describe, (at, state_at(state)))
 
@@ -48,18 +48,19 @@ def describe(world: int, state: int) -> None:
 # ---- many environments
 
 ADDRESSES = 8
-"""The columns of a table of environments, which hold addresses: of world, sample path and state,
-and of the five arrays of ``OutputRow``."""
+"""The number of columns of a table of environments, which hold the addresses of constants, sample
+path and state, and of the five arrays of ``OutputRow``."""
 
 floats_at, bytes_at = entries_at(float), entries_at(bool)
 
 
 class OutputRow(NamedTuple):
-    """What an environment returns at a decision epoch, in arrays that a kernel writes.
+    """The outputs of an environment at a decision epoch, in arrays that a kernel writes.
 
-    ``observations`` (drones * features,), ``mask`` (drones * actions,); ``reward`` (1,), the mean
-    over the drones; ``numbers``, the MEASURES (0 if they do not exist yet), COUNTS and mean terms;
-    ``over`` (3,): terminated, truncated, stopped by a fault.
+    ``observations`` (drones * features,) and ``mask`` (drones * actions,) are those of all drones;
+    ``reward`` (1,) is the mean over the drones; ``numbers`` (7 + terms,) are the MEASURES (0 if
+    they are not defined yet), the COUNTS and the mean terms; ``over`` (3,) says whether the episode
+    is terminated, truncated, or stopped by a fault.
     """
 
     observations: Any
@@ -71,10 +72,10 @@ class OutputRow(NamedTuple):
 
 @kernel
 def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> int:
-    """Step the environments ``which``; return how many a fault has stopped.
+    """Step the environments ``which`` (n,); return the number of those that a fault has stopped.
 
-    ``environments`` (n, ADDRESSES), ``commands`` (n, drones). -1, and no step, if a command is no
-    index of an action.
+    ``environments`` has the shape (n, ADDRESSES) and ``commands`` (n, drones). If a command is not
+    the index of an action, no environment is stepped, and the number is -1.
     """
     for k in range(len(environments)):
         actions = len(constants_at(environments[k, 0]).moves)
@@ -93,7 +94,7 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
 
 @kernel
 def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
-    """Write what the environments ``which`` return; return how many a fault has stopped."""
+    """Write the outputs of the environments ``which``; return how many a fault has stopped."""
     stopped = 0
     for k in range(len(environments)):
         if which[k]:

@@ -1,6 +1,6 @@
-"""The components of a scenario that are compiled: functions that rows know by their addresses.
+"""The compiled components of a scenario, whose functions are called by their addresses.
 
-So nothing else has to be compiled anew if a component is another one.
+Therefore no other code has to be compiled again if a component is replaced by another one.
 """
 
 from __future__ import annotations
@@ -30,6 +30,7 @@ from desim_uav.world import World
 
 
 def _pay(cls: Any, values_at: Any) -> Any:
+    """Return the function ``pay`` of a class of rewards (see ``Function.around``)."""
     method = ruled(cls.pay)
 
     def pay(world: Any, state: Any) -> None:
@@ -43,6 +44,7 @@ def _pay(cls: Any, values_at: Any) -> Any:
 
 
 def _scan(cls: Any, values_at: Any) -> Any:
+    """Return the function ``scan`` of a class of admission rules."""
     method = ruled(cls.scan_rows)
 
     def scan(world: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
@@ -52,6 +54,7 @@ def _scan(cls: Any, values_at: Any) -> Any:
 
 
 def _describe(cls: Any, values_at: Any) -> Any:
+    """Return the function ``describe`` of a class of observations."""
     method = ruled(cls.write)
 
     def describe(world: Any, state: Any) -> None:
@@ -63,6 +66,7 @@ def _describe(cls: Any, values_at: Any) -> Any:
 
 
 def _drained_us(cls: Any, values_at: Any) -> Any:
+    """Return the function ``drained_us`` of a class of energy models."""
     method = ruled(cls.drains)
 
     def drained_us(world: Any, flight: Any, elapsed_us: int) -> int:
@@ -72,6 +76,7 @@ def _drained_us(cls: Any, values_at: Any) -> Any:
 
 
 def _lasts_us(cls: Any, values_at: Any) -> Any:
+    """Return the function ``lasts_us`` of a class of energy models."""
     method = ruled(cls.lasts)
 
     def lasts_us(world: Any, flight: Any, battery_us: int) -> int:
@@ -81,10 +86,11 @@ def _lasts_us(cls: Any, values_at: Any) -> Any:
 
 
 class Slot(NamedTuple):
-    """A place for a component: its key, the base of what is compiled, and its functions.
+    """A kind of component: its key in a scenario, the base of its classes, and its functions.
 
-    The functions have the names of fields of Constants, as has the address of the ``values``.
-    ``required``: the compiled engine cannot run without it.
+    ``chosen`` returns the component of a world. The addresses of its functions are stored in the
+    fields of Constants that have their names, and the address of its values in the field
+    ``values``. If ``required``, the compiled engine cannot run a component that is not compiled.
     """
 
     key: str
@@ -140,7 +146,7 @@ SLOTS = (
 
 
 def why_not_compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> str:
-    """Return why a component is not compiled; nothing if it is."""
+    """Return why a component is not compiled, or an empty text if it is, or need not be."""
     if not works_on_rows(component, slot.base):
         return "it does not work on rows" if slot.required and component is not None else ""
     try:
@@ -159,7 +165,7 @@ def components_of(world: World) -> dict[str, Any]:
 
 
 def point_at(constants: View, slot: Slot, component: Compiled) -> None:
-    """Write where a component's functions and values are into the constants."""
+    """Write the addresses of a component's functions and values into the constants."""
     for name, address in component.functions.items():
         setattr(constants, name, address)
     setattr(constants, slot.values, component.values.ctypes.data)

@@ -52,7 +52,7 @@ def foresee(world: Constants, path: Path, state: State, drone: Drone, span_us: i
 
 @rule
 def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> int:
-    """Find the crossings of a drone's leg; return how many, perhaps more than there is room for."""
+    """Find the crossings of a drone's leg; return their number, which may exceed the buffer."""
     look, count = state.look, len(state.users)
     start_us, end_us = state.now_us, state.now_us + span_us
     is_new = look.from_us != start_us or look.to_us != end_us

@@ -79,14 +79,14 @@ def _overrun(state: State) -> int:
 
 @rule
 def _run_before(world: Constants, path: Path, state: State, end_us: int, end_key: int) -> None:
-    """Let everything happen that comes before a place in an instant."""
+    """Run all events before time ``end_us``, and those of that instant with smaller keys."""
     users, drones = len(state.users), len(state.drones)
     while is_before(state, next_slot(state), end_us, end_key):
         slot = next_slot(state)
         state.now_us = state.slot_times[slot]
         if 2 * users <= slot < 2 * users + drones:
             on_crossing(world, path, state, state.drones[slot - 2 * users])
-            continue  # its slot is the next crossing's
+            continue  # its slot already holds the next crossing
         undo(state, slot)
         if slot < users:
             on_completion(world, path, state, state.users[slot])

@@ -1,4 +1,4 @@
-"""World and state in the memory of compiled code."""
+"""The constants of a run, and the state of an episode, in the memory of compiled code."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Array = np.ndarray[Any, Any]
 
 
 def lacking(world: World) -> list[str]:
-    """Return what keeps a world out of the compiled engine: each component it cannot run."""
+    """Return the reasons why the compiled engine cannot run a world, which are none if it can."""
     lacks = []
     for slot in SLOTS:
         component = slot.chosen(world)
@@ -45,11 +45,11 @@ def lacking(world: World) -> list[str]:
 
 
 MOST_PLANNING = 4 * 10**9
-"""Places times places for which ways back are planned, at most: some minutes of work."""
+"""The largest squared number of places from which returns are planned, in some minutes."""
 
 
 def _too_large(world: World) -> list[str]:
-    """Return what 64-bit sums cannot hold, and ways back that would be planned for too long."""
+    """Return the keys by which 64-bit sums would overflow, or returns take too long to plan."""
     problems = []
     scenario, grid = world.scenario, world.grid
     users, most_us = len(world.homes), 2**62 // world.horizon_us
@@ -93,7 +93,7 @@ class Fixed(Unchanging):
         object.__setattr__(self, "_loaded", loaded)  # the constants point at their values
 
     def __setstate__(self, value: dict[str, Any]) -> None:
-        """Take the memory of a pickle."""
+        """Restore the constants from a pickle, with the addresses of this process."""
         object.__setattr__(self, "block", owned(value["block"]))
         object.__setattr__(self, "components", value["components"])
         object.__setattr__(self, "services", value["services"])
@@ -102,7 +102,7 @@ class Fixed(Unchanging):
 
 @lru_cache(maxsize=16)
 def pack(world: World, settings: RunSettings) -> Fixed:
-    """Return the constants. Raises ScenarioError for components that are not compiled."""
+    """Return the constants of a run in memory. Raises ScenarioError if ``lacking`` has reasons."""
     problems = lacking(world)
     if problems:
         raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
@@ -113,7 +113,11 @@ def pack(world: World, settings: RunSettings) -> Fixed:
 
 
 def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:
-    """Return the ways back from all places, without the ceiling and under it, if needed."""
+    """Return the planned returns (2 * places, 5) and their hops (hops, 3), as rows of integers.
+
+    The first half of the returns is without the drones' ceiling, the second half below it. Returns
+    that do not exist or are not needed are rows of -1.
+    """
     nx, ny = world.grid.cells
     plans = np.full((2, len(world.grid.levels_m) * nx * ny, 5), -1, np.int64)
     hops = np.empty((1024, 3), np.int64)
@@ -135,7 +139,7 @@ def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:
 
 
 def legs_of_step(world: World) -> int:
-    """Return for how many legs in a step there is room at first; 0 if all legs are known."""
+    """Return the initial buffer for users' legs in a step; 0 if whole walks are drawn before."""
     mobility, users = world.row_mobility, len(world.homes)
     if mobility is None:
         return 0
@@ -143,7 +147,7 @@ def legs_of_step(world: World) -> int:
 
 
 def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int) -> Words:
-    """Return a state; ``legs``: the number of users' legs in a step that there is room for."""
+    """Return a state in memory, with a buffer for this many legs of users in a step (``legs``)."""
     state: Any = state_of(world, settings, buffers, State)
     drones, users = world.scenario.drones.count, len(world.homes)
     nx, ny = bucket_grid(*world.area, world.scenario.drones.footprint_radius_m)
@@ -165,4 +169,5 @@ def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int)
 
 
 def _whole(count: int) -> Array:
+    """Return a table of whole numbers, which are 0."""
     return np.zeros(count, np.int64)

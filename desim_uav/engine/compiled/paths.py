@@ -16,10 +16,10 @@ from desim_uav.sample_path import SamplePaths
 
 
 class Section(NamedTuple):
-    """The numbers of one table of all episodes, end to end; what is not random stands there once.
+    """The entries of one table in all episodes, end to end, or once if they are always the same.
 
-    ``begins`` and ``counts``: where those of each episode begin, and how many there are, as an
-    array of whole numbers, or as one number for all episodes.
+    ``begins`` and ``counts`` are the index of the first entry of each episode and their number:
+    arrays (episodes,) of whole numbers, or one number for all episodes.
     """
 
     parts: list[NDArray[Any]]
@@ -39,7 +39,7 @@ def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
     rows[:, 0], rows[:, 1], rows[:, 2] = _after_previous(paths.requests), stepwise, drawn
     starts = Path.words * np.arange(episodes)
     at, place, parts = rows.size, 3, []
-    # In the order of the tables of Path, of whose rows asks have four words.
+    # The order is that of the tables of Path. A row of asks has four words, other entries one.
     sections = (asks, asks_at, legs, legs_at, streams, _block(paths.respawn), _errors(paths))
     for columns, section in zip((4, 1, 1, 1, 1, 1, 1), sections, strict=True):
         rows[:, place] = 8 * (at + section.begins - starts)
@@ -86,7 +86,7 @@ def _walking(walking: Sequence[Walks | RowWalks]) -> tuple[bool, Section, Sectio
 
 
 def _requests(requests: Sequence[Requests]) -> tuple[Section, Section]:
-    """Return the rows, and their offsets."""
+    """Return the sections of the requests' rows and of their offsets."""
     if isinstance(requests, ManyRequests):
         columns = requests.rows.shape[1]
         begins = columns * np.array(requests.begins)
@@ -96,12 +96,14 @@ def _requests(requests: Sequence[Requests]) -> tuple[Section, Section]:
 
 
 def _after_previous(requests: Sequence[Requests]) -> Sequence[bool]:
+    """Return ``Requests.after_previous`` of each episode."""
     if isinstance(requests, ManyRequests):
         return [requests.after_previous] * len(requests)
     return [own.after_previous for own in requests]
 
 
 def _errors(paths: SamplePaths) -> Section:
+    """Return the section of the position errors, which is empty without noise."""
     if paths.position_error is None:
         return NOTHING
     return _block(paths.position_error)

@@ -29,11 +29,11 @@ from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.world import World
 
 BUFFER, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
-"""How many rows there is memory for: of the log of a step (and more per user), and of a leg's
-crossings per user. There is more as soon as an episode needs it."""
+"""The initial buffers, which are doubled when an episode needs more: for the log of a step (rows in
+all, and rows per user), and for the crossings of a leg (rows per user)."""
 
 DERIVED = ("state", "state_at", "drones", "constants", "all_plans", "all_hops")
-"""The attributes that name parts of an engine's memory, which a copy makes again."""
+"""The attributes that are views of an engine's memory, which a copy makes again."""
 
 
 class BatchSimulation(Engine):
@@ -41,8 +41,9 @@ class BatchSimulation(Engine):
 
     Raises ScenarioError if a component of the scenario is not compiled.
 
-    Copies and pickles are as ``Engine`` says, at the cost of copying the memory of the state. Only
-    the code that wrote a pickle can read it, because other code may lay out the memory differently.
+    Copies and pickles are those of ``Engine``, and take the time to copy the memory of the state. A
+    pickle can only be read by the code that wrote it, because other code may lay out the memory
+    differently.
     """
 
     path: Words
@@ -57,12 +58,12 @@ class BatchSimulation(Engine):
         self._make_room()
 
     def __getstate__(self) -> dict[str, Any]:
-        """The engine's value, and the code that knows what stands where in its memory."""
+        """Return the attributes, and a digest of the code that determines the layout of memory."""
         value = {key: part for key, part in vars(self).items() if key not in DERIVED}
         return {**value, "code": kernels_digest()}
 
     def __setstate__(self, value: dict[str, Any]) -> None:
-        """Take a value, in memory of its own. Raises UnpicklingError if other code wrote it."""
+        """Restore the attributes in new memory. Raises UnpicklingError if other code wrote them."""
         if value["code"] != kernels_digest():
             raise UnpicklingError(
                 "the compiled engine in this pickle was written by another version of desim-uav or "
@@ -80,7 +81,7 @@ class BatchSimulation(Engine):
         self._name_parts()
 
     def _name_parts(self) -> None:
-        """Name the parts of the memory that Python reads and writes."""
+        """Set the attributes through which Python reads and writes the memory."""
         self.constants = View(self.fixed.block, Constants)
         self.all_plans = array_of(self.fixed.block, Constants, "plans")
         self.all_hops = array_of(self.fixed.block, Constants, "hops")
@@ -166,7 +167,7 @@ class BatchSimulation(Engine):
         return self.drones_of(now_us, list(map(named(Drone)._make, drones.tolist())), queues)
 
     def prepare(self, paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
-        """Put the drones where they begin; episodes on these packed paths are to follow."""
+        """Put the drones where they begin episodes on these paths; return the paths in memory."""
         self.take_up(paths.episodes[-1], paths.walking[-1])
         return paths_of(paths)
 
@@ -200,7 +201,7 @@ class BatchSimulation(Engine):
         return self.snapshot()
 
     def drain(self) -> None:
-        """Move what has happened into the log; if it did not fit, make room and play again."""
+        """Add a step to the log; if it ran out of memory, run the episode again in more memory."""
         while self.state.faults & OUT_OF_MEMORY:
             heard = self.state.history.reshape(-1, len(self.drones))[: self.state.step].tolist()
             self.buffers = Buffers(2 * self.buffers.log, 2 * self.buffers.crossings)
@@ -209,7 +210,7 @@ class BatchSimulation(Engine):
             self.load(self._before())
             self.new_log(self.log.episode)
             calls.run(*self.addresses(), RESET)
-            for commands in heard:  # before the last of them nothing can be short of memory
+            for commands in heard:  # only the last of them can have run out of memory
                 self.drain_log()
                 for drone, command in zip(self.drones, commands, strict=True):
                     drone.command = command
@@ -220,6 +221,6 @@ class BatchSimulation(Engine):
 
 @cache
 def kernels_digest() -> str:
-    """Return what the kernels of a step are compiled from: it changes with the layout of rows."""
+    """Return a digest of the code of a step's kernels, which changes with the layout of rows."""
     run: Any = loop.run
     return code_digest(getattr(run, "py_func", run))

@@ -1,9 +1,9 @@
-"""What is to happen, in compiled code: slots, ordered by (time, key) in a tournament.
+"""The event queue of compiled code: slots, which are ordered by (time, key) in a tournament.
 
-Whatever can happen has a slot of its own, so nothing is ever stale: what no longer comes is set to
-NEVER. The slots play knock-out: match 1 is the final, the winners of matches 2n and 2n + 1 meet in
-match n, and the numbers from the count of slots on stand for the slots themselves. A slot that
-changes plays its matches again, as many as the logarithm of their number.
+Each thing that can happen has a slot (see ``rules.due``), whose time is NEVER if it is not
+scheduled. Match 1 of the tournament is the final, the winners of matches 2n and 2n + 1 meet in
+match n, and numbers from the count of slots on denote the slots themselves. If a slot changes, its
+matches are played again; their number is about the binary logarithm of the number of slots.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def _nothing_due(state: Any) -> Any:
 def _meet(state: State, slot: int) -> None:
     """Play the matches of a slot that has changed.
 
-    Without jumps: who wins cannot be foreseen, and a processor that guesses wrongly loses more.
+    A match has no jump, because winners are unpredictable and mispredicted jumps take longer.
     """
     winners, times, keys = state.winners, state.slot_times, state.slot_keys
     t_us, key = times[slot], keys[slot]
@@ -83,12 +83,12 @@ def _nothing_before(state: Any, key: Any) -> Any:
 
 @rule
 def next_slot(state: State) -> int:
-    """Return the slot of what happens next; its time is NEVER if nothing does."""
+    """Return the slot of the next event; its time is NEVER if nothing is scheduled."""
     return state.winners[1]
 
 
 @rule
 def is_before(state: State, slot: int, t_us: int, key: int) -> bool:
-    """Return whether the thing of a slot comes before a place in an instant."""
+    """Return whether the event of a slot is before ``t_us``, or then with a smaller key."""
     slot_us = state.slot_times[slot]
     return slot_us < t_us or (slot_us == t_us and state.slot_keys[slot] < key)

@@ -18,18 +18,18 @@ Ints = NDArray[np.int64]
 CROSSING_COLUMNS = 3
 
 COURSES = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
-"""Where a leg leads in the plane; the place among them is ``_course``."""
+"""The directions of legs in the plane, in cells; ``_course`` returns the index of a direction."""
 
 MOST_LOOKS = 2**22
-"""With more pairs of a leg and a user than this, legs are looked at when they are flown."""
+"""The largest number of pairs of a leg and a user for which crossings are computed in advance."""
 
 
 def tabulate(world: World) -> tuple[Ints, Ints]:
-    """The crossings of all legs of a step: where each leg's rows begin, and the rows.
+    """Return the crossings of all legs of a step: the first row of each leg, and the rows.
 
-    Rows are (time since the leg's start, user, enters), a leg's last one first; the legs of cell
-    (x, y) are ``(x * ny + y) * 5`` and the next ones, in order of ``COURSES``. Empty where users
-    walk, or the table would be too long.
+    Rows are (time since the leg's start in µs, user, enters), a leg's last one first. The legs from
+    cell (x, y) have the numbers from ``(x * ny + y) * 5`` on, in order of ``COURSES``. Both arrays
+    are empty if users walk, or if there are more than MOST_LOOKS pairs of a leg and a user.
     """
     nx, ny = world.grid.cells
     pairs = nx * ny * len(COURSES) * len(world.homes)
@@ -80,7 +80,7 @@ class _Looks:
 
 @rule
 def stand(world: Constants, path: Path) -> int:
-    """Return whether all users of a sample path stand where the table has them."""
+    """Return whether all users stand still at the homes for which the table was computed."""
     if len(world.known_at) == 0 or path.stepwise or len(path.legs) != 5 * len(world.homes):
         return 0
     for user in range(len(world.homes)):
@@ -94,7 +94,7 @@ def stand(world: Constants, path: Path) -> int:
 
 @rule
 def recall(world: Constants, state: State, drone: Drone) -> None:
-    """Write the crossings of a leg that begins now."""
+    """Write the crossings of a leg that begins now, from the table, into ``drone.ahead``."""
     course = _course(drone.to_x - drone.x, drone.to_y - drone.y)
     leg = (drone.x * world.ny + drone.y) * 5 + course
     first, ahead = world.known_at[leg], drone.ahead

@@ -89,7 +89,7 @@ class Crossings:
     def _find(
         self, transit: Transit, way: Way, start_us: int, span_us: int, fresh: bool
     ) -> list[Crossing]:
-        """Compute what ``of`` returns."""
+        """Compute the crossings that ``of`` returns."""
         users, buckets, span = self._users, self._buckets, (start_us, start_us + span_us)
         if self._span != span:
             look_around(users, *span)

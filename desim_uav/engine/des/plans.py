@@ -10,6 +10,7 @@ from desim_uav.model.rows import Table, fill
 from desim_uav.rules.rows import Hop, Plan
 
 NO_WAY = fill(Plan, (-1, -1, -1, 0, 0))
+"""The plan of a place from which there is no way to a station."""
 
 
 class Plans:

@@ -29,7 +29,11 @@ from desim_uav.world import World
 
 
 class LiveState(State):
-    """The state of an episode, with what only the SimPy engine needs."""
+    """The state of an episode, with three fields that only the SimPy engine needs.
+
+    ``clock`` is its event queue. ``named_terms`` holds the terms of each drone's reward by name if
+    the reward does not work on rows, and ``observed`` returns the drones' observations.
+    """
 
     __slots__ = ("clock", "named_terms", "observed")
     clock: Clock
@@ -66,7 +70,7 @@ class Simulation(Engine):
         self.clock = Clock(0)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return how to make an equal engine, which is by running the present episode again."""
+        """Return a function, and its arguments, that makes a copy by running the episode again."""
         made_of = (self.world, self.settings, self.audit)
         episode = (self._began, self._commands)
         return _played_again, (made_of, episode, self.latest is None, self._carried)
