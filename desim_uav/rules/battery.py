@@ -1,4 +1,4 @@
-"""Batteries: how much autonomy one holds at a time, and when it is depleted."""
+"""Batteries: the autonomy that they hold at a time, and when they are depleted."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from desim_uav.rules.words import ENTRY, EXIT, ON_ENTER, ON_EXIT
 
 
 def look_anew(world: Any, path: Any, state: Any) -> None:
-    """Discard what an engine keeps about the users' walks, at the start of an episode.
+    """Discard an engine's data about the users' walks, at the start of an episode.
 
     In the SimPy engine this does nothing; the compiled engine has a function of its own.
     """

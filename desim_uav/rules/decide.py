@@ -1,4 +1,4 @@
-"""Decision epochs: what drones know, which commands are allowed, and what they lead to."""
+"""Decision epochs: the drones' observations, the allowed commands, and the actions taken."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from desim_uav.rules.rows import Constants, Drone, Path, State
 
 @rule
 def observe(world: Constants, state: State) -> None:
-    """Write what each drone knows at a decision epoch into ``observations`` and ``counts``.
+    """Write each drone's observation at a decision epoch into ``observations`` and ``counts``.
 
     ``orient`` must have been called before: it sets where a drone believes itself to be.
     """
@@ -44,7 +44,7 @@ def observe(world: Constants, state: State) -> None:
 
 @rule
 def record(world: Constants, state: State) -> None:
-    """Note what is logged of each drone at the end of a step, once it has its reward."""
+    """Write each drone's record at the end of a step, after its reward has been computed."""
     for d in range(len(state.drones)):
         drone, observation, record = state.drones[d], state.observations[d], state.records[d]
         record.step, record.t_us, record.drone = state.step - 1, state.now_us, d
@@ -64,7 +64,7 @@ def record(world: Constants, state: State) -> None:
 
 @rule
 def allow(world: Constants, state: State) -> None:
-    """Write the masks, which say what actions each drone may take; each drone has at least one.
+    """Write the masks, which mark the actions that each drone may take, at least one each.
 
     A move off the map or into a building is allowed, because a drone has no map.
     """

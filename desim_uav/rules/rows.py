@@ -243,7 +243,7 @@ class Drone(Row):
 
 @row
 class Observation(Row):
-    """What a drone knows at a decision epoch (see ``model.state.Observation``).
+    """The observation of a drone at a decision epoch (see ``model.state.Observation``).
 
     ``believed`` is the number of the place at which it believes itself to be.
     """

@@ -1,4 +1,4 @@
-"""The life of a request: it is opened, waits in a drone's queue, is served, and is closed."""
+"""Requests: how they are opened, wait in a drone's queue, are served, and are closed."""
 
 from __future__ import annotations
 

@@ -75,7 +75,7 @@ LEADS_TO = {
 
 OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED, LOST = 1, 2, 4, 8
 """The flags of ``State.faults``: something did not fit in memory; a reward was too large or not a
-number; an admission rule served requests beyond a drone's bandwidth; a user's leg leads nowhere."""
+number; an admission rule served requests beyond a drone's bandwidth; a user's leg is invalid."""
 
 NEVER = 2**62
 """A time after all others, in microseconds, for events that are not scheduled."""
