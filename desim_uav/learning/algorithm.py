@@ -1,4 +1,4 @@
-"""What a learning algorithm is, and how one is found."""
+"""The interface of learning algorithms, and how one is loaded by its name."""
 
 from __future__ import annotations
 

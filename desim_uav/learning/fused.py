@@ -1,8 +1,8 @@
 """Compiled training: the compiled engine and the learners' loop in one kernel.
 
-What learners do is the same source that Python runs (see ``learning.learner``), so the numbers are
-the same, bit for bit. Here stands what only compiled code does: the decision epochs of the compiled
-engine are shown to learners whose rows are in memory.
+The rules of learners are the same source that Python runs (see ``learning.learner``), so both give
+the same numbers, bit for bit. This module has only the parts that differ in compiled code: they
+write the decision epochs of the compiled engine into the rows of the learners.
 """
 
 from __future__ import annotations
@@ -54,8 +54,9 @@ def play(
     """Play episodes and learn in them.
 
     ``world``, ``paths`` (episodes,), ``state`` and ``episode`` are the addresses of rows.
-    ``parameters`` (episodes, 3): see ``learner.Parameters``. ``draws``: (episodes, drones, epochs,
-    3). The results are written into ``results`` (episodes, drones, RESULTS).
+    ``parameters`` (episodes, 3) are those of ``learner.Parameters``, and ``draws`` (episodes,
+    drones, epochs, 3) the random numbers. The results are written into ``results`` (episodes,
+    drones, RESULTS). A fault ends the last episode played.
     """
     w, s, learning = constants_at(world), state_at(state), episode_at(episode)
     for k in range(len(paths)):
@@ -99,7 +100,7 @@ def _step(engine: Any, episode: Any) -> Any:
 
 @rule
 def _show(engine: Compiled, episode: Episode) -> None:
-    """Show a decision epoch to the learners."""
+    """Write a decision epoch into the rows of the learners."""
     world, state = engine.world, engine.state
     episode.terminated, episode.truncated = state.terminated, state.truncated
     call(world.describe, (world, state))

@@ -1,4 +1,4 @@
-"""What a learner does, from decision to decision, and the loop in which drones learn.
+"""The rules of a learner, from decision to decision, and the loop in which drones learn.
 
 Steps in which a drone has no choice (it returns, queues, charges or has crashed) belong to the
 decision before them: that decision gains their discounted rewards, and the value of the next
@@ -20,7 +20,7 @@ from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import rule
 
 Parameters = tuple[float, float, float]
-"""What holds for an episode: ε, α, and whether (1) the next one begins at the drones' starts."""
+"""The parameters of an episode: ε, α, and 1 if the next one begins at the drones' starts, or 0."""
 
 
 @rule
@@ -54,7 +54,7 @@ def step(engine: Any, episode: Episode) -> None:
 
 @rule
 def decide(learner: Learner) -> None:
-    """Command a drone what it chooses, or the only action that is allowed."""
+    """Command the action that a drone chooses, or the only one that is allowed."""
     if learner.decides:
         act(learner)
     else:
@@ -108,7 +108,7 @@ def nth_allowed(allowed: Sequence[int], nth: int) -> int:
 
 @rule
 def gain(learner: Learner) -> None:
-    """Add the reward of a step that has ended to what the open decision has gained."""
+    """Add the discounted reward of a step that has ended to the gain of the open decision."""
     lesson = learner.lesson
     lesson.gained += lesson.discount * learner.reward
     lesson.discount *= learner.gamma

@@ -16,9 +16,9 @@ from desim_uav.sample_path import SamplePath
 
 @dataclass(frozen=True)
 class Readable:
-    """An engine whose decision epochs are shown to the learners of an episode.
+    """An engine whose decision epochs are written into the rows of an episode's learners.
 
-    ``draws``: the random numbers of the episode (epochs, drones, 3).
+    ``draws`` (epochs, drones, 3) are the random numbers of the episode.
     """
 
     engine: Engine
@@ -37,17 +37,17 @@ class Readable:
         self._show(episode, snapshot)
 
     def _show(self, episode: Episode, snapshot: Snapshot) -> None:
-        """Show a decision epoch to the learners."""
+        """Write a decision epoch into the rows of the learners."""
         world, draws = self.engine.world, self.draws[snapshot.step]
         encode, removes = world.scenario.observation.encode, world.on_crash == "remove"
         episode.terminated, episode.truncated = snapshot.terminated, snapshot.truncated
-        for learner, seen, mask, drawn in zip(
+        for learner, observation, mask, drawn in zip(
             episode.learners, snapshot.observations, snapshot.masks, draws, strict=True
         ):
             lesson: Any = learner.lesson
             lesson.allowed = mask
             learner.explore, learner.which, lesson.coin = drawn
-            learner.lost = removes and seen.mode is Mode.CRASHED
-            learner.decides = seen.mode in DECIDES
+            learner.lost = removes and observation.mode is Mode.CRASHED
+            learner.decides = observation.mode in DECIDES
             if learner.decides:
-                lesson.next_state = table_row(encode(seen, world.facts), episode.sizes)
+                lesson.next_state = table_row(encode(observation, world.facts), episode.sizes)

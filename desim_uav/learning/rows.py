@@ -19,8 +19,8 @@ Place = tuple[int, int, int]
 class Values(Row):
     """The values of a drone's actions in its Q-tables: ``q[table, state, action]``.
 
-    They are kept in single precision, and computed with in double precision. ``sum`` is the sum of
-    all of them. ``entries``: a memoryview of all of them, in compiled code their address.
+    They are stored in single precision; computations are in double precision. ``sum`` is the sum of
+    all of them. ``entries`` is a memoryview of all of them, or in compiled code their address.
     """
 
     entries: int
@@ -46,7 +46,7 @@ class Values(Row):
 
 @rule
 def value_of(q: Values, state: int, action: int) -> float:
-    """Return what an action is worth in a state: the sum over the tables."""
+    """Return the value of an action in a state, which is the sum over the tables."""
     value = q[0, state, action]
     for table in range(1, q.tables):
         value += q[table, state, action]
@@ -54,7 +54,7 @@ def value_of(q: Values, state: int, action: int) -> float:
 
 
 def put(q: Values, place: Place, value: float) -> None:
-    """Write a value."""
+    """Write a value into a table."""
     entries: Any = q.entries
     entries[place] = value
 
@@ -83,7 +83,7 @@ def _put(q: Any, place: Any, value: Any) -> Any:
 
 @rule
 def _entry(q: Values, place: Place) -> int:
-    """Return which entry is at a place, or a number below 0."""
+    """Return the number of the entry at a place, or a number below 0 if there is no such place."""
     table, state, action = place
     inside = (0 <= table < q.tables) & (0 <= state < q.states) & (0 <= action < q.actions)
     return (table * q.states + state) * q.actions + action if inside else -1
@@ -91,11 +91,11 @@ def _entry(q: Values, place: Place) -> int:
 
 @row
 class Lesson(Row):
-    """What a drone has to learn from: the decision that it took last, and what has come of it.
+    """The experience from which a drone learns: its last decision, and the outcome so far.
 
-    In ``state`` (-1: no decision is open) it took ``action``, and since then it has gained the
-    discounted rewards ``gained``. The value of what follows is multiplied by ``discount``. What
-    follows is ``next_state``, where the actions ``allowed`` can be taken, and ``next_action`` is.
+    In ``state`` (-1: no decision is open) the drone took ``action``; the sum of its discounted
+    rewards since then is ``gained``. It is followed by ``next_state``, whose value is multiplied by
+    ``discount``. There, the actions ``allowed`` can be taken, and ``next_action`` is taken.
     ``epsilon`` and ``alpha`` are those of the episode. ``coin`` is a random number, uniform in
     [0, 1).
     """
@@ -119,8 +119,8 @@ class Learner(Row):
     ``update`` is its algorithm, in compiled code an address. At a decision epoch the drone
     ``decides``, or it has no choice; if it is ``lost``, it has crashed and will not be replaced.
     ``explore`` and ``which`` are random numbers, uniform in [0, 1): whether it explores, and which
-    action it then takes. ``command`` is what it is commanded, ``reward`` what the step gave it, and
-    ``rewards`` what the episode has given it so far.
+    action it then takes. ``command`` is the index of the action that it is commanded, ``reward``
+    its reward of the last step, and ``rewards`` the sum of its rewards in the episode so far.
     """
 
     q: Values
@@ -140,8 +140,8 @@ class Learner(Row):
 class Episode(Row):
     """An episode in which drones learn, at a decision epoch.
 
-    ``sizes``: the number of values of each feature of a state (see ``table_row``). ``lost``: a
-    drone has observed a state that its tables do not have, which ends the episode.
+    ``sizes`` holds the number of values of each feature of a state (see ``table_row``). ``lost``
+    says that a drone has observed a state that its tables do not have, which ends the episode.
     """
 
     terminated: int

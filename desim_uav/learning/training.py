@@ -33,7 +33,10 @@ FIRST_PATH = 2**24
 """The first episode number of training. Runs with the same seed never reach these numbers."""
 
 LARGEST_TABLE = 2**29
+"""The largest number of entries of all tables together."""
+
 DRAWS = 3
+"""The number of random numbers for a drone at a decision epoch."""
 
 
 class Decision(NamedTuple):
@@ -67,8 +70,8 @@ made = partial(tuple.__new__, Progress)
 class Memory(NamedTuple):
     """The state of a training between two episodes, on which all later episodes depend.
 
-    ``q``: (drones, tables, states, actions), with each drone's sum of its values. ``pending``: the
-    decision that each drone has still to learn from.
+    ``q`` has the shape (drones, tables, states, actions), and ``sums`` holds the sum of the values
+    of each drone. ``pending`` is the decision from which each drone has still to learn.
     """
 
     episode: int
@@ -207,7 +210,7 @@ class Training:
         return results.tolist()
 
     def _parameters(self, episodes: Iterable[int]) -> list[Parameters]:
-        """Return what holds for episodes (see ``Parameters``)."""
+        """Return the parameters of each episode (see ``learner.Parameters``)."""
         epsilon, alpha = self.settings.epsilon, self.settings.alpha
         every = self.settings.restart_every if self.carries_over else 1
         return [
@@ -216,7 +219,7 @@ class Training:
         ]
 
     def _draws(self, numbers: Sequence[int]) -> NDArray[np.float64]:
-        """Draw the numbers of the choices in episodes: (episodes, drones, epochs, 3), in [0, 1)."""
+        """Return the random numbers of episodes, in [0, 1): (episodes, drones, epochs, DRAWS)."""
         count, epochs = len(self.learners), self.world.scenario.episode.steps + 1
         drawn = uniforms_of(self.seed, Purpose.LEARNER, numbers, count, epochs * DRAWS)
         return drawn.reshape(-1, count, epochs, DRAWS)
