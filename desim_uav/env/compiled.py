@@ -26,7 +26,7 @@ ONE = np.ones(1, np.bool_)
 
 
 class Outputs(NamedTuple):
-    """What n environments return at their present epochs, in arrays with a row for each.
+    """The outputs of n environments at their present epochs, in arrays with a row for each.
 
     ``observations`` (n, drones * features); ``masks`` int8 (n, drones * actions); ``rewards``
     (n, 1), means over the drones; ``numbers``, the MEASURES, the COUNTS and the mean terms of the
@@ -80,7 +80,7 @@ class CompiledSession(Session):
         return kept
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
-        """Take what was kept, with outputs of this object's own."""
+        """Restore the attributes, with outputs of this object's own."""
         vars(self).update(kept)
         self.write_to(Outputs.of(self, 1), 0)
 
@@ -125,17 +125,17 @@ class CompiledSession(Session):
 
     @property
     def snapshot(self) -> Snapshot:
-        """See ``Session``, here and below."""
+        """The snapshot at the present epoch. Raises ResetNeeded before the first episode."""
         self.require_episode()
         return self.engine.snapshot()
 
     def observation(self) -> NDArray[Any]:
-        """Return what a kernel has encoded."""
+        """Return the encoded observations of all drones, one after the other."""
         observation: NDArray[Any] = self._row.observations.astype(self.dtype)
         return observation
 
     def mask(self) -> NDArray[np.int8]:
-        """Return what a kernel has written."""
+        """Return the masks of all drones, one after the other, in a new array."""
         return self._row.masks.copy()
 
     def seeds(self) -> tuple[int, int, int]:
@@ -143,7 +143,7 @@ class CompiledSession(Session):
         return self.seed, self.world.seed, self.episode
 
     def info(self) -> dict[str, Any]:
-        """Return an info of the numbers that a kernel has written."""
+        """Return the info (see ``Session.info``), from the numbers that a kernel has written."""
         row = self._row.numbers.tolist()
         measures, counts, terms = row[:MEASURED], row[MEASURED:COUNTED], row[COUNTED:]
         values = (*measures, *self.seeds(), *map(int, counts), *terms)

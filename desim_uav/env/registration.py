@@ -1,4 +1,4 @@
-"""Registers Gymnasium ids for the nine cases, and one for other scenarios."""
+"""The Gymnasium ids: one for each of the nine cases, and one for other scenarios."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Shows an environment: as frames in arrays, or in a window."""
+"""Rendering of environments, as frames in arrays or in a window."""
 
 from __future__ import annotations
 
@@ -64,7 +64,10 @@ class Screen:
         self.__dict__.pop("_painter", None)
 
     def frame(self) -> NDArray[np.uint8]:
-        """The present frame, (height, width, 3), whatever the mode. Raises ResetNeeded."""
+        """Return the present frame, uint8 (height, width, 3), whatever the mode.
+
+        Raises ResetNeeded before the first episode.
+        """
         session = self.session
         if self._painter.world is not session.world:
             self.__dict__.pop("_painter")

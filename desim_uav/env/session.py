@@ -70,13 +70,13 @@ class Session(Independent):
         else:
             self.world = world
 
-    def _start_over(self, seed: int, known: World | None) -> None:
-        """Begin a new run, in the ``known`` world if that is the one of this seed."""
+    def _start_over(self, seed: int, world: World | None) -> None:
+        """Begin a new run, in this world if it is the one of this seed, else in a new one."""
         fixed = self.scenario.world_seed
-        wanted = seed if fixed is None else fixed
-        if known is None or known.seed != wanted:
-            known = build_world(self.scenario, wanted)
-        self.world = known
+        world_seed = seed if fixed is None else fixed
+        if world is None or world.seed != world_seed:
+            world = build_world(self.scenario, world_seed)
+        self.world = world
         ceilings, carry_over = (True,) * self.drones, self.scenario.episode.carry_over
         self.engine = self._new_engine(RunSettings(ceilings, carry_over, keep_steps=False))
         self.seed, self.episode, self._paths, self._started = seed, -1, None, True
@@ -107,7 +107,7 @@ class Session(Independent):
     def _path(self, episode: int) -> SamplePath:
         """Return the sample path of the next episode, which is drawn with some later ones."""
         if self._paths is None:
-            so_far = episode + 1  # who plays on for long, looks far ahead
+            so_far = episode + 1  # the longer a run, the more paths are drawn ahead
             count = min(so_far, at_once(self.world)) if self._draws_ahead else 1
             self._paths = draw_all(self.world, self.seed, range(episode, episode + count))
         paths = self._paths
@@ -145,7 +145,7 @@ class Session(Independent):
         snapshot = self._snapshot = self.engine.step(commands)
         return in_order(snapshot.rewards) / self.drones, snapshot.terminated, snapshot.truncated
 
-    # ---- what there is to see at a decision epoch
+    # ---- the outputs of a decision epoch
 
     def require_episode(self) -> None:
         """Raise ResetNeeded before the first episode."""
@@ -186,7 +186,7 @@ class Session(Independent):
         return self._snapshot.reward_terms or (dict.fromkeys(self.terms, 0.0),) * self.drones
 
     def info_of_all(self) -> dict[str, Any]:
-        """Return an info in which what is counted or paid by drone is still 0."""
+        """Return an info in which the counts and the reward terms of single drones are still 0."""
         qoe1, qoe2, qoe3 = self.engine.measures()
         info = self._blank.copy()
         info["sim_time_s"] = self._snapshot.t_us / US

@@ -108,7 +108,7 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         return {key: part for key, part in vars(self).items() if key not in own}
 
     def __setstate__(self, kept: dict[str, Any]) -> None:
-        """Take what was kept, with arrays and threads of this object's own."""
+        """Restore the attributes, with arrays and threads of this object's own."""
         vars(self).update(kept)
         self._set_up()
 
@@ -167,8 +167,8 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
     def infos(self, which: NDArray[np.bool_]) -> dict[str, Any]:
         """Return the present infos in Gymnasium's form.
 
-        Next to each key stands ``which``, the mask of the environments that have it; the entries
-        of the others are 0.
+        Each key has beside it, after an underscore, the mask ``which`` of the environments that
+        have it; the entries of the others are 0.
         """
         numbers, seeds = self.outputs.numbers.T.copy(), self._seeds.T.copy()
         measures, counts, terms = numbers[:MEASURED], numbers[MEASURED:COUNTED], numbers[COUNTED:]
