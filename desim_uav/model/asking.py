@@ -1,4 +1,4 @@
-"""Demand over rows: what a user asks for next, and when, which can be compiled."""
+"""Demand over rows: models that draw a user's requests one by one, and that can be compiled."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ from desim_uav.model.services import Catalogue
 from desim_uav.model.streams import Stream, Streams, begin_stream, uniform
 
 DUE_US, SERVICE, REQUIRED_US, BANDWIDTH_BPS = range(4)
-"""Columns of a table of requests."""
+"""The columns of a table of requests (see ``Requests``)."""
 
 NOTHING = -1
-"""The service of a user who asks for nothing."""
+"""The service of a draw that is no request."""
 
 NO_MORE_US = 2**60
-"""A time to wait for users who ask for nothing any more."""
+"""The waiting time of users who make no more requests, which is longer than any episode."""
 
 
 class Requests(NamedTuple):
@@ -76,7 +76,7 @@ class ManyRequests(Sequence[Requests]):
 
 @row
 class Asker(Row):
-    """A user who asks: how often it has drawn, the time that is left, and what it draws now.
+    """A user who makes requests: its number of draws, the time left, and its present draw.
 
     The askers of a demand model also have the numbers that the model remembers.
     """
@@ -95,7 +95,7 @@ class Offer(Row):
     """The services: the cumulative ``shares`` of the mix, service times and bandwidths.
 
     Service s has ``sizes[2 * s]`` service times, from ``durations_us[s * longest]`` on, and
-    ``sizes[2 * s + 1]`` bandwidths, from ``bandwidths_bps[s * widest]`` on, each as likely.
+    ``sizes[2 * s + 1]`` bandwidths, from ``bandwidths_bps[s * widest]`` on, all equally likely.
     """
 
     longest: int
@@ -110,8 +110,8 @@ class Offer(Row):
 class Asking(Row):
     """The draws of several episodes: where they begin, and the requests that are drawn.
 
-    ``count`` is the number of requests, which may be larger than there is room for (``most``).
-    ``lost`` is the number of the user whose draw is no request, plus 1; 0 if there is none.
+    ``count`` is the number of requests, which may exceed the memory for them (``most`` requests).
+    ``lost`` is the number of the user whose draw is invalid, plus 1; 0 if there is none.
     """
 
     horizon_us: int
@@ -130,8 +130,8 @@ class RowDemand:
 
     A subclass is a frozen dataclass whose fields are numbers, or mappings from services to numbers.
     ``remembers`` has the names and types (int or float) of the numbers that a user has besides its
-    request; they are 0 at first. ``after_previous``: users wait from the end of a request to the
-    next one; else, from one request to the next.
+    request; they are 0 at first. If ``after_previous``, waiting times count from the end of a
+    request to the next one, else from one request to the next.
     """
 
     remembers: ClassVar[dict[str, type]] = {}
@@ -140,7 +140,7 @@ class RowDemand:
     """The methods of which a subclass overrides one if it makes whole tables of requests."""
 
     def next_request(self, asker: Any, stream: Any, services: Any) -> None:
-        """Draw what a user asks for next, and when.
+        """Draw a user's next request, and the waiting time before it.
 
         Write ``asker.wait_us``, ``service`` (or NOTHING), ``required_us`` and ``bandwidth_bps``
         (see ``ask_for`` and ``ask_for_mix``). ``asker.draws`` counts the draws before. Draw from
@@ -176,13 +176,13 @@ def ask_for_mix(asker: Any, stream: Any, services: Any, none: float) -> None:
     """Let a user ask for a service of the mix, or with probability ``none`` for nothing.
 
     It takes four uniform numbers, of which some may not be used: for whether there is a request,
-    for service, duration and bandwidth. A user who would wait for too long draws none of them.
+    for service, duration and bandwidth. They are not drawn if the wait exceeds the time left.
     """
     if asker.wait_us >= asker.left_us:
         return
     asks = uniform(stream) >= none
     which, service = uniform(stream), 0
-    for k in range(len(services.shares)):  # all: a branch that nobody can foresee costs more
+    for k in range(len(services.shares)):  # without a break, which could not be predicted
         service += int(services.shares[k] <= which)
     ask_for(asker, stream, services, service)
     if not asks:
@@ -192,13 +192,13 @@ def ask_for_mix(asker: Any, stream: Any, services: Any, none: float) -> None:
 # ---- the draws of all users
 
 MOST_IDLE = 1000
-"""How often a user may draw while no time passes."""
+"""The largest number of draws of a user in which no time passes."""
 
 
 def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., None]:
     """Return a function that writes a user's requests in an episode.
 
-    It ends at once if a draw is no request, or if no time passes.
+    The function ends at once if a draw is invalid, or if no time passes.
     """
 
     def ask(demand: Any, asking: Any, asker: Any, services: Any) -> None:
@@ -330,7 +330,7 @@ class RowDraws:
     def of(self, states: NDArray[np.uint64]) -> ManyRequests:
         """Draw the requests of episodes from the states of random streams (episodes, users, 4).
 
-        Raises SimulationError if a draw is no request.
+        Raises SimulationError if a draw is invalid.
         """
         episodes, users, _ = states.shape
         most = episodes * users * 16
@@ -345,7 +345,7 @@ class RowDraws:
             most = asking.count
 
     def _draw(self, states: Any, offsets: Any, rows: Any) -> Any:
-        """Draw, and return the Asking."""
+        """Draw the requests, and return the Asking."""
         model: Any = type(self.demand)
         made, cls, users = self._compiled, _asking_of(model), states.shape[1]
         if made is None:
@@ -367,7 +367,7 @@ class RowDraws:
 
 
 def _what_is_wrong(asking: Any) -> str:
-    """Say what is wrong with the last draw of a user."""
+    """Return a description of the invalid draw of a user."""
     user, asker = asking.lost - 1, asking.asker
     drawn = (
         f"wait {asker.wait_us} µs, service {asker.service}, {asker.required_us} µs, "

@@ -111,10 +111,10 @@ def _load(context: Any, builder: Any, base: Any, words: int, kind: Any = I64, of
 
 
 def _apart(builder: Any, instruction: Any, of: str) -> Any:
-    """Return a load or store of what ``of`` names, marked as one of no other field's memory.
+    """Mark a load or store as an access to the field or entries that ``of`` names, and return it.
 
-    LLVM then knows that a store to another field does not change what has been loaded. Arrays
-    (``as_array``) are not marked, so they may be of any field's memory.
+    LLVM then knows that a store to another field does not change a loaded value. Arrays
+    (``as_array``) are not marked, so they may alias any field.
     """
     module = builder.module
     kind = module.add_metadata([of, module.add_metadata(["rows"]), ZERO])
@@ -267,7 +267,7 @@ set_word: Any = intrinsic(prefer_literal=True)(_set_word)
 
 
 def _copy(context: Any, builder: Any, row: Any, target: Any, source: Any) -> None:
-    """Copy a row, word by word, which may be of any field's memory (see ``_apart``)."""
+    """Copy a row word by word, without marks, so that it may alias any field (see ``_apart``)."""
     for k in range(row.cls.words):
         begin, end = (_moved(builder, base, k) for base in (source, target))
         word = builder.load(_number_at(context, builder, begin, I64))
@@ -275,7 +275,7 @@ def _copy(context: Any, builder: Any, row: Any, target: Any, source: Any) -> Non
 
 
 def _held(typing_context: Any, row: Any) -> Any:
-    """Return a copy of a row while the function runs, which the compiler keeps in registers."""
+    """Return a local copy of a row, which the compiler keeps in registers."""
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         space = cgutils.alloca_once(builder, ir.ArrayType(WORD, row.cls.words))
@@ -287,7 +287,7 @@ def _held(typing_context: Any, row: Any) -> Any:
 
 
 def _put_back(typing_context: Any, row: Any, copy: Any) -> Any:
-    """Write such a copy into the row that it was made of."""
+    """Write a copy of a row (see ``_held``) back into the row."""
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         _copy(context, builder, row, *arguments)
@@ -326,12 +326,12 @@ def _of_setitem(row: Any, place: Any, value: Any) -> Any:
 
 
 def call(function: Any, arguments: tuple[Any, ...]) -> None:
-    """Call a function, which compiled code knows by its address (see ``address_of``)."""
+    """Call a function, which is given by its address in compiled code (see ``address_of``)."""
     function(*arguments)
 
 
 def call_for_int(function: Any, arguments: tuple[Any, ...]) -> int:
-    """Call a function that returns a whole number, and which compiled code knows by its address."""
+    """Call a function as ``call`` does, and return its result, a whole number."""
     return int(function(*arguments))
 
 
@@ -379,7 +379,7 @@ def address_of(kernel: Any, *classes: Any) -> int:
     return machine_code(kernel, arguments)
 
 
-# ---- choices that a processor cannot foresee
+# ---- choices that a processor cannot predict
 
 
 def _either(typing_context: Any, condition: Any, one: Any, other: Any) -> Any:

@@ -100,7 +100,7 @@ def kind_of(component: Any) -> str:
 class Function(NamedTuple):
     """A compiled function of a component, with the name by which it is kept.
 
-    ``around`` makes it of the component's class, and of a function that returns the component's
+    ``around`` returns it, given the component's class and a function that returns the component's
     values at an address. ``arguments`` are the types with which it is compiled.
     """
 
@@ -137,7 +137,7 @@ def _address(one: Function, cls: Any, values: Any) -> int:
 def compiled_or_none(
     key: str, component: Any, functions: tuple[Function, ...], services: tuple[str, ...] = ()
 ) -> Compiled | None:
-    """Compile functions of a component that Python can run as well; a notice says why not."""
+    """Compile functions of a component, or print a notice with the reason and return None."""
     if type(component) in _ONLY_PYTHON or not hasattr(call_at, "overloads"):
         return None  # the latter if NUMBA_DISABLE_JIT is set
     try:
@@ -150,7 +150,7 @@ def compiled_or_none(
 
 
 _ONLY_PYTHON: set[type] = set()
-"""Classes of components that are not compiled, of which a notice has told."""
+"""The classes of components that cannot be compiled, for which a notice has been printed."""
 
 
 @kernel
@@ -160,14 +160,14 @@ def call_at(function: int, arguments: tuple[int, ...]) -> None:
 
 
 NOT_COMPILED = (NumbaError, UnsupportedBytecodeError)
-"""What Numba raises for Python that it does not compile."""
+"""The errors that Numba raises for Python code that it does not compile."""
 
 CAUSES = ("Untyped global name", "Unknown attribute", "NameError", "nsupported", "Cannot unify")
-"""What lines of Numba's messages say that name the cause; the lines around them do not."""
+"""Texts by which the line that names the cause is found in Numba's messages."""
 
 
 def cause_of(error: Exception, component: Any) -> str:
-    """Return in one line why Numba has not compiled a component over rows; None: any function."""
+    """Return in one line why Numba has not compiled a component over rows (None: a function)."""
     message = str(error)
     for name in left_out(component):
         if f"'{name}'" in message:

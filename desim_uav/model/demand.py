@@ -70,7 +70,7 @@ class Continuous:
         return Requests(rows, np.arange(users + 1), after_previous=True)
 
     def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
-        """The number of requests of all users in an episode."""
+        """Return the number of requests of all users in an episode."""
         return users
 
 
@@ -90,12 +90,12 @@ class Static(RowDemand):
     """
 
     def next_request(self, asker: Any, stream: Any, services: Any) -> None:
-        """Ask at the start, and then no more."""
+        """Draw a request at the start, and then no more."""
         asker.wait_us = 0 if asker.draws == 0 else NO_MORE_US
         ask_for_mix(asker, stream, services, self.none)
 
     def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
-        """The number of requests of all users in an episode, or of none in their place."""
+        """Return the number of draws of all users in an episode, for a request or for nothing."""
         return users
 
 
@@ -120,16 +120,17 @@ class Dynamic(RowDemand):
     """
 
     def next_request(self, asker: Any, stream: Any, services: Any) -> None:
-        """Ask at the start, and then after a think time each."""
+        """Draw a request at the start, and then each after a think time."""
         asker.wait_us = 0
         if asker.draws > 0:
             asker.wait_us = exponential_us(stream, self.think_time_s)
         ask_for_mix(asker, stream, services, self.none)
 
     def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
-        """How often all users draw in an episode, for a request of ``required_s`` or for nothing.
+        """Return the mean number of draws of all users in an episode, for a request or for nothing.
 
-        A drawn request may never be made: users wait until the one before has been served.
+        A request takes ``required_s``. A drawn request may never be made, because users wait until
+        the previous one has been served.
         """
         return users * (1.0 + horizon_s / (self.think_time_s + (1.0 - self.none) * required_s))
 
@@ -154,12 +155,12 @@ class Poisson(RowDemand):
     after_previous = False
 
     def next_request(self, asker: Any, stream: Any, services: Any) -> None:
-        """Ask after an exponential time."""
+        """Draw a request after an exponential time."""
         asker.wait_us = exponential_us(stream, 3600.0 / self.rate_per_hour)
         ask_for_mix(asker, stream, services, self.none)
 
     def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
-        """The number of arrivals in an episode, of requests or of nothing."""
+        """Return the mean number of arrivals in an episode, of requests or of nothing."""
         return users * (1.0 + horizon_s * self.rate_per_hour / 3600.0)
 
 
@@ -193,7 +194,7 @@ class Trace:
         return found
 
     def expected_draws(self, users: int, required_s: float, horizon_s: float) -> float:
-        """The number of recorded requests."""
+        """Return the number of recorded requests."""
         return len(self._table())
 
     def requests(

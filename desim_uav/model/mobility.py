@@ -65,7 +65,7 @@ class Static:
         return Walks(legs, np.arange(len(homes) + 1))
 
     def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
-        """The number of legs of all users in an episode."""
+        """Return the number of legs of all users in an episode."""
         return users
 
 
@@ -91,9 +91,9 @@ class RandomWalk(RowMobility):
         go_on(walker, area, walker.turn_us)
 
     def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
-        """The number of legs of all users in an episode: turns, and walls that are met.
+        """Return the mean number of legs of all users in an episode: turns, and edges that are met.
 
-        The mean speed along an axis is 2/π of the speed; a wall is met once per side of the map.
+        The mean speed along an axis is 2/π of the speed; an edge is met once per side of the map.
         """
         walls = 2.0 / math.pi * self.speed_mps * horizon_s * sum(1.0 / side for side in area)
         return users * (math.ceil(horizon_s / self.leg_s) + walls)
@@ -134,7 +134,7 @@ class Trace:
         return found
 
     def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
-        """The number of legs of all users in an episode."""
+        """Return the number of legs of all users in an episode."""
         return 2 * users + sum(len(points) for points in self._way_points().values())
 
     def walks(
@@ -173,7 +173,7 @@ def walks_of(
     area: Area,
     horizon_us: int,
 ) -> Sequence[Walks | RowWalks]:
-    """Return the walks of several episodes from ``homes`` (users, 2); rows are drawn later."""
+    """Return the walks of several episodes from ``homes`` (users, 2), or rows that draw them."""
     if works_on_rows(mobility, RowMobility):
         assert isinstance(mobility, RowMobility)
         states = states_of(seed, Purpose.MOBILITY, episodes, len(homes))
@@ -188,7 +188,7 @@ def walks_of(
 
 
 def misshapen(walks: Walks, users: int) -> str:
-    """Say so if these are not legs of five columns, one at least for each user."""
+    """Return the problem if these are not legs of five columns, one at least for each user."""
     legs, offsets = (np.asarray(part) for part in walks)
     if legs.ndim == 2 and legs.shape[1] == 5 and offsets.shape == (users + 1,):
         bounds = offsets[0] == 0 and offsets[-1] == len(legs)
@@ -198,7 +198,7 @@ def misshapen(walks: Walks, users: int) -> str:
 
 
 def leaves_the_map(walks: Walks, area: Area, horizon_us: int) -> str:
-    """Say which user is off the map first and when; nothing if all walks stay on it."""
+    """Return which user is off the map first, and when; an empty text if all walks stay on it."""
     legs, offsets = walks
     begins = legs[:, T0_US]
     ends = np.append(begins[1:], 0.0)

@@ -1,8 +1,8 @@
-"""Mobility over rows: how a user walks on, leg after leg, which can be compiled.
+"""Mobility over rows: models that draw a user's walk leg by leg, and that can be compiled.
 
-One loop draws the legs, whether of a whole episode (``RowWalks``) or of a span of time after
-another, as the compiled engine does: there, an episode's legs would take more memory than
-everything else.
+One loop draws the legs, either of a whole episode (``RowWalks``) or of one span of time after
+another. The compiled engine does the latter, because the legs of an episode would take more memory
+than everything else.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ from desim_uav.model.streams import Stream, Streams, begin_stream
 LEG_COLUMNS = 5
 
 STRAY_M, NEAR_M = 1e-4, 1e-3
-"""How far a walk may be off the map because of rounding, which the model allows for everywhere, and
-the end of a leg from where its velocity leads, because its time is in whole microseconds."""
+"""Tolerances in metres: how far rounding may put a user off the map, and how far a leg's end may be
+from the point to which its velocity leads, because its time is in whole microseconds."""
 
 
 class Area(NamedTuple):
-    """The map: 0 … width_m by 0 … depth_m."""
+    """The map, which extends from 0 to ``width_m`` in x and to ``depth_m`` in y, in metres."""
 
     width_m: float
     depth_m: float
@@ -66,7 +66,7 @@ class Walks(NamedTuple):
 
 @row
 class Walker(Row):
-    """A walking user: where and when its present leg ends, its velocity, and the leg's beginning.
+    """A walking user: the end of its present leg, its velocity, and the beginning of the leg.
 
     The walkers of a mobility model also have the numbers that the model remembers.
     """
@@ -87,8 +87,8 @@ class Walking(Row):
     """All users' walks in an episode: the walkers, and their legs in the present span of time.
 
     The legs (five numbers each) of user u are those from ``legs_at[u]`` to ``legs_at[u + 1]`` - 1.
-    ``count`` is their number, which may be larger than there is room for. ``lost`` is the number of
-    the user whose leg leads nowhere, plus 1; 0 if there is none.
+    ``count`` is their number, which may exceed the memory for them. ``lost`` is the number of the
+    user whose leg is invalid (see ``misstep``), plus 1; 0 if there is none.
     """
 
     width_m: float
@@ -132,7 +132,7 @@ class RowMobility:
         return RowWalks(self, homes, streams.states(len(homes)), area, horizon_us).drawn()
 
     def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
-        """Return about how many legs all users walk in this time; here one in ten seconds each."""
+        """Return an estimate of all users' legs in this time; by default one each ten seconds."""
         return users * (1.0 + horizon_s / 10.0)
 
 
@@ -226,10 +226,10 @@ def _walk_by(
     held: Callable[[Any], Any] = lambda walker: walker,
     put_back: Callable[[Any, Any], None] = lambda walker, held: None,
 ) -> Callable[..., None]:
-    """Return a function that writes all legs of a span, from the ones under way at its start.
+    """Return a function that writes all legs of a span, beginning with those under way.
 
-    Spans follow one another. The function ends at once if a leg leads nowhere. Compiled code works
-    on a copy of each walker (``held``), which is in registers.
+    Spans follow one another. The function ends at once if a leg is invalid. Compiled code works on
+    a copy of each walker (``held``), which is in registers.
     """
 
     def walk(mobility: Any, walking: Any, start_us: int, end_us: int) -> None:
@@ -267,7 +267,7 @@ def _walk_by(
 
 @rule
 def _leads_on(walker: Any, area: Any) -> Any:
-    """Return whether a leg leads at its velocity to where it ends, and this is on the map."""
+    """Return whether a leg's velocity leads to its end, and this is on the map."""
     lasts_us = walker.t_us - walker.from_us
     apart_m = abs(walker.from_x_m + walker.vx_mps * lasts_us * 1e-6 - walker.x_m)
     apart_m += abs(walker.from_y_m + walker.vy_mps * lasts_us * 1e-6 - walker.y_m)
@@ -279,7 +279,7 @@ def _leads_on(walker: Any, area: Any) -> Any:
 
 
 def misstep(mobility: Any, walking: Any) -> SimulationError:
-    """Return the error of a walk that is lost."""
+    """Return the error of an invalid leg: it takes no time, leaves the map or misses its end."""
     user = walking.lost - 1
     walker = walking.walkers[user]
     at_s, x_m, y_m = walker.t_us / 1e6, walker.x_m, walker.y_m
@@ -302,7 +302,7 @@ def off_map(x_m: Any, y_m: Any, area: Any) -> Any:
     return np.logical_not(on_map)
 
 
-# ---- drawn whole, or by the compiled engine
+# ---- walks of a whole episode
 
 
 @cache
@@ -327,7 +327,7 @@ def _around(cls: Any, values_at: Any) -> Any:
         if not walking.begun:
             users = len(walking.walkers)
             memory = words_at(place_of(walking.walkers), users * words)
-            numbers = as_array(memory, (users * words,))  # of the memory of all fields
+            numbers = as_array(memory, (users * words,))  # which may alias all fields
             for k in range(users * words):
                 numbers[k] = 0
             _begin(walking, floats_at(homes, 2 * users), words_at(streams, 4 * users))
@@ -337,15 +337,15 @@ def _around(cls: Any, values_at: Any) -> Any:
 
 
 WALK = Function("walk", _around, (int,) * 6)
-"""The function of a model that walks on in a span of time; for a new episode, it begins.
+"""The function of a model that writes the legs of a span of time, after it has begun the walks.
 
-Its arguments are the addresses of the model's values, of the Walking, and of the users' homes and
-the states of their random streams (where walks begin), and the span.
+Its arguments are the addresses of the model's values, of the Walking, of the users' homes and of
+the initial states of their random streams, and then the start and the end of the span.
 """
 
 
 def compiled_walk(mobility: Any) -> Compiled | None:
-    """Return the function WALK of a model over rows; None if it cannot be compiled, or is none."""
+    """Return the function WALK of a model over rows; None for others and if it is not compiled."""
     if not works_on_rows(mobility, RowMobility):
         return None
     return compiled_or_none("users.mobility", mobility, (WALK,))
@@ -366,7 +366,7 @@ class RowWalks(Unchanging):
     horizon_us: int
 
     def drawn(self) -> Walks:
-        """Draw the legs and return the walks. Raises SimulationError if one leads nowhere."""
+        """Draw the legs and return the walks. Raises SimulationError if a leg is invalid."""
         return self._walks
 
     @cached_property

@@ -138,7 +138,7 @@ class LoneDrone:
         return tuple(self._steps), None if rows.crashes else there
 
     def reward(self, state: State) -> float:
-        """Return what the drone is paid if a step of serving flight ends in a state."""
+        """Return the drone's reward for a step of serving flight that ends in a state."""
         node, self.drone.battery_us = state
         if node != self._hovers_over:
             self.put(state)
@@ -148,7 +148,7 @@ class LoneDrone:
         return self._reward()
 
     def _reward(self) -> float:
-        """Return what the drone is paid now.
+        """Return the drone's reward now.
 
         Raises UsageError if its reward depends on the step of the episode.
         """
@@ -161,7 +161,7 @@ class LoneDrone:
         return rewards.pop()
 
     def _reward_in(self, step: int) -> float:
-        """Return what the drone would be paid now if all had happened this many steps later."""
+        """Return the drone's reward now if everything had happened this many steps later."""
         rows, drone, later_us = self.state, self.drone, step * self.world.step_us
         rows.step, rows.now_us = step, rows.now_us + later_us
         drone.since_us += later_us

@@ -1,4 +1,4 @@
-"""Link budgets, and the classes of a link: what it carries at which signal-to-noise ratio."""
+"""Link budgets, and the classes of a link: its efficiency by signal-to-noise ratio."""
 
 from __future__ import annotations
 
@@ -20,14 +20,14 @@ LOWEST_SNR_DB, HIGHEST_SNR_DB, MOST_BIT_S_HZ = -50.0, 100.0, 100.0
 
 @dataclass(frozen=True)
 class LinkBudget:
-    """What is sent, and the noise of the receiver."""
+    """The budget of a link: the transmitted power, and the bandwidth and noise of the receiver."""
 
     power_dbm: Annotated[float, Ge(-100), Le(100)]
-    """The power sent, in dBm."""
+    """The transmitted power, in dBm."""
     bandwidth_mhz: Annotated[float, Gt(0), Le(100_000)]
     """The bandwidth over which noise is received, in MHz."""
     noise_figure_db: Annotated[float, Ge(0), Le(50)] = 7.0
-    """What the receiver adds to the thermal noise, in dB."""
+    """The noise of the receiver beyond thermal noise, in dB."""
     noise_dbm_per_hz: Annotated[float, Ge(-300), Le(0)] = -174.0
     """The density of the thermal noise, in dBm/Hz."""
 
@@ -47,7 +47,7 @@ class LinkBudget:
 
 
 class LinkClass(NamedTuple):
-    """A class of a link: from ``snr_db`` on, the link carries ``bit_s_hz``."""
+    """A class of a link, which carries ``bit_s_hz`` from the ratio ``snr_db`` on."""
 
     snr_db: float
     bit_s_hz: float

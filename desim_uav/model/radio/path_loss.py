@@ -71,7 +71,7 @@ def free_space_db(distance_m: float, height_m: float, carrier_ghz: float) -> flo
 @register("path_loss", "free_space")
 @dataclass(frozen=True)
 class FreeSpace(RowPathLoss):
-    """Loses what a wave loses in free space, with line of sight everywhere (Friis 1946)."""
+    """Has the loss of free space, with line of sight everywhere (Friis 1946)."""
 
     def los_db(self, distance_m: float, height_m: float, carrier_ghz: float) -> float:
         """Return the loss in free space."""
@@ -95,7 +95,7 @@ class LogDistance(RowPathLoss):
 
 
 class Environment(NamedTuple):
-    """What Al-Hourani's model says of a kind of town."""
+    """The parameters of Al-Hourani's model for a kind of town (see ``AlHourani``)."""
 
     a: float
     b: float

@@ -21,10 +21,10 @@ FARTHEST_M = 1e7
 """The largest radius of a ring."""
 
 LOOKED_AT = 200
-"""At how many distances it is checked that a loss rises."""
+"""The number of distances at which a loss is checked to rise."""
 
 ROUNDING_DB = 1e-9
-"""By how much a loss may seem to fall because of rounding."""
+"""The largest decrease of a loss, in dB, that is taken for rounding."""
 
 
 class Rings(NamedTuple):
@@ -45,10 +45,9 @@ def rings(
 ) -> Rings:
     """Return the rings of each class with and without line of sight, and of the mean loss.
 
-    ``shadowing_db`` is what the surroundings take beyond the loss with and without line of sight;
-    the mean loss has none. A radius is 0 if the class does not hold below the drone.
-    Raises ValueError if a loss does not rise with the distance, or if a ring is larger than
-    ``FARTHEST_M``.
+    ``shadowing_db`` is an additional loss, with and without line of sight; the mean loss has none.
+    A radius is 0 if the class does not hold even below the drone. Raises ValueError if a loss does
+    not rise with the distance, or if a ring is larger than ``FARTHEST_M``.
     """
     if not (math.isfinite(height_m) and height_m > 0.0):
         raise ValueError(f"a drone must be above its users, not by {height_m:g} m")
@@ -119,9 +118,9 @@ def effective_ring_m(los_m: float, nlos_m: float, sight_m: float) -> float:
 
 
 def last_m(holds: Callable[[float], bool], outside_m: float) -> float:
-    """Return the distance up to which something holds that does not at ``outside_m``, by bisection.
+    """Return the distance up to which a condition holds, by bisection, in metres.
 
-    It holds at 0. The distance is rounded to whole micrometres.
+    It holds at 0 and not at ``outside_m``. The distance is rounded to whole micrometres.
     """
     inside_m = 0.0
     while outside_m - inside_m > 1e-9:

@@ -15,11 +15,12 @@ from math import exp, inf, log10, pi, sqrt
 from desim_uav.model.radio.path_loss import free_space_db
 
 HIGHEST_M = 300.0
+"""The largest height of an aerial user in the report, in metres."""
 
 
 @dataclass(frozen=True)
 class AerialScenario:
-    """A scenario of TR 36.777: its formulas, and where they hold."""
+    """A scenario of TR 36.777: its formulas, and the heights and distances at which they hold."""
 
     name: str
     station_m: float
