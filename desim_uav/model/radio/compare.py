@@ -26,7 +26,8 @@ from desim_uav.model.radio.tracks import (
 )
 
 GRAZE = 1e-14
-"""A difference of squared distances that turns this close to zero, relative to them, touches it."""
+"""How close to zero an extremum of the difference of squared distances, relative to them, touches
+it without a change of sign."""
 
 
 @kernel

@@ -32,5 +32,5 @@ def elevation_deg(distance_m: float, height_m: float) -> float:
 
 @rule
 def slant_range_m(distance_m: float, height_m: float) -> float:
-    """Return the distance in space, from the horizontal distance and the height difference."""
+    """Return the distance in space in metres, from horizontal distance and height difference."""
     return math.sqrt(distance_m * distance_m + height_m * height_m)

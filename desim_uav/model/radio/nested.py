@@ -24,8 +24,8 @@ def class_changes(
     """Write all changes of class in one drone's leg, for all users, and return their number.
 
     ``radii_m`` (users, classes) are the radii around the drone within which classes hold, the
-    widest first. A class with a negative radius holds nowhere. ``leg.radius_m`` is not used, and
-    ``users.seen`` is what ``look_around`` says of the leg's span.
+    widest first. A class with a negative radius holds nowhere. ``leg.radius_m`` is not used.
+    ``look_around`` must have written ``users.seen`` for the leg's span.
 
     Rows (time, user, class) go into ``out``, user by user in order of time. Several circles that
     are crossed in one microsecond are one change to the class thereafter, or none if that is the
@@ -65,9 +65,9 @@ def _widened(way: Way, radius: float) -> Way:
 
 @part
 def _classes(out: NDArray[np.int64], first: int, last: int, held: int) -> int:
-    """Make changes of class of the crossings of a user, and return the row after the last one.
+    """Turn the crossings of a user into changes of class, and return the row after the last one.
 
-    The crossings are the rows ``first`` ... ``last``-1, circle by circle.
+    The crossings are the rows ``first`` … ``last`` - 1, circle by circle.
     """
     for k in range(first + 1, last):
         t_us, user, enters = out[k, TIME_US], out[k, USER], out[k, ENTERS]

@@ -1,4 +1,4 @@
-"""Where a polynomial of degree four or less changes its sign.
+"""The points at which a polynomial of degree four or less changes its sign.
 
 Between two neighbouring turning points a polynomial is monotone, and so has at most one root there.
 The turning points are the roots of its derivative, which are found in the same way; those of a
@@ -12,7 +12,7 @@ import numpy as np
 from desim_uav.model.kernels import kernel, part
 
 Coefficients = tuple[float, float, float, float, float]
-"""Of 1, t, t², t³ and t⁴."""
+"""The coefficients of 1, t, t², t³ and t⁴."""
 
 Points = tuple[float, float, float, float]
 
@@ -21,10 +21,11 @@ NOTHING: Points = (np.inf, np.inf, np.inf, np.inf)
 
 @kernel
 def sign_changes(c: Coefficients, above: bool, end: float, graze: float) -> tuple[int, Points]:
-    """Return how often a polynomial changes its sign in [0, ``end``], and where, in order.
+    """Return the number of changes of sign of a polynomial in [0, ``end``], and where they are.
 
-    Its sign is positive above zero, and negative at zero and below; ``above`` says which it was
-    just before. At a turning point or at the end, a value within ``graze`` of zero is no change.
+    The sign is positive above zero, and negative at zero and below; ``above`` says whether it was
+    positive just before 0. At a turning point or at the end, a value within ``graze`` of zero is no
+    change. The places are in order.
     """
     slope = (c[1], 2.0 * c[2], 3.0 * c[3], 4.0 * c[4], 0.0)
     bend = (slope[1], 2.0 * slope[2], 3.0 * slope[3], 0.0, 0.0)
@@ -70,7 +71,7 @@ def _quadratic(c: Coefficients, end: float) -> tuple[int, Points]:
 def _between(
     c: Coefficients, above: bool, count: int, turns: Points, end: float, graze: float
 ) -> tuple[int, Points]:
-    """Return where a polynomial changes its sign, if it is monotone between ``turns``."""
+    """Return the changes of sign of a polynomial that is monotone between ``turns``."""
     found, roots = 0, NOTHING
     low = 0.0
     for k in range(count + 1):

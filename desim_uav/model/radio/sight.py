@@ -1,4 +1,4 @@
-"""When buildings begin and cease to block the line of sight between a walking user and a drone.
+"""The times at which buildings begin and cease to block the line between a user and a drone.
 
 A building is a vertical prism: a convex footprint on the ground, and a flat roof. It blocks the
 line if it contains a stretch of it; a line that only touches a wall, an edge or a roof is clear.
@@ -36,8 +36,8 @@ BLOCKED, CLEAR = 0, 1
 """The states of a line of sight."""
 
 GAP_S = 1e-7
-"""A stretch of time shorter than this, clear or blocked, is none: it is the rounding of two times
-that are one, as where a line passes from one building to the next."""
+"""Stretches of time shorter than this, clear or blocked, are neglected, because they come from the
+rounding of two equal times, as where a line passes from one building to the next."""
 
 
 class Buildings(NamedTuple):
@@ -60,11 +60,11 @@ class Buildings(NamedTuple):
 
 
 class Room(NamedTuple):
-    """Room to work in, so that nothing is allocated.
+    """The buffers of the kernels, which allocate no memory.
 
-    ``times`` for the times at which one building may change the state in one piece: at least
-    9 for each of its corners, and 4 more. ``blocked`` (rows, 2) for the stretches of time in which
-    a building blocks the line. ``visited`` (buildings + 1,) begins as zeros.
+    ``times`` holds the times at which one building may change the state in one piece: at least
+    9 for each of its corners, and 4 more. ``blocked`` (rows, 2) holds the stretches of time in
+    which a building blocks the line. ``visited`` (buildings + 1,) begins as zeros.
     """
 
     times: NDArray[np.float64]
@@ -73,7 +73,7 @@ class Room(NamedTuple):
 
 
 class Line(NamedTuple):
-    """A line of sight from a time on: place and velocity of the user, and those of the drone."""
+    """A line of sight from a time on: position and motion of the user, and those of the drone."""
 
     user: Point
     walks: Point
@@ -141,7 +141,7 @@ def cells_as_prisms(height_m: NDArray[np.float64], side_m: tuple[float, float]) 
 
 @maker
 def room_for(offsets: NDArray[np.int64], stretches: int) -> Room:
-    """Return room for buildings with these offsets, and for so many blocked stretches of time."""
+    """Return buffers for buildings with these offsets and this number of blocked stretches."""
     most = 0
     for b in range(len(offsets) - 1):
         most = max(most, offsets[b + 1] - offsets[b])
@@ -208,7 +208,7 @@ def sight_changes(
 def state_at(
     tracks: NDArray[np.float64], i: int, j: int, t: float, buildings: Buildings, room: Room
 ) -> int:
-    """Return whether a line is clear at a time, by the rows i of the user and j of the drone."""
+    """Return the state of a line at a time, from the rows i of the user and j of the drone."""
     line = _line(tracks, i, j, t)
     return BLOCKED if _look(line, t, t, buildings, room, 0) > 0 else CLEAR
 

@@ -1,9 +1,9 @@
-"""Where drones and users are in a span of time: tracks of pieces of constant acceleration in 3-D.
+"""Tracks of drones and users in a span of time: pieces of constant acceleration in 3-D.
 
-A track is some rows of a table. Each row says where something is from BEGIN on, in seconds of the
-span: its place, its velocity and its acceleration. The last row is for the end of the span. The
-first and the last row of a track hold the very numbers with which the spans before and after it
-end and begin, so that what is decided at these times is decided alike in both spans.
+A track is some rows of a table. Each row has the position, the velocity and the acceleration from
+BEGIN on, in seconds since the start of the span. The last row is for the end of the span. The first
+and the last row of a track hold the same numbers as the last row of the span before and the first
+row of the span after, so that both spans decide alike at these times.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
 BEGIN, AT = 0, 1
 SPEED_AT, PULL_AT = 4, 7
 TRACK_COLUMNS = 10
-"""Columns of a table of tracks: BEGIN, then x, y and z of the place, of the velocity and of the
-acceleration."""
+"""The columns of a table of tracks, and their number: BEGIN, then x, y and z of the position (m),
+the velocity (m/s) and the acceleration (m/s²)."""
 
 HALF_US = 0.5e-6
 """The end of a flight is rounded to a microsecond: it may be this much before the arrival."""
@@ -35,8 +35,8 @@ Point = tuple[float, float, float]
 class Flight(NamedTuple):
     """A straight flight in 3-D, after which the drone hovers.
 
-    ``profile``: see ``model.motion``. ``route``: x, y and z of its start and of its destination,
-    in metres. ``begun_us``: when it began.
+    ``profile`` (pieces, 4) is that of a transit (see ``model.motion``), ``route`` the x, y and z of
+    its start and of its destination, in metres, and ``begun_us`` the time of its start.
     """
 
     profile: NDArray[np.float64]
@@ -136,7 +136,7 @@ def walk(
 def relative(
     tracks: NDArray[np.float64], drone: Rows, user: Rows, out: NDArray[np.float64], first: int
 ) -> int:
-    """Write the track of a drone as the user sees it, and return the row after it.
+    """Write the track of a drone relative to a user, and return the row after it.
 
     It goes into ``out`` from row ``first`` on and has a row wherever one of the two tracks of the
     same span has one.
@@ -170,7 +170,7 @@ def relative(
 
 @part
 def place(tracks: NDArray[np.float64], row: int, t: float) -> Point:
-    """Return the place that a row says for a time, in metres."""
+    """Return the position at a time, computed from a row of a track, in metres."""
     s = t - tracks[row, BEGIN]
     h = 0.5 * s
     return (
@@ -182,7 +182,7 @@ def place(tracks: NDArray[np.float64], row: int, t: float) -> Point:
 
 @part
 def velocity(tracks: NDArray[np.float64], row: int, t: float) -> Point:
-    """Return the velocity that a row says for a time, in metres per second."""
+    """Return the velocity at a time, computed from a row of a track, in metres per second."""
     s = t - tracks[row, BEGIN]
     return (
         tracks[row, SPEED_AT] + s * tracks[row, PULL_AT],
@@ -193,7 +193,7 @@ def velocity(tracks: NDArray[np.float64], row: int, t: float) -> Point:
 
 @part
 def row_at(tracks: NDArray[np.float64], first: int, last: int, t: float) -> int:
-    """Return the last row in ``first`` … ``last``-1 that has begun at a time."""
+    """Return the last row in ``first`` … ``last`` - 1 that has begun at a time."""
     row = first
     while row + 1 < last and tracks[row + 1, BEGIN] <= t:
         row += 1

@@ -5,9 +5,9 @@ monotone between the heights at which it is stationary, so it passes a threshold
 at most once. For Al-Hourani's mean loss these heights are at the stationary elevations; there can
 be several (three in the environment high_rise).
 
-If the horizontal distance changes too, the level has turning points of which nothing general can be
-said: a path loss that is only known to fall with distance at each height may do anything between
-two heights. Then ``model.radio.sinr`` asks for a bound on how fast it changes.
+If the horizontal distance changes too, the turning points of the level are unknown for a path loss
+of which it is only known that it rises with the distance at each height. ``model.radio.sinr`` then
+needs a bound on the change of the level.
 """
 
 from __future__ import annotations
@@ -31,10 +31,10 @@ from desim_uav.model.radio.tracks import (
 )
 
 GRAZE_DB = 1e-11
-"""A level that turns this close to a threshold touches it: that is no crossing."""
+"""How close to a threshold an extremum of the level touches it without passing it."""
 
 FINEST_DEG = 1e-9
-"""Elevations closer together than this are one."""
+"""Elevations that are closer together than this are taken for one."""
 
 
 def climb(level: Any) -> Any:
@@ -88,7 +88,7 @@ def next_turn(
 ) -> float:
     """Return when a drone next passes one of these heights or turns, or else ``end``.
 
-    What is nearer than ``ROOT_S`` is where it is now.
+    Heights and turns within the next ``ROOT_S`` seconds do not count.
     """
     z, speed, pull = place(tracks, row, t)[2], velocity(tracks, row, t)[2], tracks[row, PULL_AT + 2]
     until = end - t
