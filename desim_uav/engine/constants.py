@@ -25,42 +25,43 @@ AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 def constants_of(world: World, settings: RunSettings) -> Constants:
     """Return the constants of a run, except plans, functions and what only compiled code needs."""
     scenario, grid = world.scenario, world.grid
-    made = blank(Constants)
-    made.steps = scenario.episode.steps
-    made.step_us, made.horizon_us = world.step_us, world.horizon_us
-    made.limited = int(scenario.limited_battery)
-    made.capacity_us, made.full_charge_us = world.capacity_us, world.full_charge_us
-    made.return_below_us, made.respawn_after_us = world.return_below_us, world.respawn_after_us
-    made.on_crash = CRASHES[world.on_crash]
-    made.pads = scenario.stations.pads
+    constants = blank(Constants)
+    constants.steps = scenario.episode.steps
+    constants.step_us, constants.horizon_us = world.step_us, world.horizon_us
+    constants.limited = int(scenario.limited_battery)
+    constants.capacity_us, constants.full_charge_us = world.capacity_us, world.full_charge_us
+    constants.return_below_us = world.return_below_us
+    constants.respawn_after_us = world.respawn_after_us
+    constants.on_crash = CRASHES[world.on_crash]
+    constants.pads = scenario.stations.pads
     unlimited = math.isinf(world.bandwidth_bps)
-    made.bandwidth_bps = -1 if unlimited else int(world.bandwidth_bps)
-    made.services = len(world.services.names)
-    made.nx, made.ny = grid.cells
-    made.levels, made.levels_under_ceiling = len(grid.levels_m), grid.levels_under_ceiling
-    made.three_d = int(scenario.three_d)
-    made.cell_x_m, made.cell_y_m = grid.cell_m
-    made.lowest_m, made.level_step_m = grid.levels_m[0], grid.level_step_m
-    made.radius_m = scenario.drones.footprint_radius_m
-    made.width_m, made.depth_m = world.area
-    _set_flights(made, world)
-    made.levels_m = Table(grid.levels_m)
-    made.blocked = Table(np.asarray(grid.blocked).reshape(-1).astype(int).tolist())
+    constants.bandwidth_bps = -1 if unlimited else int(world.bandwidth_bps)
+    constants.services = len(world.services.names)
+    constants.nx, constants.ny = grid.cells
+    constants.levels, constants.levels_under_ceiling = len(grid.levels_m), grid.levels_under_ceiling
+    constants.three_d = int(scenario.three_d)
+    constants.cell_x_m, constants.cell_y_m = grid.cell_m
+    constants.lowest_m, constants.level_step_m = grid.levels_m[0], grid.level_step_m
+    constants.radius_m = scenario.drones.footprint_radius_m
+    constants.width_m, constants.depth_m = world.area
+    _set_flights(constants, world)
+    constants.levels_m = Table(grid.levels_m)
+    constants.blocked = Table(np.asarray(grid.blocked).reshape(-1).astype(int).tolist())
     station_at = np.full(grid.cells, -1, np.int64)
     for index, cell in enumerate(world.stations):
         station_at[cell] = index
-    made.station_at = Table(station_at.reshape(-1).tolist())
-    made.stations = Table(fill(Cell, cell) for cell in world.stations)
-    made.starts = Table(fill(Cell, cell) for cell in world.starts)
-    made.ceilings = Table(map(int, settings.ceilings))
-    made.homes = Table(fill(Place, home) for home in world.homes[:, :2].tolist())
-    made.features = len(scenario.observation.features(world.facts))
+    constants.station_at = Table(station_at.reshape(-1).tolist())
+    constants.stations = Table(fill(Cell, cell) for cell in world.stations)
+    constants.starts = Table(fill(Cell, cell) for cell in world.starts)
+    constants.ceilings = Table(map(int, settings.ceilings))
+    constants.homes = Table(fill(Place, home) for home in world.homes[:, :2].tolist())
+    constants.features = len(scenario.observation.features(world.facts))
     buckets = bucket_grid(*world.area, scenario.drones.footprint_radius_m)
-    made.buckets_x, made.buckets_y = buckets
-    made.bucket_x_m, made.bucket_y_m = (
+    constants.buckets_x, constants.buckets_y = buckets
+    constants.bucket_x_m, constants.bucket_y_m = (
         size / max(count, 1) for size, count in zip(world.area, buckets, strict=True)
     )
-    return made
+    return constants
 
 
 def transits_of(world: World) -> list[Transit]:

@@ -227,13 +227,13 @@ class Engine(Independent, ABC):
         places = len(grid.levels_m) * grid.cells[0] * grid.cells[1]
         capacity_s, counts = facts.capacity_s, self.entries("counts")
         observations, first, services = [], 0, len(facts.services)
-        for index, (seen, ceiling, features) in enumerate(
+        for index, (row, ceiling, features) in enumerate(
             zip(self.entries("observations"), self.settings.ceilings, self.features(), strict=True)
         ):
             station = duration_s = drained_s = None
             if capacity_s is not None:
                 drained_s = math.inf
-                plan = self.plan(ceiling * places + seen.believed)
+                plan = self.plan(ceiling * places + row.believed)
                 if plan.station >= 0:
                     station, duration_s = plan.station, plan.duration_us / US
                     drained_s = plan.drained_us / US
@@ -243,15 +243,15 @@ class Engine(Independent, ABC):
                         index,
                         step,
                         facts.steps,
-                        (seen.x, seen.y),
-                        seen.level,
-                        MODES[seen.mode],
-                        None if capacity_s is None else seen.battery_us / US,
+                        (row.x, row.y),
+                        row.level,
+                        MODES[row.mode],
+                        None if capacity_s is None else row.battery_us / US,
                         capacity_s,
                         drained_s,
-                        seen.attached_users,
-                        seen.served_requests,
-                        seen.used_bps / 1000,
+                        row.attached_users,
+                        row.served_requests,
+                        row.used_bps / 1000,
                         station,
                         duration_s,
                         tuple(counts[first : first + services]),

@@ -26,28 +26,28 @@ S = TypeVar("S", bound=rows.State)
 
 def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S]) -> S:
     """Return a new state, whose queues have buffers for this many entries in compiled code."""
-    made = blank(kind)
+    state = blank(kind)
     drones, users = world.scenario.drones.count, len(world.homes)
     services, steps = len(world.services.names), world.scenario.episode.steps
-    made.keeps_events, made.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
-    made.drones = Table(_drone(world, index, buffers) for index in range(drones))
-    made.users = Table(_user(index, drones) for index in range(users))
-    made.stations = Table(blank(rows.Station) for _ in world.stations)
-    for station in made.stations:
+    state.keeps_events, state.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
+    state.drones = Table(_drone(world, index, buffers) for index in range(drones))
+    state.users = Table(_user(index, drones) for index in range(users))
+    state.stations = Table(blank(rows.Station) for _ in world.stations)
+    for station in state.stations:
         station.queue.buffer = drones
-    made.loose.buffer = users * (2 * drones + 2)
-    made.open_requests, made.asked = _zeros(services), _zeros(services)
-    made.observations = Table(blank(rows.Observation) for _ in range(drones))
-    made.records = Table(blank(rows.Record) for _ in range(drones))
-    made.counts = _zeros(2 * services * drones)
-    made.masks = _zeros(drones * len(world.actions))
-    made.rewards = Table([0.0] * drones)
-    made.crashed.buffer = drones * (steps + 2)
-    made.history = _zeros(steps * drones)
-    made.events = Queue(of=rows.Event, buffer=buffers.log * settings.keep_events)
-    made.closed = Queue(of=rows.Closed, buffer=buffers.log * settings.keep_steps)
-    made.handovers = Queue(of=rows.Handover, buffer=2 * buffers.log * settings.keep_steps)
-    return made
+    state.loose.buffer = users * (2 * drones + 2)
+    state.open_requests, state.asked = _zeros(services), _zeros(services)
+    state.observations = Table(blank(rows.Observation) for _ in range(drones))
+    state.records = Table(blank(rows.Record) for _ in range(drones))
+    state.counts = _zeros(2 * services * drones)
+    state.masks = _zeros(drones * len(world.actions))
+    state.rewards = Table([0.0] * drones)
+    state.crashed.buffer = drones * (steps + 2)
+    state.history = _zeros(steps * drones)
+    state.events = Queue(of=rows.Event, buffer=buffers.log * settings.keep_events)
+    state.closed = Queue(of=rows.Closed, buffer=buffers.log * settings.keep_steps)
+    state.handovers = Queue(of=rows.Handover, buffer=2 * buffers.log * settings.keep_steps)
+    return state
 
 
 def _zeros(count: int) -> Table[int]:
@@ -57,21 +57,21 @@ def _zeros(count: int) -> Table[int]:
 
 def _drone(world: World, index: int, buffers: Buffers) -> rows.Drone:
     """Return a blank drone with this index."""
-    made = blank(rows.Drone)
-    made.index = index
-    made.waiting.buffer = len(world.homes)
-    made.ahead = Queue(of=rows.Crossing, buffer=buffers.crossings)
+    drone = blank(rows.Drone)
+    drone.index = index
+    drone.waiting.buffer = len(world.homes)
+    drone.ahead = Queue(of=rows.Crossing, buffer=buffers.crossings)
     services = len(world.services.names)
-    made.served, made.asking = _zeros(services), _zeros(services)
-    made.terms = Table([0.0] * len(term_names(world)))
-    made.features = Table([0.0] * len(world.scenario.observation.features(world.facts)))
-    return made
+    drone.served, drone.asking = _zeros(services), _zeros(services)
+    drone.terms = Table([0.0] * len(term_names(world)))
+    drone.features = Table([0.0] * len(world.scenario.observation.features(world.facts)))
+    return drone
 
 
 def _user(index: int, drones: int) -> rows.User:
     """Return a user without a request, whom none of the drones covers."""
-    made = blank(rows.User)
-    made.index = made.request.user = index
-    made.holder = made.request.number = made.request.server = -1
-    made.covering = Table([-1] * drones)
-    return made
+    user = blank(rows.User)
+    user.index = user.request.user = index
+    user.holder = user.request.number = user.request.server = -1
+    user.covering = Table([-1] * drones)
+    return user

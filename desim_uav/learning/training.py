@@ -134,8 +134,8 @@ class Training:
 
     def _episode_row(self, update: Any) -> Episode:
         """Return an episode before the first one; ``update``: the algorithm, or its address."""
-        made = blank(Episode)
-        made.sizes = Table(self.sizes)
+        episode = blank(Episode)
+        episode.sizes = Table(self.sizes)
         for q in self.q:
             learner: Any = blank(Learner)
             entries = q.ctypes.data if self.fuses else q.data
@@ -143,8 +143,8 @@ class Training:
             learner.lesson.allowed = Table([0] * q.shape[2])
             learner.gamma, learner.update = self.settings.gamma, update
             forget(learner)
-            made.learners.append(learner)
-        return made
+            episode.learners.append(learner)
+        return episode
 
     @naming_plug_ins()
     def play(self, most: int = 1) -> list[Progress]:

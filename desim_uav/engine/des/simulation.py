@@ -88,10 +88,10 @@ class Simulation(Engine):
 
     def _state(self) -> LiveState:
         """Return a new state."""
-        made = state_of(self.world, self.settings, Buffers(), LiveState)
-        made.keeps_requests = 1
-        made.named_terms, made.observed = (), self.observations
-        return made
+        state = state_of(self.world, self.settings, Buffers(), LiveState)
+        state.keeps_requests = 1
+        state.named_terms, state.observed = (), self.observations
+        return state
 
     # ---- episodes
 
