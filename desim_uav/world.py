@@ -26,8 +26,7 @@ from desim_uav.model.state import Facts
 from desim_uav.model.streams import Purpose, Streams, states_of
 from desim_uav.model.walking import Area, RowMobility, RowWalks, Walks, compiled_walk
 from desim_uav.registry import naming_plug_ins
-from desim_uav.scenario.cost import check_cost
-from desim_uav.scenario.layout import start_cells, station_cells
+from desim_uav.scenario import cost, layout
 from desim_uav.scenario.schema import DrawnObstacles, Scenario
 
 REDRAWS = 100
@@ -227,8 +226,8 @@ def build_world(scenario: Scenario, seed: int) -> World:
     Raises ScenarioError if an episode would cost more than any engine has on this machine, if no
     drawn map leaves the free cells connected, or if a cluster does not fit on the map.
     """
-    check_cost(scenario)
-    stations, starts = station_cells(scenario), start_cells(scenario)
+    cost.check_cost(scenario)
+    stations, starts = layout.station_cells(scenario), layout.start_cells(scenario)
     height_m = _draw_buildings(scenario, seed, {*stations, *starts})
     levels = scenario.map.levels
     levels_m: tuple[float, ...] = (levels.min_altitude_m,)

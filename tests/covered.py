@@ -35,6 +35,7 @@ COMPILED_ONLY = (
     "learning/fused.py",
     "model/compiled_rows.py",
     "model/compiled_queues.py",
+    "model/compiled_registers.py",
 )
 WHOLE = ("model/", "engine/", "qoe.py", "run_folder.py")
 ENOUGH, TOO_LITTLE = 90.0, 6

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import SimulationError
-from desim_uav.model.compiled_rows import held, pointer_to, put_back
+from desim_uav.model.compiled_registers import held, put_back
+from desim_uav.model.compiled_rows import pointer_to
 from desim_uav.model.components import (
     Compiled,
     Function,

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model import compiled_queues, compiled_rows, numba_parts
+from desim_uav.model import compiled_queues, compiled_registers, compiled_rows, numba_parts
 from desim_uav.model.rows import is_row, layout_of
 
 NOT_OURS = ("numpy", "numba", "math", "builtins")
@@ -40,7 +40,9 @@ def code_digest(function: FunctionType) -> str:
     rows = _rows_of(found)
     _reach(found, [of for row in rows for of in vars(row).values() if type(of) is FunctionType])
     if rows or RULES.intersection(found):
-        _reach(found, _functions_of(compiled_rows, compiled_queues, numba_parts))
+        _reach(
+            found, _functions_of(compiled_rows, compiled_queues, compiled_registers, numba_parts)
+        )
     layouts = map(layout_of, rows)
     return hashlib.sha256("\n".join(sorted([*found.values(), *layouts])).encode()).hexdigest()
 

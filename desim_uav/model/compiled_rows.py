@@ -94,19 +94,19 @@ NUMBERS = {int: I64, float: F64, bool: types.int8, np.float32: types.float32}
 BYTES = {bool: 1, np.float32: 4}
 
 
-def _moved(builder: Any, base: Any, words: int) -> Any:
+def moved(builder: Any, base: Any, words: int) -> Any:
     """Return an address increased by a number of words."""
     return builder.gep(base, [cgutils.intp_t(8 * words)], inbounds=True)
 
 
-def _number_at(context: Any, builder: Any, place: Any, kind: Any) -> Any:
+def number_at(context: Any, builder: Any, place: Any, kind: Any) -> Any:
     """Return an address as a pointer to a number of this Numba type."""
     return builder.bitcast(place, context.get_value_type(kind).as_pointer())
 
 
 def _load(context: Any, builder: Any, base: Any, words: int, kind: Any = I64, of: str = "") -> Any:
     """Return the number that is this many words behind an address."""
-    place = _number_at(context, builder, _moved(builder, base, words), kind)
+    place = number_at(context, builder, moved(builder, base, words), kind)
     return _apart(builder, builder.load(place), of or f"word {words}")
 
 
@@ -139,7 +139,7 @@ def _get(context: Any, builder: Any, row: Any, value: Any, name: str) -> Any:
     kind, place = row.cls.kinds[name], row.cls.places[name]
     field = _type_of(kind)
     if isinstance(field, Pointer | Line):
-        return _moved(builder, value, place)
+        return moved(builder, value, place)
     if isinstance(field, Entries):
         entries = cgutils.create_struct_proxy(field)(context, builder)
         offset = _load(context, builder, value, place, I64, "offset")
@@ -154,8 +154,8 @@ def _set(context: Any, builder: Any, sig: Any, arguments: Any, name: str) -> Non
     row, kind = sig.args
     field = _type_of(row.cls.kinds[name])
     value = context.cast(builder, arguments[1], kind, field)
-    place = _moved(builder, arguments[0], row.cls.places[name])
-    stored = builder.store(value, _number_at(context, builder, place, field))
+    place = moved(builder, arguments[0], row.cls.places[name])
+    stored = builder.store(value, number_at(context, builder, place, field))
     _apart(builder, stored, f"{_name_of(row.cls)}.{name}")
 
 
@@ -192,7 +192,7 @@ def _get_item(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
     place = _entry(context, builder, sig.args[0], *arguments)
     if isinstance(sig.return_type, Pointer):
         return place
-    loaded = builder.load(_number_at(context, builder, place, sig.return_type))
+    loaded = builder.load(number_at(context, builder, place, sig.return_type))
     return _apart(builder, loaded, f"entry {sig.return_type}")
 
 
@@ -210,7 +210,7 @@ def _type_of_set_item(context: Any) -> Any:
 @lower_builtin(operator.setitem, Line, I64, types.Number)
 def _set_item(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
     place = _entry(context, builder, sig.args[0], *arguments[:2])
-    stored = builder.store(arguments[2], _number_at(context, builder, place, sig.args[2]))
+    stored = builder.store(arguments[2], number_at(context, builder, place, sig.args[2]))
     _apart(builder, stored, f"entry {sig.args[2]}")
     return context.get_dummy_value()
 
@@ -252,7 +252,7 @@ def _set_word(typing_context: Any, line: Any, word: Any, value: Any) -> Any:
     place = word.literal_value
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
-        at = _number_at(context, builder, _moved(builder, arguments[0], place), I64)
+        at = number_at(context, builder, moved(builder, arguments[0], place), I64)
         _apart(builder, builder.store(arguments[2], at), f"word {place}")
         return context.get_dummy_value()
 
@@ -261,42 +261,6 @@ def _set_word(typing_context: Any, line: Any, word: Any, value: Any) -> Any:
 
 word: Any = intrinsic(prefer_literal=True)(_word)
 set_word: Any = intrinsic(prefer_literal=True)(_set_word)
-
-
-# ---- rows in registers
-
-
-def _copy(context: Any, builder: Any, row: Any, target: Any, source: Any) -> None:
-    """Copy a row word by word, without marks, so that it may alias any field (see ``_apart``)."""
-    for k in range(row.cls.words):
-        begin, end = (_moved(builder, base, k) for base in (source, target))
-        word = builder.load(_number_at(context, builder, begin, I64))
-        builder.store(word, _number_at(context, builder, end, I64))
-
-
-def _held(typing_context: Any, row: Any) -> Any:
-    """Return a local copy of a row, which the compiler keeps in registers."""
-
-    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
-        space = cgutils.alloca_once(builder, ir.ArrayType(WORD, row.cls.words))
-        made = builder.bitcast(space, cgutils.voidptr_t)
-        _copy(context, builder, row, made, arguments[0])
-        return made
-
-    return row(row), generate
-
-
-def _put_back(typing_context: Any, row: Any, copy: Any) -> Any:
-    """Write a copy of a row (see ``_held``) back into the row."""
-
-    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
-        _copy(context, builder, row, *arguments)
-        return context.get_dummy_value()
-
-    return types.none(row, copy), generate
-
-
-held, put_back = intrinsic(_held), intrinsic(_put_back)
 
 
 # ---- indexing of classes of rows that define it
@@ -379,23 +343,6 @@ def address_of(kernel: Any, *classes: Any) -> int:
     return machine_code(kernel, arguments)
 
 
-# ---- choices that a processor cannot predict
-
-
-def _either(typing_context: Any, condition: Any, one: Any, other: Any) -> Any:
-    """Return ``one`` if a condition holds, else ``other``, two whole numbers, without a jump."""
-
-    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
-        chosen = builder.select(*arguments)
-        chosen.set_metadata("unpredictable", builder.module.add_metadata([]))
-        return chosen
-
-    return I64(types.boolean, I64, I64), generate
-
-
-either: Any = intrinsic(_either)
-
-
 # ---- rows and tables from addresses
 
 
@@ -432,7 +379,7 @@ def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
 
     def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
         data = _first_of(context, builder, entries, arguments[0])
-        data = _number_at(context, builder, data, kind.dtype)
+        data = number_at(context, builder, data, kind.dtype)
         sizes = cgutils.unpack_tuple(builder, arguments[1])
         size = cgutils.intp_t(8)
         strides = [size] if len(sizes) == 1 else [builder.mul(sizes[1], size), size]

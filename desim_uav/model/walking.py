@@ -18,7 +18,8 @@ from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
 from desim_uav.errors import SimulationError
-from desim_uav.model.compiled_rows import as_array, entries_at, held, place_of, pointer_to, put_back
+from desim_uav.model.compiled_registers import held, put_back
+from desim_uav.model.compiled_rows import as_array, entries_at, place_of, pointer_to
 from desim_uav.model.components import (
     Compiled,
     Function,

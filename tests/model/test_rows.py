@@ -13,11 +13,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from desim_uav.model.compiled_registers import either
 from desim_uav.model.compiled_rows import (
     address_of,
     as_array,
     call,
-    either,
     entries_at,
     pointer_to,
 )

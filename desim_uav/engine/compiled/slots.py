@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.model.compiled_rows import either
+from desim_uav.model.compiled_registers import either
 from desim_uav.model.kernels import rule, stands_in_for
 from desim_uav.rules import due as seam
 from desim_uav.rules.rows import State

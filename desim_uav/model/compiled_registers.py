@@ -1,0 +1,60 @@
+"""What compiled code has in the registers of a processor: copies of rows, and choices."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from desim_uav.model.compiled_rows import I64, WORD, intrinsic, moved, number_at
+from desim_uav.model.numba_parts import cgutils, ir, types
+
+# ---- copies of rows
+
+
+def _copy(context: Any, builder: Any, row: Any, target: Any, source: Any) -> None:
+    """Copy a row word by word, without marks, so that it may alias any field (see ``compiled_rows``)."""
+    for k in range(row.cls.words):
+        begin, end = (moved(builder, base, k) for base in (source, target))
+        word = builder.load(number_at(context, builder, begin, I64))
+        builder.store(word, number_at(context, builder, end, I64))
+
+
+def _held(typing_context: Any, row: Any) -> Any:
+    """Return a local copy of a row, which the compiler keeps in registers."""
+
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        space = cgutils.alloca_once(builder, ir.ArrayType(WORD, row.cls.words))
+        made = builder.bitcast(space, cgutils.voidptr_t)
+        _copy(context, builder, row, made, arguments[0])
+        return made
+
+    return row(row), generate
+
+
+def _put_back(typing_context: Any, row: Any, copy: Any) -> Any:
+    """Write a copy of a row (see ``_held``) back into the row."""
+
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        _copy(context, builder, row, *arguments)
+        return context.get_dummy_value()
+
+    return types.none(row, copy), generate
+
+
+held, put_back = intrinsic(_held), intrinsic(_put_back)
+
+
+# ---- choices that a processor cannot predict
+
+
+def _either(typing_context: Any, condition: Any, one: Any, other: Any) -> Any:
+    """Return ``one`` if a condition holds, else ``other``, two whole numbers, without a jump."""
+
+    def generate(context: Any, builder: Any, sig: Any, arguments: Any) -> Any:
+        chosen = builder.select(*arguments)
+        chosen.set_metadata("unpredictable", builder.module.add_metadata([]))
+        return chosen
+
+    return I64(types.boolean, I64, I64), generate
+
+
+either: Any = intrinsic(_either)
