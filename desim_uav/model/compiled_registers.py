@@ -11,7 +11,7 @@ from desim_uav.model.numba_parts import cgutils, ir, types
 
 
 def _copy(context: Any, builder: Any, row: Any, target: Any, source: Any) -> None:
-    """Copy a row word by word, without marks, so that it may alias any field (see ``compiled_rows``)."""
+    """Copy a row word by word, without marks: it may alias any field (see ``compiled_rows``)."""
     for k in range(row.cls.words):
         begin, end = (moved(builder, base, k) for base in (source, target))
         word = builder.load(number_at(context, builder, begin, I64))
