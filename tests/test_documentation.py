@@ -23,6 +23,7 @@ from tests.documentation import (
     optional_dependencies,
     pages,
 )
+from tests.selection import by_default
 
 PAGES = {str(page.relative_to(ROOT)): page for page in pages()}
 README = PAGES["README.md"].read_text(encoding="utf-8")
@@ -73,7 +74,12 @@ def tell_what_was_left_out(name: str, *, thorough: bool) -> None:
         pytest.skip(f"all blocks ran but those of {'; '.join(left_out)}")
 
 
-@pytest.mark.parametrize("name", [name for name in PAGES if any_block(name, thorough=False)])
+QUICK = [name for name in PAGES if any_block(name, thorough=False)]
+SLOWEST = [name for name in QUICK if "howto/own_" in name and name != "docs/howto/own_reward.md"]
+"""Pages with components of one's own, each of which is compiled."""
+
+
+@pytest.mark.parametrize("name", by_default(set(QUICK) - set(SLOWEST), QUICK))
 def test_the_code_blocks_of_a_page_run(name: str, tmp_path: Path) -> None:
     run(PAGES[name], tmp_path)
     tell_what_was_left_out(name, thorough=False)

@@ -19,6 +19,7 @@ from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
 from tests.engine.helpers import path_of, scenarios, strip
+from tests.selection import by_default
 from tests.verification.engines import differences, engines
 
 CASES = [f"case{k}" for k in range(1, 10)]
@@ -66,7 +67,7 @@ def changed(case: str, name: str) -> World:
     return build_world(load(scenario_path(case), CHANGES[name]), 3)
 
 
-@pytest.mark.parametrize("case", ["case8", "case9"])
+@pytest.mark.parametrize("case", by_default(["case8"], ["case8", "case9"]))
 @pytest.mark.parametrize("name", CHANGES)
 def test_changed_cases(case: str, name: str):
     world = changed(case, name)
