@@ -20,15 +20,7 @@ from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import US
 from desim_uav.model.streams import Purpose, Streams, heading, states_of
 from desim_uav.model.traces import index, quantity, read_table
-from desim_uav.model.walking import (
-    Area,
-    ManyRowWalks,
-    RowMobility,
-    RowWalks,
-    Walks,
-    go_on,
-    off_map,
-)
+from desim_uav.model.walking import Area, ManyRowWalks, RowMobility, RowWalks, Walks, go_on, off_map
 from desim_uav.registry import register
 
 

@@ -12,12 +12,7 @@ import numpy as np
 from desim_uav.copies import Unchanging, owned
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
-from desim_uav.engine.compiled.components import (
-    SLOTS,
-    components_of,
-    point_at,
-    why_not_compiled,
-)
+from desim_uav.engine.compiled.components import SLOTS, components_of, point_at, why_not_compiled
 from desim_uav.engine.compiled.standing import tabulate
 from desim_uav.engine.constants import constants_of
 from desim_uav.engine.state import Buffers, state_of
