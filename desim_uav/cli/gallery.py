@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from desim_uav.cli.ending import complain
-from desim_uav.cli.options import OUTPUT, Json
+from desim_uav.cli.options import OUTPUT, Json, NoProgress
 
 
 def complete_papers(incomplete: str) -> list[str]:
@@ -43,6 +43,7 @@ def gallery(
             rich_help_panel=OUTPUT,
         ),
     ] = None,
+    quiet: NoProgress = False,
 ) -> None:
     """Compute what published papers print, and end with exit code 6 if a figure does not hold."""
     from desim_uav.experiment import gallery as work
@@ -50,7 +51,7 @@ def gallery(
     from desim_uav.run_folder import file_place, write_at
 
     place = None if markdown is None else file_place(markdown, "--markdown")
-    compared = work.gallery(names or ())
+    compared = work.gallery(names or (), show_progress=not quiet)
     tables = [(f"{one.name}. {one.paper}", [r.cells() for r in one.rows]) for one in compared]
     if as_json:
         content = {**work.count(compared), "papers": [one.content() for one in compared]}

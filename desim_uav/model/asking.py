@@ -288,6 +288,7 @@ def _asking_of(demand: Any) -> Any:
 
 
 def _around(cls: Any, values_at: Any) -> Any:
+    """Return the function ``draw`` of a class of models (see ``Function.around``)."""
     ask = ruled(_ask_by(ruled(cls.next_request), cls.after_previous))
     draw_all, asking_at = ruled(_draw_by(ask, held, put_back)), pointer_to(_asking_of(cls))
 
@@ -349,6 +350,7 @@ class RowDraws:
         """Draw the requests, and return the Asking."""
         model: Any = type(self.demand)
         made, cls, users = self._compiled, _asking_of(model), states.shape[1]
+        asking: Any
         if made is None:
             asking = blank(cls)
             asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows)
@@ -358,13 +360,13 @@ class RowDraws:
             _draw_by(ask)(over_rows(self.demand, self.services.names), asking, self._offer)
             return asking
         block, states = np.zeros(cls.words, np.int64), np.ascontiguousarray(states)
-        seen: Any = View(block, cls)
-        seen.horizon_us, seen.users, seen.most = self.horizon_us, users, len(rows)
+        asking = View(block, cls)
+        asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows)
         for name, array in (("states", states), ("offsets", offsets), ("rows", rows)):
             attach(block, cls, name, array)
         values, offer = made.values, self._packed_offer
         call_at(made.functions["draw"], (place(values), place(block), place(offer)))
-        return seen
+        return asking
 
 
 def _what_is_wrong(asking: Any) -> str:

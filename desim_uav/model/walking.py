@@ -317,6 +317,7 @@ floats_at, words_at = entries_at(float), entries_at(int)
 
 
 def _around(cls: Any, values_at: Any) -> Any:
+    """Return the function ``walk`` of a class of models (see ``Function.around``)."""
     walk_on, walking_at = (
         ruled(_walk_by(ruled(cls.next_leg), cls.stays_on_map, held, put_back)),
         pointer_to(walking_of(cls)),

@@ -79,7 +79,7 @@ def _decision(process: DroneProcess, state: State, action: Action) -> list[dict[
 
 
 def _row(action: Action | None, step: Step) -> dict[str, Any]:
-    observed = step.seen
+    observed = step.observation
     return {
         "action": None if action is None else action.name.lower(),
         "cell": list(observed.cell),

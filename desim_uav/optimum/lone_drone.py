@@ -42,7 +42,7 @@ class Step(NamedTuple):
     """The end of a step: the reward, the observation, and the time that users were attached."""
 
     reward: float
-    seen: Observation
+    observation: Observation
     attached_us: int
 
 

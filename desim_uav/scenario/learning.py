@@ -112,4 +112,4 @@ PAPER_LEARNING: dict[str, Any] = {
     "episodes": 7000,
     "restart_every": None,
 }
-"""How the paper trained."""
+"""The keys with which the paper trained its learners."""

@@ -32,7 +32,7 @@ class Section(BaseModel):
     def __get_pydantic_json_schema__(
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
-        """What each key means stands beside it."""
+        """Return the JSON schema, in which each key has its description."""
         made = handler(schema)
         with_meanings(handler.resolve_ref_schema(made), cls)
         return made

@@ -127,7 +127,7 @@ class Both:
 
     def agrees(self, promised, replaced):
         """One step. At an episode's end requests served all along complete, in the engine."""
-        shown, row, seen = self.shown, self.engine.log.steps[-1], promised.seen
+        shown, row, seen = self.shown, self.engine.log.steps[-1], promised.observation
         last = shown.truncated
         assert (row.mode, row.attached_users) == (seen.mode, seen.attached_users)
         assert row.battery_us is None or row.battery_us / US == seen.battery_s
@@ -288,7 +288,9 @@ def outcome(world, node, battery_s, action):
 
 def told(steps):
     """Of each step: what the drone does, its battery, and the time users were attached."""
-    return [(step.seen.mode.name, step.seen.battery_s, step.attached_us) for step in steps]
+    return [
+        (step.observation.mode.name, step.observation.battery_s, step.attached_us) for step in steps
+    ]
 
 
 def test_a_move():
@@ -296,7 +298,7 @@ def test_a_move():
     world = returning(users=[(300, 120)], radius_m=60.0)
     (step,), state = outcome(world, (0, 0, 0), 500, "RIGHT")
     assert state == ((1, 0, 0), 440)
-    assert (step.seen.attached_users, step.reward) == (1, 0.5 + 0.2)
+    assert (step.observation.attached_users, step.reward) == (1, 0.5 + 0.2)
     assert step.attached_us == 60 * US - 15_495_331
 
 
@@ -316,10 +318,10 @@ def test_a_return_and_a_charge():
 def test_just_enough_to_land():
     """The battery is empty on arrival: it charges 600 s in 300."""
     steps, state = outcome(returning(), (5, 0, 0), HOP_US / US, "GOTO_CHARGING_STATION")
-    assert [step.seen.mode.name for step in steps] == ["CHARGING"] * 5 + ["CHARGED"]
+    assert [step.observation.mode.name for step in steps] == ["CHARGING"] * 5 + ["CHARGED"]
     assert state == ((4, 0, 0), 600)
     steps, state = outcome(returning(), (5, 0, 0), (HOP_US - 1) / US, "GOTO_CHARGING_STATION")
-    assert (steps[0].seen.mode.name, state) == ("CRASHED", None)
+    assert (steps[0].observation.mode.name, state) == ("CRASHED", None)
 
 
 @pytest.mark.parametrize(("after_min", "steps"), [(0, 1), (0.5, 1), (0.6, 2), (1.5, 2), (10, 11)])

@@ -18,6 +18,7 @@ from desim_uav.experiment.gallery import (
     tr_36777,
 )
 from desim_uav.experiment.gallery.row import Row
+from desim_uav.experiment.progress import progress
 from desim_uav.registry import did_you_mean
 
 if TYPE_CHECKING:
@@ -89,14 +90,19 @@ class Compared:
         return {"name": self.name, "paper": self.paper, "rows": rows}
 
 
-def gallery(names: Sequence[str] = ()) -> list[Compared]:
+def gallery(names: Sequence[str] = (), show_progress: bool = False) -> list[Compared]:
     """Compute the figures of papers: those named, or all. Raises UsageError for unknown names."""
     for name in names:
         if name not in ENTRIES:
             hint = did_you_mean(name, ENTRIES)
             raise UsageError(f"no such paper: {name!r}{hint}; there are {', '.join(ENTRIES)}")
     chosen = list(dict.fromkeys(names)) or list(ENTRIES)
-    return [Compared(name, ENTRIES[name].paper, tuple(ENTRIES[name].rows())) for name in chosen]
+    compared = []
+    with progress(show_progress, len(chosen), "papers") as advance:
+        for name in chosen:
+            compared.append(Compared(name, ENTRIES[name].paper, tuple(ENTRIES[name].rows())))
+            advance()
+    return compared
 
 
 def count(compared: Sequence[Compared]) -> dict[str, int]:

@@ -16,23 +16,23 @@ class Row:
     """
 
     figure: str
-    """What is compared, with its unit."""
+    """The quantity that is compared, with its unit."""
     where: str
-    """Where the paper has it, and how it was read."""
+    """The place in the paper, and how the figure was read or computed from it."""
     theirs: float
     ours: float
     limit: float | None
     digits: int
-    """How many digits after the point are shown."""
+    """The number of decimal places that are shown."""
 
     @property
     def apart(self) -> float:
-        """How far both are apart."""
+        """The absolute difference of the two figures."""
         return abs(self.ours - self.theirs)
 
     @property
     def holds(self) -> bool | None:
-        """Whether both agree; None for an open question. What is no number does not hold."""
+        """Whether the difference is within the limit (not if it is NaN); None without a limit."""
         return None if self.limit is None else self.apart <= self.limit
 
     def content(self) -> dict[str, Any]:

@@ -8,13 +8,15 @@ best elevation is the same for every largest loss.
 from __future__ import annotations
 
 import math
-from itertools import pairwise
 from typing import Any, NamedTuple
 
-from desim_uav.model.radio.functions import exp
-from desim_uav.model.radio.path_loss import AlHourani, free_space_db, mean_of
+import numpy as np
 
-STEPS_A_DEGREE = 50
+from desim_uav.model.radio.path_loss import AlHourani, free_space_db, mean_of
+from desim_uav.model.radio.vertical import stationary_elevations
+
+MOST_TURNS = 8
+"""The size of the buffer for stationary elevations; the towns of the paper have one or three."""
 
 
 class Coverage(NamedTuple):
@@ -48,40 +50,16 @@ def optimal_elevation_deg(model: AlHourani) -> float:
     )
 
 
-def stationary_elevations_deg(model: AlHourani) -> list[float]:
+def stationary_elevations_deg(model: Any) -> list[float]:
     """Return all elevations at which the loss at a fixed distance turns as the drone climbs.
 
-    Among them is the best one. They are bracketed by a search in steps of 1/50 degree: there can be
-    several (three in the environment high_rise), of which Newton's method would find any.
+    Among them is the best one. There can be several: three in the environment high_rise.
     """
-    steps = [k / STEPS_A_DEGREE for k in range(1, 90 * STEPS_A_DEGREE)]
-    return [
-        _root(model, low, high)
-        for low, high in pairwise(steps)
-        if _slope(model, low) < 0.0 <= _slope(model, high)
-        or _slope(model, low) >= 0.0 > _slope(model, high)
-    ]
-
-
-def _slope(model: Any, elevation: float) -> float:
-    """Return the left side of equation 13, which is 0 where the loss is stationary."""
-    blocked = model.a * exp(-model.b * (elevation - model.a))
-    tangent = math.tan(math.radians(elevation))
-    gain_db: float = (
-        model.b * (model.eta_los_db - model.eta_nlos_db) * blocked / (blocked + 1.0) ** 2
-    )
-    return math.pi / (9.0 * math.log(10.0)) * tangent + gain_db
-
-
-def _root(model: AlHourani, low: float, high: float) -> float:
-    """Return the elevation between two others at which the slope changes its sign."""
-    rises = _slope(model, low) < 0.0
-    while low < (middle := 0.5 * (low + high)) < high:
-        if (_slope(model, middle) < 0.0) is rises:
-            low = middle
-        else:
-            high = middle
-    return middle
+    found, fall_db = np.empty(MOST_TURNS), model.eta_nlos_db - model.eta_los_db
+    count = stationary_elevations(float(fall_db), float(model.a), float(model.b), found)
+    assert count <= MOST_TURNS
+    turns: list[float] = found[:count].tolist()
+    return turns
 
 
 def _excess_db(model: Any, elevation: float) -> float:

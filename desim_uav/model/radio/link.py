@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Annotated, Any, NamedTuple
 
+import numpy as np
 from annotated_types import Ge, Gt, Le
+from numpy.typing import NDArray
 
 from desim_uav.model.radio.functions import log10
 from desim_uav.registry import did_you_mean
@@ -124,6 +125,6 @@ def _link_class(number: int, given: Mapping[str, Any]) -> LinkClass:
     return LinkClass(float(given["snr_db"]), float(given["bit_s_hz"]))
 
 
-def class_of(snr_db: float, classes: Sequence[LinkClass]) -> int:
-    """Return the class of a link from 1 on, or 0 if the ratio is below all thresholds."""
-    return bisect_right(classes, snr_db, key=lambda one: one.snr_db)
+def thresholds_db(classes: Sequence[LinkClass]) -> NDArray[np.float64]:
+    """Return the thresholds of classes, which rise (see ``sinr.class_of``)."""
+    return np.array([one.snr_db for one in classes])

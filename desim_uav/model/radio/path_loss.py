@@ -133,7 +133,7 @@ class AlHourani(RowPathLoss):
     eta_los_db: Annotated[float, Ge(0), Le(100)] | None = None
     """The loss beyond that of free space with line of sight, in dB."""
     eta_nlos_db: Annotated[float, Ge(0), Le(100)] | None = None
-    """The same without line of sight, in dB."""
+    """The loss beyond that of free space without line of sight, in dB."""
 
     def __post_init__(self) -> None:
         """Set the numbers of the environment. Raises ValueError if they are not all known."""

@@ -59,7 +59,7 @@ class Buildings(NamedTuple):
     tallest_m: float
 
 
-class Room(NamedTuple):
+class Buffers(NamedTuple):
     """The buffers of the kernels, which allocate no memory.
 
     ``times`` holds the times at which one building may change the state in one piece: at least
@@ -140,12 +140,14 @@ def cells_as_prisms(height_m: NDArray[np.float64], side_m: tuple[float, float]) 
 
 
 @maker
-def room_for(offsets: NDArray[np.int64], stretches: int) -> Room:
+def buffers_for(offsets: NDArray[np.int64], stretches: int) -> Buffers:
     """Return buffers for buildings with these offsets and this number of blocked stretches."""
     most = 0
     for b in range(len(offsets) - 1):
         most = max(most, offsets[b + 1] - offsets[b])
-    return Room(np.empty(9 * most + 4), np.empty((stretches, 2)), np.zeros(len(offsets), np.int64))
+    return Buffers(
+        np.empty(9 * most + 4), np.empty((stretches, 2)), np.zeros(len(offsets), np.int64)
+    )
 
 
 @kernel
@@ -154,7 +156,7 @@ def sight_changes(
     user: Rows,
     drone: Rows,
     buildings: Buildings,
-    room: Room,
+    buffers: Buffers,
     span_us: tuple[int, int],
     held: int,
     out: NDArray[np.int64],
@@ -168,10 +170,11 @@ def sight_changes(
     cancel.
 
     Returns the number of rows; if ``out`` is too short, it is larger than its length, and with that
-    many rows it is long enough. If ``room.blocked`` is too short and n rows are enough, returns -n.
+    many rows it is long enough. If ``buffers.blocked`` is too short, returns minus the number of
+    rows that it needs.
     """
     i, j = user[0], drone[0]
-    rows = note(out, 0, held, span_us[0], state_at(tracks, i, j, 0.0, buildings, room))
+    rows = note(out, 0, held, span_us[0], state_at(tracks, i, j, 0.0, buildings, buffers))
     end = tracks[user[1] - 1, BEGIN]
     at, found = 0.0, 0
     while at < end:
@@ -181,17 +184,17 @@ def sight_changes(
             tracks[i + 1, BEGIN] if i + 1 < user[1] else end,
             tracks[j + 1, BEGIN] if j + 1 < drone[1] else end,
         )
-        found = _look(_line(tracks, i, j, at), at, until, buildings, room, found)
+        found = _look(_line(tracks, i, j, at), at, until, buildings, buffers, found)
         at = until
-    if found > len(room.blocked):
+    if found > len(buffers.blocked):
         return -found
-    _sort(room.blocked, found)
+    _sort(buffers.blocked, found)
     k, clear = 0, 0.0
     while k < found:
-        since, until = room.blocked[k, 0], room.blocked[k, 1]
+        since, until = buffers.blocked[k, 0], buffers.blocked[k, 1]
         k += 1
-        while k < found and room.blocked[k, 0] <= until + GAP_S:
-            until = max(until, room.blocked[k, 1])
+        while k < found and buffers.blocked[k, 0] <= until + GAP_S:
+            until = max(until, buffers.blocked[k, 1])
             k += 1
         if until - since > GAP_S:
             if since - clear > GAP_S:
@@ -200,17 +203,17 @@ def sight_changes(
             clear = until
     if clear < end:
         rows = note(out, rows, held, rounded_us(span_us[0], clear), CLEAR)
-    last = state_at(tracks, user[1] - 1, drone[1] - 1, end, buildings, room)
+    last = state_at(tracks, user[1] - 1, drone[1] - 1, end, buildings, buffers)
     return note(out, rows, held, span_us[1], last)
 
 
 @kernel
 def state_at(
-    tracks: NDArray[np.float64], i: int, j: int, t: float, buildings: Buildings, room: Room
+    tracks: NDArray[np.float64], i: int, j: int, t: float, buildings: Buildings, buffers: Buffers
 ) -> int:
     """Return the state of a line at a time, from the rows i of the user and j of the drone."""
     line = _line(tracks, i, j, t)
-    return BLOCKED if _look(line, t, t, buildings, room, 0) > 0 else CLEAR
+    return BLOCKED if _look(line, t, t, buildings, buffers, 0) > 0 else CLEAR
 
 
 @part
@@ -237,11 +240,13 @@ def _ends(line: Line, s: float) -> tuple[Point, Point]:
 
 
 @kernel
-def _look(line: Line, at: float, until: float, buildings: Buildings, room: Room, found: int) -> int:
+def _look(
+    line: Line, at: float, until: float, buildings: Buildings, buffers: Buffers, found: int
+) -> int:
     """Add the stretches of time in which buildings block a line; return how many there are then.
 
     Looked at are the buildings in the buckets that the line sweeps. Only the part of the line below
-    the tallest roof counts. Rows for which there is no room are counted only.
+    the tallest roof counts. Rows that the buffers cannot hold are counted only.
     """
     (ux, uy, uz), (px, py, pz) = _ends(line, 0.0)
     (tx, ty, tz), (qx, qy, qz) = _ends(line, until - at)
@@ -268,8 +273,8 @@ def _look(line: Line, at: float, until: float, buildings: Buildings, room: Room,
         rest * uy + share * qy,
         rest * ty + share * qy,
     )
-    stamp = room.visited[len(room.visited) - 1] + 1
-    room.visited[len(room.visited) - 1] = stamp
+    stamp = buffers.visited[len(buffers.visited) - 1] + 1
+    buffers.visited[len(buffers.visited) - 1] = stamp
     (nx, ny), (dx, dy) = buildings.shape, buildings.side_m
     for ix in range(_bucket(min(xs), dx, nx), _bucket(max(xs), dx, nx) + 1):
         south, north = _slab(xs, ys, ix * dx, (ix + 1) * dx)
@@ -279,10 +284,10 @@ def _look(line: Line, at: float, until: float, buildings: Buildings, room: Room,
             bucket = ix * ny + iy
             for k in range(buildings.heads[bucket], buildings.heads[bucket + 1]):
                 b = buildings.members[k]
-                if room.visited[b] != stamp:
-                    room.visited[b] = stamp
+                if buffers.visited[b] != stamp:
+                    buffers.visited[b] = stamp
                     if min(low, high) < buildings.roofs_m[b]:
-                        found = _stretches(line, at, until, buildings, b, room, found)
+                        found = _stretches(line, at, until, buildings, b, buffers, found)
     return found
 
 
@@ -325,11 +330,11 @@ def _stretches(
     until: float,
     buildings: Buildings,
     b: int,
-    room: Room,
+    buffers: Buffers,
     found: int,
 ) -> int:
     """Add the stretches of time in which one building blocks a line."""
-    times, end = room.times, until - at
+    times, end = buffers.times, until - at
     count = _times(line, end, buildings, b, times)
     for k in range(1, count):
         t, i = times[k], k
@@ -349,8 +354,8 @@ def _stretches(
         elif since >= 0.0:
             high = low
         if since >= 0.0:
-            if found < len(room.blocked):
-                room.blocked[found, 0], room.blocked[found, 1] = at + since, at + high
+            if found < len(buffers.blocked):
+                buffers.blocked[found, 0], buffers.blocked[found, 1] = at + since, at + high
             found += 1
             since = -1.0
     return found

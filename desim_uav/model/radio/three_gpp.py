@@ -38,13 +38,13 @@ class AerialScenario:
     los: Callable[[float, float, float], float]
     """The loss with line of sight of table B-2, by height, distance in space and carrier."""
     nlos: Callable[[float, float, float], float]
-    """The same without line of sight."""
+    """The loss without line of sight of table B-2, by height, distance in space and carrier."""
     sigma_los: Callable[[float], float]
     """The standard deviation of shadowing with line of sight, of table B-3, by height."""
     sigma_nlos: float
-    """The same without line of sight."""
+    """The standard deviation of shadowing without line of sight, of table B-3."""
     sigma_nlos_up_to_m: float
-    """The largest height at which the table has it."""
+    """The largest height for which table B-3 has the one without line of sight."""
 
     def p_los(self, distance_m: float, height_m: float) -> float:
         """Return the probability of line of sight. Raises ValueError where it is not defined."""

@@ -4,7 +4,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from desim_uav.model.radio.link import LADDERS, LinkBudget, LinkClass, class_of, link_classes
+from desim_uav.model.radio.link import (
+    LADDERS,
+    LinkBudget,
+    LinkClass,
+    link_classes,
+    thresholds_db,
+)
+from desim_uav.model.radio.sinr import class_of
 
 THREE = [{"snr_db": 0, "bit_s_hz": 1}, {"snr_db": 5, "bit_s_hz": 2}, {"snr_db": 9, "bit_s_hz": 3}]
 
@@ -38,12 +45,13 @@ class TestLadders:
 
     @pytest.mark.parametrize("snr_db, number", [(-9, 0), (0, 1), (4.9, 1), (5, 2), (9, 3), (99, 3)])
     def test_class_of_a_level(self, snr_db, number):
-        assert class_of(snr_db, link_classes(THREE)) == number
+        assert class_of(snr_db, thresholds_db(link_classes(THREE))) == number
 
     @given(st.floats(-60, 60), st.floats(-60, 60), st.sampled_from(sorted(LADDERS)))
     def test_a_higher_level_is_no_lower_class(self, one, other, name):
         low, high = sorted((one, other))
-        assert class_of(low, LADDERS[name]) <= class_of(high, LADDERS[name])
+        thresholds = thresholds_db(LADDERS[name])
+        assert class_of(low, thresholds) <= class_of(high, thresholds)
 
 
 class TestOwn:

@@ -7,9 +7,9 @@ from desim_uav.model.motion import BangCoastBang
 from desim_uav.model.radio.sight import (
     BLOCKED,
     CLEAR,
+    buffers_for,
     cells_as_prisms,
     prisms,
-    room_for,
     sight_changes,
 )
 from tests.model.radio.looking import Seen, claimed, finer, grid, moving
@@ -105,8 +105,8 @@ def random_polygons(rng):
 def sight_of(leg, walk, height_m, buildings, span, held=-1, stretches=500):
     tracks, (drone,), user = absolute([leg], walk, height_m, span)
     out = np.zeros((200, 2), np.int64)
-    room = room_for(buildings.offsets, stretches)
-    count = sight_changes(tracks, user, drone, buildings, room, span, held, out)
+    buffers = buffers_for(buildings.offsets, stretches)
+    count = sight_changes(tracks, user, drone, buildings, buffers, span, held, out)
     return rows_of(out, count) if count >= 0 else count
 
 

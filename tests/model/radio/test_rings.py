@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from desim_uav.model.radio.functions import elevation_deg
-from desim_uav.model.radio.link import LADDERS, LinkBudget, LinkClass, class_of
+from desim_uav.model.radio.link import LADDERS, LinkBudget, LinkClass, thresholds_db
 from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, LogDistance, RowPathLoss
 from desim_uav.model.radio.rings import (
     effective_ring_m,
@@ -16,6 +16,7 @@ from desim_uav.model.radio.rings import (
     ring_m,
     rings,
 )
+from desim_uav.model.radio.sinr import class_of
 
 URBAN = AlHourani("urban")
 BUDGET = LinkBudget(30.0, 1.0)
@@ -143,7 +144,8 @@ def test_the_class_changes_at_the_ring(model, height_m, name, k):
     if radius > 0.01:  # nearer, a micrometre does not change the distance in space
 
         def found(distance_m):
-            return class_of(BUDGET.snr_db(model.mean_db(distance_m, height_m, 2.0)), ladder)
+            snr_db = BUDGET.snr_db(model.mean_db(distance_m, height_m, 2.0))
+            return class_of(snr_db, thresholds_db(ladder))
 
         assert found(radius - MICROMETRE) == k + 1
         assert found(radius + MICROMETRE) == k
