@@ -51,6 +51,8 @@ def gallery(
     from desim_uav.run_folder import file_place, write_at
 
     place = None if markdown is None else file_place(markdown, "--markdown")
+    if figure is not None:
+        file_place(figure / "figure.png", "--figure")  # refused before anything is computed
     compared = work.gallery(names or (), show_progress=not quiet)
     tables = [(f"{one.name}. {one.paper}", [r.cells() for r in one.rows]) for one in compared]
     if as_json:
@@ -60,8 +62,11 @@ def gallery(
         print_gallery(work.COLUMNS, tables)
     if place is not None:
         write_at(place, markdown_tables(work.COLUMNS, tables).encode())
-    for file in work.draw_all(compared, figure) if figure is not None else ():
-        complain(str(file))
+    if figure is not None:
+        for file in work.draw_all(compared, figure):
+            complain(str(file))
+        for name in work.without_figure(compared):
+            complain(f"{name} has no figure")
     complain(work.summary(compared))
     if work.count(compared)["fail"]:
         raise typer.Exit(6)

@@ -143,6 +143,7 @@ class TestCommand:
         assert done.code == 0
         drawn = sorted(file.name for file in (tmp_path / "new").iterdir())
         assert drawn == ["al_hourani_2014.png", "mozaffari_2016.png"]
+        assert "event_a3 has no figure" in done.err
         text = page.read_text(encoding="utf-8")
         assert len(re.findall("^### ", text, re.MULTILINE)) == 3
         assert "| 20.34 | 20.34 |" in text

@@ -118,6 +118,11 @@ def summary(compared: Sequence[Compared]) -> str:
     return f"{counted['hold']} of {claimed} figures hold, {counted['open']} are open"
 
 
+def without_figure(compared: Sequence[Compared]) -> list[str]:
+    """Return the names of the papers for which no figure is drawn."""
+    return [one.name for one in compared if ENTRIES[one.name].draw is None]
+
+
 def draw_all(compared: Sequence[Compared], folder: Path) -> list[Path]:
     """Draw the papers that have a figure, each into a PNG in a folder, and return the files."""
     from desim_uav.report.figures.style import to_bytes
