@@ -31,21 +31,23 @@ def pytest_xdist_make_scheduler(config, log):
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
-    """Let the first of two processes compile the engine, and the second one the training.
+    """Let one of two processes compile the engine, while the other one runs what does not need it.
 
-    The second process begins in the middle. Both begin with tests that soon need what has to be
-    compiled, and the interface that needs everything is tested last.
+    The second process begins in the middle. The first one begins with the engine's tests, and the
+    interface that needs everything is tested last.
     """
     if hasattr(config, "workerinput"):
+        apart = [item for item in items if within(item, *WITHOUT_ENGINE)]
+        others = [item for item in items if not within(item, *WITHOUT_ENGINE)]
+        others.sort(key=lambda item: within(item, "api") - within(item, "engine"))
         middle = len(items) // 2
-        learning = [item for item in items if within(item, "learning")]
-        others = sorted(
-            (item for item in items if not within(item, "learning")),
-            key=lambda item: within(item, "api"),
-        )
-        items[:] = [*others[:middle], *learning, *others[middle:]]
+        items[:] = [*others[:middle], *apart, *others[middle:]]
 
 
-def within(item, folder):
-    """Is a test in this folder of tests?"""
-    return item.path.is_relative_to(HERE / folder)
+WITHOUT_ENGINE = ("model", "scenario", "report")
+"""The folders of tests of which few or none need the compiled engine."""
+
+
+def within(item, *folders):
+    """Is a test in one of these folders of tests?"""
+    return any(item.path.is_relative_to(HERE / folder) for folder in folders)

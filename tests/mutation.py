@@ -510,6 +510,7 @@ def _rows(tree: Path, chosen: Sequence[Mutation]) -> Iterator[tuple[str, str, st
 def _first_failure(tree: Path, tests: Sequence[str]) -> str:
     """Return the first test that fails in these files of ``tests/``, or "" if all pass."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-rfE", "-p", "no:cacheprovider"]
+    command += ["-m", "not slow"]  # some errors are noticed by thorough tests only
     paths = os.pathsep.join([str(tree), os.environ.get("PYTHONPATH", "")])
     done = subprocess.run(
         [*command, *(f"tests/{test}" for test in tests)],

@@ -75,8 +75,14 @@ def tell_what_was_left_out(name: str, *, thorough: bool) -> None:
 
 
 QUICK = [name for name in PAGES if any_block(name, thorough=False)]
-SLOWEST = [name for name in QUICK if "howto/own_" in name and name != "docs/howto/own_reward.md"]
-"""Pages with components of one's own, each of which is compiled."""
+SLOWEST = [
+    *(name for name in QUICK if "howto/own_" in name and name != "docs/howto/own_reward.md"),
+    *(
+        f"docs/howto/{name}.md"
+        for name in ("environments", "policies", "python", "run", "scenario")
+    ),
+]
+"""Pages with components of one's own, each of which is compiled, and the longest other ones."""
 
 
 @pytest.mark.parametrize("name", by_default(set(QUICK) - set(SLOWEST), QUICK))

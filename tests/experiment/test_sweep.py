@@ -110,6 +110,7 @@ class TestDataset:
         }
         assert sorted(found["world_seed"]) == [0, 0, 3, 3]
 
+    @pytest.mark.thorough
     def test_the_number_of_processes_and_the_engine_change_nothing(self, swept, monkeypatch):
         flags = (*GRID, "--policies", "random,swept:Slow", "--seeds", 2)
         with monkeypatch.context() as patched:

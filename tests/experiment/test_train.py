@@ -237,6 +237,7 @@ def test_killed_at_twenty_random_moments_it_learns_the_same(tmp_path: Path):
     assert "policy.npz" in left
 
 
+@pytest.mark.thorough
 def test_ctrl_c_ends_after_the_episode_and_keeps_it(tmp_path: Path):
     script = """
 import os, signal, sys

@@ -124,6 +124,7 @@ def test_a_comparison_a_report_and_a_replay(disk, command):
         assert [path.name for path in disk.iterdir()] == ["ballast"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("words", "file"),
     [

@@ -15,6 +15,8 @@ from tests.model.radio.making import (
 )
 from tests.model.sampler import Walk
 
+pytestmark = pytest.mark.thorough  # it is long to compile, and no engine uses it yet
+
 OUT = np.zeros((60, 2), np.int64)
 
 

@@ -18,6 +18,8 @@ from tests.model.radio.making import (
 )
 from tests.model.sampler import Walk
 
+pytestmark = pytest.mark.thorough  # it is long to compile, and no engine uses it yet
+
 TOWNS = [(0.0, 1.0, 1.0), (20.9, 4.88, 0.43), (19.0, 9.61, 0.16), (21.4, 12.08, 0.11)]
 TOWNS.append((31.7, 27.23, 0.08))
 

@@ -18,6 +18,8 @@ from tests.model.radio.making import (
 )
 from tests.model.sampler import Flight, Walk
 
+pytestmark = pytest.mark.thorough  # it is long to compile, and no engine uses it yet
+
 TOWNS = {
     "suburban": (20.9, 4.88, 0.43),
     "urban": (19.0, 9.61, 0.16),
