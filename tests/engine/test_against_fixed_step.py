@@ -31,7 +31,8 @@ from __future__ import annotations
 import pytest
 
 from desim_uav.model.rules import Mode, Phase
-from tests.reference.fixed_step import US, Result, simulate_on
+from tests.reference.fixed_step import simulate_on
+from tests.reference.inputs import US, Result
 from tests.selection import by_default
 from tests.verification.convergence import (
     DTS_S,
@@ -129,10 +130,10 @@ def check_service(case: Case, result: Result, dt_s: float) -> None:
     changes = case.count("serve", "stop", "complete")
     requests = max(len(case.log.requests), 1)
     shortest_us = min((request.required_us for request in case.log.requests), default=US)
-    bound_s = dt_s * changes
+    bound_s, step_s = dt_s * changes, case.inputs.step_us / US
     assert abs(close["served_s"] - exact["served_s"]) <= bound_s
     assert abs(close["qoe1"] - exact["qoe1"]) <= 100 * bound_s * US / shortest_us / requests
-    assert abs(close["qoe2"] - exact["qoe2"]) <= (bound_s + dt_s * requests) / 60 / requests
+    assert abs(close["qoe2"] - exact["qoe2"]) <= (bound_s + dt_s * requests) / step_s / requests
 
 
 def check_at_finest(seed: int) -> None:

@@ -21,7 +21,9 @@ from desim_uav.model.rules import Action
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
-from tests.reference.fixed_step import US, Inputs, Request, Result, simulate
+from tests.reference.fixed_step import simulate
+from tests.reference.inputs import US, Inputs, Request, Result
+from tests.reference.radio import Disc
 from tests.verification.figure import Exact, Figure
 
 DTS_S = (0.5, 0.25, 0.125, 0.0625)
@@ -131,8 +133,7 @@ def inputs_of(world: World, path: SamplePath, ceilings: tuple[bool, ...]) -> Inp
         levels=levels,
         stations=world.stations,
         starts=world.starts,
-        radius_m=scenario.drones.footprint_radius_m,
-        bandwidth_bps=world.bandwidth_bps,
+        links=[Disc(scenario.drones.footprint_radius_m, world.bandwidth_bps)] * len(world.starts),
         max_speed_mps=motion.max_speed_mps,
         max_acceleration_mps2=motion.max_acceleration_mps2,
         fill_epoch=motion.timing == "fill_epoch",
@@ -177,7 +178,7 @@ class Case:
             request.due_us == 0 for own in self.inputs.requests for request in own
         )
         asked_bps = sum(r.bandwidth_bps for own in self.inputs.requests for r in own)
-        return asked_bps <= self.inputs.bandwidth_bps and once and at_start
+        return asked_bps <= self.world.bandwidth_bps and once and at_start
 
 
 @cache
@@ -226,7 +227,7 @@ def exact_measures(case: Case) -> dict[str, float]:
     return {
         "served_s": sum(r.served_us for r in requests) / US,
         "qoe1": 100.0 * float(np.mean(share)) if share else 0.0,
-        "qoe2": float(np.mean(unserved)) / (60 * US) if share else 0.0,
+        "qoe2": float(np.mean(unserved)) / case.world.step_us if share else 0.0,
         "qoe3": 100.0 * case.log.attached_us / (len(case.inputs.legs) * case.world.horizon_us),
         "battery_s": sum((step.battery_us or 0) for step in case.log.steps) / US,
     }

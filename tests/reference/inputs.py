@@ -1,0 +1,142 @@
+"""What the fixed-step simulator is given, and what it returns, in plain numbers."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from tests.reference.radio import AccessPoint, Disc, Radio
+
+US = 1_000_000
+NEVER = 2**62
+
+Node = tuple[int, int, int]
+"""(cell x, cell y, level)."""
+
+
+@dataclass(frozen=True)
+class Request:
+    """What a user will ask for; ``due_us`` counts as ``Inputs.after_previous`` says.
+
+    A request without a volume is a hold of ``bandwidth_bps`` for ``required_us``. One with
+    ``volume_ubit`` (whole 1e-6 bit) is a transfer. It has a rate of ``bandwidth_bps`` where
+    bandwidth is held, and elsewhere what sharing gives it.
+    """
+
+    due_us: int
+    required_us: int
+    bandwidth_bps: int
+    volume_ubit: int = 0
+
+
+@dataclass(frozen=True)
+class Association:
+    """Which of the covering transmitters a user is attached to.
+
+    ``kind``: entered_first, strongest, or a3. With a3 a user leaves its transmitter for one whose
+    level has been ``margin_db`` higher for ``trigger_us``.
+    """
+
+    kind: str = "entered_first"
+    margin_db: float = 0.0
+    trigger_us: int = 0
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """One episode in plain numbers. ``levels_m``: all altitudes; ``levels``: how many a drone has.
+
+    ``links``: the radio of each drone. ``legs``: for each user an array of rows t0_s, x0, y0, vx,
+    vy. ``users_height_m`` None: all users stand on the ground. ``capacity_us`` None is an
+    unlimited battery, ``respawn_after_us`` None is no respawn. ``plan`` settles what the model
+    leaves open, which of several equally short ways is flown: a way (hops) from a node for a drone
+    with so many levels, checked here against Dijkstra's time; without it any shortest way is flown.
+    """
+
+    cell_m: tuple[float, float]
+    height_m: np.ndarray
+    levels_m: tuple[float, ...]
+    level_step_m: float
+    three_d: bool
+    levels: tuple[int, ...]
+    stations: Sequence[tuple[int, int]]
+    starts: Sequence[tuple[int, int]]
+    links: Sequence[Disc | Radio]
+    max_speed_mps: float
+    max_acceleration_mps2: float
+    fill_epoch: bool
+    returns_fill_epoch: bool
+    capacity_us: int | None
+    return_below: float
+    respawn_after_us: int | None
+    charge_us: int
+    pads: int
+    steps: int
+    step_us: int
+    legs: Sequence[np.ndarray]
+    requests: Sequence[Sequence[Request]]
+    after_previous: bool
+    position_error: np.ndarray | None
+    respawn: np.ndarray
+    plan: Callable[[Node, int], Sequence[Node]] | None = None
+    users_height_m: np.ndarray | None = None
+    association: Association = Association()
+    access_points: Sequence[AccessPoint] = ()
+
+
+@dataclass
+class Record:
+    """A drone at the end of a step. ``return_us``: the flight time home from its believed cell."""
+
+    mode: str
+    node: Node
+    position_m: tuple[float, float, float]
+    battery_us: float | None
+    action_taken: str
+    attached: tuple[int, ...]
+    return_us: float | None
+
+
+@dataclass
+class Closed:
+    """A request that has ended.
+
+    ``served_us``: the time of service, which is the time with progress of a transfer.
+    """
+
+    user: int
+    required_us: int
+    served_us: int
+    volume_ubit: int
+    delivered_ubit: int
+    t_request_us: int
+    t_end_us: int
+    completed: bool
+
+    @property
+    def share(self) -> float:
+        """The share that was delivered: of the time of a hold, of the bits of a transfer."""
+        if self.volume_ubit:
+            return self.delivered_ubit / self.volume_ubit
+        return self.served_us / self.required_us
+
+
+@dataclass
+class Result:
+    """What became of the episode; ``records[step][drone]``.
+
+    ``handovers``: how often a user went from one transmitter to another without a time between.
+    """
+
+    records: list[list[Record]] = field(default_factory=list)
+    requests: list[Closed] = field(default_factory=list)
+    attached_us: int = 0
+    handovers: int = 0
+    crashes: int = 0
+    charges: int = 0
+    suppressed: int = 0
+    qoe1: float = 0.0
+    qoe2: float = 0.0
+    qoe3: float = 0.0

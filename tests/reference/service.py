@@ -1,0 +1,144 @@
+"""Requests of users at each tick: what is open, who is admitted, and at which rate it is served."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from tests.reference.inputs import NEVER, Closed, Inputs, Result
+from tests.reference.shares import hz_for, whole
+
+
+class Services:
+    """The requests of all users, of which each has one open at most.
+
+    ``server``: the transmitter that serves a user, -1 for none. ``left``: what is still to serve,
+    in 1e-6 bit of a transfer and in microseconds of a hold. ``pace``: how much of it is served in a
+    microsecond, which is the rate in bit/s of a transfer and 1 for a hold. A request is held if it
+    occupies bandwidth for its own rate: a hold, or a transfer where bandwidth is held.
+    """
+
+    def __init__(self, inputs: Inputs, result: Result) -> None:
+        self.inputs, self.result = inputs, result
+        self.links = [*inputs.links, *(point.link for point in inputs.access_points)]
+        self.horizon_us = inputs.steps * inputs.step_us
+        users = len(inputs.legs)
+        self.server = np.full(users, -1)
+        self.open = np.zeros(users, bool)
+        self.served_us = np.zeros(users, np.int64)
+        self.required_us = np.zeros(users, np.int64)
+        self.volume_ubit = np.zeros(users, np.int64)
+        self.left = np.zeros(users, np.int64)
+        self.pace = np.ones(users, np.int64)
+        self.wanted_bps = np.zeros(users, np.int64)
+        self.asked_us = np.zeros(users, np.int64)
+        self.admitted_us = np.zeros(users, np.int64)
+        self.asked = np.zeros(users, int)
+        first = [own[0].due_us if own else NEVER for own in inputs.requests]
+        self.due_us = np.array(first, np.int64)
+        self.changed = True
+
+    def elapse(self, dt_us: int) -> None:
+        """Serve for a tick."""
+        served = self.server >= 0
+        self.served_us[served] += dt_us
+        self.left -= np.where(served, self.pace * dt_us, 0)
+
+    def complete(self, t_us: int) -> None:
+        """Close what has been served in full."""
+        done = self.open & (self.left <= 0)
+        if done.any():
+            for user in np.flatnonzero(done):
+                self.close(user, t_us, True)
+
+    def close(self, user: int, t_us: int, completed: bool) -> None:
+        """Log a request, and let the user ask again if its demand waits for that."""
+        required, volume = int(self.required_us[user]), int(self.volume_ubit[user])
+        served = int(self.served_us[user])
+        closed = Closed(
+            user,
+            required,
+            served if volume else min(served, required),
+            volume,
+            volume - max(int(self.left[user]), 0) if volume else 0,
+            int(self.asked_us[user]),
+            t_us,
+            completed,
+        )
+        self.result.requests.append(closed)
+        self.open[user] = False
+        self.server[user] = -1
+        self.changed = True
+        own = self.inputs.requests[user]
+        if self.inputs.after_previous and self.asked[user] < len(own):
+            self.due_us[user] = t_us + own[self.asked[user]].due_us
+
+    def ask(self, t_us: int) -> None:
+        """Open what has become due (before the end: ``due`` counts, not the tick)."""
+        late = (self.due_us <= t_us) & (self.due_us < self.horizon_us)
+        if not late.any():
+            return
+        for user in np.flatnonzero(late):
+            own = self.inputs.requests[user]
+            while self.due_us[user] <= t_us:
+                request = own[self.asked[user]]
+                self.asked[user] += 1
+                self.due_us[user] = NEVER
+                if not self.inputs.after_previous and self.asked[user] < len(own):
+                    self.due_us[user] = own[self.asked[user]].due_us
+                if self.open[user]:
+                    self.result.suppressed += 1
+                    continue
+                self.open[user] = True
+                self.asked_us[user] = t_us
+                self.served_us[user] = 0
+                self.required_us[user] = request.required_us
+                self.volume_ubit[user] = request.volume_ubit
+                self.left[user] = request.volume_ubit or request.required_us
+                self.wanted_bps[user] = request.bandwidth_bps
+                self.changed = True
+
+    def allocate(self, t_us: int, holder: np.ndarray, classes: np.ndarray) -> None:
+        """Let each transmitter serve those attached to it, if anything has changed."""
+        if not self.changed:
+            return
+        self.changed = False
+        for d, link in enumerate(self.links):
+            efficiency = np.array(link.efficiencies)[classes[d]]
+            attached = self.open & (holder == d)
+            elastic = attached & (self.volume_ubit > 0) & (link.sharing != "held")
+            free_hz = self._hold(t_us, d, attached & ~elastic, efficiency)
+            self._share(d, elastic, free_hz, efficiency)
+
+    def _hold(self, t_us: int, d: int, held: np.ndarray, efficiency: np.ndarray) -> float:
+        """Let the last admitted wait until the others fit; then admit whoever fits, in order.
+
+        That is the order of request times, then of users. Return the bandwidth that is left.
+        """
+        free_hz = self.links[d].bandwidth_hz
+        served = [int(user) for user in np.flatnonzero(held & (self.server == d))]
+        served.sort(key=lambda user: (self.admitted_us[user], user))
+        need_hz = {
+            int(user): hz_for(int(self.wanted_bps[user]), int(efficiency[user]))
+            for user in np.flatnonzero(held)
+        }
+        while sum(need_hz[user] for user in served) > free_hz:
+            self.server[served.pop()] = -1
+        free_hz -= sum(need_hz[user] for user in served)
+        waits = np.flatnonzero(held & (self.server < 0))
+        for user in sorted(waits.tolist(), key=lambda user: (self.asked_us[user], user)):
+            if need_hz[user] <= free_hz:
+                free_hz -= need_hz[user]
+                self.server[user] = d
+                self.admitted_us[user] = t_us
+                self.pace[user] = self.wanted_bps[user] if self.volume_ubit[user] else 1
+        return free_hz
+
+    def _share(self, d: int, elastic: np.ndarray, free_hz: float, efficiency: np.ndarray) -> None:
+        """Share the rest of the bandwidth among transfers."""
+        users = sorted(np.flatnonzero(elastic).tolist(), key=lambda u: (self.asked_us[u], u))
+        if not users:
+            return
+        rates = whole(self.links[d].sharing, int(free_hz), [int(efficiency[u]) for u in users])
+        for user, rate_bps in zip(users, rates, strict=True):
+            self.pace[user] = rate_bps
+            self.server[user] = d if rate_bps > 0 else -1
