@@ -23,7 +23,7 @@ from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
 from tests.reference.fixed_step import simulate
 from tests.reference.inputs import US, Inputs, Request, Result
-from tests.reference.radio import Disc
+from tests.reference.scenario import access_points_of, association_of, links_of
 from tests.verification.figure import Exact, Figure
 
 DTS_S = (0.5, 0.25, 0.125, 0.0625)
@@ -109,8 +109,13 @@ def scenario_of(seed: int) -> dict[str, Any]:
     }
 
 
-def inputs_of(world: World, path: SamplePath, ceilings: tuple[bool, ...]) -> Inputs:
-    """The world and its sample path in plain numbers; which of equal ways home is the engine's."""
+def inputs_of(
+    mapping: dict[str, Any], world: World, path: SamplePath, ceilings: tuple[bool, ...]
+) -> Inputs:
+    """The world and its sample path in plain numbers; which of equal ways home is the engine's.
+
+    Radio links are taken from the scenario as its mapping describes them.
+    """
     scenario, grid = world.scenario, world.grid
     motion, battery = scenario.drones.motion, scenario.drones.battery
     levels = tuple(grid.levels_under_ceiling if low else len(grid.levels_m) for low in ceilings)
@@ -122,7 +127,12 @@ def inputs_of(world: World, path: SamplePath, ceilings: tuple[bool, ...]) -> Inp
 
     legs = np.array(path.walks.legs, float)
     legs[:, 0] /= US
-    requests = [Request(int(due), int(need), int(bps)) for due, _, need, bps in path.requests.rows]
+    services = mapping.get("services", {})
+    transfers = [services.get(name, {}).get("kind") == "transfer" for name in world.services.names]
+    requests = [
+        Request(due, 0, bps, need) if transfers[service] else Request(due, need, bps)
+        for due, service, need, bps in path.requests.rows.tolist()
+    ]
     dies = battery is None or battery.on_crash == "remove"
     return Inputs(
         cell_m=grid.cell_m,
@@ -133,7 +143,7 @@ def inputs_of(world: World, path: SamplePath, ceilings: tuple[bool, ...]) -> Inp
         levels=levels,
         stations=world.stations,
         starts=world.starts,
-        links=[Disc(scenario.drones.footprint_radius_m, world.bandwidth_bps)] * len(world.starts),
+        links=links_of(mapping, world.bandwidth_bps),
         max_speed_mps=motion.max_speed_mps,
         max_acceleration_mps2=motion.max_acceleration_mps2,
         fill_epoch=motion.timing == "fill_epoch",
@@ -151,6 +161,9 @@ def inputs_of(world: World, path: SamplePath, ceilings: tuple[bool, ...]) -> Inp
         position_error=path.position_error,
         respawn=path.respawn,
         plan=plan,
+        users_height_m=world.homes[:, 2],
+        association=association_of(mapping),
+        access_points=access_points_of(mapping),
     )
 
 
@@ -200,7 +213,7 @@ def flown(seed: int, mapping: dict[str, Any], episodes: int) -> list[Case]:
         while not snapshot.truncated:
             commands.append([chosen(rng, world, mask) for mask in snapshot.masks])
             snapshot = engine.step(commands[-1])
-        cases.append(Case(world, inputs_of(world, path, ceilings), commands, engine.log))
+        cases.append(Case(world, inputs_of(mapping, world, path, ceilings), commands, engine.log))
     return cases
 
 
