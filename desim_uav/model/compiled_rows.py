@@ -299,6 +299,11 @@ def call_for_int(function: Any, arguments: tuple[Any, ...]) -> int:
     return int(function(*arguments))
 
 
+def call_for_float(function: Any, arguments: tuple[Any, ...]) -> float:
+    """Call a function as ``call`` does, and return its result, a float."""
+    return float(function(*arguments))
+
+
 def _caller(returned: Any) -> Any:
     """Return an intrinsic that calls the function at an address, which returns this type."""
 
@@ -315,7 +320,7 @@ def _caller(returned: Any) -> Any:
     return intrinsic(typed)
 
 
-_called, _called_for_int = _caller(types.none), _caller(I64)
+_called, _called_for_int, _called_for_float = _caller(types.none), _caller(I64), _caller(F64)
 
 
 @overload(call)
@@ -334,12 +339,21 @@ def _of_call_for_int(function: Any, arguments: Any) -> Any:
     return called
 
 
+@overload(call_for_float)
+def _of_call_for_float(function: Any, arguments: Any) -> Any:
+    def called(function: Any, arguments: Any) -> Any:
+        return _called_for_float(function, arguments)
+
+    return called
+
+
 def address_of(kernel: Any, *classes: Any) -> int:
-    """Return the address of a kernel that takes rows of these classes and whole numbers.
+    """Return the address of a kernel that takes rows of these classes and numbers.
 
     The kernel is compiled if necessary. The address is valid in this process only.
     """
-    arguments = tuple(Pointer(cls) if is_row(cls) else I64 for cls in classes)
+    numbers = {int: I64, float: F64}
+    arguments = tuple(Pointer(cls) if is_row(cls) else numbers[cls] for cls in classes)
     return machine_code(kernel, arguments)
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from desim_uav.model.kernels import kernel
+from desim_uav.model.kernels import kernel, part
 
 DB = 10.0 / np.log(10.0)
 """A change of a power by a small share is so many decibels times the share."""
@@ -59,3 +59,64 @@ def logistic_slope(
     if elevation < apart:
         over = along * upright + across * level
     return along * level + across * upright, over
+
+
+@kernel
+def logistic_rates(
+    exponent: float,
+    fall_db: float,
+    a: float,
+    b: float,
+    distance_m: float,
+    height_m: float,
+    within_m: float,
+) -> tuple[float, float, float, float]:
+    """Return between which values the level changes, for the loss of ``logistic_slope``.
+
+    These are the least and the most for each metre of horizontal distance, and the least and the
+    most for each metre of height. Unlike bounds of the size, they say where a level is monotone.
+    """
+    far = np.sqrt(distance_m * distance_m + height_m * height_m)
+    if far <= within_m:
+        return -np.inf, np.inf, -np.inf, np.inf
+    nearest, farthest, share = far - within_m, far + within_m, within_m / far
+    rest = np.sqrt((1.0 - share) * (1.0 + share))
+    level, upright = distance_m / far, height_m / far
+    # The cosines and sines of the lowest and the highest elevation, which differ by twice asin
+    # (share). Behind the zenith and the nadir the drone is seen at a smaller elevation again.
+    level_low, level_high = level * rest + upright * share, level * rest - upright * share
+    low = upright * rest - level * share if level_low > 0.0 else -1.0
+    high = upright * rest + level * share if level_high > 0.0 else 1.0
+    least, most = max(min(level_low, level_high), 0.0), min(max(level_low, level_high), 1.0)
+    if low <= 0.0 <= high:
+        most = 1.0
+    along, across_low, across_high = DB * exponent, 0.0, 0.0
+    if fall_db > 0.0:
+        apart = share + 0.571 * share * share * share  # no less than asin(share)
+        off = abs(np.arctan2(height_m, distance_m) - (a + np.log(a) / b) / DEGREES)
+        across_low = fall_db * _rise(b, off + apart)
+        across_high = fall_db * _rise(b, max(off - apart, 0.0))
+    # With the distance the level falls by (along cos + across sin) / d, and with the height it
+    # rises by (across cos - along sin) / d.
+    falls_least = along * least + (across_low if low > 0.0 else across_high) * low
+    falls_most = along * most + (across_high if high > 0.0 else across_low) * high
+    rises_least, rises_most = across_low * least - along * high, across_high * most - along * low
+    return (
+        -_over(falls_most, nearest, farthest),
+        -_over(falls_least, farthest, nearest),
+        _over(rises_least, farthest, nearest),
+        _over(rises_most, nearest, farthest),
+    )
+
+
+@part
+def _rise(b: float, off: float) -> float:
+    """Return the rise, for each radian, of a probability at an angle from where it is 1/2."""
+    odds = np.exp(-b * off * DEGREES)
+    return float(DEGREES * b * odds / ((1.0 + odds) * (1.0 + odds)))
+
+
+@part
+def _over(number: float, by: float, otherwise: float) -> float:
+    """Return a number divided by one of two distances, depending on its sign."""
+    return number / by if number > 0.0 else number / otherwise

@@ -1,0 +1,160 @@
+"""Path losses and bounds of their change as compiled functions that are called by their addresses.
+
+The kernels that look for changes of a link (``model.radio.air``) are therefore compiled once for
+all path losses, and a path loss of one's own takes only as long to compile as its formulas.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+from desim_uav.model.compiled_rows import entries_at
+from desim_uav.model.components import Compiled, Function, compiled, ruled
+from desim_uav.model.kernels import rule
+from desim_uav.model.radio.functions import elevation_deg
+from desim_uav.model.radio.path_loss import (
+    AlHourani,
+    FreeSpace,
+    LogDistance,
+    RowPathLoss,
+    mean_of,
+)
+from desim_uav.model.radio.slopes import logistic_rates
+
+MEAN, LOS, NLOS = range(3)
+"""The branches of a path loss: its mean, and the losses with and without line of sight."""
+
+R_LEAST, R_MOST, H_LEAST, H_MOST = range(4)
+"""The columns of a row of rates: the least and the most that a level changes, in dB for a metre of
+horizontal distance and in dB for a metre of height."""
+
+RATES = 4
+
+floats_at = entries_at(float)
+
+
+def _mean_db(cls: Any) -> Any:
+    """Return the mean loss of a class of path losses as a rule."""
+    if cls.mean_db is not RowPathLoss.mean_db:
+        return ruled(cls.mean_db)
+    p_los, los_db, nlos_db = ruled(cls.p_los), ruled(cls.los_db), ruled(cls.nlos_db)
+
+    @rule
+    def mean_db(own: Any, distance_m: float, height_m: float, carrier_ghz: float) -> float:
+        return mean_of(
+            p_los(own, elevation_deg(distance_m, height_m)),
+            los_db(own, distance_m, height_m, carrier_ghz),
+            nlos_db(own, distance_m, height_m, carrier_ghz),
+        )
+
+    return mean_db
+
+
+def _level(cls: Any, values_at: Any) -> Any:
+    """Return the function ``level`` of a class of path losses (see ``Function.around``)."""
+    mean_db, los_db, nlos_db = _mean_db(cls), ruled(cls.los_db), ruled(cls.nlos_db)
+
+    def level(
+        values: int, carrier_ghz: float, branch: int, distance_m: float, height_m: float
+    ) -> float:
+        own = values_at(values)
+        if branch == LOS:
+            return float(los_db(own, distance_m, height_m, carrier_ghz))
+        if branch == NLOS:
+            return float(nlos_db(own, distance_m, height_m, carrier_ghz))
+        return float(mean_db(own, distance_m, height_m, carrier_ghz))
+
+    return level
+
+
+@rule
+def _free_space_rates(
+    own: Any, branch: int, distance_m: float, height_m: float, within_m: float
+) -> Any:
+    return logistic_rates(2.0, 0.0, 1.0, 1.0, distance_m, height_m, within_m)
+
+
+@rule
+def _log_distance_rates(
+    own: Any, branch: int, distance_m: float, height_m: float, within_m: float
+) -> Any:
+    return logistic_rates(own.exponent, 0.0, 1.0, 1.0, distance_m, height_m, within_m)
+
+
+@rule
+def _al_hourani_rates(
+    own: Any, branch: int, distance_m: float, height_m: float, within_m: float
+) -> Any:
+    fall_db = own.eta_nlos_db - own.eta_los_db if branch == MEAN else 0.0
+    return logistic_rates(2.0, fall_db, own.a, own.b, distance_m, height_m, within_m)
+
+
+_RATES = {
+    FreeSpace: _free_space_rates,
+    LogDistance: _log_distance_rates,
+    AlHourani: _al_hourani_rates,
+}
+
+
+def _rates_of(cls: Any) -> Any:
+    """Return the function that bounds the change of the level of a class of path losses.
+
+    The level falls with the distance, so that ``slope`` bounds its change from one side only.
+    """
+    if cls in _RATES:
+        return _RATES[cls]
+    slope = ruled(cls.slope)
+
+    @rule
+    def rates_of(own: Any, branch: int, distance_m: float, height_m: float, within_m: float) -> Any:
+        away, over = slope(own, distance_m, height_m, within_m)
+        return -away, 0.0, -over, over
+
+    return rates_of
+
+
+def _rates(cls: Any, values_at: Any) -> Any:
+    """Return the function ``rates`` of a class of path losses (see ``Function.around``)."""
+    rates_of = _rates_of(cls)
+
+    def rates(
+        values: int, branch: int, distance_m: float, height_m: float, within_m: float, out: int
+    ) -> None:
+        row = floats_at(out, RATES)
+        found = rates_of(values_at(values), branch, distance_m, height_m, within_m)
+        row[R_LEAST], row[R_MOST], row[H_LEAST], row[H_MOST] = found
+
+    return rates
+
+
+LEVEL = Function("level", _level, (int, float, int, float, float))
+"""The function of a path loss that returns the loss in dB of a branch.
+
+Its arguments are the address of the values, the carrier in GHz, the branch, the horizontal distance
+and the height of the drone above the user in metres."""
+
+BOUNDS = Function("rates", _rates, (int, int, float, float, float, int))
+"""The function of a path loss that writes a row of rates: bounds for the change of the level.
+
+Its arguments are the address of the values, the branch, the horizontal distance and the height in
+metres, a distance in metres, and the address of the row. The bounds hold at all places at most so
+far away from this one."""
+
+
+class Loss(NamedTuple):
+    """A compiled path loss: the addresses of its functions and of its values, and the latter.
+
+    The addresses hold in this process, and as long as ``kept`` exists.
+    """
+
+    level: int
+    rates: int
+    values: int
+    kept: Compiled
+
+
+def compiled_loss(path_loss: RowPathLoss) -> Loss:
+    """Compile a path loss. Raises Numba's errors (``components.NOT_COMPILED``)."""
+    made = compiled((LEVEL, BOUNDS), path_loss, ())
+    level, rates = made.functions["level"], made.functions["rates"]
+    return Loss(level, rates, made.values.ctypes.data, made)
