@@ -36,6 +36,9 @@ COMPILED_ONLY = (
     "model/compiled_rows.py",
     "model/compiled_queues.py",
     "model/compiled_registers.py",
+    "model/radio/air.py",
+    "model/radio/scene.py",
+    "model/radio/search.py",
 )
 WHOLE = ("model/", "engine/", "qoe.py", "run_folder.py")
 ENOUGH, TOO_LITTLE = 90.0, 6
