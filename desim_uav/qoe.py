@@ -1,6 +1,7 @@
 """Quality of experience: QoE1-3 and the measures derived from a frame of requests.
 
-The basic columns of a request are its times, ``requested_s`` and ``served_s``. ``derive`` computes
+The basic columns of a request are its times, ``requested_s`` and ``served_s``, and for services
+that ask for a volume ``requested_mbit`` and ``delivered_mbit``. ``derive`` computes
 the other columns from them, and ``summary`` averages them. The definitions are in
 ``docs/explanation/model.md``.
 """
@@ -36,7 +37,7 @@ GROUPS: dict[str, type] = {"service": str, "episode": int, "user": int, "outcome
 def inconsistency(requests: pd.DataFrame) -> str | None:
     """Return a message about the first row that no run can have written, or None."""
     open_s = requests["t_end_s"] - requests["t_request_s"]
-    most_s = requests["requested_s"].clip(upper=open_s)
+    most_s = requests["requested_s"].clip(upper=open_s).fillna(open_s)
     tests = {
         "request_id occurs twice in its episode": requests.duplicated(["episode", "request_id"]),
         "t_end_s is before t_request_s": open_s < 0,
@@ -56,6 +57,7 @@ def inconsistency(requests: pd.DataFrame) -> str | None:
 def derive(requests: pd.DataFrame, duration_s: pd.Series | float, step_s: float) -> pd.DataFrame:
     """Add wait_s, completion_s, handovers, qoe1, qoe1_feasible and qoe2_iterations to requests.
 
+    If requests ask for volumes, ``throughput_kbps`` is added too.
     ``duration_s`` is the length of the episode in seconds, a number or one per row. An iteration
     is a step of ``step_s``.
     """
@@ -68,6 +70,10 @@ def derive(requests: pd.DataFrame, duration_s: pd.Series | float, step_s: float)
     handovers = [max(len(drones) - 1, 0) for drones in requests["drones"]]
     derived["handovers"] = pd.Series(handovers, requests.index, dtype="int64")
     derived["qoe1"] = requests["served_s"] / requests["requested_s"]
+    if "delivered_mbit" in requests:
+        delivered = requests["delivered_mbit"]
+        derived["qoe1"] = derived["qoe1"].fillna(delivered / requests["requested_mbit"])
+        derived["throughput_kbps"] = 1000 * delivered / open_s.where(open_s > 0)
     feasible_s = requests["requested_s"].clip(upper=left_s)
     derived["qoe1_feasible"] = requests["served_s"] / feasible_s.where(feasible_s > 0)
     derived["qoe2_iterations"] = _between(requests["served_s"], open_s) / step_s

@@ -18,13 +18,21 @@ INT, FLOAT, BOOL = "int64", "float64", "bool"
 class Columns(dict[str, str]):
     """The columns of a table: the dtype of each by name, in order.
 
-    ``about`` says what a row of the table is, and ``meanings`` what each column holds.
+    ``about`` says what a row of the table is, and ``meanings`` what each column holds. ``more`` are
+    the columns that only tables of some scenarios have, after the others.
     """
 
-    def __init__(self, about: str, **columns: tuple[str, str]) -> None:
+    def __init__(self, about: str, more: Columns | None = None, **columns: tuple[str, str]) -> None:
         super().__init__((name, dtype) for name, (dtype, _) in columns.items())
         self.about = about
         self.meanings = {name: meaning for name, (_, meaning) in columns.items()}
+        self.more: dict[str, str] = {} if more is None else more
+        self.meanings |= {} if more is None else more.meanings
+
+    def among(self, names: Iterable[str]) -> dict[str, str]:
+        """Return the columns of a table that has these names: all but those that it lacks."""
+        there = set(names)
+        return {**self, **{name: dtype for name, dtype in self.more.items() if name in there}}
 
 
 _MODES = [f"`{mode.name.lower()}`" for mode in Mode]
@@ -34,8 +42,23 @@ _QOE1_PERCENT = (FLOAT, "QoE1 of the episode, in percent. Null if nothing was as
 _QOE2_ITERATIONS = (FLOAT, "QoE2 of the episode, in steps. Null if nothing was asked for.")
 _QOE3_PERCENT = (FLOAT, "QoE3 of the episode, in percent.")
 
+VOLUMES = Columns(
+    "If a service asks for a volume:",
+    requested_mbit=(
+        FLOAT,
+        "The volume that the request asks for, in Mbit. Null if it asks for a service time.",
+    ),
+    delivered_mbit=(FLOAT, "The volume that was delivered, in Mbit. Null as above."),
+    throughput_kbps=(
+        FLOAT,
+        "`delivered_mbit` over the time for which the request was open, in kbit/s. Null as above, "
+        "or if this time is 0.",
+    ),
+)
+
 REQUESTS = Columns(
     "One row per request. Every request that was made is there, also if it was never served.",
+    VOLUMES,
     episode=_EPISODE,
     request_id=(INT, "The number of the request in its episode, from 0."),
     user=(INT, "The number of the user, from 0."),
@@ -43,9 +66,12 @@ REQUESTS = Columns(
     t_request_s=(FLOAT, "When the user made the request."),
     t_first_service_s=(FLOAT, "When the request was first served. Null if it never was."),
     t_end_s=(FLOAT, "When the request was completed, refused, or closed by the episode's end."),
-    requested_s=(FLOAT, "The service time that the request requires, in seconds."),
+    requested_s=(
+        FLOAT,
+        "The service time that the request requires, in seconds. Null if it asks for a volume.",
+    ),
     served_s=(FLOAT, "The service time that the request received, in seconds."),
-    bandwidth_kbps=(FLOAT, "The bandwidth the request occupies while it is served, in kbit/s."),
+    bandwidth_kbps=(FLOAT, "The rate that the request holds while it is served, in kbit/s."),
     wait_s=(
         FLOAT,
         "Seconds from the request to its first service, or to its end if there is none.",
@@ -58,11 +84,11 @@ REQUESTS = Columns(
     handovers=(INT, "How often the request went from one drone to another."),
     drones=(LIST, "The drones that served the request, in order, without immediate repetitions."),
     outcome=(TEXT, "`completed`, `unfinished` or `never_served`."),
-    qoe1=(FLOAT, "`served_s` over `requested_s`, from 0 to 1."),
+    qoe1=(FLOAT, "What was served over what was requested, of time or volume, from 0 to 1."),
     qoe1_feasible=(
         FLOAT,
         "`served_s` over the part of `requested_s` that fits before the episode's end. "
-        "Null if no time was left.",
+        "Null if no time was left, or if the request asks for a volume.",
     ),
     qoe2_iterations=(FLOAT, "The time the request was open but not served, in steps."),
     attached_s=(FLOAT, "Seconds for which the user was attached to a drone while it was open."),
@@ -84,7 +110,7 @@ STEPS = Columns(
     action_taken=(TEXT, "The action that was taken. It differs if the command was masked."),
     attached_users=(INT, "How many users are attached to the drone."),
     served_requests=(INT, "How many requests the drone is serving."),
-    bandwidth_kbps=(FLOAT, "The bandwidth in use at the drone, in kbit/s."),
+    bandwidth_kbps=(FLOAT, "The bandwidth in use at the drone, in kHz (kbit/s at 1 bit/s/Hz)."),
     n_b_s=(
         FLOAT,
         "The battery, in seconds of flight, that the quickest return to a charging station takes "
@@ -94,8 +120,18 @@ STEPS = Columns(
     reward=(FLOAT, "The reward of the drone for this step."),
 )
 
+LINKS = Columns(
+    "If the drones' radio is not the paper's disc:",
+    link_handovers=(INT, "How often a user passed from one drone to another without a break."),
+    ping_pongs=(INT, "How many of these handovers led back to a drone left 1 s ago or less."),
+    outages=(INT, "How often a user with an open request had no link to any drone for a time."),
+    outage_s=(FLOAT, "Seconds in such outages, summed over the users."),
+    delivered_mbit=(FLOAT, "The volume that was delivered to all users together, in Mbit."),
+)
+
 EPISODES = Columns(
     "One row per episode: its measures.",
+    LINKS,
     episode=_EPISODE,
     qoe1_percent=_QOE1_PERCENT,
     qoe2_iterations=_QOE2_ITERATIONS,
@@ -144,6 +180,13 @@ USERS = Columns(
 
 EVENTS = Columns(
     "One row per event, sorted by time, phase, drone and user. Kept with `--events`.",
+    Columns(
+        "If the drones' radio is not the paper's disc:",
+        link_class=(
+            "Int64",
+            "The class of the link between drone and user from now on, if that has changed.",
+        ),
+    ),
     episode=_EPISODE,
     t_us=(INT, "The time of the event, in microseconds."),
     phase=(INT, "The phase of the instant in which it happened, from 1 to 12."),
@@ -226,6 +269,8 @@ def misfit(columns: dict[str, str], table: pa.Table) -> str | None:
         FLOAT: (types.is_floating,),
         BOOL: (types.is_boolean,),
     }
+    if isinstance(columns, Columns):
+        columns = columns.among(table.column_names)
     expected = arrow_schema(columns)
     for name, dtype in columns.items():
         if table.column_names.count(name) != 1:

@@ -13,9 +13,10 @@ import pkgutil
 import traceback
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from types import CodeType, ModuleType
-from typing import TypeVar
+from typing import Any, ClassVar, TypeVar
 
 from desim_uav.errors import DesimError, SimulationError
 
@@ -28,6 +29,27 @@ FAULTS = (Exception, SystemExit)
 """What a user's own code may raise. ``sys.exit`` in a component must not end us silently."""
 
 T = TypeVar("T", bound=type)
+
+
+@dataclass(frozen=True)
+class Part:
+    """Marks a field of a component that is a component itself: its slot, default kind, interface.
+
+    ``as_slot`` makes of it what scenarios validate; ``scenario.components`` sets it.
+    """
+
+    slot: str
+    default: str
+    protocol: type
+    as_slot: ClassVar[Callable[[Part], Any]]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        """Return the validation of a component of this slot."""
+        return Part.as_slot(self).__get_pydantic_core_schema__(source, handler)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Any:
+        """Return the schema of a component of this slot."""
+        return Part.as_slot(self).__get_pydantic_json_schema__(schema, handler)
 
 
 def register(slot: str, name: str) -> Callable[[T], T]:

@@ -19,7 +19,7 @@ from typing import IO, TYPE_CHECKING, Any
 
 from desim_uav.checksums import SUMS, of_files, verify
 from desim_uav.errors import DesimError, PolicyError, ScenarioError, UsageError
-from desim_uav.records import TABLES, arrow_schema, misfit
+from desim_uav.records import TABLES, Columns, arrow_schema, misfit
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -236,7 +236,8 @@ def _table(name: str, frame: pd.DataFrame) -> pa.Table:
     """Return a frame as an Arrow table, with the metadata that pandas needs."""
     import pyarrow as pa
 
-    return pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
+    schema = arrow_schema(TABLES[name].among(frame.columns))
+    return pa.Table.from_pandas(frame, schema, preserve_index=False)
 
 
 def write_whole(path: Path, content: bytes) -> None:
@@ -301,6 +302,8 @@ def _frame(table: pa.Table, columns: dict[str, str]) -> pd.DataFrame:
     import pandas as pd
 
     frame = table.to_pandas(ignore_metadata=True)
+    if isinstance(columns, Columns):
+        columns = columns.among(table.column_names)
     for name in (name for name, dtype in columns.items() if dtype == "Int64"):
         frame[name] = table[name].to_pandas(types_mapper=lambda _: pd.Int64Dtype())
     return frame

@@ -22,6 +22,7 @@ from desim_uav.model.motion import Transit, return_transit
 from desim_uav.model.planner import Node, Planner
 from desim_uav.model.rules import MOVES, US, Action, actions
 from desim_uav.model.services import Catalogue, catalogue
+from desim_uav.model.sharing import RowSharing
 from desim_uav.model.state import Facts
 from desim_uav.model.streams import Purpose, Streams, states_of
 from desim_uav.model.walking import Area, RowMobility, RowWalks, Walks, compiled_walk
@@ -130,7 +131,7 @@ class World(Unchanging):
             self.step_us / US,
             scenario.three_d,
             None if battery is None else self.capacity_us / US,
-            self.bandwidth_bps / 1000,
+            self.bandwidth_hz / 1000,
         )
 
     @cached_property
@@ -144,10 +145,46 @@ class World(Unchanging):
         return self.step_us * self.scenario.episode.steps
 
     @cached_property
-    def bandwidth_bps(self) -> float:
-        """The bandwidth of a drone in bit/s, a whole number or inf."""
-        kbps = self.scenario.drones.bandwidth_kbps
-        return math.inf if kbps is None else round(kbps * 1000)
+    def bandwidth_hz(self) -> float:
+        """The bandwidth of a drone in Hz, a whole number or inf."""
+        return self.scenario.drones.radio.bandwidth_hz(self.scenario.drones.bandwidth_kbps)
+
+    @property
+    def graded(self) -> bool:
+        """Whether the links of drones have classes other than those of the paper's disc."""
+        return bool(self.scenario.drones.radio.graded)
+
+    @property
+    def sharing(self) -> RowSharing:
+        """How elastic requests share a drone's bandwidth."""
+        sharing: RowSharing = self.scenario.drones.radio.sharing
+        return sharing
+
+    @cached_property
+    def efficiencies(self) -> tuple[int, ...]:
+        """The millionths of a bit/s per Hz of each class of a link, class 0 (none) first."""
+        return (0, *self.scenario.drones.radio.efficiencies())
+
+    @cached_property
+    def rings(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+        """The radii of classes in metres (levels, groups, classes), and each user's group.
+
+        Users of the same height are a group, for whom the radii around a drone are the same.
+        """
+        heights_m, groups = np.unique(self.homes[:, 2], return_inverse=True)
+        radio, disc_m = self.scenario.drones.radio, self.scenario.drones.footprint_radius_m
+        if radio.flat:
+            heights_m, groups = heights_m[:1], np.zeros(len(self.homes), np.int64)
+        radii = [
+            [radio.radii_m(level_m - height_m, disc_m) for height_m in heights_m.tolist()]
+            for level_m in self.grid.levels_m
+        ]
+        return np.array(radii), groups.reshape(-1).astype(np.int64)
+
+    @cached_property
+    def reach_m(self) -> float:
+        """The radius of the widest class, in metres; a micrometre if no class holds anywhere."""
+        return max(float(self.rings[0].max()), 1e-6)
 
     @cached_property
     def capacity_us(self) -> int:

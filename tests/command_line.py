@@ -35,11 +35,11 @@ from desim_uav.policies.hover import Hover
 class Own(FirstCome):
     """An admission rule that is not compiled."""
 
-    def scan(self, waiting, free_bps):
+    def scan(self, waiting, free_hz):
         served = []
         for request in waiting:
-            if request.bandwidth_bps <= free_bps:
-                free_bps -= request.bandwidth_bps
+            if request.needs_hz <= free_hz:
+                free_hz -= request.needs_hz
                 served.append(request)
         return served, ()
 

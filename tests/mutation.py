@@ -160,7 +160,7 @@ MUTATIONS = (
     ),
     Mutation(
         "users attached at once instead of after everything else of the instant",
-        "rules/attachment.py",
+        "rules/settle.py",
         "        if nothing_before(state, place):\n",
         "        if True:\n",
         ("engine/test_attachment.py",),
@@ -169,8 +169,8 @@ MUTATIONS = (
     Mutation(
         "the served time of a request is lost at a handover",
         "rules/service.py",
-        "request.served_us += elapsed_us",
-        "request.served_us = elapsed_us",
+        "min(request.done + elapsed_us * request.rate, request.required)",
+        "min(elapsed_us * request.rate, request.required)",
         ("engine/test_attachment.py",),
     ),
     Mutation(
@@ -183,8 +183,8 @@ MUTATIONS = (
     Mutation(
         "an interruption that lasts until the end of the request is not counted",
         "rules/service.py",
-        "if 0 < request.served_us < request.required_us and now_us > request.stopped_us:",
-        "if False:",
+        "request.interruptions += int(now_us > request.stopped_us)",
+        "request.interruptions += 0",
         ("engine/test_footprints.py",),
     ),
     Mutation(
@@ -204,8 +204,8 @@ MUTATIONS = (
     Mutation(
         "requests wait in the order in which they reach a drone",
         "rules/service.py",
-        "    place = len(waiting)\n    while place > 0:\n",
-        "    place = len(waiting)\n    while place < 0:\n",
+        "len(queue)\n    while place > 0:\n",
+        "len(queue)\n    while place < 0:\n",
         ("engine/test_admission.py",),
     ),
     Mutation(
@@ -218,9 +218,9 @@ MUTATIONS = (
     Mutation(
         "admission stops at the first request that does not fit",
         "rules/admission.py",
-        "            if world.bandwidth_bps < 0 or user.request.bandwidth_bps <= drone.free_bps:\n",
-        "            asked_bps = user.request.bandwidth_bps\n"
-        "            fits = world.bandwidth_bps < 0 or asked_bps <= drone.free_bps\n"
+        "            if world.bandwidth_hz < 0 or user.request.needs_hz <= drone.free_hz:\n",
+        "            needs_hz = user.request.needs_hz\n"
+        "            fits = world.bandwidth_hz < 0 or needs_hz <= drone.free_hz\n"
         "            if kept == 0 and fits:\n",
         ("engine/test_admission.py",),
     ),

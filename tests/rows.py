@@ -24,7 +24,7 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     world.cell_x_m, world.cell_y_m = facts.grid.cell_m
     world.levels_under_ceiling = facts.grid.levels_under_ceiling
     unlimited = math.isinf(facts.bandwidth_kbps)
-    world.bandwidth_bps = -1 if unlimited else round(facts.bandwidth_kbps * 1000)
+    world.bandwidth_hz = -1 if unlimited else round(facts.bandwidth_kbps * 1000)
     world.stations = Table(fill(Cell, cell) for cell in facts.stations)
     world.ceilings = Table([0] * facts.drones)
     plan = (-1, 0, 0, 0, 0)
@@ -53,7 +53,7 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     seen.x, seen.y = observation.cell
     seen.level, seen.attached_users = observation.level, observation.attached_users
     seen.battery_us = round((observation.battery_s or 0.0) * US)
-    seen.used_bps = round(observation.bandwidth_kbps * 1000)
+    seen.used_hz = round(observation.bandwidth_kbps * 1000)
     return world, state, drone
 
 

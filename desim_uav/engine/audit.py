@@ -50,15 +50,17 @@ def _bandwidth(world: Any, state: Any, drone: Any) -> None:
         for user in state.users
         if user.request.number >= 0 and user.request.server == drone.index
     ]
-    used_bps = sum(request.bandwidth_bps for request in served)
-    assert used_bps == drone.used_bps, f"bandwidth of {drone.index}"
-    if world.bandwidth_bps >= 0:
-        assert drone.free_bps == world.bandwidth_bps - used_bps >= 0, f"bandwidth of {drone.index}"
+    used_hz = sum(request.used_hz for request in served)
+    held_hz = sum(request.used_hz for request in served if not request.elastic)
+    assert used_hz == drone.used_hz, f"bandwidth of {drone.index}"
+    if world.bandwidth_hz >= 0:
+        assert drone.free_hz == world.bandwidth_hz - held_hz >= 0, f"bandwidth of {drone.index}"
+        assert drone.scan or used_hz <= world.bandwidth_hz, f"shares of {drone.index}"
     assert [sum(r.service == s for r in served) for s in range(world.services)] == drone.served
     if drone.mode != FLYING:
         assert not served, f"drone {drone.index} serves in mode {drone.mode}"
         assert drone.attached_users == 0, f"drone {drone.index} holds users in mode {drone.mode}"
-        assert not drone.waiting
+        assert not drone.waiting and not drone.sharing
 
 
 def _demand(state: Any) -> None:
@@ -89,17 +91,31 @@ def _one_state(state: Any, user: Any) -> None:
     """Check that an open request is served by its user's drone or waits there, if there is one."""
     request = user.request
     queues = [drone.index for drone in state.drones if user.index in drone.waiting]
+    shares = [drone.index for drone in state.drones if user.index in drone.sharing]
     if request.number < 0:
-        assert not queues, "a user waits without a request"
+        assert not queues and not shares, "a user waits without a request"
         return
-    running_us = 0 if request.server < 0 else state.now_us - request.started_us
-    assert 0 <= request.served_us + running_us <= request.required_us, "served more than requested"
-    if user.holder < 0:
+    _work(state, request)
+    if request.elastic:
+        assert not queues, "an elastic request waits"
+        assert shares == [user.holder] * (user.holder >= 0), "a share where a user is not attached"
+        assert request.server in (-1, user.holder), "served by another drone"
+    elif user.holder < 0:
         assert request.server < 0 and not queues, "served or queued without a drone"
     elif request.server < 0:
         assert queues == [user.holder], "a request waits where its user is not attached"
     else:
         assert request.server == user.holder and not queues, "served by another drone"
+
+
+def _work(state: Any, request: Any) -> None:
+    """Check that no more is done for a request than it requires, within its last microsecond."""
+    assert 0 <= request.done <= request.required, "served more than requested"
+    if request.server >= 0:
+        done = request.done + request.rate * (state.now_us - request.counted_us)
+        assert done < request.required + request.rate, "served more than requested"
+    if not request.in_bits:
+        assert request.done == request.served_us, "time served is not what is done"
 
 
 def _geometry(simulation: Simulation) -> None:

@@ -4,29 +4,34 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from desim_uav.model.planner import Node
 from desim_uav.model.rows import named
 from desim_uav.model.rules import Mode, Outcome
 from desim_uav.rules.rows import Record
 
-Event = tuple[int, int, str, int, int, int, int]
-"""An event: (t_us, phase, kind, drone, user, request_id, station); -1 stands for none."""
+Event = tuple[Any, ...]
+"""An event: (t_us, phase, kind, drone, user, request_id, station); -1 stands for none.
+
+If the drones' links have classes, the class of the link that the event changed follows.
+"""
 
 
 @dataclass(slots=True)
 class ClosedRequest:
     """A closed request; times are in microseconds since the start of the episode.
 
-    ``drones`` lists the drones that served it, in order; ``t_first_us`` is the start of service.
+    ``required`` and ``done`` are microseconds of service, or millionths of a bit. ``drones`` lists
+    the drones that served it, in order; ``t_first_us`` is the start of service.
     """
 
     request_id: int
     user: int
     service: int
     bandwidth_bps: int
-    required_us: int
+    required: int
+    done: int
     served_us: int
     attached_us: int
     t_request_us: int
@@ -68,15 +73,25 @@ class FlownLeg(NamedTuple):
     to_m: Place
 
 
+class LinkCounts(NamedTuple):
+    """How many handovers, ping-pongs and outages an episode had, and the time in outages."""
+
+    handovers: int
+    ping_pongs: int
+    outages: int
+    outage_us: int
+
+
 @dataclass
 class EpisodeLog:
     """The log of one episode, which is complete once the episode has ended.
 
     ``events`` is None if events are not kept; at the end they are sorted by (t_us, phase, drone,
     user). ``legs`` are kept if events are, and sorted by (t_us, drone). ``attached_us`` is the
-    integral of the number of attached users over time, and ``bandwidth_us_bps`` that of the
+    integral of the number of attached users over time, and ``bandwidth_us_hz`` that of the
     bandwidth in use. ``queueing_us`` is the drones' time between landing and charging. ``crashed``
     lists the drone of each crash, and ``suppressed`` counts the arrivals that were dropped.
+    ``links`` is None if the drones' radio is the paper's disc.
     """
 
     episode: int
@@ -86,12 +101,13 @@ class EpisodeLog:
     requests: list[ClosedRequest] = field(default_factory=list)
     duration_us: int = 0
     attached_us: int = 0
-    bandwidth_us_bps: int = 0
+    bandwidth_us_hz: int = 0
     queueing_us: int = 0
     distance_m: float = 0.0
     crashed: list[int] = field(default_factory=list)
     charges: int = 0
     suppressed: int = 0
+    links: LinkCounts | None = None
 
     @property
     def crashes(self) -> int:

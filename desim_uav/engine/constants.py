@@ -34,15 +34,16 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants.respawn_after_us = world.respawn_after_us
     constants.on_crash = CRASHES[world.on_crash]
     constants.pads = scenario.stations.pads
-    unlimited = math.isinf(world.bandwidth_bps)
-    constants.bandwidth_bps = -1 if unlimited else int(world.bandwidth_bps)
+    unlimited = math.isinf(world.bandwidth_hz)
+    constants.bandwidth_hz = -1 if unlimited else int(world.bandwidth_hz)
     constants.services = len(world.services.names)
+    _set_links(constants, world)
     constants.nx, constants.ny = grid.cells
     constants.levels, constants.levels_under_ceiling = len(grid.levels_m), grid.levels_under_ceiling
     constants.three_d = int(scenario.three_d)
     constants.cell_x_m, constants.cell_y_m = grid.cell_m
     constants.lowest_m, constants.level_step_m = grid.levels_m[0], grid.level_step_m
-    constants.radius_m = scenario.drones.footprint_radius_m
+    constants.radius_m = world.reach_m
     constants.width_m, constants.depth_m = world.area
     _set_flights(constants, world)
     constants.levels_m = Table(grid.levels_m)
@@ -56,7 +57,7 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants.ceilings = Table(map(int, settings.ceilings))
     constants.homes = Table(fill(Place, home) for home in world.homes[:, :2].tolist())
     constants.features = len(scenario.observation.features(world.facts))
-    buckets = bucket_grid(*world.area, scenario.drones.footprint_radius_m)
+    buckets = bucket_grid(*world.area, world.reach_m)
     constants.buckets_x, constants.buckets_y = buckets
     constants.bucket_x_m, constants.bucket_y_m = (
         size / max(count, 1) for size, count in zip(world.area, buckets, strict=True)
@@ -72,6 +73,20 @@ def transits_of(world: World) -> list[Transit]:
 def hop_transit(world: World, hop: Node) -> int:
     """Return the number of the transit of a hop, given as its (dx, dy, dlevel)."""
     return 1 + len(world.epoch_transits) + next(axis for axis in range(3) if hop[axis])
+
+
+def _set_links(made: Constants, world: World) -> None:
+    """Set the classes of links, and what requests ask for, of the constants."""
+    made.efficiencies = Table(world.efficiencies)
+    made.classes = len(world.efficiencies) - 1
+    radio, association = world.scenario.drones.radio, world.scenario.association
+    made.interferes = int(radio.reuse > 0)
+    made.trigger_us, made.margin_db = association.trigger_us, association.margin_db
+    radii, groups = world.rings
+    made.rings, made.groups = Table(radii.reshape(-1).tolist()), Table(groups.tolist())
+    made.in_bits = Table(world.services.in_bits.astype(int).tolist())
+    elastic = world.services.in_bits & world.sharing.elastic
+    made.elastic = Table(elastic.astype(int).tolist())
 
 
 def _set_flights(made: Constants, world: World) -> None:

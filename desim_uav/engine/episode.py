@@ -251,7 +251,7 @@ class Engine(Independent, ABC):
                         drained_s,
                         row.attached_users,
                         row.served_requests,
-                        row.used_bps / 1000,
+                        row.used_hz / 1000,
                         station,
                         duration_s,
                         tuple(counts[first : first + services]),
@@ -305,7 +305,8 @@ class Engine(Independent, ABC):
                 else:
                     phase, kind = PHASES[event.phase], EVENT_KINDS[event.kind]
                     rest = (event.drone, event.user, event.request, event.station)
-                    log.events.append((event.t_us, phase, kind, *rest))
+                    link_class = (event.link_class,) if state.keeps_links else ()
+                    log.events.append((event.t_us, phase, kind, *rest, *link_class))
         if state.terminated or state.truncated:
             self._end_log()
 
@@ -332,7 +333,7 @@ class Engine(Independent, ABC):
             self._served_by.setdefault(handover.number, []).append(handover.drone)
         for closed in self.entries("closed"):
             outcome = Outcome.UNFINISHED if closed.served_us else Outcome.NEVER_SERVED
-            if closed.served_us == closed.required_us:
+            if closed.done == closed.required:
                 outcome = Outcome.COMPLETED
             drones = self._served_by.pop(closed.number, [])
             request = base.ClosedRequest(*(*AS_CLOSED(closed), drones, outcome))
@@ -361,11 +362,14 @@ class Engine(Independent, ABC):
         log, state = self.log, self.state
         log.duration_us = int(state.now_us)
         log.attached_us = int(state.attached_us)
-        log.bandwidth_us_bps = int(state.bandwidth_us_bps)
+        log.bandwidth_us_hz = int(state.bandwidth_us_hz)
         log.queueing_us = int(state.queueing_us)
         log.distance_m = float(state.distance_m)
         log.charges = int(state.charges)
         log.suppressed = int(state.suppressed)
+        if state.keeps_links:
+            counts = (state.handed_over, state.ping_pongs, state.outages, state.outage_us)
+            log.links = base.LinkCounts(*map(int, counts))
         log.requests.sort(key=lambda request: request.request_id)
         log.legs.sort(key=itemgetter(0, 1))
         if log.events is not None:

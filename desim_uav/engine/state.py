@@ -29,6 +29,7 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state = blank(kind)
     drones, users = world.scenario.drones.count, len(world.homes)
     services, steps = len(world.services.names), world.scenario.episode.steps
+    state.keeps_links = int(world.graded)
     state.keeps_events, state.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
     state.drones = Table(_drone(world, index, buffers) for index in range(drones))
     state.users = Table(_user(index, drones) for index in range(users))
@@ -36,6 +37,8 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     for station in state.stations:
         station.queue.buffer = drones
     state.loose.buffer = users * (2 * drones + 2)
+    state.by_level = int(world.scenario.association.by_level)
+    state.unsettled.buffer = users
     state.open_requests, state.asked = _zeros(services), _zeros(services)
     state.observations = Table(blank(rows.Observation) for _ in range(drones))
     state.records = Table(blank(rows.Record) for _ in range(drones))
@@ -59,8 +62,8 @@ def _drone(world: World, index: int, buffers: Buffers) -> rows.Drone:
     """Return a blank drone with this index."""
     drone = blank(rows.Drone)
     drone.index = index
-    drone.waiting.buffer = len(world.homes)
-    drone.ahead = Queue(of=rows.Crossing, buffer=buffers.crossings)
+    drone.waiting.buffer = drone.sharing.buffer = len(world.homes)
+    drone.ahead = Queue(of=rows.Change, buffer=buffers.crossings)
     services = len(world.services.names)
     drone.served, drone.asking = _zeros(services), _zeros(services)
     drone.terms = Table([0.0] * len(term_names(world)))
@@ -73,5 +76,6 @@ def _user(index: int, drones: int) -> rows.User:
     user = blank(rows.User)
     user.index = user.request.user = index
     user.holder = user.request.number = user.request.server = -1
-    user.covering = Table([-1] * drones)
+    user.covering, user.classes = Table([-1] * drones), _zeros(drones)
+    user.better_since = Table([-1] * drones)
     return user

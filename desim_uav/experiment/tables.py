@@ -15,7 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from desim_uav import qoe
-from desim_uav.engine.base import EpisodeLog
+from desim_uav.engine.base import ClosedRequest, EpisodeLog
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
@@ -23,13 +23,20 @@ from desim_uav.records import EPISODES, EVENTS, LEGS, REQUESTS, STEPS, USERS, to
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
-DERIVED = ("wait_s", "completion_s", "handovers", "qoe1", "qoe1_feasible", "qoe2_iterations")
+DERIVED = (
+    *("wait_s", "completion_s", "handovers", "qoe1", "qoe1_feasible", "qoe2_iterations"),
+    "throughput_kbps",
+)
+UBIT = 10**12
+"""The millionths of a bit in a Mbit."""
 
 
 def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     """Return one row per request, ordered by episode and request_id."""
     names = world.services.names
-    basic = {name: dtype for name, dtype in REQUESTS.items() if name not in DERIVED}
+    in_bits = world.services.in_bits
+    columns = REQUESTS.among(REQUESTS.more if in_bits.any() else ())
+    basic = {name: dtype for name, dtype in columns.items() if name not in DERIVED}
     rows = (
         (
             log.episode,
@@ -39,20 +46,26 @@ def requests_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
             r.t_request_us / US,
             None if r.t_first_us is None else r.t_first_us / US,
             r.t_end_us / US,
-            r.required_us / US,
+            None if in_bits[r.service] else r.required / US,
             r.served_us / US,
             r.bandwidth_bps / 1000,
             r.interruptions,
             r.drones,
             str(r.outcome),
             r.attached_us / US,
+            *_volumes(r, bool(in_bits[r.service])) * bool(in_bits.any()),
         )
         for log in logs
         for r in log.requests
     )
     frame = to_frame(basic, rows)
     duration_s = frame["episode"].map({log.episode: log.duration_us / US for log in logs})
-    return qoe.derive(frame, duration_s, world.step_us / US)[list(REQUESTS)]
+    return qoe.derive(frame, duration_s, world.step_us / US)[list(columns)]
+
+
+def _volumes(request: ClosedRequest, in_bits: bool) -> tuple[float | None, ...]:
+    """Return the volumes requested and delivered in Mbit, which are None for a service time."""
+    return (request.required / UBIT, request.done / UBIT) if in_bits else (None, None)
 
 
 STEP_VALUES: dict[str, Callable[[Any], Any]] = {
@@ -82,16 +95,19 @@ def episodes_table(
 ) -> pd.DataFrame:
     """Return one row per episode with its measures."""
     by_episode = dict(list(requests.groupby("episode")))
+    columns = EPISODES.among(EPISODES.more if world.graded else ())
     rows = (
-        _episode_row(log, world, qoe.summary(by_episode.get(log.episode, requests.iloc[:0])))
+        _episode_row(log, world, by_episode.get(log.episode, requests.iloc[:0]), columns)
         for log in logs
     )
-    return to_frame(EPISODES, rows)
+    return to_frame(columns, rows)
 
 
-def _episode_row(log: EpisodeLog, world: World, measured: dict[str, Any]) -> tuple[Any, ...]:
-    available = log.duration_us * world.scenario.drones.count * world.bandwidth_bps
-    values = measured | {
+def _episode_row(
+    log: EpisodeLog, world: World, requests: pd.DataFrame, columns: dict[str, str]
+) -> tuple[Any, ...]:
+    available = log.duration_us * world.scenario.drones.count * world.bandwidth_hz
+    values = qoe.summary(requests) | {
         "episode": log.episode,
         "qoe3_percent": 100 * log.attached_us / (log.duration_us * len(world.homes)),
         "crashes": log.crashes,
@@ -101,21 +117,27 @@ def _episode_row(log: EpisodeLog, world: World, measured: dict[str, Any]) -> tup
         "queueing_s": log.queueing_us / US,
         "distance_m": log.distance_m,
         "bandwidth_percent": (
-            None if math.isinf(available) else 100 * log.bandwidth_us_bps / available
+            None if math.isinf(available) else 100 * log.bandwidth_us_hz / available
         ),
         "duration_s": log.duration_us / US,
     }
-    return tuple(values[name] for name in EPISODES)
+    if log.links is not None:
+        handovers, ping_pongs, outages, outage_us = log.links
+        values |= {"link_handovers": handovers, "ping_pongs": ping_pongs, "outages": outages}
+        delivered = requests["delivered_mbit"].sum() if "delivered_mbit" in requests else 0.0
+        values |= {"outage_s": outage_us / US, "delivered_mbit": delivered}
+    return tuple(values[name] for name in columns)
 
 
 def events_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
     """Return one row per event, in order of time, phase, drone and user."""
+    graded = any(log.links is not None for log in logs)
     rows = (
         (log.episode, t_us, int(phase), kind, *(None if i < 0 else i for i in concerned))
         for log in logs
         for t_us, phase, kind, *concerned in log.events or ()
     )
-    return to_frame(EVENTS, rows)
+    return to_frame(EVENTS.among(EVENTS.more if graded else ()), rows)
 
 
 def legs_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:

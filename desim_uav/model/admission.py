@@ -12,14 +12,21 @@ from desim_uav.errors import SimulationError
 
 
 class Waiting(Protocol):
-    """A waiting request, with all that an admission rule may know about it."""
+    """A waiting request, with all that an admission rule may know about it.
+
+    ``done`` of ``required`` are microseconds of service or, if it is ``in_bits``, millionths of a
+    bit. It holds a rate of ``bandwidth_bps``, for which it needs a bandwidth of ``needs_hz``; they
+    are equal at the 1 bit/s/Hz of the paper's disc.
+    """
 
     user: int
     service: int
     t_request_us: int
-    required_us: int
-    served_us: int
+    required: int
+    done: int
+    in_bits: int
     bandwidth_bps: int
+    needs_hz: int
 
 
 W = TypeVar("W", bound=Waiting)
@@ -28,10 +35,10 @@ W = TypeVar("W", bound=Waiting)
 class Admission(Protocol):
     """An admission rule over Python objects (see ``RowAdmission`` for one over rows)."""
 
-    def scan(self, waiting: Sequence[W], free_bps: float) -> tuple[Sequence[W], Sequence[W]]:
+    def scan(self, waiting: Sequence[W], free_hz: float) -> tuple[Sequence[W], Sequence[W]]:
         """Return the requests that a drone serves from now on, and those that it refuses for good.
 
-        ``waiting`` is in the order of (request time, user). ``free_bps`` is the free bandwidth in
+        ``waiting`` is in the order of (request time, user). ``free_hz`` is the free bandwidth in
         bit/s, inf if it is unlimited; the requests served must fit into it. A refused request is
         closed; all others continue to wait.
         """
@@ -50,12 +57,12 @@ class RowAdmission:
         """Serve or refuse requests of the users in ``drone.waiting``, or let them wait.
 
         They are in order of (request time, user), and ``state.users[u].request`` is the request of
-        user u. ``rules.admission.admit`` serves one, whose bandwidth must fit ``drone.free_bps``
-        unless ``world.bandwidth_bps`` is -1; ``turn_away`` refuses one for good. Both remove it
+        user u. ``rules.admission.admit`` serves one, whose bandwidth must fit ``drone.free_hz``
+        unless ``world.bandwidth_hz`` is -1; ``turn_away`` refuses one for good. Both remove it
         from ``drone.waiting``. The others continue to wait.
         """
         raise NotImplementedError
 
-    def scan(self, waiting: Sequence[W], free_bps: float) -> tuple[Sequence[W], Sequence[W]]:
+    def scan(self, waiting: Sequence[W], free_hz: float) -> tuple[Sequence[W], Sequence[W]]:
         """Raise SimulationError: this rule works on rows, not on Python objects."""
         raise SimulationError(f"admission {type(self).__name__!r} works on rows (scan_rows)")

@@ -96,7 +96,8 @@ class Offer(Row):
     """The services: the cumulative ``shares`` of the mix, service times and bandwidths.
 
     Service s has ``sizes[2 * s]`` service times, from ``durations_us[s * longest]`` on, and
-    ``sizes[2 * s + 1]`` bandwidths, from ``bandwidths_bps[s * widest]`` on, all equally likely.
+    ``sizes[2 * s + 1]`` bandwidths, from ``bandwidths_bps[s * widest]`` on, all equally likely. If
+    ``in_bits[s]``, it asks for volumes, which are in ``durations_us`` in millionths of a bit.
     """
 
     longest: int
@@ -105,6 +106,7 @@ class Offer(Row):
     sizes: Table[int]
     durations_us: Table[int]
     bandwidths_bps: Table[int]
+    in_bits: Table[int]
 
 
 @row
@@ -223,8 +225,8 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
                     rows[first + REQUIRED_US] = asker.required_us
                     rows[first + BANDWIDTH_BPS] = asker.bandwidth_bps
                 count += 1
-                if follow:
-                    passed_us += asker.required_us
+                if follow:  # how long a volume takes is not known yet
+                    passed_us += 0 if services.in_bits[asker.service] else asker.required_us
                     due_us = 0
             asker.left_us -= passed_us
             idle = 0 if passed_us > 0 else idle + 1
@@ -321,7 +323,8 @@ class RowDraws:
     def _offer(self) -> Offer:
         own = self.services
         (_, longest), (_, widest) = own.durations_us.shape, own.bandwidths_bps.shape
-        arrays = (own.share, own.sizes, own.durations_us, own.bandwidths_bps)
+        in_bits = own.in_bits.astype(np.int64)
+        arrays = (own.share, own.sizes, own.durations_us, own.bandwidths_bps, in_bits)
         tables = (Table(array.reshape(-1).tolist()) for array in arrays)
         return fill(Offer, (longest, widest, *tables))
 

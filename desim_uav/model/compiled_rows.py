@@ -396,7 +396,9 @@ def _as_array(typing_context: Any, entries: Any, shape: Any) -> Any:
         data = number_at(context, builder, data, kind.dtype)
         sizes = cgutils.unpack_tuple(builder, arguments[1])
         size = cgutils.intp_t(8)
-        strides = [size] if len(sizes) == 1 else [builder.mul(sizes[1], size), size]
+        strides = [size]
+        for count in reversed(sizes[1:]):
+            strides.insert(0, builder.mul(count, strides[0]))
         made = context.make_array(kind)(context, builder)
         populate_array(made, data, sizes, strides, size, meminfo=None)
         return made._getvalue()

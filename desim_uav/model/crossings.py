@@ -79,7 +79,7 @@ def crossings(leg: DroneLeg, users: Users, out: NDArray[np.int64]) -> int:
         near += is_near
     total = 0
     for k in range(near):
-        total = _cross(leg, users, int(seen[NEAR, k]), out, total)
+        total = cross(leg, users, int(seen[NEAR, k]), out, total)
     return total
 
 
@@ -108,16 +108,16 @@ def crossings_near(
             user = buckets.heads[i * shape[1] + j]
             while user >= 0:
                 if comes_near(flight, seen, user, fresh) + comes_near(stay, seen, user, fresh):
-                    total = _cross(leg, users, user, out, total)
+                    total = cross(leg, users, user, out, total)
                 user = buckets.following[user]
     return total
 
 
 @part
-def _cross(leg: DroneLeg, users: Users, user: int, out: NDArray[np.int64], total: int) -> int:
+def cross(leg: DroneLeg, users: Users, user: int, out: NDArray[np.int64], total: int) -> int:
     """Write the crossings of a user in order of time, and return the new total."""
     x, y = leg.route[0] - users.seen[AT_X, user], leg.route[1] - users.seen[AT_Y, user]
-    inside = _beyond(x, y, leg.radius_m) <= 0.0
+    inside = beyond(x, y, leg.radius_m) <= 0.0
     latest = -1
     if leg.fresh and inside:
         latest = leg.span_us[0]
@@ -206,11 +206,11 @@ def _is_inside(leg: DroneLeg, legs: NDArray[np.float64], walk: int) -> bool:
     The same test applies at both ends of every leg.
     """
     x, y = walked(legs, walk, leg.span_us[1])
-    return _beyond(leg.route[2] - x, leg.route[3] - y, leg.radius_m) <= 0.0
+    return beyond(leg.route[2] - x, leg.route[3] - y, leg.radius_m) <= 0.0
 
 
 @kernel
-def _beyond(x: float, y: float, radius: float) -> float:
+def beyond(x: float, y: float, radius: float) -> float:
     """Return x² + y² - R², without cancellation where the larger coordinate makes up the radius."""
     x, y = abs(x), abs(y)
     if x < y:
@@ -269,7 +269,7 @@ def _at(piece: Relative, t: float) -> tuple[float, float]:
 def _excess(piece: Relative, radius: float, t: float) -> float:
     """Return the squared distance minus the squared radius, t seconds into a piece."""
     x, y = _at(piece, t)
-    return _beyond(x, y, radius)
+    return beyond(x, y, radius)
 
 
 @kernel

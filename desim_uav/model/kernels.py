@@ -88,6 +88,16 @@ def rule(function: F) -> F:
     return made
 
 
+def rare_rule(function: F) -> F:
+    """Have a rule compiled as a function of its own, which does not become part of its callers.
+
+    It is for what seldom happens: code that is part of many callers takes long to compile.
+    """
+    RULES.add(cast(FunctionType, function))
+    made: F = register_jitable(**{**INNER, "forceinline": False})(function)
+    return made
+
+
 def stands_in_for(function: Any) -> Callable[[F], F]:
     """Return a decorator that replaces a function in compiled code.
 

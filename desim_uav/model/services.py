@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Protocol
 
 import numpy as np
-from annotated_types import Ge, Gt, MinLen
+from annotated_types import Ge, Gt, Le, MinLen
 from numpy.typing import NDArray
 
 from desim_uav.model.rules import US
@@ -15,7 +15,11 @@ from desim_uav.registry import register
 
 
 class Service(Protocol):
-    """A service, as two lists of equally likely values (quantiles of a continuous distribution)."""
+    """A service, as two lists of equally likely values (quantiles of a continuous distribution).
+
+    A service that asks for a volume has a method ``volumes_ubit`` instead of ``durations_us``: it
+    returns volumes in millionths of a bit, each above 0.
+    """
 
     def durations_us(self) -> NDArray[np.int64]:
         """Return the service times that a request can require, in microseconds, each above 0."""
@@ -46,6 +50,29 @@ class UniformChoice:
         return np.array([round(kbps * 1000) for kbps in self.bandwidth_kbps], np.int64)
 
 
+@register("service", "transfer")
+@dataclass(frozen=True)
+class Transfer:
+    """A request asks for a volume, and ends when this has been delivered.
+
+    All volumes are equally likely. Its rate is what the drones' ``radio.sharing`` gives it; under
+    ``held`` it holds one of the rates of ``bandwidth_kbps``, all equally likely.
+    """
+
+    volume_mbit: Annotated[tuple[Annotated[float, Ge(1e-6), Le(1e6)], ...], MinLen(1)]
+    """The volumes that a request can ask for, in Mbit, equally likely."""
+    bandwidth_kbps: Annotated[tuple[Annotated[float, Gt(0)], ...], MinLen(1)] | None = None
+    """The rates that a request can hold under the sharing `held`, in kbit/s, equally likely."""
+
+    def volumes_ubit(self) -> NDArray[np.int64]:
+        """Return the volumes in millionths of a bit."""
+        return np.array([round(mbit * 10**12) for mbit in self.volume_mbit], np.int64)
+
+    def bandwidths_bps(self) -> NDArray[np.int64]:
+        """Return the rates in bit/s; 0 if none are held."""
+        return np.array([round(kbps * 1000) for kbps in self.bandwidth_kbps or (0,)], np.int64)
+
+
 PAPER: dict[str, Service] = {
     "throughput": UniformChoice((1, 2, 3, 4, 5, 6), (96, 160, 200, 320, 750, 1000, 2500)),
     "edge_computing": UniformChoice((3,), (10, 20, 30, 40, 50)),
@@ -60,7 +87,8 @@ class Catalogue:
 
     ``share``: (services,), the cumulative probabilities of the mix. ``durations_us`` and
     ``bandwidths_bps``: (services, widest); row s uses its first ``sizes[s]`` = (durations,
-    bandwidths) entries.
+    bandwidths) entries. Services that are ``in_bits`` (services,) ask for volumes, which are in
+    ``durations_us`` in millionths of a bit.
     """
 
     names: tuple[str, ...]
@@ -68,6 +96,7 @@ class Catalogue:
     sizes: NDArray[np.int64]
     durations_us: NDArray[np.int64]
     bandwidths_bps: NDArray[np.int64]
+    in_bits: NDArray[np.bool_]
 
 
 def catalogue(services: Mapping[str, Service], mix: Mapping[str, float]) -> Catalogue:
@@ -76,10 +105,14 @@ def catalogue(services: Mapping[str, Service], mix: Mapping[str, float]) -> Cata
     weights = np.array([mix.get(name, 0.0) for name in names])
     share = np.cumsum(weights / weights.sum())
     share[np.flatnonzero(weights)[-1] :] = 1.0
-    durations = [service.durations_us() for service in services.values()]
+    in_bits = np.array([hasattr(service, "volumes_ubit") for service in services.values()])
+    required = [
+        service.volumes_ubit() if isinstance(service, Transfer) else service.durations_us()
+        for service in services.values()
+    ]
     bandwidths = [service.bandwidths_bps() for service in services.values()]
-    sizes = np.array([[len(d), len(b)] for d, b in zip(durations, bandwidths, strict=True)])
-    return Catalogue(names, share, sizes, _padded(durations), _padded(bandwidths))
+    sizes = np.array([[len(r), len(b)] for r, b in zip(required, bandwidths, strict=True)])
+    return Catalogue(names, share, sizes, _padded(required), _padded(bandwidths), in_bits)
 
 
 def _padded(rows: list[NDArray[np.int64]]) -> NDArray[np.int64]:

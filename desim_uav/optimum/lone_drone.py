@@ -18,7 +18,6 @@ from desim_uav.model.planner import Node
 from desim_uav.model.rules import Action
 from desim_uav.model.state import Observation
 from desim_uav.rules import words
-from desim_uav.rules.attachment import settle
 from desim_uav.rules.charging import await_full, begin_charging, end_charging
 from desim_uav.rules.coverage import on_crossing, silence, track
 from desim_uav.rules.crash import crash
@@ -28,6 +27,7 @@ from desim_uav.rules.episode import command, end_step, show_first
 from desim_uav.rules.flight import appear, hover_at, orient, station_under
 from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.rules.rows import Drone
+from desim_uav.rules.settle import settle
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 

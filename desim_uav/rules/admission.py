@@ -27,7 +27,7 @@ class FirstCome(RowAdmission):
         waiting, kept = drone.waiting, 0
         for k in range(len(waiting)):
             user = state.users[waiting[k]]
-            if world.bandwidth_bps < 0 or user.request.bandwidth_bps <= drone.free_bps:
+            if world.bandwidth_hz < 0 or user.request.needs_hz <= drone.free_hz:
                 serve(world, state, drone, user, phase)
             else:
                 waiting[kept] = waiting[k]
@@ -45,7 +45,7 @@ def admit(world: Constants, state: State, drone: Drone, number: int, phase: int)
     """
     user = state.users[number]
     drone.waiting.remove(number)
-    if world.bandwidth_bps >= 0 and user.request.bandwidth_bps > drone.free_bps:
+    if world.bandwidth_hz >= 0 and user.request.needs_hz > drone.free_hz:
         state.faults |= OVERBOOKED
     serve(world, state, drone, user, phase)
 

@@ -32,7 +32,7 @@ def observe(world: Constants, state: State) -> None:
         observation.mode = drone.mode
         observation.battery_us = battery_now(world, state, drone)
         observation.attached_users = drone.attached_users
-        observation.used_bps = drone.used_bps
+        observation.used_hz = drone.used_hz
         observation.served_requests = 0
         for k in range(services):
             observation.served_requests += drone.served[k]
@@ -54,7 +54,7 @@ def record(world: Constants, state: State) -> None:
         record.action, record.action_taken = drone.command, drone.taken
         record.attached_users = observation.attached_users
         record.served_requests = observation.served_requests
-        record.bandwidth_bps = observation.used_bps
+        record.bandwidth_bps = observation.used_hz
         record.return_us = 0
         if world.limited:
             plan = way_back(world, drone, observation.believed)

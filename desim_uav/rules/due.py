@@ -78,6 +78,15 @@ def settle_slot(state: State) -> int:
     return 2 * len(state.users) + 3 * len(state.drones)
 
 
-def slots(users: int, drones: int) -> int:
-    """Return the number of slots in a world with so many users and drones."""
-    return 2 * users + 3 * drones + 1
+@rule
+def association_slot(state: State, user: int) -> int:
+    """Return the slot for the next drone that a user receives better, or no longer so."""
+    return 2 * len(state.users) + 3 * len(state.drones) + 1 + user
+
+
+def slots(users: int, drones: int, by_level: bool) -> int:
+    """Return the number of slots in a world with so many users and drones.
+
+    Only if users are associated ``by_level`` there are those of ``association_slot``.
+    """
+    return (3 if by_level else 2) * users + 3 * drones + 1

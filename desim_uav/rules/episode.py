@@ -5,7 +5,6 @@ from __future__ import annotations
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import rule
 from desim_uav.rules import words
-from desim_uav.rules.attachment import settle
 from desim_uav.rules.charging import await_full, count_queueing, hand_on_pads
 from desim_uav.rules.coverage import leave_all, look_anew, track
 from desim_uav.rules.crash import respawn
@@ -15,6 +14,7 @@ from desim_uav.rules.flight import appear, await_hop, count_distance, orient
 from desim_uav.rules.note import note_drone, note_leg
 from desim_uav.rules.requests import close_all, doing, foresee_asking
 from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.settle import settle, settle_after
 
 
 @rule
@@ -40,6 +40,7 @@ def begin(world: Constants, path: Path, state: State) -> None:
         if state.drones[d].mode == words.FLYING:
             track(world, path, state, state.drones[d], 0, words.ENTRY)
         orient(world, path, state, state.drones[d], 0)
+    settle_after(world, path, state, words.ENTRY)
     for u in range(len(state.users)):
         foresee_asking(world, path, state, state.users[u])
     for d in range(len(state.drones)):
@@ -53,9 +54,10 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     """Reset what belongs to an episode in a drone's row, but keep its leg, mode and battery."""
     drone.since_us -= state.now_us
     drone.respawns = drone.waits = drone.serving = drone.scan = 0
-    drone.free_bps = world.bandwidth_bps
-    drone.used_bps = drone.attached_users = 0
+    drone.free_hz = world.bandwidth_hz
+    drone.used_hz = drone.attached_users = 0
     drone.waiting.clear()
+    drone.sharing.clear()
     drone.ahead.clear()
     for service in range(world.services):
         drone.served[service] = drone.asking[service] = 0
@@ -67,9 +69,12 @@ def _forget(state: State) -> None:
     state.now_us = state.step = state.terminated = state.truncated = 0
     state.opened = state.in_service = state.charges = state.crashes = state.suppressed = 0
     state.open_us = state.served_us = state.attached_us = state.attached_from_us = 0
-    state.queueing_us = state.bandwidth_us_bps = state.to_scan = state.faults = 0
+    state.queueing_us = state.bandwidth_us_hz = state.to_scan = state.faults = 0
+    state.handed_over = state.ping_pongs = state.outages = state.outage_us = 0
     state.closed_qoe1 = state.distance_m = 0.0
+    state.known_until_us = state.retunes = 0
     state.loose.clear()
+    state.unsettled.clear()
     state.crashed.clear()
     state.events.clear()
     state.closed.clear()
@@ -79,9 +84,12 @@ def _forget(state: State) -> None:
     for u in range(len(state.users)):
         user = state.users[u]
         user.holder = user.request.number = user.request.server = -1
-        user.covered, user.share = 0, 0.0
+        user.left = user.left_us = user.came_from = user.outage_since_us = -1
+        user.covered, user.share, user.unsettled = 0, 0.0, 0
         for d in range(len(state.drones)):
             user.covering[d] = -1
+            user.classes[d] = 0
+            user.better_since[d] = -1
     nothing_due(state)
 
 
@@ -114,6 +122,7 @@ def show_first(world: Constants, path: Path, state: State) -> None:
 @rule
 def hear(world: Constants, state: State) -> None:
     """Turn the commands of all drones (an action's index, or -1 if it is none) into actions."""
+    state.known_until_us = state.now_us + world.step_us
     for d in range(len(state.drones)):
         drone = state.drones[d]
         state.history[state.step * len(state.drones) + d] = drone.command
@@ -169,6 +178,7 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
         drone = state.drones[d]
         drone.serving = 0
         drone.waiting.clear()
+        drone.sharing.clear()
         count_distance(world, state, drone)
         if drone.mode == words.QUEUED:
             count_queueing(state, drone)

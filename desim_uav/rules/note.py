@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from desim_uav.model.kernels import rule
-from desim_uav.rules.rows import Constants, Drone, State
+from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.words import ON_LEG
 
 
@@ -17,6 +17,15 @@ def note(
         event.t_us, event.phase, event.kind = state.now_us, phase, kind
         event.drone, event.user = drone, user
         event.request, event.station = request, station
+        event.link_class = -1
+
+
+@rule
+def note_class(state: State, phase: int, kind: int, drone: Drone, user: User) -> None:
+    """Append an event of a link between a drone and a user to the log, with the link's class."""
+    if state.keeps_events:
+        note(state, phase, kind, drone.index, user.index, -1, -1)
+        state.events[len(state.events) - 1].link_class = user.classes[drone.index]
 
 
 @rule
@@ -38,6 +47,7 @@ def note_leg(world: Constants, state: State, drone: Drone) -> None:
         leg.user = place(world, drone.x, drone.y, drone.level)
         leg.request = place(world, drone.to_x, drone.to_y, drone.to_level)
         leg.station = world.transits[drone.transit].duration_us
+        leg.link_class = -1
 
 
 @rule

@@ -74,8 +74,8 @@ class Local(RowObservation):
             out[k + count] = state.counts[counts * drone.index + count] / users
         k += counts
         used = 0.0
-        if world.bandwidth_bps >= 0:
-            used = (observation.used_bps / 1000) / (world.bandwidth_bps / 1000)
+        if world.bandwidth_hz >= 0:
+            used = (observation.used_hz / 1000) / (world.bandwidth_hz / 1000)
         out[k] = 1.0 - used
         out[k + 1] = 1.0 - state.step / world.steps
         if world.limited:

@@ -4,10 +4,18 @@ from __future__ import annotations
 
 from desim_uav.model.kernels import rule
 from desim_uav.rules import words
-from desim_uav.rules.attachment import settle_after
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Path, State, User
-from desim_uav.rules.service import close, foresee_request, open_request, scan_later, stop, wait
+from desim_uav.rules.service import (
+    close,
+    foresee_request,
+    open_request,
+    scan_later,
+    served_share,
+    stop,
+    wait,
+)
+from desim_uav.rules.settle import settle_after
 
 
 @rule
@@ -31,22 +39,21 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
     if user.request.number >= 0:
         state.suppressed += 1
         return
-    open_request(path, state, user, number)
+    open_request(world, path, state, user, number)
     note(state, words.REQUEST, words.ON_REQUEST, -1, user.index, user.request.number, -1)
     if user.holder >= 0:
         drone = state.drones[user.holder]
-        wait(state, drone, user)
-        scan_later(state, drone)
+        wait(world, state, drone, user)
         settle_after(world, path, state, words.REQUEST)
 
 
 @rule
 def on_completion(world: Constants, path: Path, state: State, user: User) -> None:
-    """Complete a user's request, which has been served for the time that it required."""
+    """Complete a user's request, for which all that it required has been done."""
     drone = state.drones[user.request.server]
     stop(state, user, words.COMPLETION)
     close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
-    if len(drone.waiting) > 0:
+    if len(drone.waiting) > 0 or len(drone.sharing) > 0:
         scan_later(state, drone)
         settle_after(world, path, state, words.COMPLETION)
 
@@ -83,8 +90,8 @@ def measures(world: Constants, state: State) -> tuple[float, float, float]:
         if request.number >= 0:
             open_now += 1
             if request.server >= 0:
-                had_us = request.served_us + now_us - request.started_us
-                qoe1 += had_us / request.required_us
+                done = request.done + (now_us - request.counted_us) * request.rate
+                qoe1 += served_share(min(done, request.required), request.required)
             else:
                 qoe1 += user.share
     for d in range(len(state.drones)):

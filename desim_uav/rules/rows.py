@@ -78,12 +78,17 @@ class Hop(Row):
 
 
 @row
-class Crossing(Row):
-    """The crossing of a footprint's edge by a user, who enters (1) or leaves (0) it."""
+class Change(Row):
+    """The change of a link between a drone and a user to another class.
+
+    ``change`` is the new class if the link rises to it, and minus the new class if it falls to it.
+    Class 0 is no link. With the paper's disc, which has one class, 1 is the entry of a user into
+    the footprint and 0 its exit.
+    """
 
     t_us: int
     user: int
-    enters: int
+    change: int
 
 
 @row
@@ -93,11 +98,16 @@ class Constants(Row):
     A place (level, x, y) has the number ``(level * nx + x) * ny + y``. ``blocked`` has an entry per
     place, ``plans`` one per place without the drones' ceiling and then one per place below it, and
     ``station_at`` one per cell. ``transits`` holds the hover, the moves, and then, from number
-    ``first_hop``, the hops along x, along y and between levels. ``bandwidth_bps`` is -1 if it is
-    unlimited. ``known`` holds crossings of users who stand still (``engine.compiled.standing``).
-    ``features`` is the number of features that a learner observes. The fields from ``foresee`` on
-    are functions, or in compiled code their addresses; ``reward_values`` and the like are the
-    addresses of the components' fields.
+    ``first_hop``, the hops along x, along y and between levels. ``bandwidth_hz`` is -1 if it is
+    unlimited. ``efficiencies`` has the millionths of a bit/s that a link of each class carries per
+    hertz, class 0 (none) first. ``rings`` has the radii of all classes from 1 on, by level and then
+    by the ``groups`` into which users fall by their heights. By service, ``in_bits`` says that
+    requests ask for a volume instead of a time, and ``elastic`` that they share what bandwidth is
+    left. ``interferes`` says that drones interfere; for ``trigger_us`` and ``margin_db`` see
+    ``rules.association``. ``known`` holds changes of users who stand still
+    (``engine.compiled.standing``). ``features`` is the number of features that a learner observes.
+    The fields from ``foresee`` on are functions, or in compiled code their addresses;
+    ``reward_values`` and the like are the addresses of the components' fields.
     """
 
     steps: int
@@ -110,8 +120,12 @@ class Constants(Row):
     respawn_after_us: int
     on_crash: int
     pads: int
-    bandwidth_bps: int
+    bandwidth_hz: int
     services: int
+    classes: int
+    interferes: int
+    trigger_us: int
+    margin_db: float
     nx: int
     ny: int
     levels: int
@@ -136,20 +150,28 @@ class Constants(Row):
     starts: Table[Cell]
     ceilings: Table[int]
     homes: Table[Place]
+    efficiencies: Table[int]
+    rings: Table[float]
+    groups: Table[int]
+    in_bits: Table[int]
+    elastic: Table[int]
     reward_values: int
     admission_values: int
     observation_values: int
     battery_values: int
     mobility_values: int
+    sharing_values: int
     features: int
     buckets_x: int
     buckets_y: int
     bucket_x_m: float
     bucket_y_m: float
     known_at: Table[int]
-    known: Table[Crossing]
+    known: Table[Change]
     foresee: int
     scan: int
+    divide: int
+    passes_us: int
     pay: int
     describe: int
     drained_us: int
@@ -160,11 +182,14 @@ class Constants(Row):
 
 @row
 class Ask(Row):
-    """A request to come; ``due_us`` is its time or a think time (see ``model.demand.Requests``)."""
+    """A request to come; ``due_us`` is its time or a think time (see ``model.demand.Requests``).
+
+    ``required`` is a service time in microseconds, or a volume in millionths of a bit.
+    """
 
     due_us: int
     service: int
-    required_us: int
+    required: int
     bandwidth_bps: int
 
 
@@ -199,9 +224,11 @@ class Drone(Row):
     ``route_end`` - 1, ``waits`` that it can be commanded, ``serving`` that it has a footprint, and
     ``scan`` that its queue has to be scanned. A crashed drone has ``fallen`` to (fallen_x_m, …).
     ``landed_in`` is the phase in which it landed, ``taken`` the action on its ``command``.
-    ``waiting`` is its queue: the users whose requests wait, by (request time, user). ``ahead``
-    holds the crossings to come, the next one last. ``served`` counts the requests that it serves,
-    and ``asking`` the open ones in its footprint, by service. ``terms`` are those of its reward; a
+    ``waiting`` is its queue: the users whose requests wait, by (request time, user). ``sharing``
+    holds the users whose elastic requests share what requests for a fixed rate leave of the
+    bandwidth (``free_hz``), in the same order. ``ahead`` holds the changes of class to come, the
+    next one last. ``served`` counts the requests that it serves, and ``asking`` the open ones in
+    its footprint, by service. ``terms`` are those of its reward; a
     learner observes ``features``.
     """
 
@@ -227,14 +254,15 @@ class Drone(Row):
     fallen_y_m: float
     respawns: int
     serving: int
-    free_bps: int
-    used_bps: int
+    free_hz: int
+    used_hz: int
     attached_users: int
     scan: int
     command: int
     taken: int
     waiting: Queue[int]
-    ahead: Queue[Crossing]
+    sharing: Queue[int]
+    ahead: Queue[Change]
     served: Table[int]
     asking: Table[int]
     terms: Table[float]
@@ -255,7 +283,7 @@ class Observation(Row):
     battery_us: int
     believed: int
     attached_users: int
-    used_bps: int
+    used_hz: int
     served_requests: int
 
 
@@ -284,22 +312,34 @@ class Record(Row):
 class Request(Row):
     """The open request of a user; ``number`` is -1 if there is none.
 
-    Drone ``server`` has served it since ``started_us``. Of its services that lasted more than 0 µs,
-    the first began at ``t_first_us``; the last was by ``last_server`` and ended at ``stopped_us``.
+    It has to be served until ``done`` is ``required``. Both are microseconds of service or, if the
+    request is ``in_bits``, millionths of a bit; ``rate`` of them are done per microsecond (bit/s,
+    or 1). Drone ``server`` has served it since ``started_us``, at this rate and with a bandwidth of
+    ``used_hz`` since ``counted_us``. A request for the rate ``bandwidth_bps`` that is not
+    ``elastic`` needs a bandwidth of ``needs_hz`` in its present class. Of its services that lasted
+    more than 0 µs, the first began at ``t_first_us``; the last was by ``last_server`` and ended at
+    ``stopped_us``.
     """
 
     number: int
     user: int
     service: int
     t_request_us: int
-    required_us: int
+    required: int
+    done: int
+    rate: int
+    in_bits: int
+    elastic: int
     bandwidth_bps: int
+    needs_hz: int
+    used_hz: int
     served_us: int
     attached_us: int
     interruptions: int
     t_first_us: int
     server: int
     started_us: int
+    counted_us: int
     stopped_us: int
     last_server: int
 
@@ -308,9 +348,14 @@ class Request(Row):
 class User(Row):
     """A user, attached to drone ``holder`` since ``held_since_us``.
 
-    ``covering`` holds the times at which it entered the drones' footprints, and ``covered`` is the
-    number of those that it is in. ``share`` is the served share of its open request when service
-    last stopped; ``doing`` is its ``UserState`` at the end of the episode.
+    ``classes`` holds the classes of its links to the drones; ``covering`` holds the times at which
+    it entered their footprints, where the class is at least 1, and ``covered`` is the number of
+    those that it is in. ``share`` is the served share of its open request when service
+    last stopped; ``doing`` is its ``UserState`` at the end of the episode. It was attached to drone
+    ``left`` until ``left_us``, and at ``came_us`` it was handed over from drone ``came_from``. It
+    has had an open request, but no link, since ``outage_since_us`` (-1: it is not so). If users are
+    associated by level, drones have been better for it than its own ``better_since`` (-1: they are
+    not); the next to change this is ``rival``, at ``turns_us``.
     """
 
     index: int
@@ -320,8 +365,18 @@ class User(Row):
     next_ask: int
     share: float
     doing: int
+    left: int
+    left_us: int
+    came_from: int
+    came_us: int
+    outage_since_us: int
+    unsettled: int
+    rival: int
+    turns_us: int
     request: Request
+    classes: Table[int]
     covering: Table[int]
+    better_since: Table[int]
 
 
 @row
@@ -333,7 +388,10 @@ class Station(Row):
 
 @row
 class Event(Row):
-    """An entry of the event log, which is an event or a leg (see ``note_leg``)."""
+    """An entry of the event log, which is an event or a leg (see ``note_leg``).
+
+    ``link_class`` is the new class of the link between ``drone`` and ``user``, if that has changed.
+    """
 
     t_us: int
     phase: int
@@ -342,6 +400,7 @@ class Event(Row):
     user: int
     request: int
     station: int
+    link_class: int
 
 
 @row
@@ -352,7 +411,8 @@ class Closed(Row):
     user: int
     service: int
     bandwidth_bps: int
-    required_us: int
+    required: int
+    done: int
     served_us: int
     attached_us: int
     t_request_us: int
@@ -390,8 +450,12 @@ class State(Row):
     ``open_us`` and ``served_us`` sum the ends of open and of served intervals of requests, less
     their starts; intervals under way add their number times now. ``attached_us`` sums the
     attachments that have ended, and ``attached_from_us`` the starts of the others;
-    ``bandwidth_us_bps`` is the integral of bandwidth over ended services. ``loose`` holds the users
-    who may have to be attached, ``to_scan`` counts the drones whose queues have to be scanned. At
+    ``bandwidth_us_hz`` is the integral of bandwidth over ended services. ``loose`` holds the users
+    who may have to be attached, ``unsettled`` those whose levels have to be looked at, if users are
+    associated ``by_level``; ``retunes`` says that interference has changed. Legs are known until
+    ``known_until_us``. ``to_scan`` counts the drones whose queues have to be scanned. If
+    the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
+    the time in outages that have ended (see ``rules.links``). At
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
     ``history`` holds all commands, ``slot_times`` to ``winners`` the compiled event queue.
@@ -411,17 +475,26 @@ class State(Row):
     attached_us: int
     attached_from_us: int
     queueing_us: int
-    bandwidth_us_bps: int
+    bandwidth_us_hz: int
     closed_qoe1: float
     distance_m: float
     to_scan: int
+    by_level: int
+    retunes: int
+    known_until_us: int
     keeps_events: int
     keeps_requests: int
+    keeps_links: int
+    handed_over: int
+    ping_pongs: int
+    outages: int
+    outage_us: int
     faults: int
     drones: Table[Drone]
     users: Table[User]
     stations: Table[Station]
     loose: Queue[int]
+    unsettled: Queue[int]
     open_requests: Table[int]
     asked: Table[int]
     observations: Table[Observation]

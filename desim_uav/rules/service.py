@@ -2,52 +2,144 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rule
+from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.model.rows import Queue
 from desim_uav.rules import words
 from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
+from desim_uav.rules.links import begin_outage, end_outage
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Request, State, User
 
+MILLION = 1_000_000
+
 
 @rule
-def wait(state: State, drone: Drone, user: User) -> None:
-    """Insert a user's request into a drone's queue: by the time it was made, then by user."""
-    waiting, asked_us = drone.waiting, user.request.t_request_us
-    place = len(waiting)
+def wait(world: Constants, state: State, drone: Drone, user: User) -> None:
+    """Insert a user's request into a drone's queue: by the time it was made, then by user.
+
+    An elastic request is inserted among those that share the drone's bandwidth instead.
+    """
+    if user.request.elastic:
+        _insert(state, drone.sharing, user)
+    else:
+        user.request.needs_hz = needed_hz(world, drone, user, user.request.bandwidth_bps)
+        _insert(state, drone.waiting, user)
+    scan_later(state, drone)
+
+
+@rule
+def _insert(state: State, queue: Queue[int], user: User) -> None:
+    """Insert a user into a queue that is ordered by the time of requests, then by user."""
+    asked_us, place = user.request.t_request_us, len(queue)
     while place > 0:
-        before = state.users[waiting[place - 1]].request
+        before = state.users[queue[place - 1]].request
         if before.t_request_us < asked_us:
             break
         if before.t_request_us == asked_us and before.user < user.index:
             break
         place -= 1
-    waiting.insert(place, user.index)
+    queue.insert(place, user.index)
 
 
 @rule
 def scan_later(state: State, drone: Drone) -> None:
-    """Let a drone scan its queue, to admit requests, when this instant is settled."""
+    """Let a drone divide its bandwidth anew, among all requests, when this instant is settled."""
     if not drone.scan:
         drone.scan = 1
         state.to_scan += 1
 
 
 @rule
+def scan_if_used(state: State, drone: Drone) -> None:
+    """Let a drone divide its bandwidth anew if there are requests that might get more of it."""
+    if len(drone.waiting) > 0 or len(drone.sharing) > 0:
+        scan_later(state, drone)
+
+
+# ---- bandwidth and rates
+
+
+@rule
+def needed_hz(world: Constants, drone: Drone, user: User, bps: int) -> int:
+    """Return the bandwidth in Hz that a rate needs in the class of a user's link, rounded up."""
+    efficiency = world.efficiencies[user.classes[drone.index]]
+    return (bps * MILLION + efficiency - 1) // efficiency
+
+
+@rule
+def rate_bps(world: Constants, drone: Drone, user: User, bandwidth_hz: int) -> int:
+    """Return the rate of a user's link over a bandwidth, in whole bit/s, rounded down."""
+    return bandwidth_hz * world.efficiencies[user.classes[drone.index]] // MILLION
+
+
+@rule
 def serve(world: Constants, state: State, drone: Drone, user: User, phase: int) -> None:
-    """Begin to serve a user's request, and schedule its completion."""
+    """Begin to serve a user's request that holds the bandwidth it needs."""
+    request = user.request
+    drone.free_hz -= request.needs_hz
+    request.used_hz = request.needs_hz
+    request.rate = request.bandwidth_bps if request.in_bits else 1
+    _begin(world, state, drone, user, phase)
+
+
+@rule
+def give_share(
+    world: Constants, state: State, user: User, bandwidth_hz: int, bps: int, phase: int
+) -> None:
+    """Serve a user's elastic request with a rate, or not at all if the rate is 0.
+
+    ``bandwidth_hz`` is the part of the drone's bandwidth that it occupies.
+    """
+    request, drone = user.request, state.drones[user.holder]
+    if request.server < 0:
+        if bps > 0:
+            request.used_hz, request.rate = bandwidth_hz, bps
+            _begin(world, state, drone, user, phase)
+    elif bps == 0:
+        stop(state, user, phase)
+    elif bps != request.rate or bandwidth_hz != request.used_hz:
+        count_service(state, request)
+        drone.used_hz += bandwidth_hz - request.used_hz
+        request.used_hz, request.rate = bandwidth_hz, bps
+        _await_completion(world, state, user)
+
+
+@rule
+def _begin(world: Constants, state: State, drone: Drone, user: User, phase: int) -> None:
+    """Begin to serve a request with the rate and the bandwidth that it has been given."""
     request, now_us = user.request, state.now_us
-    drone.free_bps -= request.bandwidth_bps
-    drone.used_bps += request.bandwidth_bps
+    drone.used_hz += request.used_hz
     drone.served[request.service] += 1
     request.server = drone.index
-    request.started_us = now_us
+    request.started_us = request.counted_us = now_us
     state.in_service += 1
     state.served_us -= now_us
     note(state, phase, words.ON_SERVE, drone.index, user.index, request.number, -1)
-    done_us = now_us + request.required_us - request.served_us
-    if done_us <= world.horizon_us:
-        slot = completion_slot(state, user.index)
-        due(state, slot, done_us, key(words.COMPLETION, drone.index, user.index))
+    _await_completion(world, state, user)
+
+
+@rule
+def _await_completion(world: Constants, state: State, user: User) -> None:
+    """Schedule the completion of a request at its rate, if that is before the episode's end."""
+    request, slot = user.request, completion_slot(state, user.index)
+    left = request.required - request.done
+    if request.rate != 1:
+        left = (left + request.rate - 1) // request.rate
+    if state.now_us + left <= world.horizon_us:
+        place = key(words.COMPLETION, request.server, user.index)
+        due(state, slot, state.now_us + left, place)
+    else:
+        undo(state, slot)
+
+
+@rule
+def count_service(state: State, request: Request) -> None:
+    """Count what has been done for a request since this was counted last."""
+    elapsed_us = state.now_us - request.counted_us
+    request.counted_us = state.now_us
+    request.served_us += elapsed_us
+    request.done = min(request.done + elapsed_us * request.rate, request.required)
+    state.bandwidth_us_hz += elapsed_us * request.used_hz
 
 
 @rule
@@ -55,11 +147,10 @@ def stop(state: State, user: User, phase: int) -> None:
     """Stop serving a user's request. A service of 0 µs is no interruption and no handover."""
     request, now_us = user.request, state.now_us
     drone = state.drones[request.server]
+    count_service(state, request)
     request.server = -1
     undo(state, completion_slot(state, user.index))
-    elapsed_us = now_us - request.started_us
-    if elapsed_us > 0:
-        request.served_us += elapsed_us
+    if now_us > request.started_us:
         if request.t_first_us < 0:
             request.t_first_us = request.started_us
         elif request.started_us > request.stopped_us:
@@ -70,30 +161,80 @@ def stop(state: State, user: User, phase: int) -> None:
         request.stopped_us = now_us
     state.in_service -= 1
     state.served_us += now_us
-    user.share = request.served_us / request.required_us
-    state.bandwidth_us_bps += elapsed_us * request.bandwidth_bps
-    drone.free_bps += request.bandwidth_bps
-    drone.used_bps -= request.bandwidth_bps
+    user.share = served_share(request.done, request.required)
+    drone.used_hz -= request.used_hz
+    if not request.elastic:
+        drone.free_hz += request.used_hz
     drone.served[request.service] -= 1
     note(state, phase, words.ON_STOP, drone.index, user.index, request.number, -1)
 
 
+@rare_rule
+def regrade(world: Constants, state: State, drone: Drone, user: User, phase: int) -> None:
+    """Adapt the open request of a user to the class that the link to its drone has now.
+
+    A rate that is held needs more bandwidth in a lower class. If the sum no longer fits, the
+    requests that were admitted last wait (ties: those of the highest users first) until it fits.
+    """
+    request = user.request
+    if not request.elastic:
+        request.needs_hz = needed_hz(world, drone, user, request.bandwidth_bps)
+        if request.server >= 0:
+            count_service(state, request)
+            more_hz = request.needs_hz - request.used_hz
+            drone.free_hz -= more_hz
+            drone.used_hz += more_hz
+            request.used_hz = request.needs_hz
+            while drone.free_hz < 0:
+                last = _admitted_last(state, drone)
+                stop(state, last, phase)
+                wait(world, state, drone, last)
+    scan_if_used(state, drone)
+
+
 @rule
-def open_request(path: Path, state: State, user: User, number: int) -> None:
+def _admitted_last(state: State, drone: Drone) -> User:
+    """Return the user whose held request a drone has begun to serve last (ties: the highest)."""
+    last = -1
+    for u in range(len(state.users)):
+        request = state.users[u].request
+        held = request.number >= 0 and request.server == drone.index and not request.elastic
+        if held and (last < 0 or request.started_us >= state.users[last].request.started_us):
+            last = u
+    return state.users[last]
+
+
+@rule
+def served_share(done: int, required: int) -> float:
+    """Return which share of a request has been done, as a quotient of two numbers with a point.
+
+    Python and compiled code divide whole numbers of more than 53 bits differently.
+    """
+    return float(done) / float(required)
+
+
+# ---- requests
+
+
+@rule
+def open_request(world: Constants, path: Path, state: State, user: User, number: int) -> None:
     """Open a user's request as row ``number`` of the sample path's requests describes it."""
     ask, request, now_us = path.asks[number], user.request, state.now_us
     request.number = state.opened
     request.service = ask.service
-    request.required_us = ask.required_us
+    request.required = ask.required
+    request.in_bits, request.elastic = world.in_bits[ask.service], world.elastic[ask.service]
     request.bandwidth_bps = ask.bandwidth_bps
     request.t_request_us = now_us
-    request.served_us = request.attached_us = request.interruptions = 0
+    request.done = request.served_us = request.attached_us = request.interruptions = 0
     request.t_first_us = request.started_us = request.stopped_us = -1
     request.server = request.last_server = -1
     state.opened += 1
     state.open_us -= now_us
     state.open_requests[ask.service] += 1
     count_asking(state, user, 1)
+    if state.keeps_links:
+        begin_outage(state, user, words.REQUEST)
 
 
 @rule
@@ -105,15 +246,17 @@ def close(world: Constants, path: Path, state: State, user: User, phase: int, ki
     request, now_us = user.request, state.now_us
     if user.holder >= 0:
         count_attached(state, user)
-    if 0 < request.served_us < request.required_us and now_us > request.stopped_us:
-        request.interruptions += 1
-    state.closed_qoe1 += request.served_us / request.required_us
+    if request.served_us > 0 and request.done < request.required:
+        request.interruptions += int(now_us > request.stopped_us)
+    state.closed_qoe1 += served_share(request.done, request.required)
     user.share = 0.0
     state.open_us += now_us
     state.open_requests[request.service] -= 1
     count_asking(state, user, -1)
     _log_request(state, request)
     note(state, phase, kind, user.holder, user.index, request.number, -1)
+    if state.keeps_links:
+        end_outage(state, user)
     request.number = -1
     if path.after_previous:
         foresee_request(world, path, state, user, now_us)
@@ -158,7 +301,8 @@ def _log_request(state: State, request: Request) -> None:
         closed.user = request.user
         closed.service = request.service
         closed.bandwidth_bps = request.bandwidth_bps
-        closed.required_us = request.required_us
+        closed.required = request.required
+        closed.done = request.done
         closed.served_us = request.served_us
         closed.attached_us = request.attached_us
         closed.t_request_us = request.t_request_us

@@ -36,6 +36,7 @@ EVENT_KINDS = (
     *("enter", "exit", "attach", "detach"),
     *("decide", "depart", "blocked", "arrive", "land", "charge", "charged"),
     *("deplete", "crash", "respawn"),
+    *("class", "handover", "ping_pong", "outage"),
 )
 """The names of the kinds of events by number; the next number, ON_LEG, is for ``note_leg``."""
 
@@ -70,6 +71,10 @@ LEADS_TO = {
     ON_DEPLETE,
     ON_CRASH,
     ON_RESPAWN,
+    ON_CLASS,
+    ON_HANDOVER,
+    ON_PING_PONG,
+    ON_OUTAGE,
     ON_LEG,
 ) = range(len(EVENT_KINDS) + 1)
 

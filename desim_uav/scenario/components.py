@@ -34,6 +34,8 @@ class Slot:
     name: str
     default: str
     protocol: type
+    by_name: bool = False
+    """Whether the name of a kind alone stands for a component without parameters."""
 
     def __get_pydantic_core_schema__(
         self, source: Any, handler: GetCoreSchemaHandler
@@ -49,7 +51,8 @@ class Slot:
     ) -> JsonSchemaValue:
         """Return the schema of all built-in components and of a plug-in."""
         forms = [self._built_in_schema(kind) for kind in registry.names(self.name)]
-        return {"anyOf": [*forms, _PLUG_IN_SCHEMA]}
+        named = [{"enum": registry.names(self.name)}] if self.by_name else []
+        return {"anyOf": [*forms, *named, _PLUG_IN_SCHEMA]}
 
     def component_class(self, kind: str) -> type:
         """Return the class of a kind, ready for validation. Raises ValueError."""
@@ -72,6 +75,8 @@ class Slot:
             return ["kind"]
 
     def _validate(self, value: Any, info: core_schema.ValidationInfo) -> Any:
+        if self.by_name and isinstance(value, str):
+            value = {"kind": value}
         if isinstance(value, Mapping):
             return self._make(dict(value), info.context or {})
         if info.mode == "python" and all(hasattr(value, m) for m in _methods(self.protocol)):
@@ -116,6 +121,10 @@ class Slot:
         }
 
 
+registry.Part.as_slot = lambda part: Slot(
+    part.slot, part.default, part.protocol, part.slot == "sharing"
+)
+
 _PLUG_IN_SCHEMA: JsonSchemaValue = {
     "title": "plug-in",
     "description": "A class of your own; importing it runs its code.",
@@ -132,7 +141,12 @@ def described(component: Any) -> dict[str, Any]:
     if not dataclasses.is_dataclass(component):
         return {"kind": kind} | getattr(component, _GIVEN, {})
     names = [f.name for f in dataclasses.fields(component) if f.init]
-    return {"kind": kind} | {name: getattr(component, name) for name in names}
+    return {"kind": kind} | {name: _plain(getattr(component, name)) for name in names}
+
+
+def _plain(value: Any) -> Any:
+    """Return the value of a parameter, which is described if it is a component itself."""
+    return described(value) if hasattr(type(value), "kind") else value
 
 
 def place_of_problem(component: Any) -> KeyPath:

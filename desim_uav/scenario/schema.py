@@ -8,14 +8,17 @@ from typing import Annotated, Any, Literal, cast
 from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
 
 import desim_uav.model
+import desim_uav.model.radio
 import desim_uav.rules
 from desim_uav import registry
 from desim_uav.model.admission import Admission
+from desim_uav.model.association import Association, EnteredFirst
 from desim_uav.model.battery import Endurance, Energy
 from desim_uav.model.demand import Demand, Dynamic
 from desim_uav.model.mobility import Mobility, RandomWalk
 from desim_uav.model.motion import BangCoastBang, Motion
 from desim_uav.model.observations import Encoding
+from desim_uav.model.radio.radio import Disc, Radio
 from desim_uav.model.rewards import Reward
 from desim_uav.model.services import PAPER, Service
 from desim_uav.rules.admission import FirstCome
@@ -27,6 +30,7 @@ from desim_uav.scenario.section import Fraction, Section
 from desim_uav.scenario.yaml12 import KeyPath
 
 registry.discover(desim_uav.model)
+registry.discover(desim_uav.model.radio)
 registry.discover(desim_uav.rules)
 
 MOTION = Slot("motion", "bang_coast_bang", Motion)
@@ -36,6 +40,8 @@ MOBILITY = Slot("mobility", "random_walk", Mobility)
 DEMAND = Slot("demand", "dynamic", Demand)
 REWARD = Slot("reward", "multi_service", Reward)
 OBSERVATION = Slot("observation", "position", Encoding)
+RADIO = Slot("radio", "disc", Radio)
+ASSOCIATION = Slot("association", "entered_first", Association, by_name=True)
 SERVICE = Slot("service", "uniform_choice", Service)
 
 
@@ -139,6 +145,8 @@ class Drones(Section):
     """The cell [x, y] in which each drone starts; null means on the charging stations in turn,
     or on a circle if there are none.
     """
+    radio: Annotated[Radio, RADIO] = cast(Radio, Disc())
+    """The radio: the paper's disc, or classes of links that follow from path loss."""
     footprint_radius_m: Metres = 600.0
     """The radius of the disc on the ground that a drone covers, in metres."""
     bandwidth_kbps: Annotated[float, Field(ge=0.001, le=1e9)] | None = 5000.0
@@ -251,6 +259,8 @@ class Scenario(Section):
     """The charging stations."""
     users: Users = Users()
     """The users: where they live and how they move."""
+    association: Annotated[Association, ASSOCIATION] = cast(Association, EnteredFirst())
+    """Which of the drones that cover a user serves it."""
     demand: Annotated[Demand, DEMAND] = Dynamic()
     """When users make requests, and for which services."""
     services: Annotated[

@@ -19,10 +19,13 @@ TYPES = {
 def markdown() -> str:
     """One section for each table."""
     return "\n".join(
-        f"### {name}.parquet\n\n{columns.about}\n\n"
+        f"### {file}.parquet\n\n{columns.about}\n\n"
         + table(
             ("Column", "Type", "Meaning"),
-            ([f"`{c}`", TYPES[dtype], columns.meanings[c]] for c, dtype in columns.items()),
+            (
+                [f"`{name}`", TYPES[dtype], columns.meanings[name]]
+                for name, dtype in (columns | columns.more).items()
+            ),
         )
-        for name, columns in records.TABLES.items()
+        for file, columns in records.TABLES.items()
     )

@@ -275,7 +275,7 @@ class TestScenarios:
 
 
 class Own:
-    def scan(self, waiting, free_bps):
+    def scan(self, waiting, free_hz):
         return ()
 
 

@@ -207,13 +207,13 @@ class Loss:
     """An admission: what does not fit at once is refused for good."""
 
     def scan(
-        self, waiting: Sequence[Waiting], free_bps: float
+        self, waiting: Sequence[Waiting], free_hz: float
     ) -> tuple[list[Waiting], list[Waiting]]:
         served: list[Waiting] = []
         refused: list[Waiting] = []
         for request in waiting:
-            fits = request.bandwidth_bps <= free_bps
-            free_bps -= request.bandwidth_bps if fits else 0
+            fits = request.needs_hz <= free_hz
+            free_hz -= request.needs_hz if fits else 0
             (served if fits else refused).append(request)
         return served, refused
 

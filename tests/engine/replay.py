@@ -85,7 +85,7 @@ def check_log(world: World, log: EpisodeLog) -> None:
     replay.check_over()
 
     assert log.attached_us == replay.attached_us
-    assert log.bandwidth_us_bps == replay.bandwidth_us
+    assert log.bandwidth_us_hz == replay.bandwidth_us
     assert len(log.requests) == len(replay.told)
     for number, request in enumerate(log.requests):
         was, spells = replay.told[number], replay.spells[number]
@@ -111,8 +111,8 @@ def check_log(world: World, log: EpisodeLog) -> None:
         )
         open_us = request.t_end_us - request.t_request_us
         assert request.served_us <= request.attached_us <= open_us
-        assert request.served_us <= request.required_us
-        assert (request.served_us == request.required_us) == (was.outcome is Outcome.COMPLETED)
+        assert request.served_us <= request.required
+        assert (request.done == request.required) == (was.outcome is Outcome.COMPLETED)
 
 
 class Counts(NamedTuple):
@@ -157,7 +157,7 @@ class Replay:
 
     def __init__(self, world: World, bandwidth_bps: Mapping[int, int]) -> None:
         users = len(world.homes)
-        self.limit_bps = world.bandwidth_bps
+        self.limit_bps = world.bandwidth_hz
         self.bandwidth_bps = bandwidth_bps
         self.covering: list[set[int]] = [set() for _ in range(users)]
         self.attached: list[tuple[int, int] | None] = [None] * users

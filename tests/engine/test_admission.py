@@ -40,7 +40,7 @@ def test_who_fits_is_served_and_nobody_waits_behind_who_does_not():
         102000000  1  complete  0  2  2
     """)
     assert [r.t_first_us - r.t_request_us for r in log.requests] == [0, 59 * US, 0, 30 * US]
-    assert log.bandwidth_us_bps == (60 * 600 + 30 * 600 + 100 * 300 + 10 * 200) * 1000 * US
+    assert log.bandwidth_us_hz == (60 * 600 + 30 * 600 + 100 * 300 + 10 * 200) * 1000 * US
     assert not any(request.interruptions for request in log.requests)
 
 

@@ -129,7 +129,7 @@ def check_service(case: Case, result: Result, dt_s: float) -> None:
     assert result.suppressed == case.log.suppressed
     changes = case.count("serve", "stop", "complete")
     requests = max(len(case.log.requests), 1)
-    shortest_us = min((request.required_us for request in case.log.requests), default=US)
+    shortest_us = min((request.required for request in case.log.requests), default=US)
     bound_s, step_s = dt_s * changes, case.inputs.step_us / US
     assert abs(close["served_s"] - exact["served_s"]) <= bound_s
     assert abs(close["qoe1"] - exact["qoe1"]) <= 100 * bound_s * US / shortest_us / requests

@@ -97,7 +97,7 @@ def check_demand(engine: Simulation, case: str) -> None:
     else:
         assert len(log.requests) > users
     if number <= 5:
-        assert {request.required_us for request in log.requests} == {1800 * US}
+        assert {request.required for request in log.requests} == {1800 * US}
         assert {request.bandwidth_bps for request in log.requests} == {0}
     assert log.suppressed == 0
 

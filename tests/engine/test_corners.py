@@ -254,7 +254,7 @@ def test_as_many_commands_as_drones():
 class Generous:
     """An admission that serves all, whatever is left."""
 
-    def scan(self, waiting: Any, free_bps: float) -> tuple[list[Any], list[Any]]:
+    def scan(self, waiting: Any, free_hz: float) -> tuple[list[Any], list[Any]]:
         return list(waiting), []
 
 

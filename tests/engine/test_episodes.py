@@ -63,7 +63,7 @@ def test_the_end_lets_go_of_who_is_served_who_waits_and_who_is_alone():
     assert (served.served_us, served.attached_us) == (60 * US, 60 * US)
     assert (waiting.served_us, waiting.attached_us) == (0, 60 * US)
     assert (alone.served_us, alone.attached_us) == (0, 0)
-    assert (log.attached_us, log.bandwidth_us_bps) == (2 * 60 * US, 60 * US * 100_000)
+    assert (log.attached_us, log.bandwidth_us_hz) == (2 * 60 * US, 60 * US * 100_000)
 
 
 def test_the_end_hands_nobody_over():

@@ -40,7 +40,7 @@ def test_a_passing_drone_serves_a_user_from_entry_to_exit():
     assert request.interruptions == 1, "it goes unserved from the exit on"
     assert request.outcome is Outcome.UNFINISHED
     assert log.attached_us == 24_096_385
-    assert log.bandwidth_us_bps == 24_096_385 * 100_000
+    assert log.bandwidth_us_hz == 24_096_385 * 100_000
     assert log.distance_m == 720.0
 
 

@@ -100,7 +100,7 @@ class FirstComeAgain(RowAdmission):
         k = 0
         while k < len(drone.waiting):
             user = drone.waiting[k]
-            if state.users[user].request.bandwidth_bps <= drone.free_bps:
+            if state.users[user].request.needs_hz <= drone.free_hz:
                 admit(world, state, drone, user, phase)
             else:
                 k += 1
@@ -122,11 +122,11 @@ class Smallest(RowAdmission):
                 k += 1
         best = 0
         while best >= 0:
-            best, best_bps = -1, drone.free_bps + 1
+            best, best_hz = -1, drone.free_hz + 1
             for k in range(len(drone.waiting)):
                 user = drone.waiting[k]
-                if state.users[user].request.bandwidth_bps < best_bps:
-                    best, best_bps = user, state.users[user].request.bandwidth_bps
+                if state.users[user].request.needs_hz < best_hz:
+                    best, best_hz = user, state.users[user].request.needs_hz
             if best >= 0:
                 admit(world, state, drone, best, phase)
 

@@ -56,7 +56,7 @@ def test_no_step_outside_an_episode():
 class ServeAll:
     """An admission that returns the very sequence it was given."""
 
-    def scan(self, waiting, free_bps):
+    def scan(self, waiting, free_hz):
         return waiting, ()
 
 

@@ -10,7 +10,7 @@ import pytest
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation, standing
 from desim_uav.engine.des import Simulation
-from desim_uav.engine.des.crossings import Crossings
+from desim_uav.engine.des.crossings import Changes
 from desim_uav.model.mobility import Walks
 from desim_uav.model.rules import MOVES
 from desim_uav.sample_path import draw
@@ -28,7 +28,7 @@ def test_every_leg_is_as_the_simpy_engine_finds_it(case: str):
     world = world_of(case)
     known, array_of_rows = standing.tabulate(world)
     grid, (nx, ny) = world.grid, world.grid.cells
-    finder = Crossings(world.scenario.drones.footprint_radius_m, world.area)
+    finder = Changes(world.rings, world.reach_m, world.area)
     finder.begin(world.walks(0, 0))
     legs = 0
     for x, y in np.ndindex(nx, ny):
@@ -38,9 +38,9 @@ def test_every_leg_is_as_the_simpy_engine_finds_it(case: str):
                 continue
             at = (x * ny + y) * 5 + standing.COURSES.index((dx, dy))
             way = (*grid.centre(x, y), *grid.centre(x + dx, y + dy))
-            found = finder.of(transit, way, 0, world.step_us, False)
+            found = finder.of((transit, way, 0), 0, world.step_us, False)
             rows = array_of_rows[known[at] : known[at + 1]].tolist()
-            assert rows == [list(crossing) for crossing in found]
+            assert rows == [list(change) for change in found]
             legs += len(found) > 0
     assert legs > nx * ny
 

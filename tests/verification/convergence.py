@@ -143,7 +143,7 @@ def inputs_of(
         levels=levels,
         stations=world.stations,
         starts=world.starts,
-        links=links_of(mapping, world.bandwidth_bps),
+        links=links_of(mapping, world.bandwidth_hz),
         max_speed_mps=motion.max_speed_mps,
         max_acceleration_mps2=motion.max_acceleration_mps2,
         fill_epoch=motion.timing == "fill_epoch",
@@ -191,7 +191,7 @@ class Case:
             request.due_us == 0 for own in self.inputs.requests for request in own
         )
         asked_bps = sum(r.bandwidth_bps for own in self.inputs.requests for r in own)
-        return asked_bps <= self.world.bandwidth_bps and once and at_start
+        return asked_bps <= self.world.bandwidth_hz and once and at_start
 
 
 @cache
@@ -235,7 +235,7 @@ def sampled(seed: int, dt_s: float) -> Result:
 def exact_measures(case: Case) -> dict[str, float]:
     """The measures of the model, from the engine's requests and attachments."""
     requests = case.log.requests
-    share = [r.served_us / r.required_us for r in requests]
+    share = [r.served_us / r.required for r in requests]
     unserved = [r.t_end_us - r.t_request_us - r.served_us for r in requests]
     return {
         "served_s": sum(r.served_us for r in requests) / US,

@@ -133,7 +133,7 @@ def blocked_share(users: int, hours: int, seed: int) -> float:
     served = [r for r in late if r.outcome is Outcome.COMPLETED]
     assert len(refused) + len(served) == len(late)
     assert all(r.t_end_us == r.t_request_us for r in refused)
-    assert all(r.t_end_us - r.t_request_us == r.required_us == 180 * US for r in served)
+    assert all(r.t_end_us - r.t_request_us == r.required == 180 * US for r in served)
     return len(refused) / len(late)
 
 

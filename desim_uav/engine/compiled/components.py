@@ -23,6 +23,7 @@ from desim_uav.model.components import (
 from desim_uav.model.observations import RowObservation
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import View
+from desim_uav.model.sharing import RowSharing
 from desim_uav.model.walking import WALK, RowMobility
 from desim_uav.rules.rewards import add_up, clear_terms
 from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow
@@ -85,6 +86,16 @@ def _lasts_us(cls: Any, values_at: Any) -> Any:
     return lasts_us
 
 
+def _divide(cls: Any, values_at: Any) -> Any:
+    """Return the function ``divide`` of a class of sharing."""
+    method = ruled(cls.divide)
+
+    def divide(world: Any, state: Any, drone: Any, phase: int) -> None:
+        method(values_at(world.sharing_values), world, state, drone, phase)
+
+    return divide
+
+
 class Slot(NamedTuple):
     """A kind of component: its key in a scenario, the base of its classes, and its functions.
 
@@ -118,6 +129,13 @@ SLOTS = (
             Function("drained_us", _drained_us, (Constants, TransitRow, int)),
             Function("lasts_us", _lasts_us, (Constants, TransitRow, int)),
         ),
+    ),
+    Slot(
+        "drones.radio.sharing",
+        RowSharing,
+        lambda world: world.sharing if world.sharing.elastic else None,
+        "sharing_values",
+        (Function("divide", _divide, (Constants, State, Drone, int)),),
     ),
     Slot(
         "reward",

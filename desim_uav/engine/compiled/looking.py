@@ -1,4 +1,4 @@
-"""The crossings of a drone's leg in the compiled engine."""
+"""The changes of class on a drone's leg in the compiled engine."""
 
 from __future__ import annotations
 
@@ -14,14 +14,15 @@ from desim_uav.model.coverage import (
     look_around,
     sort_into_buckets,
 )
-from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings, crossings_near
+from desim_uav.model.crossings import TIME_US, USER, crossings, crossings_near
 from desim_uav.model.kernels import kernel, rule, stands_in_for
+from desim_uav.model.radio.nested import CHANGE, class_changes
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import coverage as seam
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.words import LOST
 
-CROSSING_COLUMNS, PIECE_COLUMNS = 3, 4
+CHANGE_COLUMNS, PIECE_COLUMNS = 3, 4
 
 
 @stands_in_for(seam.look_anew)
@@ -37,7 +38,7 @@ def _look_anew(world: Any, path: Any, state: Any) -> Any:
 
 @kernel
 def foresee(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> None:
-    """Foresee the crossings of a drone's leg (see ``rules.coverage.track``)."""
+    """Foresee the changes of class on a drone's leg (see ``rules.coverage.track``)."""
     ahead = drone.ahead
     if state.look.stand and drone.serving and span_us == world.step_us:
         recall(world, state, drone)
@@ -47,12 +48,12 @@ def foresee(world: Constants, path: Path, state: State, drone: Drone, span_us: i
         set_word(ahead, 3, 1)
         count = ahead.buffer
     set_word(ahead, 1, count)
-    _sort_last_first(as_array(ahead, (count, CROSSING_COLUMNS)))
+    _sort_last_first(as_array(ahead, (count, CHANGE_COLUMNS)))
 
 
 @rule
 def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> int:
-    """Find the crossings of a drone's leg; return their number, which may exceed the buffer."""
+    """Find the changes on a drone's leg; return their number, which may exceed the buffer."""
     look, count = state.look, len(state.users)
     start_us, end_us = state.now_us, state.now_us + span_us
     is_new = look.from_us != start_us or look.to_us != end_us
@@ -86,6 +87,8 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
         if in_buckets:
             look.far_m = sort_into_buckets(users.seen, buckets)
     pieces, ahead = world.transits[drone.transit].pieces, drone.ahead
+    groups = len(world.rings) // (world.levels * world.classes)
+    rings = as_array(world.rings, (world.levels, groups, world.classes))[drone.level]
     leg = DroneLeg(
         as_array(pieces, (len(pieces), PIECE_COLUMNS)),
         (
@@ -95,10 +98,12 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
             (drone.to_y + 0.5) * world.cell_y_m,
         ),
         (start_us, end_us),
-        world.radius_m,
+        rings[0, 0],
         drone.serving == 0,
     )
-    found = as_array(ahead, (ahead.buffer, CROSSING_COLUMNS))
+    found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))
+    if rings.size > 1 or rings[0, 0] < 0.0:
+        return class_changes(leg, users, rings, as_array(world.groups, (count,)), found)
     if in_buckets:
         return crossings_near(leg, users, buckets, look.far_m, found)
     return crossings(leg, users, found)
@@ -110,23 +115,24 @@ GAPS = (1750, 701, 301, 132, 57, 23, 10, 4, 1)
 
 @rule
 def _sort_last_first(rows: Any) -> None:
-    """Sort crossings with the latest first, by Shellsort."""
+    """Sort changes with the latest first, by Shellsort."""
     for gap in GAPS:
         for k in range(gap, len(rows)):
             at = k
-            t_us, user, enters = rows[k, TIME_US], rows[k, USER], rows[k, ENTERS]
-            while at >= gap and _is_later(t_us, user, enters, rows, at - gap):
-                for column in range(CROSSING_COLUMNS):
+            t_us, user, change = rows[k, TIME_US], rows[k, USER], rows[k, CHANGE]
+            while at >= gap and _is_later(t_us, user, change, rows, at - gap):
+                for column in range(CHANGE_COLUMNS):
                     rows[at, column] = rows[at - gap, column]
                 at -= gap
-            rows[at, TIME_US], rows[at, USER], rows[at, ENTERS] = t_us, user, enters
+            rows[at, TIME_US], rows[at, USER], rows[at, CHANGE] = t_us, user, change
 
 
 @rule
-def _is_later(t_us: int, user: int, enters: int, rows: Any, other: int) -> Any:
-    """Return whether a crossing comes after another: by time, entries after exits, by user."""
+def _is_later(t_us: int, user: int, change: int, rows: Any, other: int) -> Any:
+    """Return whether a change comes after another: by time, rises after falls, by user."""
     if t_us != rows[other, TIME_US]:
         return t_us > rows[other, TIME_US]
-    if enters != rows[other, ENTERS]:
-        return enters > rows[other, ENTERS]
+    rises = change > 0
+    if rises != (rows[other, CHANGE] > 0):
+        return rises
     return user > rows[other, USER]

@@ -7,7 +7,6 @@ from typing import Any
 from desim_uav.engine.compiled.slots import is_before, next_slot
 from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.model.walking import LEG_COLUMNS
-from desim_uav.rules.attachment import settle
 from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads
 from desim_uav.rules.coverage import on_crossing
 from desim_uav.rules.crash import crash
@@ -16,6 +15,7 @@ from desim_uav.rules.due import key, undo
 from desim_uav.rules.episode import begin, command, end_step, show_first, start_afresh
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Constants, Path, State
+from desim_uav.rules.settle import on_turn, settle
 from desim_uav.rules.words import ATTACHMENT, OUT_OF_MEMORY, QUEUED, RECORD, RESPAWN
 
 START_AFRESH, RESET, STEP = range(3)
@@ -71,7 +71,12 @@ def _overrun(state: State) -> int:
     """Return whether a queue of the state had no memory left for an entry."""
     walking = state.look.walking
     overrun = int(walking.count * LEG_COLUMNS > len(walking.legs)) | state.loose.overrun
-    overrun |= state.events.overrun | state.closed.overrun | state.handovers.overrun
+    overrun |= (
+        state.unsettled.overrun
+        | state.events.overrun
+        | state.closed.overrun
+        | state.handovers.overrun
+    )
     for d in range(len(state.drones)):
         overrun |= state.drones[d].ahead.overrun
     return overrun
@@ -98,5 +103,7 @@ def _run_before(world: Constants, path: Path, state: State, end_us: int, end_key
                 on_arrival(world, path, state, state.drones[slot])
             elif slot < 2 * drones:
                 crash(world, path, state, state.drones[slot - drones])
-            else:
+            elif slot == 2 * drones:
                 settle(world, path, state, ATTACHMENT, ATTACHMENT)
+            else:
+                on_turn(world, path, state, state.users[slot - 2 * drones - 1])

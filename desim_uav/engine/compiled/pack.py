@@ -52,8 +52,8 @@ def _too_large(world: World) -> list[str]:
         problems.append("users.count, episode: the time of all users together is too long")
     widest = int(world.services.bandwidths_bps.max())
     carried = users * widest
-    if not math.isinf(world.bandwidth_bps):
-        carried = min(carried, scenario.drones.count * int(world.bandwidth_bps))
+    if not math.isinf(world.bandwidth_hz):
+        carried = min(carried, scenario.drones.count * int(world.bandwidth_hz))
     if carried > most_us:
         problems.append("services, drones.bandwidth_kbps: the bandwidth in use is too large")
     nx, ny = grid.cells
@@ -145,8 +145,8 @@ def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int)
     """Return a state in memory, with a buffer for this many legs of users in a step (``legs``)."""
     state: Any = state_of(world, settings, buffers, State)
     drones, users = world.scenario.drones.count, len(world.homes)
-    nx, ny = bucket_grid(*world.area, world.scenario.drones.footprint_radius_m)
-    count = slots(users, drones)
+    nx, ny = bucket_grid(*world.area, world.reach_m)
+    count = slots(users, drones, bool(state.by_level))
     state.slot_times, state.slot_keys = _whole(count), _whole(count)
     state.winners = _whole(2 * count)
     look = state.look

@@ -1,4 +1,4 @@
-"""Crossings of users who stand still, which are computed once for all legs of a world."""
+"""Changes of class of users who stand still, which are computed once for all legs of a world."""
 
 from __future__ import annotations
 
@@ -7,15 +7,16 @@ from numpy.typing import NDArray
 
 from desim_uav.model.compiled_rows import set_word
 from desim_uav.model.coverage import SEEN_ROWS, VX, VY, X0, Y0, DroneLeg, Users, look_around
-from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings
+from desim_uav.model.crossings import TIME_US, USER
 from desim_uav.model.kernels import rule
 from desim_uav.model.motion import Transit
+from desim_uav.model.radio.nested import CHANGE, changes_on
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.world import World
 
 Ints = NDArray[np.int64]
-CROSSING_COLUMNS = 3
+CHANGE_COLUMNS = 3
 
 COURSES = ((0, 0), (0, 1), (0, -1), (1, 0), (-1, 0))
 """The directions of legs in the plane, in cells; ``_course`` returns the index of a direction."""
@@ -25,17 +26,19 @@ MOST_LOOKS = 2**22
 
 
 def tabulate(world: World) -> tuple[Ints, Ints]:
-    """Return the crossings of all legs of a step: the first row of each leg, and the rows.
+    """Return the changes on all legs of a step: the first row of each leg, and the rows.
 
-    Rows are (time since the leg's start in µs, user, enters), a leg's last one first. The legs from
+    Rows are (time since the leg's start in µs, user, change), a leg's last one first. The legs from
     cell (x, y) have the numbers from ``(x * ny + y) * 5`` on, in order of ``COURSES``. Both arrays
-    are empty if users walk, or if there are more than MOST_LOOKS pairs of a leg and a user.
+    are empty if users walk, if classes hold within other distances at other altitudes, or if there
+    are more than MOST_LOOKS pairs of a leg and a user.
     """
     nx, ny = world.grid.cells
     pairs = nx * ny * len(COURSES) * len(world.homes)
     walks = world.fixed_walks
-    if walks is None or walks.legs[:, VX:].any() or pairs > MOST_LOOKS:
-        return np.empty(0, np.int64), np.empty((0, CROSSING_COLUMNS), np.int64)
+    one_level = len(world.rings[0]) == 1 or not world.graded
+    if walks is None or walks.legs[:, VX:].any() or pairs > MOST_LOOKS or not one_level:
+        return np.empty(0, np.int64), np.empty((0, CHANGE_COLUMNS), np.int64)
     by_course = {
         MOVES[action][:2]: transit
         for action, transit in world.epoch_transits.items()
@@ -56,7 +59,6 @@ class _Looks:
     def __init__(self, world: World) -> None:
         self.world, users = world, len(world.homes)
         self.users = Users(*world.walks(world.seed, 0), np.zeros((SEEN_ROWS, users)))
-        self.found = np.empty((2 * users, CROSSING_COLUMNS), np.int64)
         look_around(self.users, 0, world.step_us)
 
     def along(
@@ -64,7 +66,7 @@ class _Looks:
     ) -> NDArray[np.int64]:
         """Return the crossings of one leg, the last one first; a hover has none."""
         if transit is None:
-            return self.found[:0]
+            return np.empty((0, CHANGE_COLUMNS), np.int64)
         cell_x_m, cell_y_m = self.world.grid.cell_m
         route = (
             (cell[0] + 0.5) * cell_x_m,
@@ -72,10 +74,10 @@ class _Looks:
             (cell[0] + course[0] + 0.5) * cell_x_m,
             (cell[1] + course[1] + 0.5) * cell_y_m,
         )
-        radius_m = self.world.scenario.drones.footprint_radius_m
-        leg = DroneLeg(transit.profile, route, (0, self.world.step_us), radius_m, fresh=False)
-        rows = self.found[: crossings(leg, self.users, self.found)]
-        return rows[np.lexsort((rows[:, USER], rows[:, ENTERS], rows[:, TIME_US]))[::-1]]
+        rings, groups = self.world.rings
+        leg = DroneLeg(transit.profile, route, (0, self.world.step_us), 0.0, fresh=False)
+        rows = changes_on(leg, self.users, rings[0], groups)
+        return rows[np.lexsort((rows[:, USER], rows[:, CHANGE] > 0, rows[:, TIME_US]))[::-1]]
 
 
 @rule
@@ -103,9 +105,9 @@ def recall(world: Constants, state: State, drone: Drone) -> None:
         set_word(ahead, 3, 1)
         count = 0
     for k in range(count):
-        known, crossing = world.known[first + k], ahead[k]
-        crossing.t_us = state.now_us + known.t_us
-        crossing.user, crossing.enters = known.user, known.enters
+        known, change = world.known[first + k], ahead[k]
+        change.t_us = state.now_us + known.t_us
+        change.user, change.change = known.user, known.change
     set_word(ahead, 1, count)
 
 

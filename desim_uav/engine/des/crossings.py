@@ -1,11 +1,11 @@
-"""The crossings of users and footprints on a drone's leg, from ``model.crossings``."""
+"""The changes of class on a drone's leg, from ``model.crossings`` and ``model.radio``."""
 
 from __future__ import annotations
 
-from operator import itemgetter
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from desim_uav.model.coverage import (
     SEEN_ROWS,
@@ -18,40 +18,45 @@ from desim_uav.model.coverage import (
     look_around,
     sort_into_buckets,
 )
-from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings, crossings_near
+from desim_uav.model.crossings import TIME_US, USER, crossings_near
 from desim_uav.model.motion import Transit
+from desim_uav.model.radio.nested import CHANGE, changes_on
 from desim_uav.model.rows import named
 from desim_uav.model.walking import Area, Walks
 from desim_uav.rules import rows
 
-_BY_TIME = itemgetter(TIME_US, ENTERS, USER)
-
-
-Crossing: Any = named(rows.Crossing)
-"""The crossing of a footprint's edge by a user: a tuple, which takes less time than a row."""
+Change: Any = named(rows.Change)
+"""The change of a link's class: a tuple, which takes less time than a row."""
 
 Way = tuple[float, float, float, float]
 """The start and the end of a leg: x0, y0, x1 and y1, in metres."""
 
 
-class Crossings:
-    """Computes the crossings on a leg.
+class Changes:
+    """Computes the changes of class on a leg.
 
-    If users stand still, the crossings on a leg are the same whenever it is flown. They are kept,
-    by the leg's ends and span and by whether the drone begins to serve, for as long as the users'
-    positions do not change, which may be for many episodes.
+    ``rings`` are the radii of classes and the groups of users (see ``World.rings``), and
+    ``reach_m`` is the widest radius.
+
+    If users stand still, the changes on a leg are the same whenever it is flown. They are kept, by
+    the leg's ends, level and span and by whether the drone begins to serve, for as long as the
+    users' positions do not change, which may be for many episodes.
     """
 
-    def __init__(self, radius_m: float, area: Area) -> None:
-        self.radius_m = radius_m
-        self._shape = bucket_grid(*area, radius_m)
+    def __init__(
+        self, rings: tuple[NDArray[np.float64], NDArray[np.int64]], reach_m: float, area: Area
+    ) -> None:
+        self.radii_m, self.groups = rings
+        self._shape = bucket_grid(*area, reach_m)
+        one = self.radii_m[0].size == 1 and float(self.radii_m.min()) >= 0.0
+        self._by_buckets = self._shape[0] > 0 and one
         nx, ny = self._shape
         self._side_m = (area.width_m / max(nx, 1), area.depth_m / max(ny, 1))
         self._heads = np.empty(nx * ny, np.int64)
         self._far_m = 0.0
         self.walks = Walks(np.empty((0, 5)), np.zeros(1, np.int64))
         self._still = True
-        self._kept: dict[tuple[object, ...], list[Crossing]] = {}
+        self._kept: dict[tuple[object, ...], list[Change]] = {}
         self._buffer = np.empty((256, 3), np.int64)
         self._span = (-1, -1)
 
@@ -71,39 +76,46 @@ class Crossings:
         self._span = (-1, -1)
 
     def of(
-        self, transit: Transit, way: Way, start_us: int, span_us: int, fresh: bool
-    ) -> list[Crossing]:
-        """Return the crossings on a leg from ``start_us`` on, the last one first.
+        self, flight: tuple[Transit, Way, int], start_us: int, span_us: int, fresh: bool
+    ) -> list[Change]:
+        """Return the changes on a leg, a transit along a way at a level, from ``start_us`` on.
 
-        At the same time, exits are before entries, and then the order is by user. If the drone
-        begins to serve (``fresh``), the users in its footprint enter it at ``start_us``.
+        The last one is first; at the same time, falls are before rises, and then the order is by
+        user. If the drone begins to serve (``fresh``), users rise to their classes at ``start_us``.
         """
         if not self._still:
-            return self._find(transit, way, start_us, span_us, fresh)
-        key = (way, span_us, fresh)
+            return self._find(flight, start_us, span_us, fresh)
+        key = (*flight[1:], span_us, fresh)
         kept = self._kept.get(key)
         if kept is None:
-            kept = self._kept[key] = self._find(transit, way, 0, span_us, fresh)
-        return [Crossing(start_us + t_us, user, enters) for t_us, user, enters in kept]
+            kept = self._kept[key] = self._find(flight, 0, span_us, fresh)
+        return [Change(start_us + t_us, user, change) for t_us, user, change in kept]
 
     def _find(
-        self, transit: Transit, way: Way, start_us: int, span_us: int, fresh: bool
-    ) -> list[Crossing]:
-        """Compute the crossings that ``of`` returns."""
+        self, flight: tuple[Transit, Way, int], start_us: int, span_us: int, fresh: bool
+    ) -> list[Change]:
+        """Compute the changes that ``of`` returns."""
+        transit, way, level = flight
         users, buckets, span = self._users, self._buckets, (start_us, start_us + span_us)
         if self._span != span:
             look_around(users, *span)
             self._span = span
-            if self._shape[0]:
+            if self._by_buckets:
                 self._far_m = sort_into_buckets(users.seen, buckets)
-        leg = DroneLeg(transit.profile, way, span, self.radius_m, fresh)
+        radii_m = self.radii_m[level]
+        leg = DroneLeg(transit.profile, way, span, float(radii_m[0, 0]), fresh)
+        if self._by_buckets:
+            found = self._near(leg)
+        else:
+            found = changes_on(leg, users, radii_m, self.groups)
+        changes = found.tolist()
+        changes.sort(key=lambda row: (row[TIME_US], row[CHANGE] > 0, row[USER]), reverse=True)
+        return [Change(*row) for row in changes]
+
+    def _near(self, leg: DroneLeg) -> NDArray[np.int64]:
+        """Compute the changes of users in buckets near a leg."""
         while True:
-            if self._shape[0]:
-                count = crossings_near(leg, users, buckets, self._far_m, self._buffer)
-            else:
-                count = crossings(leg, users, self._buffer)
+            count = crossings_near(leg, self._users, self._buckets, self._far_m, self._buffer)
             if count <= len(self._buffer):
-                found: list[Any] = self._buffer[:count].tolist()
-                found.sort(key=_BY_TIME, reverse=True)
-                return [Crossing(*row) for row in found]
+                return self._buffer[:count]
             self._buffer = np.empty((2 * count, 3), np.int64)

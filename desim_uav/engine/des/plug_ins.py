@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import Any
 
@@ -20,6 +21,7 @@ from desim_uav.world import World
 def set_components(constants: Any, world: World) -> None:
     """Set the fields of the constants that are functions to the scenario's components."""
     constants.scan = _scan(world)
+    constants.divide = over_rows(world.sharing, world.services.names).divide
     constants.pay = _pay(world)
     constants.describe = _describe(world)
     if constants.limited:
@@ -36,9 +38,9 @@ def _scan(world: World) -> Callable[..., None]:
     def scan(constants: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
         if not drone.waiting:
             return
-        free_bps = world.bandwidth_bps if constants.bandwidth_bps < 0 else drone.free_bps
+        free_hz = math.inf if constants.bandwidth_hz < 0 else drone.free_hz
         requests = tuple(state.users[user].request for user in drone.waiting)
-        served, refused = rule.scan(requests, free_bps)
+        served, refused = rule.scan(requests, free_hz)
         for request in served:
             admit(constants, state, drone, request.user, phase)
         for request in refused:

@@ -8,7 +8,6 @@ import simpy
 
 from desim_uav.engine.des.clock import Clock, Due, Process
 from desim_uav.rules import due, words
-from desim_uav.rules.attachment import settle
 from desim_uav.rules.charging import await_full, begin_charging, end_charging
 from desim_uav.rules.coverage import on_crossing
 from desim_uav.rules.crash import crash
@@ -16,6 +15,7 @@ from desim_uav.rules.decide import go_home, obey
 from desim_uav.rules.flight import arrive, end_move, station_under
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Drone, User
+from desim_uav.rules.settle import on_turn, settle
 
 
 class Processes:
@@ -40,6 +40,8 @@ class Processes:
         for user in self.state.users:
             self.clock.process(self.user(user))
             self.clock.process(self.service(user))
+            if self.state.by_level:
+                self.clock.process(self.levels(user))
         self.clock.process(self.attachment())
 
     def tell(self, drone: int) -> None:
@@ -104,6 +106,12 @@ class Processes:
         while True:
             yield from self.until(due.completion_slot(self.state, user.index))
             on_completion(self.world, self.path, self.state, user)
+
+    def levels(self, user: User) -> Process:
+        """Hand the user over to drones that it receives better."""
+        while True:
+            yield from self.until(due.association_slot(self.state, user.index))
+            on_turn(self.world, self.path, self.state, user)
 
     def attachment(self) -> Process:
         """Attach users and admit requests at the end of each instant that requires it."""

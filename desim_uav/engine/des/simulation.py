@@ -10,7 +10,7 @@ import numpy as np
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
 from desim_uav.engine.des.clock import Clock
-from desim_uav.engine.des.crossings import Crossings
+from desim_uav.engine.des.crossings import Changes
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import set_components
 from desim_uav.engine.des.processes import Processes
@@ -19,10 +19,10 @@ from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.asking import Requests
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.state import Observation, Snapshot
-from desim_uav.rules.attachment import settle
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
 from desim_uav.rules.rows import Ask, Constants, Path, State
+from desim_uav.rules.settle import settle
 from desim_uav.rules.words import ADMISSION, COVERAGE, RECORD, RESPAWN
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
@@ -65,7 +65,7 @@ class Simulation(Engine):
         self.constants = self._constants()
         self.state = self._state()
         self.drones = self.state.drones
-        self._crossings = Crossings(world.scenario.drones.footprint_radius_m, world.area)
+        self._changes = Changes(world.rings, world.reach_m, world.area)
         self._asks: tuple[Requests | None, Table[Any]] = (None, Table())
         self.clock = Clock(0)
 
@@ -103,9 +103,11 @@ class Simulation(Engine):
         self.path = path
         world, state, own = self.constants, self.state, self._path(path)
         self.own_path = own
-        self._crossings.begin(path.walks)
+        self._changes.begin(path.walks)
         after_event = None if self.audit is None else self._after_event
-        self.clock = state.clock = Clock(slots(len(state.users), len(state.drones)), after_event)
+        self.clock = state.clock = Clock(
+            slots(len(state.users), len(state.drones), bool(state.by_level)), after_event
+        )
         self._processes = Processes(self.clock, world, own, state)
         begin(world, own, state)
         self._processes.begin()
@@ -143,7 +145,7 @@ class Simulation(Engine):
         self.audit(self)
 
     def _foresee(self, world: Any, path: Any, state: Any, drone: Any, span_us: int) -> None:
-        """Write the crossings on a leg to ``drone.ahead`` (see ``rules.coverage.track``)."""
+        """Write the changes on a leg to ``drone.ahead`` (see ``rules.coverage.track``)."""
         cell_x_m, cell_y_m = world.cell_x_m, world.cell_y_m
         way = (
             (drone.x + 0.5) * cell_x_m,
@@ -151,8 +153,8 @@ class Simulation(Engine):
             (drone.to_x + 0.5) * cell_x_m,
             (drone.to_y + 0.5) * cell_y_m,
         )
-        transit, fresh = self.transits[drone.transit], not drone.serving
-        drone.ahead[:] = self._crossings.of(transit, way, state.now_us, span_us, fresh)
+        flight = self.transits[drone.transit], way, drone.level
+        drone.ahead[:] = self._changes.of(flight, state.now_us, span_us, not drone.serving)
 
     def _path(self, path: SamplePath) -> Path:
         """Return a sample path as a row."""

@@ -106,7 +106,8 @@ def _checked(run: Run, world: World, played: Played) -> Tables:
 
 
 def _arrow(name: str, frame: Any) -> pa.Table:
-    return pa.Table.from_pandas(frame, arrow_schema(TABLES[name]), preserve_index=False)
+    schema = arrow_schema(TABLES[name].among(frame.columns))
+    return pa.Table.from_pandas(frame, schema, preserve_index=False)
 
 
 def _not_again(run: Run, reason: str) -> NoEventsError:

@@ -9,58 +9,110 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.coverage import AT_X, AT_Y, DroneLeg, Users, Way, comes_near, ways_of
-from desim_uav.model.crossings import ENTERS, TIME_US, USER, _beyond, _cross
+from desim_uav.model.coverage import (
+    AT_X,
+    AT_Y,
+    MARGIN_M,
+    STRAY,
+    TO_X,
+    TO_Y,
+    DroneLeg,
+    Users,
+    Way,
+    ways_of,
+)
+from desim_uav.model.crossings import ENTERS, TIME_US, USER, beyond, cross, crossings
 from desim_uav.model.kernels import kernel, part
 
-CLASS = ENTERS
-"""The third column of a table of changes: the class from that time on, 0 for no link."""
+CHANGE = ENTERS
+"""The third column of a table of changes: the class to which a link rises, or minus the class to
+which it falls (0 for no link)."""
 
 
 @kernel
 def class_changes(
-    leg: DroneLeg, users: Users, radii_m: NDArray[np.float64], out: NDArray[np.int64]
+    leg: DroneLeg,
+    users: Users,
+    radii_m: NDArray[np.float64],
+    groups: NDArray[np.int64],
+    out: NDArray[np.int64],
 ) -> int:
     """Write all changes of class in one drone's leg, for all users, and return their number.
 
-    ``radii_m`` (users, classes) are the radii around the drone within which classes hold, the
-    widest first. A class with a negative radius holds nowhere. ``leg.radius_m`` is not used.
-    ``look_around`` must have written ``users.seen`` for the leg's span.
+    ``radii_m`` (groups, classes) are the radii around the drone within which classes hold for each
+    group of users, the widest first, and ``groups`` (users,) the users' groups. A class with a
+    negative radius holds nowhere. ``leg.radius_m`` is not used. ``look_around`` must have written
+    ``users.seen`` for the leg's span.
 
-    Rows (time, user, class) go into ``out``, user by user in order of time. Several circles that
-    are crossed in one microsecond are one change to the class thereafter, or none if that is the
-    class before. So the order of circles in an instant does not matter, and each user has at most
-    one row an instant: a fall or a rise. With one class, the rows are those of ``crossings``.
-    If ``out`` is too short, the number is larger than its length, and with that many rows it is
-    long enough.
+    Rows (time, user, change) go into ``out``, user by user in order of time; for ``change`` see
+    CHANGE. Several circles that are crossed in one microsecond are one change to the class
+    thereafter, or none if that is the class before. So the order of circles in an instant does not
+    matter, and each user has at most one row an instant: a fall or a rise. With one class, the rows
+    are those of ``crossings``. If ``out`` is too short, the number is larger than its length, and
+    with that many rows it is long enough.
     """
     x0, y0 = leg.route[0], leg.route[1]
     flight, stay = ways_of(DroneLeg(leg.profile, leg.route, leg.span_us, 0.0, leg.fresh))
     kept = most = 0
     for user in range(len(users.offsets) - 1):
+        group = groups[user]
         x, y = x0 - users.seen[AT_X, user], y0 - users.seen[AT_Y, user]
+        near, far = _bounds(flight, users.seen, user)
+        if stay.end > stay.begin:
+            nearer, farther = _bounds(stay, users.seen, user)
+            near, far = min(near, nearer), max(far, farther)
+        if leg.fresh:
+            far = np.inf
         held, total = 0, kept
         for k in range(radii_m.shape[1]):
-            radius = radii_m[user, k]
-            if radius < 0.0:
+            radius = radii_m[group, k]
+            if radius < max(near, 0.0) and (leg.fresh or radius < 0.0):
                 break
-            if not leg.fresh and _beyond(x, y, radius) <= 0.0:
+            if not leg.fresh and beyond(x, y, radius) <= 0.0:
                 held += 1
-            near = comes_near(_widened(flight, radius), users.seen, user, leg.fresh)
-            near += comes_near(_widened(stay, radius), users.seen, user, leg.fresh)
-            if near > 0.0:
+            if near <= radius <= far:
                 ring = DroneLeg(leg.profile, leg.route, leg.span_us, radius, leg.fresh)
-                total = _cross(ring, users, user, out, total)
+                total = cross(ring, users, user, out, total)
         most = max(most, total)
         kept = total if total > len(out) else _classes(out, kept, total, held)
     return max(kept, most) if most > len(out) else kept
 
 
+def changes_on(
+    leg: DroneLeg, users: Users, radii_m: NDArray[np.float64], groups: NDArray[np.int64]
+) -> NDArray[np.int64]:
+    """Return the rows of ``class_changes``, which are those of ``crossings`` for one circle."""
+    room = 2 * len(groups) * radii_m.shape[1] + 16
+    alone = radii_m.size == 1 and radii_m[0, 0] >= 0.0
+    while True:
+        out = np.empty((room, 3), np.int64)
+        if alone:
+            count = crossings(leg._replace(radius_m=float(radii_m[0, 0])), users, out)
+        else:
+            count = class_changes(leg, users, radii_m, groups, out)
+        if count <= room:
+            return out[:count]
+        room = 2 * count
+
+
 @part
-def _widened(way: Way, radius: float) -> Way:
-    """Return the way for a circle of this radius, of that for a circle of none."""
-    x0, y0, x1, y1, begin, end, out, within = way
-    return Way(x0, y0, x1, y1, begin, end, out + radius, within + radius)
+def _bounds(way: Way, seen: NDArray[np.float64], user: int) -> tuple[float, float]:
+    """Return two distances, beyond which a user's distance from the drone does not get.
+
+    ``way`` is that of a circle of no radius (see ``coverage.comes_near``).
+    """
+    x, y = seen[AT_X, user], seen[AT_Y, user]
+    walk_x, walk_y = seen[TO_X, user] - x, seen[TO_Y, user] - y
+    px, py = way.from_x_m - x - walk_x * way.begin, way.from_y_m - y - walk_y * way.begin
+    qx, qy = way.to_x_m - x - walk_x * way.end, way.to_y_m - y - walk_y * way.end
+    wx, wy = qx - px, qy - py
+    first, last = px * px + py * py, qx * qx + qy * qy
+    along, way_2 = -(px * wx + py * wy), wx * wx + wy * wy
+    nearest = min(first, last)
+    if 0.0 < along < way_2:
+        nearest = max(first - along * along / way_2, 0.0)
+    slack = way.out_m + seen[STRAY, user] + MARGIN_M
+    return np.sqrt(nearest) - slack, np.sqrt(max(first, last)) + slack
 
 
 @part
@@ -82,7 +134,7 @@ def _classes(out: NDArray[np.int64], first: int, last: int, held: int) -> int:
         if k + 1 == last or out[k + 1, TIME_US] > out[k, TIME_US]:
             if now != held:
                 out[kept, TIME_US], out[kept, USER] = out[k, TIME_US], out[k, USER]
-                out[kept, CLASS] = now
+                out[kept, CHANGE] = now if now > held else -now
                 kept += 1
             held = now
     return kept

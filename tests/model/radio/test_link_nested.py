@@ -23,8 +23,8 @@ def changes(leg, walking, radii, span_s, *, fresh=True, room=500):
     look_around(users, *span)
     route = (*leg.route[:2], *leg.route[3:5])
     drone, out = DroneLeg(leg.profile, route, span, -1.0, fresh), np.full((room, 3), -7)
-    count = class_changes(drone, users, np.array(radii, float), out)
-    plain = [tuple(map(int, row)) for row in out[:count]] if count <= room else count
+    count = class_changes(drone, users, np.array(radii, float), np.arange(len(walking)), out)
+    plain = [(t, u, abs(c)) for t, u, c in out[:count].tolist()] if count <= room else count
     return plain, drone, users
 
 

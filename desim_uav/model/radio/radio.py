@@ -1,0 +1,181 @@
+"""The radio of drones: the paper's disc, or classes of links that follow from path loss.
+
+A class of a link says how many bits a hertz carries; class 0 is no link.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, Literal, Protocol
+
+from annotated_types import Ge, Gt, Le
+
+from desim_uav.model.radio.link import LinkBudget, LinkClass, link_classes
+from desim_uav.model.radio.path_loss import AlHourani, RowPathLoss
+from desim_uav.model.radio.rings import rings
+from desim_uav.model.sharing import RowSharing
+from desim_uav.registry import Part, register, resolve
+
+MILLION = 1_000_000
+MOST_REUSE = 100
+
+
+class Radio(Protocol):
+    """The radio of a drone, as the scenario's component ``drones.radio``.
+
+    ``sharing`` says how requests for a volume share the bandwidth. Drones of the same index modulo
+    ``reuse`` interfere; 0: none do.
+    """
+
+    reuse: int
+    sharing: Any
+    graded: bool
+    """Whether links have classes other than those of the paper's disc."""
+    flat: bool
+    """Whether the radii of classes are the same at all heights."""
+
+    def bandwidth_hz(self, kbps: float | None) -> float:
+        """Return a drone's bandwidth in Hz, a whole number or inf; ``kbps`` is that of a disc."""
+
+    def efficiencies(self) -> tuple[int, ...]:
+        """Return the millionths of a bit/s that a hertz carries in each class from 1 on."""
+
+    def radii_m(self, height_m: float, disc_m: float) -> tuple[float, ...]:
+        """Return the radius of each class in metres, the widest first; -1 if it holds nowhere.
+
+        ``height_m`` is the height of the drone above a user, and ``disc_m`` the radius of a disc.
+        """
+
+
+@register("radio", "disc")
+@dataclass(frozen=True)
+class Disc:
+    """The paper's: a link of 1 bit/s/Hz within ``drones.footprint_radius_m`` at any altitude."""
+
+    graded: ClassVar[bool] = False
+    flat: ClassVar[bool] = True
+    reuse: ClassVar[int] = 0
+
+    @property
+    def sharing(self) -> RowSharing:
+        """How requests for a volume share the bandwidth: they hold a rate."""
+        return _held()
+
+    def bandwidth_hz(self, kbps: float | None) -> float:
+        """Return the bandwidth in bit/s, which is that in Hz at 1 bit/s/Hz."""
+        return float("inf") if kbps is None else round(kbps * 1000)
+
+    def efficiencies(self) -> tuple[int, ...]:
+        """Return 1 bit/s/Hz."""
+        return (MILLION,)
+
+    def radii_m(self, height_m: float, disc_m: float) -> tuple[float, ...]:
+        """Return the radius of the disc."""
+        return (disc_m,)
+
+
+@dataclass(frozen=True)
+class Shadowing:
+    """The standard deviations of the shadowing, in dB."""
+
+    los_db: Annotated[float, Ge(0), Le(30)]
+    """With line of sight."""
+    nlos_db: Annotated[float, Ge(0), Le(30)]
+    """Without line of sight."""
+
+
+@register("radio", "link_classes")
+@dataclass(frozen=True)
+class LinkClasses:
+    """Links whose classes follow from path loss, power, noise and, if so, interference."""
+
+    carrier_ghz: Annotated[float, Gt(0), Le(300)] = 2.0
+    """The carrier frequency, in GHz."""
+    power_dbm: Annotated[float, Ge(-100), Le(100)] = 30.0
+    """The transmitted power, in dBm."""
+    bandwidth_mhz: Annotated[float, Ge(1e-6), Le(10_000)] = 5.0
+    """The bandwidth of a drone, which its users share, in MHz."""
+    noise_figure_db: Annotated[float, Ge(0), Le(50)] = 7.0
+    """The noise of the receiver beyond thermal noise, in dB."""
+    noise_dbm_per_hz: Annotated[float, Ge(-300), Le(0)] = -174.0
+    """The density of the thermal noise, in dBm/Hz."""
+    path_loss: Annotated[RowPathLoss, Part("path_loss", "al_hourani", RowPathLoss)] = AlHourani(  # noqa: RUF009
+        "urban"
+    )
+    """The loss of power between drone and user."""
+    line_of_sight: Literal["mean", "drawn", "buildings"] = "mean"
+    """`mean`: the mean loss over links with and without line of sight. `drawn`: one draw for each
+    user, drone and cell of the drone. `buildings`: by the buildings of the map.
+    """
+    shadowing: Shadowing | None = None
+    """The standard deviations of a random loss, in dB; null means none."""
+    classes: str | tuple[Mapping[str, Any], ...] = "cqi"
+    """`cqi`, `mcs`, or a list of classes with `snr_db` and `bit_s_hz`, rising."""
+    interference: str | Mapping[str, Any] = "none"
+    """`none`, `co_channel`: all drones share a band, or `{reuse: n}`: those of the same index
+    modulo n do.
+    """
+    sharing: Annotated[RowSharing, Part("sharing", "held", RowSharing)] | None = None
+    """How requests for a volume share a drone's bandwidth; null means `held`."""
+
+    graded: ClassVar[bool] = True
+    flat: ClassVar[bool] = False
+
+    def __post_init__(self) -> None:
+        """Make the classes and find who interferes. Raises ValueError."""
+        if self.sharing is None:
+            object.__setattr__(self, "sharing", _held())
+        object.__setattr__(self, "ladder", link_classes(self.classes))
+        for number, one in enumerate(self.ladder, 1):
+            if (
+                round(one.bit_s_hz * MILLION) != one.bit_s_hz * MILLION
+                and abs(round(one.bit_s_hz * MILLION) - one.bit_s_hz * MILLION) > 1e-6
+            ):
+                raise ValueError(f"class {number}: bit_s_hz must have at most 6 decimals")
+        object.__setattr__(self, "reuse", _reuse(self.interference))
+
+    ladder: ClassVar[tuple[LinkClass, ...]]
+    """The classes of a link, which rise."""
+    reuse: ClassVar[int]
+    """Drones of the same index modulo this number interfere; 0: none do."""
+
+    @property
+    def budget(self) -> LinkBudget:
+        """The link budget."""
+        return LinkBudget(
+            self.power_dbm, self.bandwidth_mhz, self.noise_figure_db, self.noise_dbm_per_hz
+        )
+
+    def bandwidth_hz(self, kbps: float | None) -> float:
+        """Return the bandwidth of a drone in whole Hz."""
+        return round(self.bandwidth_mhz * MILLION)
+
+    def efficiencies(self) -> tuple[int, ...]:
+        """Return the efficiencies of the classes."""
+        return tuple(round(one.bit_s_hz * MILLION) for one in self.ladder)
+
+    def radii_m(self, height_m: float, disc_m: float) -> tuple[float, ...]:
+        """Return the radii within which the mean level reaches the thresholds of the classes."""
+        found = rings(self.path_loss, self.carrier_ghz, height_m, self.budget, self.ladder).mean_m
+        return tuple(radius_m if radius_m > 0.0 else -1.0 for radius_m in found)
+
+
+def _held() -> RowSharing:
+    """Return the sharing ``held``."""
+    made: RowSharing = resolve("sharing", "held")()
+    return made
+
+
+def _reuse(interference: Any) -> int:
+    """Return the reuse factor of a band, 0 without interference. Raises ValueError."""
+    if interference == "none":
+        return 0
+    if interference == "co_channel":
+        return 1
+    if isinstance(interference, Mapping) and set(interference) == {"reuse"}:
+        reuse = interference["reuse"]
+        if isinstance(reuse, int) and not isinstance(reuse, bool) and 1 <= reuse <= MOST_REUSE:
+            return reuse
+        raise ValueError(f"interference.reuse must be 1 to {MOST_REUSE}, not {reuse!r}")
+    raise ValueError(f"interference must be none, co_channel or {{reuse: n}}, not {interference!r}")

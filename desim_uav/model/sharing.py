@@ -1,0 +1,29 @@
+"""The interface of sharing, by which a drone divides bandwidth among elastic requests.
+
+Elastic requests ask for a volume, and take whatever rate they are given. The built-in components
+are in ``rules.sharing``.
+"""
+
+from __future__ import annotations
+
+from typing import Any, ClassVar
+
+
+class RowSharing:
+    """A way to divide bandwidth over rows, which can be compiled, so that both engines run it.
+
+    A subclass is a frozen dataclass whose fields are numbers, or mappings from services to numbers.
+    If it is not ``elastic``, requests for a volume hold a fixed rate instead of sharing.
+    """
+
+    elastic: ClassVar[bool] = True
+    plain: ClassVar = ()
+
+    def divide(self, world: Any, state: Any, drone: Any, phase: int) -> None:
+        """Divide ``drone.free_hz`` among the users in ``drone.sharing``, of whom there is one.
+
+        They are in order of (request time, user). ``rules.service.give_share`` gives a user a
+        bandwidth in Hz and a rate in bit/s, both 0 for one who has to wait; call it for each. The
+        bandwidths must not exceed ``drone.free_hz`` together.
+        """
+        raise NotImplementedError

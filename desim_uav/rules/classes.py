@@ -1,0 +1,111 @@
+"""Classes of links: each is 0, no link, or the larger, the more bits a hertz carries.
+
+A user for whom the class of a drone's link is at least 1 is in the footprint of the drone.
+"""
+
+from __future__ import annotations
+
+from desim_uav.model.compiled_rows import call
+from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rules.attachment import detach, unsettle
+from desim_uav.rules.due import crossing_slot, due, key, undo
+from desim_uav.rules.links import begin_outage, end_outage
+from desim_uav.rules.note import note_class
+from desim_uav.rules.rows import Constants, Drone, Path, State, User
+from desim_uav.rules.service import regrade
+from desim_uav.rules.words import ENTRY, EXIT, ON_CLASS, ON_ENTER, ON_EXIT
+
+
+@rule
+def foresee(
+    world: Constants, path: Path, state: State, drone: Drone, span_us: int, phase: int
+) -> None:
+    """Compute and schedule all changes of class of a drone's links in the next ``span_us``.
+
+    They are written to ``drone.ahead``, the next one last: by time, at the same time falls before
+    rises, then by user. If the drone begins to serve, the users in its footprint enter it now.
+    Changes at this very instant happen immediately and are logged under ``phase``.
+    """
+    call(world.foresee, (world, path, state, drone, span_us))
+    drone.serving = 1
+    ahead = drone.ahead
+    while len(ahead) > 0 and ahead[len(ahead) - 1].t_us == state.now_us:
+        change = ahead.pop()
+        change_class(world, state, drone, state.users[change.user], change.change, phase)
+    await_next(state, drone)
+    if state.by_level:
+        for u in range(len(state.users)):
+            if state.users[u].covering[drone.index] >= 0:
+                unsettle(state, state.users[u])
+
+
+@rare_rule
+def retune(world: Constants, path: Path, state: State, phase: int) -> None:
+    """Foresee the classes of all drones anew, because others interfere with them than before."""
+    state.retunes = 0
+    for d in range(len(state.drones)):
+        drone = state.drones[d]
+        if drone.serving:
+            foresee(world, path, state, drone, state.known_until_us - state.now_us, phase)
+
+
+@rule
+def await_next(state: State, drone: Drone) -> None:
+    """Schedule the next change of class on the drone's leg, if there is one."""
+    ahead, slot = drone.ahead, crossing_slot(state, drone.index)
+    if len(ahead) == 0:
+        undo(state, slot)
+    else:
+        change = ahead[len(ahead) - 1]
+        phase = ENTRY if change.change > 0 else EXIT
+        due(state, slot, change.t_us, key(phase, drone.index, change.user))
+
+
+@rule
+def change_class(
+    world: Constants, state: State, drone: Drone, user: User, change: int, phase: int
+) -> None:
+    """Let the link between a drone and a user rise or fall to a class (see ``Change``)."""
+    before, after = user.classes[drone.index], abs(change)
+    user.classes[drone.index] = after
+    if after == 0:
+        leave(state, drone, user, phase)
+    elif before == 0:
+        _enter(state, drone, user, phase)
+    else:
+        note_class(state, phase, ON_CLASS, drone, user)
+        if user.holder == drone.index and user.request.number >= 0:
+            regrade(world, state, drone, user, phase)
+
+
+@rule
+def _enter(state: State, drone: Drone, user: User, phase: int) -> None:
+    """Let a user enter a footprint; a user who is not attached to a drone becomes loose."""
+    if state.keeps_links:
+        end_outage(state, user)
+    if user.covering[drone.index] < 0:
+        user.covered += 1
+    user.covering[drone.index] = state.now_us
+    note_class(state, phase, ON_ENTER, drone, user)
+    if user.request.number >= 0:
+        drone.asking[user.request.service] += 1
+    unsettle(state, user)
+    if user.holder < 0:
+        state.loose.append(user.index)
+
+
+@rule
+def leave(state: State, drone: Drone, user: User, phase: int) -> None:
+    """Let a user leave a footprint; if it was attached to this drone, it is detached."""
+    if user.covering[drone.index] >= 0:
+        user.covered -= 1
+    user.covering[drone.index] = -1
+    user.classes[drone.index] = 0
+    note_class(state, phase, ON_EXIT, drone, user)
+    if user.request.number >= 0:
+        drone.asking[user.request.service] -= 1
+    if user.holder == drone.index:
+        detach(state, drone, user, phase)
+    unsettle(state, user)
+    if state.keeps_links:
+        begin_outage(state, user, phase)

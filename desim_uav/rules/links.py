@@ -1,0 +1,48 @@
+"""The log of links: handovers from drone to drone, ping-pongs and outages.
+
+They are counted only if the drones' radio has classes of links (``state.keeps_links``).
+"""
+
+from __future__ import annotations
+
+from desim_uav.model.kernels import rare_rule
+from desim_uav.rules.note import note
+from desim_uav.rules.rows import Drone, State, User
+from desim_uav.rules.words import ON_HANDOVER, ON_OUTAGE, ON_PING_PONG
+
+PING_PONG_US = 1_000_000
+"""A user who is handed back within this time makes a ping-pong (3GPP TR 36.839: 1 s)."""
+
+
+@rare_rule
+def count_handover(state: State, drone: Drone, user: User, phase: int) -> None:
+    """Count a handover if a user who is attached to a drone now has just left another one.
+
+    A handover back to the drone that the user was handed over from is a ping-pong if it comes
+    within ``PING_PONG_US``.
+    """
+    if user.left_us == state.now_us and user.left not in (-1, drone.index):
+        state.handed_over += 1
+        note(state, phase, ON_HANDOVER, drone.index, user.index, -1, -1)
+        if user.came_from == drone.index and state.now_us - user.came_us <= PING_PONG_US:
+            state.ping_pongs += 1
+            note(state, phase, ON_PING_PONG, drone.index, user.index, -1, -1)
+        user.came_from, user.came_us = user.left, state.now_us
+
+
+@rare_rule
+def begin_outage(state: State, user: User, phase: int) -> None:
+    """Begin an outage of a user who has an open request, but is in no footprint."""
+    if user.covered == 0 and user.request.number >= 0:
+        user.outage_since_us = state.now_us
+        note(state, phase, ON_OUTAGE, -1, user.index, user.request.number, -1)
+
+
+@rare_rule
+def end_outage(state: State, user: User) -> None:
+    """End the outage of a user, if there is one; it counts if it has lasted more than 0 µs."""
+    if user.outage_since_us >= 0:
+        lasted_us = state.now_us - user.outage_since_us
+        state.outage_us += lasted_us
+        state.outages += int(lasted_us > 0)
+        user.outage_since_us = -1

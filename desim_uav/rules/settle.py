@@ -1,0 +1,68 @@
+"""The end of an instant: users are attached, and drones divide their bandwidth."""
+
+from __future__ import annotations
+
+from desim_uav.model.compiled_rows import call
+from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rules.association import settle_levels, turn
+from desim_uav.rules.attachment import attach, entered_first, unsettle
+from desim_uav.rules.classes import retune
+from desim_uav.rules.due import due, key, nothing_before, settle_slot
+from desim_uav.rules.rows import Constants, Path, State, User
+from desim_uav.rules.words import ATTACHMENT
+
+
+@rule
+def settle_after(world: Constants, path: Path, state: State, phase: int) -> None:
+    """Schedule ``settle`` for the attachment phase of this instant, if there is anything to settle.
+
+    It is called at once if no other event of the instant comes before. After ``phase`` 7, nothing
+    is scheduled: commands are followed by a call of their own (see ``rules.episode.command``).
+    """
+    users = len(state.loose) > 0 or len(state.unsettled) > 0
+    if phase <= ATTACHMENT and (users or state.to_scan > 0 or state.retunes):
+        place = key(ATTACHMENT, -1, -1)
+        if nothing_before(state, place):
+            settle(world, path, state, ATTACHMENT, ATTACHMENT)
+        else:
+            due(state, settle_slot(state), state.now_us, place)
+
+
+@rule
+def settle(world: Constants, path: Path, state: State, attachment: int, admission: int) -> None:
+    """Attach loose users; then let the affected drones divide their bandwidth among requests.
+
+    ``attachment`` and ``admission`` are the phases under which the two are logged. Before, drones
+    whose interference has changed pass to new classes; users who have changed drones, or whose
+    drones have, are handed over to others that they receive better.
+    """
+    if state.retunes:
+        retune(world, path, state, attachment)
+    if state.by_level:
+        settle_levels(world, path, state, attachment)
+    loose = state.loose
+    for k in range(len(loose)):
+        user = state.users[loose[k]]
+        if user.holder < 0:
+            first = entered_first(user)
+            if first >= 0:
+                attach(world, state, state.drones[first], user, attachment)
+    loose.clear()
+    d = 0
+    while state.to_scan > 0:
+        drone = state.drones[d]
+        if drone.scan:
+            drone.scan = 0
+            state.to_scan -= 1
+            call(world.scan, (world, path, state, drone, admission))
+            if len(drone.sharing) > 0:
+                call(world.divide, (world, state, drone, admission))
+        d += 1
+
+
+@rare_rule
+def on_turn(world: Constants, path: Path, state: State, user: User) -> None:
+    """Let what is due happen to a user's rival, and look for what is next."""
+    turn(world, state, user, ATTACHMENT)
+    unsettle(state, user)
+    settle_after(world, path, state, ATTACHMENT)

@@ -1,0 +1,101 @@
+"""Sharing: how elastic requests share the bandwidth that held rates leave at a drone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from desim_uav.model.kernels import rule
+from desim_uav.model.sharing import RowSharing
+from desim_uav.registry import register
+from desim_uav.rules.rows import Constants, Drone, State
+from desim_uav.rules.service import MILLION, give_share, needed_hz, rate_bps
+
+
+@register("sharing", "held")
+@dataclass(frozen=True)
+class Held(RowSharing):
+    """Shares nothing: a request for a volume holds a fixed rate, and waits until this fits."""
+
+    elastic = False
+
+
+@register("sharing", "equal")
+@dataclass(frozen=True)
+class Equal(RowSharing):
+    """Gives each request the same bandwidth, in whole Hz."""
+
+    def divide(self, world: Constants, state: State, drone: Drone, phase: int) -> None:
+        """Give each request an equal part of the free bandwidth."""
+        each_hz = drone.free_hz // len(drone.sharing)
+        for k in range(len(drone.sharing)):
+            user = state.users[drone.sharing[k]]
+            give_share(world, state, user, each_hz, rate_bps(world, drone, user, each_hz), phase)
+
+
+@register("sharing", "proportional_fair")
+@dataclass(frozen=True)
+class ProportionalFair(RowSharing):
+    """Gives each request the whole bandwidth for an equal part of the time.
+
+    These rates have the largest product. They are those of ``equal``, but for rounding, because a
+    link of a class carries the same rate in every hertz.
+    """
+
+    def divide(self, world: Constants, state: State, drone: Drone, phase: int) -> None:
+        """Give each request the free bandwidth for an equal part of the time."""
+        count = len(drone.sharing)
+        for k in range(count):
+            user = state.users[drone.sharing[k]]
+            efficiency = world.efficiencies[user.classes[drone.index]]
+            rate = drone.free_hz * efficiency // (MILLION * count)
+            give_share(world, state, user, drone.free_hz // count, rate, phase)
+
+
+@register("sharing", "max_min")
+@dataclass(frozen=True)
+class MaxMin(RowSharing):
+    """Gives each request the same rate, the largest for which the bandwidth suffices."""
+
+    def divide(self, world: Constants, state: State, drone: Drone, phase: int) -> None:
+        """Give each request the largest equal rate, in whole bit/s."""
+        hz_per_bps = 0.0
+        for k in range(len(drone.sharing)):
+            user = state.users[drone.sharing[k]]
+            hz_per_bps += MILLION / world.efficiencies[user.classes[drone.index]]
+        rate = int(drone.free_hz / hz_per_bps) + 1
+        while occupied_hz(world, state, drone, rate) > drone.free_hz:
+            rate -= 1
+        for k in range(len(drone.sharing)):
+            user = state.users[drone.sharing[k]]
+            give_share(world, state, user, needed_hz(world, drone, user, rate), rate, phase)
+
+
+@register("sharing", "max_rate")
+@dataclass(frozen=True)
+class MaxRate(RowSharing):
+    """Gives all bandwidth to the request whose link has the highest class; the others wait.
+
+    If several have this class, it is the one that was made first, and then the lowest user's.
+    """
+
+    def divide(self, world: Constants, state: State, drone: Drone, phase: int) -> None:
+        """Give the free bandwidth to one request."""
+        best = 0
+        for k in range(1, len(drone.sharing)):
+            link_class = state.users[drone.sharing[k]].classes[drone.index]
+            if link_class > state.users[drone.sharing[best]].classes[drone.index]:
+                best = k
+        for k in range(len(drone.sharing)):
+            if k != best:
+                give_share(world, state, state.users[drone.sharing[k]], 0, 0, phase)
+        user, most_hz = state.users[drone.sharing[best]], drone.free_hz
+        give_share(world, state, user, most_hz, rate_bps(world, drone, user, most_hz), phase)
+
+
+@rule
+def occupied_hz(world: Constants, state: State, drone: Drone, rate: int) -> int:
+    """Return the bandwidth in Hz that elastic requests need together, at one rate for each."""
+    total = 0
+    for k in range(len(drone.sharing)):
+        total += needed_hz(world, drone, state.users[drone.sharing[k]], rate)
+    return total
