@@ -108,7 +108,7 @@ class Slot:
 
     def _built_in_schema(self, kind: str) -> JsonSchemaValue:
         found = registry.resolve(self.name, kind)
-        schema = with_meanings(_adapter(found).json_schema(), found)
+        schema = with_meanings(_whole(_adapter(found).json_schema()), found)
         properties = {"kind": {"const": kind}} | schema.get("properties", {})
         required = schema.get("required", [])
         if kind != self.default:
@@ -119,6 +119,24 @@ class Slot:
             "required": required,
             "additionalProperties": False,
         }
+
+
+def _whole(schema: JsonSchemaValue) -> JsonSchemaValue:
+    """Return a schema with its definitions where they are referred to."""
+    known = schema.get("$defs", {})
+
+    def put_in(part: Any) -> Any:
+        if isinstance(part, list):
+            return [put_in(one) for one in part]
+        if not isinstance(part, dict):
+            return part
+        name = str(part.get("$ref", "")).removeprefix("#/$defs/")
+        if name in known:
+            return put_in(known[name])
+        return {key: put_in(one) for key, one in part.items() if key != "$defs"}
+
+    whole: JsonSchemaValue = put_in(schema)
+    return whole
 
 
 registry.Part.as_slot = lambda part: Slot(
