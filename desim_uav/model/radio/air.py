@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 from desim_uav.model.coverage import T0_US, leg_at, walked
 from desim_uav.model.coverage import VX as WALK_X
 from desim_uav.model.coverage import VY as WALK_Y
-from desim_uav.model.kernels import kernel, part
+from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.radio.compare import GRAZE
-from desim_uav.model.radio.levels import H_LEAST, H_MOST, R_LEAST
+from desim_uav.model.radio.levels import H_LEAST, H_MOST, R_LEAST, R_MOST
 from desim_uav.model.radio.polynomial import Coefficients, sign_changes
 from desim_uav.model.radio.scene import (
     BAND,
@@ -23,7 +23,7 @@ from desim_uav.model.radio.scene import (
     RADIO,
     SERVES,
     Air,
-    begin_link,
+    begin_links,
     relate,
     take_first_rows,
     take_mark,
@@ -41,16 +41,20 @@ from desim_uav.model.radio.search import (
     FIRST,
     LAST_MARK,
     MARK,
+    OTHER,
     PX,
     PY,
     PZ,
     SENDER,
+    SIGNAL,
     VX,
     VY,
     VZ,
     Links,
     Record,
     bound_rates,
+    keep_look,
+    level_dbm,
     note,
     ratio_db,
     search,
@@ -84,12 +88,12 @@ def class_changes_in_air(
     Wherever a class is not the true one, the ratio is within ``sinr.TOLERANCE_DB`` of a threshold.
     """
     band, radio = air.senders[transmitter, BAND], air.senders[transmitter, RADIO]
-    end = begin_link(air, transmitter, 0, 0, span_us)
-    count = 1
+    air.words[SIGNAL, SENDER], count = transmitter, OTHER
     for other in range(len(air.senders)):
         if other != transmitter and air.senders[other, SERVES] and air.senders[other, BAND] == band:
-            end = begin_link(air, other, count, end, span_us)
+            air.words[count, SENDER] = other
             count += 1
+    end = begin_links(air, count, span_us)
     if end > len(air.tracks):
         return -end
     links = Links(air.table, air.words, count, air.radios[radio, NOISE_DBM])
@@ -123,13 +127,18 @@ def pair_changes(
 
     If levels are equal where distances are, the times are roots of polynomials, and exact.
     """
-    end = begin_link(air, other, 1, begin_link(air, one, 0, 0, span_us), span_us)
+    air.words[SIGNAL, SENDER], air.words[OTHER, SENDER] = one, other
+    end = begin_links(air, OTHER + 1, span_us)
     if end > len(air.tracks):
         return -end
     links = Links(air.table, air.words, 2, -np.inf)
     exact = threshold_db == 0.0 and _are_alike(air, links, user)
+    record = Record(out, 0, user, held, span_us[0])
+    state = -1 if exact else _stays_apart(air, links, span_us, user, threshold_db)
+    if state >= 0:
+        return note(record, 0, span_us[0], state)
     air.bound_db[0] = threshold_db
-    return _follow(air, links, span_us, air.bound_db, exact, Record(out, 0, user, held, span_us[0]))
+    return _follow(air, links, span_us, air.bound_db, exact, record)
 
 
 @kernel
@@ -150,25 +159,25 @@ def _follow(
     end = (end_us - start_us) * 1e-6
     after = air.legs_at[user + 1]
     leg = leg_at(legs, air.legs_at[user], after, start_us)
-    t, now_us, rows, state = 0.0, float(start_us), record.first, -1
+    t, now_us, rows, state, value = 0.0, float(start_us), record.first, -1, 0.0
     take_first_rows(air, links, user)
     while True:
-        until = min(end, take_rows(air, links, t))
+        begins, marked = take_rows(air, links, t)
         turn = np.inf if leg + 1 == after else (legs[leg + 1, T0_US] - start_us) * 1e-6
         x, y = walked(legs, leg, now_us)
         relate(air, links, t, (x, y, air.heights_m[user]), (legs[leg, WALK_X], legs[leg, WALK_Y]))
-        value = _closer(links) if exact else ratio_db(links, 0.0)
-        reached = class_of(value, thresholds)
-        if reached != state:
-            state = reached
+        if state < 0 or marked or t >= end:
+            value = _closer(links) if exact else ratio_db(links, 0.0)
+            keep_look(links)
+            state = class_of(value, thresholds)
             rows = note(record, rows, rounded_us(start_us, t), state)
         if t >= end:
             return rows
-        until = min(until, turn)
+        until = min(end, begins, turn)
         if until > t and exact:
             rows, state = _pass(links, (t, until - t), state, record, rows)
         elif until > t:
-            rows, state = search(links, thresholds, (t, until - t), value, record, rows)
+            rows, state, value = search(links, thresholds, (t, until - t), value, record, rows)
         t, now_us = until, float(end_us) if until == end else start_us + until * 1e6
         if turn <= t:
             leg += 1
@@ -176,42 +185,71 @@ def _follow(
                 now_us = legs[leg, T0_US]
 
 
+# ---- bounds for a whole span
+
+
 @kernel
 def _stays_below(
     air: Air, links: Links, span_us: tuple[int, int], user: int, threshold: float
 ) -> bool:
     """Return whether bounds show that the signal never reaches a threshold above the noise."""
-    own = Links(links.table, links.words, 1, links.noise_dbm)
-    table, words = own.table, own.words
-    take_first_rows(air, own, user)
+    own = Links(links.table, links.words, OTHER, links.noise_dbm)
+    walks = _look_from(air, own, span_us, user)
+    return bool(_reach_dbm(air, own, SIGNAL, walks)[1] - links.noise_dbm < threshold)
+
+
+@kernel
+def _stays_apart(
+    air: Air, links: Links, span_us: tuple[int, int], user: int, threshold: float
+) -> int:
+    """Return the state of a pair if bounds show that it is always the same, or else -1."""
+    walks = _look_from(air, links, span_us, user)
+    low, high = _reach_dbm(air, links, SIGNAL, walks)
+    lower, higher = _reach_dbm(air, links, OTHER, walks)
+    if low - higher > threshold:
+        return 1
+    return 0 if high - lower < threshold else -1
+
+
+@rule
+def _look_from(air: Air, links: Links, span_us: tuple[int, int], user: int) -> float:
+    """Relate links to a user at the start of a span; return how far the user walks, in metres."""
+    take_first_rows(air, links, user)
     walks, leg = walk_ahead(air, user, span_us)
-    x, y = walked(air.legs, leg, span_us[0])
-    relate(air, own, 0.0, (x, y, air.heights_m[user]), (0.0, 0.0))
-    first, last = place(air.tracks, words[0, FIRST], 0.0), words[0, AFTER] - 1
+    x, y = walked(air.legs, leg, float(span_us[0]))
+    walk = (air.legs[leg, WALK_X], air.legs[leg, WALK_Y])
+    relate(air, links, 0.0, (x, y, air.heights_m[user]), walk)
+    return walks
+
+
+@kernel
+def _reach_dbm(air: Air, links: Links, k: int, walks: float) -> tuple[float, float]:
+    """Return bounds of a link's level in a span, after ``_look_from``."""
+    table, words, low, high = links.table, links.words, np.inf, -np.inf
+    first, last = place(air.tracks, words[k, FIRST], 0.0), words[k, AFTER] - 1
     at = place(air.tracks, last, air.tracks[last, BEGIN])
     level = walks + np.sqrt((at[0] - first[0]) ** 2 + (at[1] - first[1]) ** 2)
     climbs = abs(at[2] - first[2])
-    apart = np.sqrt(table[0, PX] * table[0, PX] + table[0, PY] * table[0, PY])
+    apart = np.sqrt(table[k, PX] * table[k, PX] + table[k, PY] * table[k, PY])
     while True:
-        most = ratio_db(own, 0.0)
+        now, most = level_dbm(links, k, 0.0), 0.0
         if level + climbs > 0.0:
-            bound_rates(own, 0, apart, table[0, PZ], level + climbs)
+            bound_rates(links, k, apart, table[k, PZ], level + climbs)
         if level > 0.0:
-            most -= table[0, BOUND + R_LEAST] * level
+            most += max(table[k, BOUND + R_MOST], -table[k, BOUND + R_LEAST]) * level
         if climbs > 0.0:
-            most += max(table[0, BOUND + H_MOST], -table[0, BOUND + H_LEAST]) * climbs
-        if not most < threshold:
-            return False
-        words[0, MARK] += 1
-        if words[0, MARK] > words[0, LAST_MARK]:
-            return True
-        take_mark(air, own, 0)
+            most += max(table[k, BOUND + H_MOST], -table[k, BOUND + H_LEAST]) * climbs
+        low, high = min(low, now - most), max(high, now + most)
+        words[k, MARK] += 1
+        if words[k, MARK] > words[k, LAST_MARK]:
+            return low, high
+        take_mark(air, links, k)
 
 
 # ---- pairs whose levels are equal where their distances are
 
 
-@part
+@rule
 def _are_alike(air: Air, links: Links, user: int) -> bool:
     """Return whether two links have the same power and loss, and both drones keep one height."""
     words, table = links.words, links.table
@@ -227,13 +265,13 @@ def _are_alike(air: Air, links: Links, user: int) -> bool:
     return bool(alike)
 
 
-@part
+@rule
 def _closer(links: Links) -> float:
     """Return by how much the first of two transmitters is closer, in square metres."""
-    return _square(links.table, 1)[0] - _square(links.table, 0)[0]
+    return _square(links.table, OTHER)[0] - _square(links.table, SIGNAL)[0]
 
 
-@part
+@rule
 def _square(table: NDArray[np.float64], k: int) -> Coefficients:
     """Return the squared distance as a polynomial of the time since the start of the stretch."""
     px, py, pz = table[k, PX], table[k, PY], table[k, PZ]
@@ -254,7 +292,7 @@ def _pass(
 ) -> tuple[int, int]:
     """Write when the first of two transmitters becomes or ceases to be the closer one."""
     begin, lasts = stretch
-    near, far = _square(links.table, 0), _square(links.table, 1)
+    near, far = _square(links.table, SIGNAL), _square(links.table, OTHER)
     c = (
         near[0] - far[0],
         near[1] - far[1],

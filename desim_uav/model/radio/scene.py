@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from desim_uav.model.coverage import T0_US, leg_at
 from desim_uav.model.coverage import VX as WALK_X
 from desim_uav.model.coverage import VY as WALK_Y
-from desim_uav.model.kernels import kernel, part
+from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.radio.levels import MEAN
 from desim_uav.model.radio.search import (
     AFTER,
@@ -73,6 +73,10 @@ TIME_S, MARK_BRANCH, EXTRA_DB = range(3)
 """The columns of ``Air.marks``."""
 
 
+NO_ROWS: Any = np.int64(0)
+"""A number of rows; for a literal one, Numba would compile functions anew."""
+
+
 class Air(NamedTuple):
     """All transmitters (drones and access points) and users, as they are from a time on.
 
@@ -128,22 +132,31 @@ def memory(transmitters: int, longest: int) -> dict[str, NDArray[Any]]:
 
 
 @kernel
-def begin_link(air: Air, sender: int, k: int, first: int, span_us: tuple[int, int]) -> int:
-    """Make a transmitter link k, with a track from row ``first`` on; return the row after it."""
-    words, table, radio = air.words, air.table, air.senders[sender, RADIO]
-    transit = air.senders[sender, TRANSIT]
-    at = air.places[sender]
-    flight = Flight(
-        air.pieces[air.pieces_at[transit] : air.pieces_at[transit + 1]],
-        (at[X0], at[Y0], at[Z0], at[X1], at[Y1], at[Z1]),
-        air.senders[sender, BEGUN_US],
-    )
-    after = fly(flight, span_us, air.tracks, first)
-    words[k, SENDER], words[k, FIRST], words[k, AFTER] = sender, first, after
-    words[k, LEVEL], words[k, RATES_AT] = air.losses[radio, LEVEL_AT], air.losses[radio, BOUNDS_AT]
-    words[k, VALUES] = air.losses[radio, VALUES_AT]
-    table[k, CARRIER] = air.radios[radio, CARRIER_GHZ]
-    return after
+def begin_links(air: Air, used: int, span_us: tuple[int, int]) -> int:
+    """Begin the links whose transmitters are known, and return the number of rows of their tracks.
+
+    It may exceed the length of ``air.tracks``; rows for which there is no room are counted only.
+    """
+    words, table, end = air.words, air.table, NO_ROWS
+    for k in range(used):
+        sender = words[k, SENDER]
+        at, radio = air.places[sender], air.senders[sender, RADIO]
+        transit = air.senders[sender, TRANSIT]
+        flight = Flight(
+            air.pieces[air.pieces_at[transit] : air.pieces_at[transit + 1]],
+            (at[X0], at[Y0], at[Z0], at[X1], at[Y1], at[Z1]),
+            air.senders[sender, BEGUN_US],
+        )
+        words[k, FIRST] = end
+        end = fly(flight, span_us, air.tracks, end)
+        words[k, AFTER] = end
+        words[k, LEVEL], words[k, VALUES] = (
+            air.losses[radio, LEVEL_AT],
+            air.losses[radio, VALUES_AT],
+        )
+        words[k, RATES_AT] = air.losses[radio, BOUNDS_AT]
+        table[k, CARRIER] = air.radios[radio, CARRIER_GHZ]
+    return int(end)
 
 
 @kernel
@@ -159,7 +172,7 @@ def take_first_rows(air: Air, links: Links, user: int) -> None:
         take_mark(air, links, k)
 
 
-@part
+@rule
 def take_mark(air: Air, links: Links, k: int) -> None:
     """Take the branch and the level before the path loss from a link's present mark."""
     table, words = links.table, links.words
@@ -171,12 +184,12 @@ def take_mark(air: Air, links: Links, k: int) -> None:
 
 
 @kernel
-def take_rows(air: Air, links: Links, t: float) -> float:
-    """Take the rows of tracks and the marks that hold at a time; return when the next one begins.
+def take_rows(air: Air, links: Links, t: float) -> tuple[float, bool]:
+    """Take the rows of tracks and the marks that hold at a time.
 
-    It is inf if there is none.
+    Returns when the next one begins, inf if there is none, and whether a mark is another one now.
     """
-    words, until = links.words, np.inf
+    words, until, marked = links.words, np.inf, False
     for k in range(links.used):
         row, mark = words[k, ROW], words[k, MARK]
         while row + 1 < words[k, AFTER] and air.tracks[row + 1, BEGIN] <= t:
@@ -191,7 +204,8 @@ def take_rows(air: Air, links: Links, t: float) -> float:
         if mark != words[k, MARK]:
             words[k, MARK] = mark
             take_mark(air, links, k)
-    return until
+            marked = True
+    return until, marked
 
 
 @kernel
@@ -214,7 +228,7 @@ def relate(
         table[k, AZ] = tracks[row, PULL_AT + 2]
 
 
-@part
+@rule
 def walk_ahead(air: Air, user: int, span_us: tuple[int, int]) -> tuple[float, int]:
     """Return how far a user walks in a span, in metres, and its leg at the start."""
     legs, after, far, from_us = air.legs, air.legs_at[user + 1], 0.0, float(span_us[0])

@@ -9,13 +9,13 @@ until one of the two settles the classes. docs/explanation/sinr.md proves it.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.compiled_rows import call, call_for_float
-from desim_uav.model.kernels import kernel, part
+from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.radio.levels import H_LEAST, H_MOST, R_LEAST, R_MOST, RATES
 from desim_uav.model.radio.sinr import ROOT_S, SHORTEST_S, TOLERANCE_DB, class_of
 from desim_uav.model.radio.slopes import DB
@@ -38,6 +38,11 @@ LINK_WORDS = 10
 First, what is called: the addresses of the path loss (``levels.Loss``) and the branch. Then, the
 first row of the drone's track, the row after the last one and the present one; the present mark and
 the last one; and the number of the drone."""
+
+
+SIGNAL: Any = np.int64(0)
+OTHER: Any = np.int64(1)
+"""The numbers of the first two links; for literal ones, Numba would compile functions anew."""
 
 
 class Links(NamedTuple):
@@ -68,7 +73,7 @@ class Record(NamedTuple):
     start_us: int
 
 
-@part
+@rule
 def note(record: Record, rows: int, t_us: int, state: int) -> int:
     """Write that a user's class is another one from a time on, and return the number of rows.
 
@@ -115,11 +120,11 @@ def ratio_db(links: Links, t: float) -> float:
 
     The received powers in mW are written to the column LOOKED_MW.
     """
-    signal = level_dbm(links, 0, t)
+    signal = level_dbm(links, SIGNAL, t)
     if links.used == 1:
         return float(signal - links.noise_dbm)
     if links.used == 2 and links.noise_dbm == -np.inf:
-        return float(signal - level_dbm(links, 1, t))
+        return float(signal - level_dbm(links, OTHER, t))
     total = np.exp(links.noise_dbm / DB)
     for k in range(1, links.used):
         power = np.exp(level_dbm(links, k, t) / DB)
@@ -128,14 +133,14 @@ def ratio_db(links: Links, t: float) -> float:
     return float(signal - DB * np.log(total))
 
 
-@part
+@rule
 def keep_look(links: Links) -> None:
     """Take the powers at the last look for those at the start of the time that is looked at."""
     for k in range(1, links.used):
         links.table[k, HEARD_MW] = links.table[k, LOOKED_MW]
 
 
-@part
+@rule
 def bound_rates(links: Links, k: int, distance_m: float, height_m: float, within_m: float) -> None:
     """Write the row of rates of a link, for all places near one (see ``levels.BOUNDS``)."""
     words = links.words
@@ -189,7 +194,7 @@ def bound_level(links: Links, k: int, since: float, until: float) -> None:
     _add(table, k, table[k, BOUND + H_LEAST], table[k, BOUND + H_MOST], min(uz, wz), max(uz, wz))
 
 
-@part
+@rule
 def _pull(
     px: float,
     py: float,
@@ -214,7 +219,7 @@ def _pull(
     return float(max(steepest, least / nearest) if nearest > 0.0 else steepest)
 
 
-@part
+@rule
 def _add(
     table: NDArray[np.float64], k: int, low: float, high: float, least: float, most: float
 ) -> None:
@@ -302,7 +307,7 @@ def passing(
     return float(a if (fa >= 0.0) == rises else b)
 
 
-@part
+@rule
 def settles(
     width: float,
     before: float,
@@ -340,15 +345,15 @@ def search(
     value: float,
     record: Record,
     rows: int,
-) -> tuple[int, int]:
-    """Write the changes of class in a stretch; return the number of rows and the last class.
+) -> tuple[int, int, float]:
+    """Write the changes of class in a stretch; return the number of rows, and class and ratio.
 
     ``stretch`` holds its beginning in the span and its length, in seconds. ``value`` is the ratio
-    at its beginning, the class of which has been noted.
+    at its beginning, the class of which has been noted, and what is returned is that at its end.
+    The received powers at these times are in the column HEARD_MW.
     """
     begin, end = stretch
     t, width, state = 0.0, end, class_of(value, thresholds)
-    keep_look(links)
     while t < end:
         ahead = t + width
         if ahead >= end:
@@ -362,6 +367,7 @@ def search(
         if not settled and width > SHORTEST_S:
             width *= 0.5
             continue
+        keep_look(links)
         reached, low, start = class_of(after, thresholds), t, value
         while state != reached:
             rises = reached > state
@@ -370,6 +376,5 @@ def search(
             start = threshold
             state += 1 if rises else -1
             rows = note(record, rows, rounded_us(record.start_us, begin + low), state)
-        keep_look(links)
         t, value, width = ahead, after, 2.0 * width
-    return rows, state
+    return rows, state, value
