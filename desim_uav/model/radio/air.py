@@ -169,8 +169,9 @@ def _follow(
         if state < 0 or marked or t >= end:
             value = _closer(links) if exact else ratio_db(links, 0.0)
             keep_look(links)
-            state = class_of(value, thresholds)
-            rows = note(record, rows, rounded_us(start_us, t), state)
+            before, state = state, class_of(value, thresholds)
+            if state != before:
+                rows = note(record, rows, rounded_us(start_us, t), state)
         if t >= end:
             return rows
         until = min(end, begins, turn)
