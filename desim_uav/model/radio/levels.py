@@ -8,21 +8,12 @@ from __future__ import annotations
 
 from typing import Any, NamedTuple
 
+from desim_uav.errors import ScenarioError
 from desim_uav.model.compiled_rows import entries_at
-from desim_uav.model.components import Compiled, Function, compiled, ruled
+from desim_uav.model.components import Compiled, Function, compiled, kind_of, ruled
 from desim_uav.model.kernels import rule
 from desim_uav.model.radio.functions import elevation_deg
-from desim_uav.model.radio.path_loss import (
-    AlHourani,
-    FreeSpace,
-    LogDistance,
-    RowPathLoss,
-    mean_of,
-)
-from desim_uav.model.radio.slopes import logistic_rates
-
-MEAN, LOS, NLOS = range(3)
-"""The branches of a path loss: its mean, and the losses with and without line of sight."""
+from desim_uav.model.radio.path_loss import LOS, NLOS, RowPathLoss, mean_of
 
 R_LEAST, R_MOST, H_LEAST, H_MOST = range(4)
 """The columns of a row of rates: the least and the most that a level changes, in dB for a metre of
@@ -67,48 +58,16 @@ def _level(cls: Any, values_at: Any) -> Any:
     return level
 
 
-@rule
-def _free_space_rates(
-    own: Any, branch: int, distance_m: float, height_m: float, within_m: float
-) -> Any:
-    return logistic_rates(2.0, 0.0, 1.0, 1.0, distance_m, height_m, within_m)
-
-
-@rule
-def _log_distance_rates(
-    own: Any, branch: int, distance_m: float, height_m: float, within_m: float
-) -> Any:
-    return logistic_rates(own.exponent, 0.0, 1.0, 1.0, distance_m, height_m, within_m)
-
-
-@rule
-def _al_hourani_rates(
-    own: Any, branch: int, distance_m: float, height_m: float, within_m: float
-) -> Any:
-    fall_db = own.eta_nlos_db - own.eta_los_db if branch == MEAN else 0.0
-    return logistic_rates(2.0, fall_db, own.a, own.b, distance_m, height_m, within_m)
-
-
-_RATES = {
-    FreeSpace: _free_space_rates,
-    LogDistance: _log_distance_rates,
-    AlHourani: _al_hourani_rates,
-}
-
-
 def _rates_of(cls: Any) -> Any:
-    """Return the function that bounds the change of the level of a class of path losses.
-
-    The level falls with the distance, so that ``slope`` bounds its change from one side only.
-    """
-    if cls in _RATES:
-        return _RATES[cls]
+    """Return the method ``rates`` of a class of path losses as a rule."""
+    if cls.rates is not RowPathLoss.rates:
+        return ruled(cls.rates)
     slope = ruled(cls.slope)
 
     @rule
     def rates_of(own: Any, branch: int, distance_m: float, height_m: float, within_m: float) -> Any:
-        away, over = slope(own, distance_m, height_m, within_m)
-        return -away, 0.0, -over, over
+        away_db, over_db = slope(own, distance_m, height_m, within_m)
+        return -away_db, 0.0, -over_db, over_db
 
     return rates_of
 
@@ -154,7 +113,15 @@ class Loss(NamedTuple):
 
 
 def compiled_loss(path_loss: RowPathLoss) -> Loss:
-    """Compile a path loss. Raises Numba's errors (``components.NOT_COMPILED``)."""
+    """Compile a path loss, which must be bounded (``RowPathLoss.is_bounded``).
+
+    Raises ScenarioError if it is not, and Numba's errors (``components.NOT_COMPILED``).
+    """
+    if not path_loss.is_bounded():
+        raise ScenarioError(
+            f"path_loss: {kind_of(path_loss)!r} needs a method slope(distance_m, height_m, "
+            "within_m) where there is interference, where drones climb and for association by level"
+        )
     made = compiled((LEVEL, BOUNDS), path_loss, ())
     level, rates = made.functions["level"], made.functions["rates"]
     return Loss(level, rates, made.values.ctypes.data, made)

@@ -14,9 +14,21 @@ from annotated_types import Ge, Gt, Le
 
 from desim_uav.model.kernels import rule
 from desim_uav.model.radio.functions import elevation_deg, exp, log10, slant_range_m
+from desim_uav.model.radio.slopes import logistic_rates
 from desim_uav.registry import register
 
 SPEED_OF_LIGHT_MPS = 299_792_458.0
+
+MEAN, LOS, NLOS = range(3)
+"""The branches of a path loss: its mean, and the losses with and without line of sight."""
+
+FORMULAS = {"los_db", "nlos_db", "p_los", "mean_db"}
+"""The methods of a path loss for which a bound of its change holds."""
+
+
+Rates = tuple[float, float, float, float]
+"""The least and the most that a level changes, in dB for a metre of horizontal distance, and the
+least and the most for a metre of height."""
 
 
 class RowPathLoss:
@@ -27,12 +39,20 @@ class RowPathLoss:
     methods use fields that are numbers, + - * /, ``math.sqrt``, ``min``, ``max`` and the functions
     of ``model.radio.functions``, so that both engines get the same bits. Losses must rise with
     the distance, and ``p_los`` must rise with the elevation: each class of a link is then a disc.
+
+    Where classes are no discs, because there is interference or a drone climbs, and for association
+    by levels, a search needs to know how fast a level can change: a subclass then needs ``slope``
+    too. What a class inherits of it holds for the losses that it inherits only.
     """
 
     def __init_subclass__(cls) -> None:
         """Take ``los_db`` without line of sight too, if a subclass defines nothing else."""
         if "los_db" in vars(cls) and cls.nlos_db is RowPathLoss.nlos_db:
             cls.nlos_db = cls.los_db  # type: ignore[method-assign]
+        if "slope" not in vars(cls) and not vars(cls).keys().isdisjoint(FORMULAS):
+            cls.slope = RowPathLoss.slope  # type: ignore[method-assign]
+        if "rates" not in vars(cls) and not vars(cls).keys().isdisjoint({*FORMULAS, "slope"}):
+            cls.rates = RowPathLoss.rates  # type: ignore[method-assign]
 
     def los_db(self, distance_m: float, height_m: float, carrier_ghz: float) -> float:
         """Return the loss with line of sight, in dB."""
@@ -53,6 +73,29 @@ class RowPathLoss:
             self.los_db(distance_m, height_m, carrier_ghz),
             self.nlos_db(distance_m, height_m, carrier_ghz),
         )
+
+    def slope(self, distance_m: float, height_m: float, within_m: float) -> tuple[float, float]:
+        """Return the most that a level changes near a place, in dB for a metre.
+
+        The first number is for a metre of horizontal distance, and the second for one of height.
+        The bounds must hold for all losses (``los_db``, ``nlos_db``, ``mean_db``) at all places at
+        most ``within_m`` away, inf where there is none. Losses may have kinks, but must not jump.
+        """
+        raise NotImplementedError
+
+    def rates(self, branch: int, distance_m: float, height_m: float, within_m: float) -> Rates:
+        """Return the least and the most that a level changes near a place (see ``Rates``).
+
+        With them, a search is faster than with ``slope``, from which they are taken by default.
+        ``branch`` is MEAN, LOS or NLOS.
+        """
+        away_db, over_db = self.slope(distance_m, height_m, within_m)
+        return -away_db, 0.0, -over_db, over_db
+
+    @classmethod
+    def is_bounded(cls) -> bool:
+        """Return whether it is known how fast levels can change."""
+        return cls.slope is not RowPathLoss.slope or cls.rates is not RowPathLoss.rates
 
 
 @rule
@@ -77,6 +120,10 @@ class FreeSpace(RowPathLoss):
         """Return the loss in free space."""
         return free_space_db(distance_m, height_m, carrier_ghz)
 
+    def rates(self, branch: int, distance_m: float, height_m: float, within_m: float) -> Rates:
+        """Return the bounds for the change of a level over 20 log10(d)."""
+        return logistic_rates(2.0, 0.0, 1.0, 1.0, distance_m, height_m, within_m)
+
 
 @register("path_loss", "log_distance")
 @dataclass(frozen=True)
@@ -92,6 +139,11 @@ class LogDistance(RowPathLoss):
         """Return the loss over 1 m, and 10 ``exponent`` dB more a decade."""
         slant_m = slant_range_m(distance_m, height_m)
         return self.at_1m_db + 10.0 * self.exponent * log10(slant_m)
+
+    def rates(self, branch: int, distance_m: float, height_m: float, within_m: float) -> Rates:
+        """Return the bounds for the change of a level over 10 ``exponent`` log10(d)."""
+        exponent = float(self.exponent)
+        return logistic_rates(exponent, 0.0, 1.0, 1.0, distance_m, height_m, within_m)
 
 
 class Environment(NamedTuple):
@@ -168,3 +220,9 @@ class AlHourani(RowPathLoss):
     def p_los(self: Any, elevation: float) -> float:
         """Return 1 / (1 + a exp(-b (elevation - a))), with the elevation in degrees."""
         return 1.0 / (1.0 + float(self.a) * exp(-float(self.b) * (elevation - float(self.a))))
+
+    def rates(self: Any, branch: int, distance_m: float, height_m: float, within_m: float) -> Rates:
+        """Return the bounds for the change of a level; on the mean, sight is lost gradually."""
+        fall_db = float(self.eta_nlos_db) - float(self.eta_los_db) if branch == MEAN else 0.0
+        a, b = float(self.a), float(self.b)
+        return logistic_rates(2.0, fall_db, a, b, distance_m, height_m, within_m)

@@ -15,7 +15,7 @@ from desim_uav.model.coverage import T0_US, leg_at
 from desim_uav.model.coverage import VX as WALK_X
 from desim_uav.model.coverage import VY as WALK_Y
 from desim_uav.model.kernels import kernel, rule
-from desim_uav.model.radio.levels import MEAN
+from desim_uav.model.radio.path_loss import MEAN
 from desim_uav.model.radio.search import (
     AFTER,
     AX,

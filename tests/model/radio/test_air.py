@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
+from desim_uav.errors import ScenarioError
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import kernel
 from desim_uav.model.motion import BangCoastBang
 from desim_uav.model.radio.air import class_changes_in_air, pair_changes
 from desim_uav.model.radio.functions import log10, slant_range_m
-from desim_uav.model.radio.levels import RATES
-from desim_uav.model.radio.path_loss import RowPathLoss
+from desim_uav.model.radio.levels import RATES, compiled_loss
+from desim_uav.model.radio.path_loss import AlHourani, RowPathLoss
 from desim_uav.model.radio.sinr import TOLERANCE_DB
 from tests.model.radio.airs import (
     FREE,
@@ -349,3 +350,25 @@ def test_a_path_loss_of_ones_own():
         wrong, unclear = hold_classes(value, thresholds, rows, sky.span_us, TOLERANCE_DB)
         seen.add(rows[1:], wrong, unclear, number)
     check(seen, 2)
+
+
+class Steeper(AlHourani):
+    """A loss whose bounds are not those of the class that it is derived from."""
+
+    def nlos_db(self, distance_m, height_m, carrier_ghz):
+        return 2.0 * super().nlos_db(distance_m, height_m, carrier_ghz)
+
+
+def test_a_path_loss_without_bounds_is_refused():
+    assert AlHourani.is_bounded() and TwoSlopes.is_bounded() and not Steeper.is_bounded()
+    with pytest.raises(ScenarioError, match="test_air:Steeper' needs a method slope"):
+        compiled_loss(Steeper("urban"))
+
+
+def test_python_has_the_same_bounds():
+    own, place = np.empty((1, RATES)), (np.array([600.0]), np.array([100.0]), np.array([50.0]))
+    for path_loss in (AlHourani("urban"), TwoSlopes(250.0)):
+        loss = compiled_loss(path_loss)
+        for branch in range(3):
+            write_rates(loss.rates, loss.values, branch, *place, own)
+            assert tuple(own[0]) == path_loss.rates(branch, 600.0, 100.0, 50.0)
