@@ -31,25 +31,48 @@ FAULTS = (Exception, SystemExit)
 T = TypeVar("T", bound=type)
 
 
-@dataclass(frozen=True)
-class Part:
-    """Marks a field of a component that is a component itself: its slot, default kind, interface.
+class Mark:
+    """Marks a field of a component, in its annotation, with what a scenario may say there.
 
-    ``as_slot`` makes of it what scenarios validate; ``scenario.components`` sets it.
+    ``as_field`` returns what validates the field; ``scenario.components`` sets it.
+    """
+
+    as_field: ClassVar[Callable[[Any], Any]]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        """Return the validation of the field."""
+        return Mark.as_field(self).__get_pydantic_core_schema__(source, handler)
+
+    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Any:
+        """Return the JSON Schema of the field."""
+        return Mark.as_field(self).__get_pydantic_json_schema__(schema, handler)
+
+
+@dataclass(frozen=True)
+class Part(Mark):
+    """Marks a field that is a component itself: its slot, default kind and interface.
+
+    ``by_name``: the name of a kind alone stands for a component without parameters.
     """
 
     slot: str
     default: str
     protocol: type
-    as_slot: ClassVar[Callable[[Part], Any]]
+    by_name: bool = False
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
-        """Return the validation of a component of this slot."""
-        return Part.as_slot(self).__get_pydantic_core_schema__(source, handler)
 
-    def __get_pydantic_json_schema__(self, schema: Any, handler: Any) -> Any:
-        """Return the schema of a component of this slot."""
-        return Part.as_slot(self).__get_pydantic_json_schema__(schema, handler)
+@dataclass(frozen=True)
+class NameOr(Mark):
+    """Marks a field that is one of some names, or else a value of the type ``form``.
+
+    ``says`` describes such a value to users. ``made`` turns it into the field's value, if not
+    ``None``; it may raise ValueError.
+    """
+
+    names: tuple[str, ...]
+    form: Any
+    says: str
+    made: Callable[[Any], Any] | None = None
 
 
 def register(slot: str, name: str) -> Callable[[T], T]:

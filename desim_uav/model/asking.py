@@ -41,6 +41,8 @@ NO_MORE_US = 2**60
 class Requests(NamedTuple):
     """All users' requests in one episode: rows of DUE_US SERVICE REQUIRED_US BANDWIDTH_BPS.
 
+    If a request's service asks for volumes, REQUIRED_US is in millionths of a bit.
+
     The rows of user u are ``offsets[u]:offsets[u + 1]``. If ``after_previous`` is true, DUE_US
     counts from the end of the user's previous request, and for the first request from the start of
     the episode. Otherwise DUE_US is the time of an arrival, which is dropped while another request
@@ -95,16 +97,16 @@ class Asker(Row):
 class Offer(Row):
     """The services: the cumulative ``shares`` of the mix, service times and bandwidths.
 
-    Service s has ``sizes[2 * s]`` service times, from ``durations_us[s * longest]`` on, and
+    Service s has ``sizes[2 * s]`` service times, from ``required[s * longest]`` on, and
     ``sizes[2 * s + 1]`` bandwidths, from ``bandwidths_bps[s * widest]`` on, all equally likely. If
-    ``in_bits[s]``, it asks for volumes, which are in ``durations_us`` in millionths of a bit.
+    ``in_bits[s]``, it has volumes in millionths of a bit instead of service times.
     """
 
     longest: int
     widest: int
     shares: Table[float]
     sizes: Table[int]
-    durations_us: Table[int]
+    required: Table[int]
     bandwidths_bps: Table[int]
     in_bits: Table[int]
 
@@ -169,7 +171,7 @@ def ask_for(asker: Any, stream: Any, services: Any, service: int) -> None:
     """Let a user ask for a service, for one of its service times and with one of its bandwidths."""
     asker.service = service
     k = int(uniform(stream) * services.sizes[2 * service])
-    asker.required_us = services.durations_us[service * services.longest + k]
+    asker.required_us = services.required[service * services.longest + k]
     k = int(uniform(stream) * services.sizes[2 * service + 1])
     asker.bandwidth_bps = services.bandwidths_bps[service * services.widest + k]
 
@@ -322,9 +324,9 @@ class RowDraws:
     @cached_property
     def _offer(self) -> Offer:
         own = self.services
-        (_, longest), (_, widest) = own.durations_us.shape, own.bandwidths_bps.shape
+        (_, longest), (_, widest) = own.required.shape, own.bandwidths_bps.shape
         in_bits = own.in_bits.astype(np.int64)
-        arrays = (own.share, own.sizes, own.durations_us, own.bandwidths_bps, in_bits)
+        arrays = (own.share, own.sizes, own.required, own.bandwidths_bps, in_bits)
         tables = (Table(array.reshape(-1).tolist()) for array in arrays)
         return fill(Offer, (longest, widest, *tables))
 

@@ -64,8 +64,13 @@ class A3:
         """Check the margin. Raises ValueError."""
         if self.margin_db < 0.0:
             raise ValueError(
-                "offset_db and hysteresis_db must not be below 0 together: users would leave the "
-                "better drone"
+                f"offset_db + hysteresis_db is {self.margin_db:g} and must not be below 0: users "
+                f"would leave the better drone"
+            )
+        if self.margin_db == 0.0 and self.time_to_trigger_ms == 0:
+            raise ValueError(
+                "without a margin and without a time to trigger, users always take the strongest "
+                "drone; write association: strongest"
             )
 
     @property

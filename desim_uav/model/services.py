@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Protocol
+from typing import Annotated, Protocol, runtime_checkable
 
 import numpy as np
 from annotated_types import Ge, Gt, Le, MinLen
@@ -13,12 +13,14 @@ from numpy.typing import NDArray
 from desim_uav.model.rules import US
 from desim_uav.registry import register
 
+MICROBITS = 10**12
+"""The millionths of a bit in a megabit."""
 
-class Service(Protocol):
-    """A service, as two lists of equally likely values (quantiles of a continuous distribution).
 
-    A service that asks for a volume has a method ``volumes_ubit`` instead of ``durations_us``: it
-    returns volumes in millionths of a bit, each above 0.
+class Hold(Protocol):
+    """A service whose requests hold a rate for a time.
+
+    It is two lists of equally likely values, such as quantiles of a continuous distribution.
     """
 
     def durations_us(self) -> NDArray[np.int64]:
@@ -28,7 +30,19 @@ class Service(Protocol):
         """Return the bandwidths that a request can occupy, in bit/s."""
 
 
+@runtime_checkable
+class Volume(Protocol):
+    """A service whose requests ask for a volume, as two lists of equally likely values."""
+
+    def volumes_ubit(self) -> NDArray[np.int64]:
+        """Return the volumes that a request can ask for, in millionths of a bit, each above 0."""
+
+    def bandwidths_bps(self) -> NDArray[np.int64]:
+        """Return the rates that a request can hold, in bit/s; zeros if none are held."""
+
+
 @register("service", "uniform_choice")
+@register("service", "hold")
 @dataclass(frozen=True)
 class UniformChoice:
     """A request takes one of the durations and one of the bandwidths, independently of each other.
@@ -59,21 +73,21 @@ class Transfer:
     ``held`` it holds one of the rates of ``bandwidth_kbps``, all equally likely.
     """
 
-    volume_mbit: Annotated[tuple[Annotated[float, Ge(1e-6), Le(1e6)], ...], MinLen(1)]
+    volume_mbit: Annotated[tuple[Annotated[float, Ge(1e-12), Le(1e6)], ...], MinLen(1)]
     """The volumes that a request can ask for, in Mbit, equally likely."""
-    bandwidth_kbps: Annotated[tuple[Annotated[float, Gt(0)], ...], MinLen(1)] | None = None
-    """The rates that a request can hold under the sharing `held`, in kbit/s, equally likely."""
+    bandwidth_kbps: Annotated[tuple[Annotated[float, Ge(0.001)], ...], MinLen(1)] | None = None
+    """The rates that a request can hold, in kbit/s, equally likely: for the sharing `held` only."""
 
     def volumes_ubit(self) -> NDArray[np.int64]:
         """Return the volumes in millionths of a bit."""
-        return np.array([round(mbit * 10**12) for mbit in self.volume_mbit], np.int64)
+        return np.array([round(mbit * MICROBITS) for mbit in self.volume_mbit], np.int64)
 
     def bandwidths_bps(self) -> NDArray[np.int64]:
         """Return the rates in bit/s; 0 if none are held."""
         return np.array([round(kbps * 1000) for kbps in self.bandwidth_kbps or (0,)], np.int64)
 
 
-PAPER: dict[str, Service] = {
+PAPER: dict[str, Hold | Volume] = {
     "throughput": UniformChoice((1, 2, 3, 4, 5, 6), (96, 160, 200, 320, 750, 1000, 2500)),
     "edge_computing": UniformChoice((3,), (10, 20, 30, 40, 50)),
     "data_gathering": UniformChoice((2,), (24, 48, 72, 96, 192)),
@@ -85,29 +99,29 @@ PAPER: dict[str, Service] = {
 class Catalogue:
     """The services of a scenario as arrays, with one row per service in the order of ``names``.
 
-    ``share``: (services,), the cumulative probabilities of the mix. ``durations_us`` and
-    ``bandwidths_bps``: (services, widest); row s uses its first ``sizes[s]`` = (durations,
-    bandwidths) entries. Services that are ``in_bits`` (services,) ask for volumes, which are in
-    ``durations_us`` in millionths of a bit.
+    ``share``: (services,), the cumulative probabilities of the mix. ``in_bits``: (services,),
+    whether a service asks for volumes instead of service times. ``required`` and
+    ``bandwidths_bps``: (services, widest); row s uses its first ``sizes[s]`` = (required,
+    bandwidths) entries. What is required is in microseconds, or in millionths of a bit.
     """
 
     names: tuple[str, ...]
     share: NDArray[np.float64]
     sizes: NDArray[np.int64]
-    durations_us: NDArray[np.int64]
+    required: NDArray[np.int64]
     bandwidths_bps: NDArray[np.int64]
     in_bits: NDArray[np.bool_]
 
 
-def catalogue(services: Mapping[str, Service], mix: Mapping[str, float]) -> Catalogue:
+def catalogue(services: Mapping[str, Hold | Volume], mix: Mapping[str, float]) -> Catalogue:
     """Return the services as arrays; ``mix`` maps their names to weights, which are normalised."""
     names = tuple(services)
     weights = np.array([mix.get(name, 0.0) for name in names])
     share = np.cumsum(weights / weights.sum())
     share[np.flatnonzero(weights)[-1] :] = 1.0
-    in_bits = np.array([hasattr(service, "volumes_ubit") for service in services.values()])
+    in_bits = np.array([isinstance(service, Volume) for service in services.values()])
     required = [
-        service.volumes_ubit() if isinstance(service, Transfer) else service.durations_us()
+        service.volumes_ubit() if isinstance(service, Volume) else service.durations_us()
         for service in services.values()
     ]
     bandwidths = [service.bandwidths_bps() for service in services.values()]

@@ -12,6 +12,7 @@ import numpy as np
 from desim_uav.model.battery import LONGEST_MIN
 from desim_uav.model.grid import Cell, reachable
 from desim_uav.model.motion import return_transit
+from desim_uav.model.services import Volume
 from desim_uav.model.sums import in_order
 from desim_uav.model.walking import Area
 from desim_uav.notices import notice
@@ -228,7 +229,7 @@ def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
             ("drones", "battery", "autonomy_min"), f"must be at most {LONGEST_MIN} minutes"
         )
     for name, service in scenario.services.items():
-        if np.min(service.durations_us()) < 1:
+        if not isinstance(service, Volume) and np.min(service.durations_us()) < 1:
             yield Finding(
                 ("services", name, "duration_min"), "a duration is less than a microsecond"
             )

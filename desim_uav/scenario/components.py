@@ -29,11 +29,14 @@ _GIVEN = "_given_parameters"
 
 @dataclasses.dataclass(frozen=True)
 class Slot:
-    """Marks a field of the schema that holds a component: its slot, default kind and Protocol."""
+    """Marks a field of the schema that holds a component: its slot, default kind and Protocol.
+
+    A union of Protocols stands for any of them.
+    """
 
     name: str
     default: str
-    protocol: type
+    protocol: Any
     by_name: bool = False
     """Whether the name of a kind alone stands for a component without parameters."""
 
@@ -60,7 +63,7 @@ class Slot:
             found = registry.resolve(self.name, kind)
         except TypeError as error:
             raise ValueError(f"{kind!r} cannot be used as {self.name}: {error}") from error
-        missing = [name for name in _methods(self.protocol) if not hasattr(found, name)]
+        missing = _lacks(found, self.protocol)
         if missing:
             raise ValueError(
                 f"{kind!r} cannot be used as {self.name}: it has no method {missing[0]!r}"
@@ -74,15 +77,24 @@ class Slot:
         except (TypeError, ValueError):
             return ["kind"]
 
+    def annotation(self, kind: Any, name: str) -> Any:
+        """Return the annotation of a parameter of a component of this kind, or None."""
+        try:
+            found = self.component_class(kind or self.default)
+            return typing.get_type_hints(found, include_extras=True).get(name)
+        except (NameError, TypeError, ValueError):
+            return None
+
     def _validate(self, value: Any, info: core_schema.ValidationInfo) -> Any:
         if self.by_name and isinstance(value, str):
             value = {"kind": value}
         if isinstance(value, Mapping):
             return self._make(dict(value), info.context or {})
-        if info.mode == "python" and all(hasattr(value, m) for m in _methods(self.protocol)):
+        if info.mode == "python" and not _lacks(value, self.protocol):
             return value
         hint = f"; write {{kind: {value}}}" if isinstance(value, str) else ""
-        raise _error(f"must be a mapping with a kind{hint}")
+        name = "the name of a kind, or " if self.by_name else ""
+        raise _error(f"must be {name}a mapping with a kind{hint}")
 
     def _make(self, given: dict[str, Any], context: Mapping[str, Any]) -> Any:
         kind = given.pop("kind", self.default)
@@ -139,9 +151,52 @@ def _whole(schema: JsonSchemaValue) -> JsonSchemaValue:
     return whole
 
 
-registry.Part.as_slot = lambda part: Slot(
-    part.slot, part.default, part.protocol, part.slot == "sharing"
-)
+@dataclasses.dataclass(frozen=True)
+class NameOrForm:
+    """Validates a field that is one of some names, or a value of another form (a ``NameOr``)."""
+
+    mark: registry.NameOr
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Return a validation whose problems are those of the form that was meant."""
+        return core_schema.no_info_plain_validator_function(self._validate)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Return the schema of the names and of the other form."""
+        return {
+            "anyOf": [
+                {"enum": list(self.mark.names)},
+                _whole(_adapter(self.mark.form).json_schema()),
+            ]
+        }
+
+    def _validate(self, value: Any) -> Any:
+        names = self.mark.names
+        if isinstance(value, str) and value in names:
+            return value
+        if not isinstance(value, Mapping | list):
+            hint = registry.did_you_mean(value, names) if isinstance(value, str) else ""
+            raise _error(f"must be {', '.join(names)} or {self.mark.says}{hint}")
+        made = strictly(self.mark.form, value)
+        try:
+            return self.mark.made(made) if self.mark.made else made
+        except ValueError as error:
+            raise _error(str(error)) from error
+
+
+def as_field(mark: registry.Mark) -> Slot | NameOrForm:
+    """Return what validates a marked field of a component."""
+    if isinstance(mark, registry.Part):
+        return Slot(mark.slot, mark.default, mark.protocol, mark.by_name)
+    assert isinstance(mark, registry.NameOr)
+    return NameOrForm(mark)
+
+
+registry.Mark.as_field = staticmethod(as_field)
 
 _PLUG_IN_SCHEMA: JsonSchemaValue = {
     "title": "plug-in",
@@ -163,8 +218,14 @@ def described(component: Any) -> dict[str, Any]:
 
 
 def _plain(value: Any) -> Any:
-    """Return the value of a parameter, which is described if it is a component itself."""
-    return described(value) if hasattr(type(value), "kind") else value
+    """Return the value of a parameter: components and named tuples are mappings."""
+    if hasattr(type(value), "kind"):
+        return described(value)
+    if hasattr(value, "_asdict"):
+        return value._asdict()
+    if isinstance(value, tuple):
+        return tuple(_plain(item) for item in value)
+    return value
 
 
 def place_of_problem(component: Any) -> KeyPath:
@@ -193,7 +254,7 @@ def _validated(found: type, given: dict[str, Any], base: Path | None) -> Any:
         for name in files:
             if isinstance(given.get(name), str):
                 given[name] = os.path.abspath((base or Path()) / given[name])  # noqa: PTH100
-        return strictly(found, given)
+        return strictly(found, given, {"base": base})
     except PydanticError as error:
         causes = [e["ctx"]["error"] for e in error.errors() if not e["loc"] and "ctx" in e]
         if causes and len(files) == 1:
@@ -255,12 +316,28 @@ def _file_parameters(found: type) -> tuple[str, ...]:
     return tuple(f.name for f in dataclasses.fields(found) if f.init and hints[f.name] in paths)
 
 
+def _lacks(found: Any, protocol: Any) -> list[str]:
+    """Return the methods that are missing for a Protocol, or for the first of a union of them."""
+    missing = [
+        [name for name in _methods(one) if not hasattr(found, name)]
+        for one in _alternatives(protocol)
+    ]
+    return missing[0] if all(missing) else []
+
+
+def _alternatives(protocol: Any) -> tuple[Any, ...]:
+    """Return the Protocols of a union, or the one that there is."""
+    return typing.get_args(protocol) or (protocol,)
+
+
 def _methods(protocol: type) -> list[str]:
     return [n for n, m in vars(protocol).items() if not n.startswith("_") and callable(m)]
 
 
-def _attributes(protocol: type) -> list[str]:
-    return list(inspect.get_annotations(protocol))
+def _attributes(protocol: Any) -> list[str]:
+    """Return the attributes that a Protocol, or each of a union of them, asks for."""
+    asked = [inspect.get_annotations(one) for one in _alternatives(protocol)]
+    return [name for name in asked[0] if all(name in other for other in asked)]
 
 
 def _error(message: str) -> PydanticCustomError:

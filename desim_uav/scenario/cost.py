@@ -15,6 +15,7 @@ import numpy as np
 
 from desim_uav.available import available_bytes
 from desim_uav.errors import ScenarioError
+from desim_uav.model.services import Volume
 from desim_uav.model.walking import Area
 from desim_uav.scenario.schema import DrawnObstacles, Scenario
 
@@ -184,9 +185,12 @@ def _levels(scenario: Scenario) -> float:
 
 
 def _required_s(scenario: Scenario) -> float:
-    """The mean service time of a request, over the mix."""
+    """The mean service time of a request, over the mix; 0 for a volume, whose time is unknown."""
     mix = getattr(scenario.demand, "mix", None) or dict.fromkeys(scenario.services, 1.0)
-    means = {name: float(np.mean(s.durations_us())) for name, s in scenario.services.items()}
+    means = {
+        name: 0.0 if isinstance(service, Volume) else float(np.mean(service.durations_us()))
+        for name, service in scenario.services.items()
+    }
     total = math.fsum(mix.values())
     return math.fsum(mix[name] / total * means[name] for name in mix) / 1e6
 

@@ -132,6 +132,8 @@ def to_plain(scenario: Scenario) -> dict[str, Any]:
     plain: dict[str, Any] = _plain(scenario)
     if scenario.users.positions_m is not None:
         del plain["users"]["count"], plain["users"]["clusters"]
+    if scenario.drones.radio.graded:
+        del plain["drones"]["footprint_radius_m"], plain["drones"]["bandwidth_kbps"]
     return plain
 
 
@@ -215,6 +217,8 @@ def _plain(value: Any, file_as: Callable[[Path], str] = str) -> Any:
     """Models, components and their values as plain data, whole floats as ints."""
     if isinstance(value, BaseModel):
         return {name: _plain(getattr(value, name), file_as) for name in type(value).model_fields}
+    if hasattr(value, "_asdict"):
+        value = value._asdict()
     if isinstance(value, Mapping):
         return {key: _plain(item, file_as) for key, item in value.items()}
     if isinstance(value, list | tuple):

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from desim_uav.registry import did_you_mean
-from desim_uav.scenario.components import Slot
+from desim_uav.registry import NameOr, Part, did_you_mean
+from desim_uav.scenario.components import Slot, as_field
 from desim_uav.scenario.draft import MAX_PROBLEMS, Draft
 from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
 from desim_uav.scenario.section import Section
@@ -87,22 +87,31 @@ def known_keys(path: KeyPath, draft: Draft) -> list[str]:
     """Return the keys that the mapping at ``path`` may have."""
     owner: Any = Scenario
     for depth, part in enumerate(path):
-        if owner is DrawnObstacles or not _is_section(owner) or part not in owner.model_fields:
-            return []
-        owner = _owner(owner.model_fields[str(part)], draft.get(path[: depth + 1]))
-        if isinstance(owner, dict):
-            break
+        if not isinstance(part, int):  # the items of a list all have the keys of one
+            owner = _below(owner, part, draft.get(path[:depth]), draft.get(path[: depth + 1]))
     if isinstance(owner, dict):
         owner = owner[""]
     if isinstance(owner, Slot):
-        given = draft.get(path)
-        return owner.parameter_names(given.get("kind") if isinstance(given, Mapping) else None)
+        return owner.parameter_names(_kind(draft.get(path)))
+    if _is_named_tuple(owner):
+        return list(owner._fields)
     return list(owner.model_fields) if _is_section(owner) else []
 
 
-def _owner(field: Any, given: Any) -> Any:
+def _below(owner: Any, key: str, holder: Any, given: Any) -> Any:
+    """Return what determines the keys below a key of an owner, or None if it has none."""
+    if isinstance(owner, dict):
+        return owner[""]
+    if isinstance(owner, Slot):
+        return _owner(list(_parts(owner.annotation(_kind(holder), key))), given)
+    if not _is_section(owner) or key not in owner.model_fields:
+        return None
+    field = owner.model_fields[key]
+    return _owner(list(_parts(field.annotation)) + list(field.metadata), given)
+
+
+def _owner(parts: list[Any], given: Any) -> Any:
     """Return what determines the keys below a field: a section, a slot, or {"": slot} for many."""
-    parts = list(_parts(field.annotation)) + list(field.metadata)
     slots = [part for part in parts if isinstance(part, Slot)]
     if slots:
         return {"": slots[0]} if dict in parts else slots[0]
@@ -110,14 +119,27 @@ def _owner(field: Any, given: Any) -> Any:
     if ListedObstacles in sections:
         listed = isinstance(given, Mapping) and "cells" in given
         return ListedObstacles if listed else DrawnObstacles
-    return sections[0] if sections else None
+    return next((part for part in parts if _is_section(part) or _is_named_tuple(part)), None)
 
 
 def _parts(annotation: Any) -> Iterator[Any]:
     yield annotation
     yield getattr(annotation, "__origin__", None)
+    if isinstance(annotation, Part):
+        yield as_field(annotation)
+    if isinstance(annotation, NameOr):
+        yield from _parts(annotation.form)
     for part in (*getattr(annotation, "__args__", ()), *getattr(annotation, "__metadata__", ())):
         yield from _parts(part)
+
+
+def _kind(given: Any) -> Any:
+    """Return the kind that a component is given, or None."""
+    return given.get("kind") if isinstance(given, Mapping) else None
+
+
+def _is_named_tuple(owner: Any) -> bool:
+    return isinstance(owner, type) and hasattr(owner, "_fields")
 
 
 def _is_section(owner: Any) -> bool:
@@ -143,6 +165,7 @@ _WORDS: dict[str, Words] = {
     "dict_type": lambda ctx, _: "must be a mapping",
     "model_type": lambda ctx, _: "must be a mapping; leave the key out for its defaults",
     "dataclass_type": lambda ctx, _: "must be a mapping",
+    "named_tuple_type": lambda ctx, _: "must be a mapping",
     "greater_than": lambda ctx, _: f"must be above {_plain(ctx['gt'])}",
     "greater_than_equal": lambda ctx, _: f"must be at least {_plain(ctx['ge'])}",
     "less_than": lambda ctx, _: f"must be below {_plain(ctx['lt'])}",

@@ -18,9 +18,9 @@ from desim_uav.model.demand import Demand, Dynamic
 from desim_uav.model.mobility import Mobility, RandomWalk
 from desim_uav.model.motion import BangCoastBang, Motion
 from desim_uav.model.observations import Encoding
-from desim_uav.model.radio.radio import Disc, Radio
+from desim_uav.model.radio.radio import Disc, LinkClasses, Radio
 from desim_uav.model.rewards import Reward
-from desim_uav.model.services import PAPER, Service
+from desim_uav.model.services import PAPER, Hold, Volume
 from desim_uav.rules.admission import FirstCome
 from desim_uav.rules.observations import Position
 from desim_uav.rules.rewards import MultiService
@@ -41,8 +41,9 @@ DEMAND = Slot("demand", "dynamic", Demand)
 REWARD = Slot("reward", "multi_service", Reward)
 OBSERVATION = Slot("observation", "position", Encoding)
 RADIO = Slot("radio", "disc", Radio)
+LINKS = Slot("radio", "link_classes", Radio)
 ASSOCIATION = Slot("association", "entered_first", Association, by_name=True)
-SERVICE = Slot("service", "uniform_choice", Service)
+SERVICE = Slot("service", "uniform_choice", Hold | Volume)
 
 
 def _ascending(values: tuple[float, float]) -> tuple[float, float]:
@@ -145,18 +146,34 @@ class Drones(Section):
     """The cell [x, y] in which each drone starts; null means on the charging stations in turn,
     or on a circle if there are none.
     """
-    radio: Annotated[Radio, RADIO] = cast(Radio, Disc())
-    """The radio: the paper's disc, or classes of links that follow from path loss."""
     footprint_radius_m: Metres = 600.0
     """The radius of the disc on the ground that a drone covers, in metres."""
     bandwidth_kbps: Annotated[float, Field(ge=0.001, le=1e9)] | None = 5000.0
     """The bandwidth of each drone, in kbit/s; null means unlimited."""
+    radio: Annotated[Radio, RADIO] = cast(Radio, Disc())
+    """How drones reach users: the paper's disc, or links whose classes follow from path loss."""
     motion: Annotated[Motion, MOTION] = BangCoastBang()
     """How drones fly from one cell to the next."""
     battery: Annotated[Energy, BATTERY] | None = cast(Energy, Endurance())
     """The battery and its energy model; null means an unlimited battery."""
     admission: Annotated[Admission, ADMISSION] = FirstCome()
     """Which of the waiting requests a drone serves."""
+
+    @model_validator(mode="after")
+    def _radio_decides(self) -> Drones:
+        if self.radio.graded:
+            replaced = {
+                "footprint_radius_m": "its path loss says how far links reach",
+                "bandwidth_kbps": "give radio.bandwidth_mhz",
+            }
+            problems: list[tuple[KeyPath, str, object]] = [
+                ((key,), f"not beside radio: {{kind: link_classes}}; {instead}", getattr(self, key))
+                for key, instead in replaced.items()
+                if key in self.model_fields_set
+            ]
+            if problems:
+                raise errors(problems)
+        return self
 
 
 class Stations(Section):
@@ -240,6 +257,19 @@ class Episode(Section):
     """Whether drones begin an episode in the state in which the one before has left them."""
 
 
+class AccessPoint(Section):
+    """A mast on the ground that serves users as a drone does, at one place and for ever."""
+
+    at_m: Point
+    """Where it stands: [x, y], in metres."""
+    height_m: Height
+    """The height of its antenna above the ground, in metres."""
+    radio: Annotated[Radio, LINKS] = cast(Radio, LinkClasses())
+    """How it reaches users, which must be `kind: link_classes`."""
+    counts_in_reward: bool = False
+    """Whether rewards count its users and requests among those of the drones."""
+
+
 class Scenario(Section):
     """A scenario, fully resolved: every key has its value, the preset's among them."""
 
@@ -261,10 +291,12 @@ class Scenario(Section):
     """The users: where they live and how they move."""
     association: Annotated[Association, ASSOCIATION] = cast(Association, EnteredFirst())
     """Which of the drones that cover a user serves it."""
+    access_points: Annotated[tuple[AccessPoint, ...], Field(max_length=1000)] = ()
+    """Masts on the ground, which serve users as drones do."""
     demand: Annotated[Demand, DEMAND] = Dynamic()
     """When users make requests, and for which services."""
     services: Annotated[
-        dict[Name, Annotated[Service, SERVICE]], Field(min_length=1, max_length=1000)
+        dict[Name, Annotated[Hold | Volume, SERVICE]], Field(min_length=1, max_length=1000)
     ] = Field(default_factory=lambda: dict(PAPER))
     """The services by name: how long a request takes and what bandwidth it occupies."""
     position_noise: PositionNoise | None = None

@@ -275,7 +275,7 @@ class TestCatalogue:
         assert found.share[-1] == 1.0
         for service, (minutes, kbps) in enumerate(TABLE):
             assert found.sizes[service].tolist() == [len(minutes), len(kbps)]
-            lasts = found.durations_us[service, : len(minutes)]
+            lasts = found.required[service, : len(minutes)]
             assert lasts.tolist() == [m * 60 * US for m in minutes]
             takes = found.bandwidths_bps[service, : len(kbps)]
             assert takes.tolist() == [k * 1000 for k in kbps]

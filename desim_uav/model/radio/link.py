@@ -16,6 +16,9 @@ from desim_uav.model.radio.functions import log10
 from desim_uav.registry import did_you_mean
 
 MOST_CLASSES = 64
+DECIMALS = 6
+"""Efficiencies are whole millionths of a bit/s/Hz."""
+
 LOWEST_SNR_DB, HIGHEST_SNR_DB, MOST_BIT_S_HZ = -50.0, 100.0, 100.0
 
 
@@ -50,8 +53,8 @@ class LinkBudget:
 class LinkClass(NamedTuple):
     """A class of a link, which carries ``bit_s_hz`` from the ratio ``snr_db`` on."""
 
-    snr_db: float
-    bit_s_hz: float
+    snr_db: Annotated[float, Ge(LOWEST_SNR_DB), Le(HIGHEST_SNR_DB)]
+    bit_s_hz: Annotated[float, Gt(0), Le(MOST_BIT_S_HZ)]
 
 
 def _ladder(*steps: tuple[float, float]) -> tuple[LinkClass, ...]:
@@ -81,11 +84,13 @@ entry each 1.8 dB, so a threshold may be off by about 1 dB. Of 16 (2.5703 bit/s/
 which are out of order in the standard, only 17 is here."""
 
 
-def link_classes(given: str | Sequence[Mapping[str, Any]]) -> tuple[LinkClass, ...]:
+def link_classes(
+    given: str | Sequence[Mapping[str, Any] | LinkClass],
+) -> tuple[LinkClass, ...]:
     """Return the classes of a link: a ladder by its name, or one's own ``snr_db`` and ``bit_s_hz``.
 
-    Raises ValueError for an unknown name, for anything but numbers within their bounds, and for
-    classes that do not rise in both.
+    Raises ValueError for an unknown name, for anything but numbers within their bounds, for
+    efficiencies of more than 6 decimals, and for classes that do not rise in both.
     """
     if isinstance(given, str):
         if given not in LADDERS:
@@ -103,8 +108,9 @@ def link_classes(given: str | Sequence[Mapping[str, Any]]) -> tuple[LinkClass, .
     return classes
 
 
-def _link_class(number: int, given: Mapping[str, Any]) -> LinkClass:
+def _link_class(number: int, given: Mapping[str, Any] | LinkClass) -> LinkClass:
     """Return a class that a user has given. Raises ValueError."""
+    given = given._asdict() if isinstance(given, LinkClass) else given
     if not isinstance(given, Mapping) or set(given) != set(LinkClass._fields):
         raise ValueError(f"class {number}: must have snr_db and bit_s_hz, and nothing else")
     for key, low, high in (
@@ -122,6 +128,11 @@ def _link_class(number: int, given: Mapping[str, Any]) -> LinkClass:
             raise ValueError(f"class {number}: {key} must be from {low:g} to {high:g}, not {value}")
     if given["bit_s_hz"] == 0:
         raise ValueError(f"class {number}: bit_s_hz must be above 0; no link is class 0")
+    if round(given["bit_s_hz"], DECIMALS) != given["bit_s_hz"]:
+        raise ValueError(
+            f"class {number}: bit_s_hz must have at most {DECIMALS} decimals, not "
+            f"{given['bit_s_hz']!r}"
+        )
     return LinkClass(float(given["snr_db"]), float(given["bit_s_hz"]))
 
 

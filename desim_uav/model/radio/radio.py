@@ -6,16 +6,22 @@ A class of a link says how many bits a hertz carries; class 0 is no link.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Protocol
+from dataclasses import dataclass, field
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol
 
-from annotated_types import Ge, Gt, Le
+from annotated_types import Ge, Le, MaxLen, MinLen
 
-from desim_uav.model.radio.link import LinkBudget, LinkClass, link_classes
+from desim_uav.model.radio.link import (
+    LADDERS,
+    MOST_CLASSES,
+    LinkBudget,
+    LinkClass,
+    link_classes,
+)
 from desim_uav.model.radio.path_loss import AlHourani, RowPathLoss
 from desim_uav.model.radio.rings import rings
 from desim_uav.model.sharing import RowSharing
-from desim_uav.registry import Part, register, resolve
+from desim_uav.registry import NameOr, Part, register, resolve
 
 MILLION = 1_000_000
 MOST_REUSE = 100
@@ -75,70 +81,103 @@ class Disc:
         return (disc_m,)
 
 
-@dataclass(frozen=True)
-class Shadowing:
-    """The standard deviations of the shadowing, in dB."""
+class Shadowing(NamedTuple):
+    """The standard deviations of the shadowing, in dB, with and without line of sight."""
 
     los_db: Annotated[float, Ge(0), Le(30)]
-    """With line of sight."""
     nlos_db: Annotated[float, Ge(0), Le(30)]
-    """Without line of sight."""
+
+
+class Reuse(NamedTuple):
+    """Interference among drones of the same index modulo ``reuse``, which share a band."""
+
+    reuse: Annotated[int, Ge(1), Le(MOST_REUSE)]
+
+
+def _held() -> RowSharing:
+    """Return the sharing ``held``."""
+    made: RowSharing = resolve("sharing", "held")()
+    return made
 
 
 @register("radio", "link_classes")
 @dataclass(frozen=True)
 class LinkClasses:
-    """Links whose classes follow from path loss, power, noise and, if so, interference."""
+    """Links whose classes follow from path loss, power, noise and, if so, interference.
 
-    carrier_ghz: Annotated[float, Gt(0), Le(300)] = 2.0
+    Class k holds where the signal-to-noise ratio is at least that of the k-th of the ``classes``.
+    """
+
+    carrier_ghz: Annotated[float, Ge(0.001), Le(1000)] = 2.0
     """The carrier frequency, in GHz."""
     power_dbm: Annotated[float, Ge(-100), Le(100)] = 30.0
     """The transmitted power, in dBm."""
     bandwidth_mhz: Annotated[float, Ge(1e-6), Le(10_000)] = 5.0
-    """The bandwidth of a drone, which its users share, in MHz."""
+    """The bandwidth of a drone, which its users share, in MHz. It is rounded to whole Hz."""
     noise_figure_db: Annotated[float, Ge(0), Le(50)] = 7.0
     """The noise of the receiver beyond thermal noise, in dB."""
     noise_dbm_per_hz: Annotated[float, Ge(-300), Le(0)] = -174.0
     """The density of the thermal noise, in dBm/Hz."""
-    path_loss: Annotated[RowPathLoss, Part("path_loss", "al_hourani", RowPathLoss)] = AlHourani(  # noqa: RUF009
-        "urban"
+    path_loss: Annotated[RowPathLoss, Part("path_loss", "al_hourani", RowPathLoss)] = field(
+        default_factory=lambda: AlHourani("urban")
     )
-    """The loss of power between drone and user."""
+    """The loss of power between drone and user. Default: `kind: al_hourani`, `urban`."""
     line_of_sight: Literal["mean", "drawn", "buildings"] = "mean"
-    """`mean`: the mean loss over links with and without line of sight. `drawn`: one draw for each
-    user, drone and cell of the drone. `buildings`: by the buildings of the map.
+    """`mean`: the mean loss over links with and without line of sight. `drawn`: a draw for each
+    user, drone and cell of the drone says which it is. `buildings`: the buildings of the map do.
     """
     shadowing: Shadowing | None = None
-    """The standard deviations of a random loss, in dB; null means none."""
-    classes: str | tuple[Mapping[str, Any], ...] = "cqi"
-    """`cqi`, `mcs`, or a list of classes with `snr_db` and `bit_s_hz`, rising."""
-    interference: str | Mapping[str, Any] = "none"
-    """`none`, `co_channel`: all drones share a band, or `{reuse: n}`: those of the same index
-    modulo n do.
+    """The standard deviations of a random loss with and without line of sight, in dB:
+    `{los_db, nlos_db}`; null means none.
     """
-    sharing: Annotated[RowSharing, Part("sharing", "held", RowSharing)] | None = None
-    """How requests for a volume share a drone's bandwidth; null means `held`."""
+    classes: Annotated[
+        str | tuple[LinkClass, ...],
+        NameOr(
+            tuple(LADDERS),
+            Annotated[tuple[LinkClass, ...], MinLen(1), MaxLen(MOST_CLASSES)],
+            "a list of {snr_db, bit_s_hz}",
+            link_classes,
+        ),
+    ] = "cqi"
+    """The least signal-to-noise ratio of each class, in dB, and what it carries, in bit/s/Hz:
+    those of 3GPP's CQI or MCS table, or one's own, rising.
+    """
+    interference: Annotated[str | Reuse, NameOr(("none", "co_channel"), Reuse, "{reuse: n}")] = (
+        "none"
+    )
+    """`co_channel`: all drones share a band. `{reuse: n}`: those of the same index modulo n do."""
+    sharing: Annotated[RowSharing, Part("sharing", "held", RowSharing, by_name=True)] = field(
+        default_factory=_held
+    )
+    """How transfers share the bandwidth that other requests leave. Default: `held`."""
 
     graded: ClassVar[bool] = True
     flat: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
-        """Make the classes and find who interferes. Raises ValueError."""
-        if self.sharing is None:
-            object.__setattr__(self, "sharing", _held())
-        object.__setattr__(self, "ladder", link_classes(self.classes))
-        for number, one in enumerate(self.ladder, 1):
-            if (
-                round(one.bit_s_hz * MILLION) != one.bit_s_hz * MILLION
-                and abs(round(one.bit_s_hz * MILLION) - one.bit_s_hz * MILLION) > 1e-6
-            ):
-                raise ValueError(f"class {number}: bit_s_hz must have at most 6 decimals")
-        object.__setattr__(self, "reuse", _reuse(self.interference))
+        """Check classes and interference, which may be plain data. Raises ValueError."""
+        if not isinstance(self.classes, str):
+            object.__setattr__(self, "classes", link_classes(self.classes))
+        if isinstance(self.interference, Mapping):
+            object.__setattr__(self, "interference", Reuse(**self.interference))
+        if self.interference not in ("none", "co_channel") and not isinstance(
+            self.interference, Reuse
+        ):
+            raise ValueError(
+                f"interference must be none, co_channel or {{reuse: n}}, not {self.interference!r}"
+            )
 
-    ladder: ClassVar[tuple[LinkClass, ...]]
-    """The classes of a link, which rise."""
-    reuse: ClassVar[int]
-    """Drones of the same index modulo this number interfere; 0: none do."""
+    @property
+    def ladder(self) -> tuple[LinkClass, ...]:
+        """The classes of a link, which rise."""
+        return link_classes(self.classes)
+
+    @property
+    def reuse(self) -> int:
+        """Drones of the same index modulo this number interfere; 0: none do."""
+        if isinstance(self.interference, Reuse):
+            return self.interference.reuse
+        return int(self.interference == "co_channel")
 
     @property
     def budget(self) -> LinkBudget:
@@ -159,23 +198,3 @@ class LinkClasses:
         """Return the radii within which the mean level reaches the thresholds of the classes."""
         found = rings(self.path_loss, self.carrier_ghz, height_m, self.budget, self.ladder).mean_m
         return tuple(radius_m if radius_m > 0.0 else -1.0 for radius_m in found)
-
-
-def _held() -> RowSharing:
-    """Return the sharing ``held``."""
-    made: RowSharing = resolve("sharing", "held")()
-    return made
-
-
-def _reuse(interference: Any) -> int:
-    """Return the reuse factor of a band, 0 without interference. Raises ValueError."""
-    if interference == "none":
-        return 0
-    if interference == "co_channel":
-        return 1
-    if isinstance(interference, Mapping) and set(interference) == {"reuse"}:
-        reuse = interference["reuse"]
-        if isinstance(reuse, int) and not isinstance(reuse, bool) and 1 <= reuse <= MOST_REUSE:
-            return reuse
-        raise ValueError(f"interference.reuse must be 1 to {MOST_REUSE}, not {reuse!r}")
-    raise ValueError(f"interference must be none, co_channel or {{reuse: n}}, not {interference!r}")
