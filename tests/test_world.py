@@ -313,7 +313,7 @@ class TestPhysics:
         assert drawn.step_us == 60_000_000
         assert drawn.horizon_us == 1_800_000_000
         assert drawn.capacity_us == 1_800_000_000
-        assert drawn.bandwidth_bps == 5_000_000
+        assert drawn.bandwidth_hz == 5_000_000
         assert len(drawn.actions) == 9
         assert {t.duration_us for t in drawn.epoch_transits.values()} == {60_000_000}
         assert {a.name: t.distance_m for a, t in drawn.epoch_transits.items()} == {
@@ -336,5 +336,5 @@ class TestPhysics:
     def test_unlimited(self):
         drawn = world(**FLAT, drones__battery="null", drones__bandwidth_kbps="null")
         assert drawn.capacity_us == 0
-        assert drawn.bandwidth_bps == math.inf
+        assert drawn.bandwidth_hz == math.inf
         assert len(drawn.actions) == 5
