@@ -21,56 +21,50 @@ class Attachments:
         self.entered_us = np.zeros(shape, np.int64)
         self.exceeds_us = np.full(shape, NEVER)
         self.holder = np.full(shape[1], -1)
+        self.users = np.arange(shape[1])
 
     def follow(self, t_us: int, covered: np.ndarray, level_dbm: np.ndarray) -> list[int]:
         """Attach users by the rule, and return those whose holder has changed."""
-        unlike = covered != self.covered
-        if unlike.any():
+        if (covered != self.covered).any():
             self.entered_us[covered & ~self.covered] = t_us
             self.covered = covered
         elif self.rule.kind == "entered_first":
             return []
-        looked_at = unlike.any(axis=0)
-        if self.rule.kind != "entered_first":
-            looked_at |= covered.any(axis=0)
-        changed = []
-        for user in np.flatnonzero(looked_at):
-            before = self.holder[user]
-            after = self._holder(user, t_us, level_dbm[:, user])
-            if after != before:
-                self.holder[user] = after
-                self.result.handovers += bool(before >= 0 and after >= 0)
-                changed.append(int(user))
-        return changed
+        holder = self._holders(t_us, level_dbm)
+        changed = np.flatnonzero(holder != self.holder)
+        both = (holder[changed] >= 0) & (self.holder[changed] >= 0)
+        self.result.handovers += int(both.sum())
+        self.holder = holder
+        return changed.tolist()
 
-    def _holder(self, user: int, t_us: int, level_dbm: np.ndarray) -> int:
-        covered, holder = self.covered[:, user], self.holder[user]
-        if not covered.any():
-            self.exceeds_us[:, user] = NEVER
-            return -1
-        if self.rule.kind == "entered_first":
-            if holder >= 0 and covered[holder]:
-                return int(holder)
-            return int(np.where(covered, self.entered_us[:, user], NEVER).argmin())
-        strongest = int(np.where(covered, level_dbm, -np.inf).argmax())
+    def _holders(self, t_us: int, level_dbm: np.ndarray) -> np.ndarray:
+        anybody = self.covered.any(axis=0)
+        strongest = np.where(self.covered, level_dbm, -np.inf).argmax(axis=0)
+        strongest[~anybody] = -1
         if self.rule.kind == "strongest":
             return strongest
-        if holder < 0 or not covered[holder]:
-            holder = strongest
-            self.exceeds_us[:, user] = NEVER
-        return self._after_a3(user, t_us, level_dbm, int(holder))
+        lost = (self.holder < 0) | ~self.covered[self.holder, self.users]
+        if self.rule.kind == "entered_first":
+            earliest = np.where(self.covered, self.entered_us, NEVER).argmin(axis=0)
+            return np.where(lost, np.where(anybody, earliest, -1), self.holder)
+        self.exceeds_us[:, lost] = NEVER
+        return self._after_a3(t_us, level_dbm, np.where(lost, strongest, self.holder))
 
-    def _after_a3(self, user: int, t_us: int, level_dbm: np.ndarray, holder: int) -> int:
-        """Leave a holder that another has exceeded for long enough; then the timers start anew."""
-        since_us = self.exceeds_us[:, user]
-        for _ in range(len(since_us)):
-            exceeds = self.covered[:, user] & (level_dbm >= level_dbm[holder] + self.rule.margin_db)
-            exceeds[holder] = False
-            since_us[~exceeds] = NEVER
-            since_us[exceeds & (since_us == NEVER)] = t_us
-            due = np.flatnonzero(exceeds & (t_us - since_us >= self.rule.trigger_us))
-            if not len(due):
+    def _after_a3(self, t_us: int, level_dbm: np.ndarray, holder: np.ndarray) -> np.ndarray:
+        """Leave holders that another has exceeded for long enough; then the timers start anew.
+
+        Of several that have, the lowest takes the user.
+        """
+        for _ in range(len(level_dbm)):
+            wanted_dbm = level_dbm[holder, self.users] + self.rule.margin_db
+            exceeds = self.covered & (level_dbm >= wanted_dbm)
+            exceeds[holder, self.users] = False
+            self.exceeds_us[~exceeds] = NEVER
+            self.exceeds_us[exceeds & (self.exceeds_us == NEVER)] = t_us
+            due = exceeds & (t_us - self.exceeds_us >= self.rule.trigger_us)
+            leaves = due.any(axis=0)
+            if not leaves.any():
                 break
-            holder = int(due[0])
-            since_us[:] = NEVER
+            holder = np.where(leaves, due.argmax(axis=0), holder)
+            self.exceeds_us[:, leaves] = NEVER
         return holder
