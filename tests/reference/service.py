@@ -35,6 +35,7 @@ class Services:
         self.asked = np.zeros(users, int)
         first = [own[0].due_us if own else NEVER for own in inputs.requests]
         self.due_us = np.array(first, np.int64)
+        self.classes = np.zeros((len(self.links), users), int)
         self.changed = True
 
     def elapse(self, dt_us: int) -> None:
@@ -98,40 +99,48 @@ class Services:
                 self.changed = True
 
     def allocate(self, t_us: int, holder: np.ndarray, classes: np.ndarray) -> None:
-        """Let each transmitter serve those attached to it, if anything has changed."""
+        """Let each transmitter serve those attached to it, if anything has changed.
+
+        Falls of classes come before rises, so holds have to fit in the lower of both classes.
+        """
         if not self.changed:
             return
         self.changed = False
+        lower, self.classes = np.minimum(classes, self.classes), classes
         for d, link in enumerate(self.links):
+            self._suspend(d, np.array(link.efficiencies)[lower[d]])
             efficiency = np.array(link.efficiencies)[classes[d]]
             attached = self.open & (holder == d)
             elastic = attached & (self.volume_ubit > 0) & (link.sharing != "held")
             free_hz = self._hold(t_us, d, attached & ~elastic, efficiency)
             self._share(d, elastic, free_hz, efficiency)
 
-    def _hold(self, t_us: int, d: int, held: np.ndarray, efficiency: np.ndarray) -> float:
-        """Let the last admitted wait until the others fit; then admit whoever fits, in order.
-
-        That is the order of request times, then of users. Return the bandwidth that is left.
-        """
-        free_hz = self.links[d].bandwidth_hz
-        served = [int(user) for user in np.flatnonzero(held & (self.server == d))]
+    def _suspend(self, d: int, efficiency: np.ndarray) -> None:
+        """Let the held requests that were admitted last wait until the others fit."""
+        served = [int(user) for user in np.flatnonzero(self.server == d) if self._is_held(user, d)]
         served.sort(key=lambda user: (self.admitted_us[user], user))
-        need_hz = {
-            int(user): hz_for(int(self.wanted_bps[user]), int(efficiency[user]))
-            for user in np.flatnonzero(held)
-        }
-        while sum(need_hz[user] for user in served) > free_hz:
+        while sum(self._need_hz(user, efficiency) for user in served) > self.links[d].bandwidth_hz:
             self.server[served.pop()] = -1
-        free_hz -= sum(need_hz[user] for user in served)
+
+    def _hold(self, t_us: int, d: int, held: np.ndarray, efficiency: np.ndarray) -> float:
+        """Admit whoever fits, in order of request times and users; return the band that is left."""
+        served = np.flatnonzero(held & (self.server == d))
+        free_hz = self.links[d].bandwidth_hz - sum(self._need_hz(u, efficiency) for u in served)
         waits = np.flatnonzero(held & (self.server < 0))
         for user in sorted(waits.tolist(), key=lambda user: (self.asked_us[user], user)):
-            if need_hz[user] <= free_hz:
-                free_hz -= need_hz[user]
+            need_hz = self._need_hz(user, efficiency)
+            if need_hz <= free_hz:
+                free_hz -= need_hz
                 self.server[user] = d
                 self.admitted_us[user] = t_us
                 self.pace[user] = self.wanted_bps[user] if self.volume_ubit[user] else 1
         return free_hz
+
+    def _is_held(self, user: int, d: int) -> bool:
+        return self.volume_ubit[user] == 0 or self.links[d].sharing == "held"
+
+    def _need_hz(self, user: int, efficiency: np.ndarray) -> int:
+        return hz_for(int(self.wanted_bps[user]), int(efficiency[user]))
 
     def _share(self, d: int, elastic: np.ndarray, free_hz: float, efficiency: np.ndarray) -> None:
         """Share the rest of the bandwidth among transfers."""

@@ -7,7 +7,7 @@ with dt, stands in ``tests/engine/test_against_fixed_step.py``.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
@@ -30,6 +30,8 @@ DTS_S = (0.5, 0.25, 0.125, 0.0625)
 FINEST_S = DTS_S[-1]
 SEEDS = range(32)
 MEASURES = ("served_s", "qoe1", "qoe2", "qoe3", "battery_s")
+Scenarios = Callable[[int], dict[str, Any]]
+"""Random scenarios as mappings, by their seeds."""
 
 
 def figures(quick: bool = False) -> Iterator[Figure]:
@@ -37,9 +39,15 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     yield from slopes(range(10), 0.4, DTS_S[:3]) if quick else slopes(range(96), 0.25)
 
 
-def slopes(seeds: range, tolerance: float, dts_s: tuple[float, ...] = DTS_S) -> Iterator[Figure]:
-    """Of each measure, pooled over scenarios."""
-    for measure, errors in pooled_errors(seeds, dts_s).items():
+def slopes(
+    seeds: range,
+    tolerance: float,
+    dts_s: tuple[float, ...] = DTS_S,
+    scenarios: Scenarios | None = None,
+    measures: Sequence[str] = MEASURES,
+) -> Iterator[Figure]:
+    """Of each measure, pooled over scenarios, by default those of ``scenario_of``."""
+    for measure, errors in pooled_errors(seeds, dts_s, scenarios, measures).items():
         found = slope(errors, dts_s)
         yield Exact(f"{measure}: order of the error in dt", found, 1.0, tolerance, cases=len(seeds))
 
@@ -127,8 +135,7 @@ def inputs_of(
 
     legs = np.array(path.walks.legs, float)
     legs[:, 0] /= US
-    services = mapping.get("services", {})
-    transfers = [services.get(name, {}).get("kind") == "transfer" for name in world.services.names]
+    transfers = transfers_of(mapping, world)
     requests = [
         Request(due, 0, bps, need) if transfers[service] else Request(due, need, bps)
         for due, service, need, bps in path.requests.rows.tolist()
@@ -167,6 +174,12 @@ def inputs_of(
     )
 
 
+def transfers_of(mapping: dict[str, Any], world: World) -> list[bool]:
+    """Which services ask for a volume."""
+    services = mapping.get("services", {})
+    return [services.get(name, {}).get("kind") == "transfer" for name in world.services.names]
+
+
 def split(rows: Any, offsets: np.ndarray) -> list[Any]:
     return [rows[a:b] for a, b in pairwise(offsets.tolist())]
 
@@ -179,6 +192,7 @@ class Case:
     inputs: Inputs
     commands: list[list[int]]
     log: EpisodeLog
+    transfers: list[bool]
 
     def count(self, *kinds: str) -> int:
         return sum(event[2] in kinds for event in self.log.events)
@@ -194,10 +208,14 @@ class Case:
         return asked_bps <= self.world.bandwidth_hz and once and at_start
 
 
-@cache
-def case_of(seed: int) -> Case:
+def case_of(seed: int, scenarios: Scenarios | None = None) -> Case:
     """Fly a scenario with random commands, some of them masked or no action at all."""
-    return flown(seed, scenario_of(seed), episodes=1)[0]
+    return _case_of(seed, scenarios or scenario_of)
+
+
+@cache
+def _case_of(seed: int, scenarios: Scenarios) -> Case:
+    return flown(seed, scenarios(seed), episodes=1)[0]
 
 
 def flown(seed: int, mapping: dict[str, Any], episodes: int) -> list[Case]:
@@ -213,7 +231,8 @@ def flown(seed: int, mapping: dict[str, Any], episodes: int) -> list[Case]:
         while not snapshot.truncated:
             commands.append([chosen(rng, world, mask) for mask in snapshot.masks])
             snapshot = engine.step(commands[-1])
-        cases.append(Case(world, inputs_of(mapping, world, path, ceilings), commands, engine.log))
+        inputs = inputs_of(mapping, world, path, ceilings)
+        cases.append(Case(world, inputs, commands, engine.log, transfers_of(mapping, world)))
     return cases
 
 
@@ -227,18 +246,19 @@ def chosen(rng: np.random.Generator, world: World, mask: tuple[bool, ...]) -> in
 
 
 @cache
-def sampled(seed: int, dt_s: float) -> Result:
-    case = case_of(seed)
+def sampled(seed: int, dt_s: float, scenarios: Scenarios | None = None) -> Result:
+    case = case_of(seed, scenarios)
     return simulate(case.inputs, case.commands, dt_s)
 
 
 def exact_measures(case: Case) -> dict[str, float]:
     """The measures of the model, from the engine's requests and attachments."""
     requests = case.log.requests
-    share = [r.served_us / r.required for r in requests]
+    share = [r.done / r.required for r in requests]
     unserved = [r.t_end_us - r.t_request_us - r.served_us for r in requests]
     return {
         "served_s": sum(r.served_us for r in requests) / US,
+        "delivered_mbit": sum(r.done for r in requests if case.transfers[r.service]) / 1e12,
         "qoe1": 100.0 * float(np.mean(share)) if share else 0.0,
         "qoe2": float(np.mean(unserved)) / case.world.step_us if share else 0.0,
         "qoe3": 100.0 * case.log.attached_us / (len(case.inputs.legs) * case.world.horizon_us),
@@ -250,6 +270,7 @@ def sampled_measures(result: Result) -> dict[str, float]:
     records = [record for step in result.records for record in step]
     return {
         "served_s": sum(r.served_us for r in result.requests) / US,
+        "delivered_mbit": sum(r.delivered_ubit for r in result.requests) / 1e12,
         "qoe1": result.qoe1,
         "qoe2": result.qoe2,
         "qoe3": result.qoe3,
@@ -257,16 +278,21 @@ def sampled_measures(result: Result) -> dict[str, float]:
     }
 
 
-def pooled_errors(seeds: range, dts_s: tuple[float, ...]) -> dict[str, np.ndarray]:
+def pooled_errors(
+    seeds: range,
+    dts_s: tuple[float, ...],
+    scenarios: Scenarios | None = None,
+    measures: Sequence[str] = MEASURES,
+) -> dict[str, np.ndarray]:
     """For each measure and dt the mean error over scenarios, less the tenth furthest off."""
-    errors = np.empty((len(dts_s), len(MEASURES), len(seeds)))
+    errors = np.empty((len(dts_s), len(measures), len(seeds)))
     for column, seed in enumerate(seeds):
-        exact = exact_measures(case_of(seed))
+        exact = exact_measures(case_of(seed, scenarios))
         for row, dt_s in enumerate(dts_s):
-            close = sampled_measures(sampled(seed, dt_s))
-            errors[row, :, column] = [abs(close[name] - exact[name]) for name in MEASURES]
+            close = sampled_measures(sampled(seed, dt_s, scenarios))
+            errors[row, :, column] = [abs(close[name] - exact[name]) for name in measures]
     kept = np.sort(errors, axis=-1)[..., : math.ceil(0.9 * len(seeds))].mean(axis=-1)
-    return dict(zip(MEASURES, kept.T, strict=True))
+    return dict(zip(measures, kept.T, strict=True))
 
 
 def slope(errors: np.ndarray, dts_s: tuple[float, ...]) -> float:
