@@ -6,9 +6,11 @@ many times slower. It raises an AssertionError that names the broken invariant.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from desim_uav.model.coverage import all_walked
 from desim_uav.rules.battery import battery_now
@@ -17,7 +19,8 @@ from desim_uav.rules.words import CHARGING, CRASHED, FLYING, QUEUED
 if TYPE_CHECKING:
     from desim_uav.engine.des import Simulation
 
-TOLERANCE_M = 1e-4
+TOLERANCE_M, TOLERANCE_DB = 1e-4, 1e-3
+"""How far from the edge of a footprint, or from the threshold of a class, nothing is checked."""
 
 
 def audit(simulation: Simulation) -> None:
@@ -130,11 +133,57 @@ def _geometry(simulation: Simulation) -> None:
     for drone in state.drones:
         assert held[drone.index] == drone.attached_users
         covered = np.array([user.covering[drone.index] >= 0 for user in state.users])
-        if not drone.serving:
-            assert not covered.any(), f"drone {drone.index} covers in mode {drone.mode}"
-            continue
-        x, y, _ = simulation.position_m(drone.index)
-        distance_m = np.hypot(users[:, 0] - x, users[:, 1] - y)
-        far = np.abs(distance_m - world.radius_m) > TOLERANCE_M
-        wrong = far & (covered != (distance_m < world.radius_m))
-        assert not wrong.any(), f"coverage by {drone.index} of users {np.flatnonzero(wrong)}"
+        classes = np.array([user.classes[drone.index] for user in state.users])
+        assert (covered == (classes > 0)).all(), f"classes and coverage of {drone.index}"
+        assert drone.serving or not covered.any(), f"drone {drone.index} covers in {drone.mode}"
+    if simulation.world.graded:
+        _ratios(simulation, users)
+        return
+    for drone in state.drones:
+        if drone.serving:
+            x, y, _ = simulation.position_m(drone.index)
+            distance_m = np.hypot(users[:, 0] - x, users[:, 1] - y)
+            covered = np.array([user.classes[drone.index] > 0 for user in state.users])
+            far = np.abs(distance_m - world.radius_m) > TOLERANCE_M
+            wrong = far & (covered != (distance_m < world.radius_m))
+            assert not wrong.any(), f"coverage by {drone.index} of users {np.flatnonzero(wrong)}"
+
+
+def _ratios(simulation: Simulation, users: NDArray[np.float64]) -> None:
+    """Check the classes of links against the ratio of signal to noise and interference.
+
+    ``users`` (users, …) has their places in its first two columns.
+    """
+    radio: Any = simulation.world.scenario.drones.radio
+    if radio.line_of_sight != "mean" or radio.shadowing is not None:
+        return
+    state, thresholds = simulation.state, [one.snr_db for one in radio.ladder]
+    serving = [drone.index for drone in state.drones if drone.serving]
+    level_dbm = {d: _levels(simulation, radio, d, users) for d in serving}
+    for d in serving:
+        noise_mw = np.full(len(users), 10 ** (radio.budget.noise_dbm / 10))
+        for other in serving:
+            if radio.reuse and other != d and (other - d) % radio.reuse == 0:
+                noise_mw += 10 ** (level_dbm[other] / 10)
+        ratio_db = level_dbm[d] - 10 * np.log10(noise_mw)
+        classes = np.array([user.classes[d] for user in state.users])
+        least = np.searchsorted(thresholds, ratio_db - TOLERANCE_DB, side="right")
+        most = np.searchsorted(thresholds, ratio_db + TOLERANCE_DB, side="right")
+        wrong = np.flatnonzero((classes < least) | (classes > most))
+        assert not len(wrong), f"classes of {d}: users {wrong}, {ratio_db[wrong]} dB"
+
+
+def _levels(
+    simulation: Simulation, radio: Any, drone: int, users: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the level in dBm at which each user receives a drone, at the mean loss."""
+    x, y, z = simulation.position_m(drone)
+    heights_m = simulation.world.homes[:, 2]
+    loss_db = [
+        radio.path_loss.mean_db(
+            math.hypot(place[0] - x, place[1] - y), z - height, radio.carrier_ghz
+        )
+        for place, height in zip(users.tolist(), heights_m.tolist(), strict=True)
+    ]
+    level_dbm: NDArray[np.float64] = radio.power_dbm - np.array(loss_db)
+    return level_dbm
