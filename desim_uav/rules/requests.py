@@ -52,6 +52,8 @@ def on_completion(world: Constants, path: Path, state: State, user: User) -> Non
     """Complete a user's request, for which all that it required has been done."""
     drone = state.drones[user.request.server]
     stop(state, user, words.COMPLETION)
+    if user.request.elastic:
+        drone.sharing.remove(user.index)
     close(world, path, state, user, words.COMPLETION, words.ON_COMPLETE)
     if len(drone.waiting) > 0 or len(drone.sharing) > 0:
         scan_later(state, drone)

@@ -93,8 +93,10 @@ def in_3d(buildings: list[list[float]], starts: Any, cells: Any = (3, 2), **chan
     return strip(starts, cells=cells, map=map_, **changes)
 
 
-Ask = tuple[float, float, float]
-"""(time or think time in s, required s, kbit/s)."""
+Ask = tuple[float, ...]
+"""(time or think time in s, required s, kbit/s), and the number of the service if it is not 0.
+
+Of a transfer a bit is required for each second."""
 Leg = tuple[float, float, float, float, float]
 """(from s, x, y, vx, vy)."""
 
@@ -120,8 +122,9 @@ def path_of(
         own = (walks or {}).get(user, [(0.0, x, y, 0.0, 0.0)])
         legs += [[t * US, *rest] for t, *rest in own]
         leg_offsets.append(len(legs))
-        for t_s, need_s, kbps in (asks or {}).get(user, ()):
-            rows.append([round(t_s * US), 0, round(need_s * US), round(kbps * 1000)])
+        for t_s, need_s, kbps, *service in (asks or {}).get(user, ()):
+            number = service[0] if service else 0
+            rows.append([round(t_s * US), number, round(need_s * US), round(kbps * 1000)])
         row_offsets.append(len(rows))
     drones, epochs = world.scenario.drones.count, world.scenario.episode.steps + 1
     errors = None

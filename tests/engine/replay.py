@@ -12,6 +12,7 @@ from typing import NamedTuple
 from desim_uav.engine.base import EpisodeLog, Event
 from desim_uav.model.rules import Outcome, Phase
 from desim_uav.world import World
+from tests.engine.replay_links import check_links
 
 
 @dataclass
@@ -66,11 +67,15 @@ def check_log(world: World, log: EpisodeLog) -> None:
     """Replay an episode from its events alone, in a reader's order.
 
     Every enter has its exit, attach its detach, serve its stop, and request its one complete,
-    refuse or close; requests and totals are what they add up to.
+    refuse or close; requests and totals are what they add up to. Where links have classes or
+    requests ask for volumes, ``replay_links`` reads the events.
     """
     assert log.events is not None
     keys = [(t_us, phase, drone, user) for t_us, phase, _, drone, user, *_ in log.events]
     assert keys == sorted(keys)
+    if world.graded or world.services.in_bits.any():
+        check_links(world, log)
+        return
     replay = Replay(world, {r.request_id: r.bandwidth_bps for r in log.requests})
     for (t_us, phase), rows in groupby(sorted(log.events, key=_as_read), key=itemgetter(0, 1)):
         assert 0 <= t_us <= log.duration_us

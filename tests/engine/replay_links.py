@@ -1,0 +1,241 @@
+"""What an event log of radio links adds up to, in whole numbers, read instant by instant.
+
+The log says which class each link has, whom users are attached to, and whose request is served.
+Everything else follows, and is held against what the engine has logged: the bandwidth that each
+request occupies, the rates of those that share the rest, what is delivered, and when it is done.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import groupby
+from operator import itemgetter
+from typing import Any
+
+from desim_uav.engine.base import ClosedRequest, EpisodeLog, Event
+from desim_uav.model.rules import Outcome
+from desim_uav.world import World
+from tests.reference.shares import hz_for, whole
+
+PING_PONG_US = 1_000_000
+
+
+@dataclass(frozen=True)
+class Band:
+    """The bandwidth of a drone or an access point, and how it is shared."""
+
+    hz: float
+    efficiencies: Sequence[int]
+    sharing: str
+
+    @classmethod
+    def of(cls, radio: Any, disc_kbps: float | None) -> Band:
+        """The band of a radio; ``disc_kbps`` is the bandwidth of a disc."""
+        name = type(radio.sharing).__name__
+        kind = "".join("_" * (c.isupper() and k > 0) + c.lower() for k, c in enumerate(name))
+        return cls(radio.bandwidth_hz(disc_kbps), (0, *radio.efficiencies()), kind)
+
+
+@dataclass
+class Link:
+    """A user as the events tell it: its classes by drone, its holder and its open request."""
+
+    classes: Counter[int] = field(default_factory=Counter)
+    holder: int = -1
+    held_since_us: int = 0
+    request: int = -1
+    came_from: int = -1
+    came_us: int = -PING_PONG_US
+
+
+@dataclass
+class Work:
+    """A request as the events tell it."""
+
+    logged: ClosedRequest
+    in_bits: bool
+    server: int = -1
+    since_us: int = 0
+    rate: int = 0
+    hz: int = 0
+    done: int = 0
+    served_us: int = 0
+    ended: bool = False
+
+
+class LinkReplay:
+    """Who is served, at which rate, after each instant of an episode."""
+
+    def __init__(self, world: World, log: EpisodeLog) -> None:
+        drones = world.scenario.drones
+        points = getattr(world.scenario, "access_points", ())
+        self.bands = [Band.of(drones.radio, drones.bandwidth_kbps)] * drones.count
+        self.bands += [Band.of(point.radio, None) for point in points]
+        self.users = [Link() for _ in world.homes]
+        in_bits = world.services.in_bits.tolist()
+        self.work = [Work(request, in_bits[request.service]) for request in log.requests]
+        self.log, self.step_us, self.now_us = log, world.step_us, 0
+        self.attached_us = self.bandwidth_us_hz = self.outage_us = 0
+        self.handovers = self.ping_pongs = 0
+
+    def check(self) -> None:
+        """Replay the episode."""
+        assert self.log.events is not None
+        for t_us, rows in groupby(self.log.events, key=itemgetter(0)):
+            self._elapse(t_us)
+            before = [(work.server, work.since_us) for work in self.work]
+            events = list(rows)
+            for _, phase in groupby(events, key=itemgetter(1)):
+                self._apply(t_us, list(phase))
+            self._share(t_us)
+            if t_us < self.log.duration_us:
+                self._check_holds(t_us, before, events)
+        self._elapse(self.log.duration_us)
+        self._check_totals()
+
+    def _elapse(self, t_us: int) -> None:
+        """Serve until an instant."""
+        elapsed_us, self.now_us = t_us - self.now_us, t_us
+        for user in self.users:
+            self.attached_us += elapsed_us * (user.holder >= 0)
+            self.outage_us += elapsed_us * (user.request >= 0 and not any(user.classes.values()))
+        for work in self.work:
+            if work.server >= 0:
+                work.served_us += elapsed_us
+                work.done += elapsed_us * work.rate
+                self.bandwidth_us_hz += elapsed_us * work.hz
+
+    def _apply(self, t_us: int, rows: list[Event]) -> None:
+        """Apply the rows of a phase. Their order says nothing, but who comes where does."""
+        holders, servers = Counter[tuple[int, int]](), Counter[tuple[int, int]]()
+        for _, _, kind, drone, user, request, _, *link_class in rows:
+            if kind == "request":
+                assert self.users[user].request < 0
+                self.users[user].request = request
+            elif kind in ("enter", "exit", "class"):
+                self._grade(kind, drone, self.users[user], link_class[0])
+            elif kind in ("attach", "detach"):
+                holders[user, drone] += 1 if kind == "attach" else -1
+            elif kind in ("serve", "stop"):
+                servers[request, drone] += 1 if kind == "serve" else -1
+        for (user, drone), change in sorted(holders.items(), key=itemgetter(1)):
+            self._attach(t_us, drone, self.users[user], change)
+        for (request, drone), change in sorted(servers.items(), key=itemgetter(1)):
+            self._serve(t_us, drone, self.work[request], change)
+        for _, _, kind, _, user, request, *_ in rows:
+            if kind in ("complete", "refuse", "close"):
+                self._close(t_us, kind, self.users[user], self.work[request])
+
+    def _grade(self, kind: str, drone: int, user: Link, link_class: int) -> None:
+        """Let a link pass to a class."""
+        before = user.classes[drone]
+        assert link_class != before, "a class that is no other"
+        assert (before == 0, link_class == 0) == (kind == "enter", kind == "exit")
+        user.classes[drone] = link_class
+
+    def _attach(self, t_us: int, drone: int, user: Link, change: int) -> None:
+        """Attach a user to a drone, or detach it."""
+        if change < 0:
+            assert user.holder == drone
+            user.holder = -1
+        elif change > 0:
+            assert user.holder == -1, "attached twice"
+            user.holder = drone
+
+    def _serve(self, t_us: int, drone: int, work: Work, change: int) -> None:
+        """Serve a request by a drone, or no longer."""
+        if change < 0:
+            assert work.server == drone
+            work.server = -1
+        elif change > 0:
+            assert work.server == -1, "served twice"
+            work.server, work.since_us = drone, t_us
+
+    def _close(self, t_us: int, kind: str, user: Link, work: Work) -> None:
+        """Close a request: it is complete once all is done, and not a microsecond earlier."""
+        logged = work.logged
+        assert work.server == -1 and not work.ended, "the stop comes before the close"
+        assert (logged.outcome is Outcome.COMPLETED) == (kind == "complete")
+        assert (logged.request_id, logged.t_end_us) == (user.request, t_us)
+        if kind == "complete":
+            assert work.done >= logged.required > work.done - work.rate, "not in this microsecond"
+        assert logged.done == min(work.done, logged.required), "what was delivered adds up"
+        assert logged.served_us == work.served_us
+        assert work.in_bits or work.served_us == logged.done
+        user.request, work.ended = -1, True
+
+    def _share(self, t_us: int) -> None:
+        """Compute what each served request occupies, and the rates at which it is served."""
+        for d, band in enumerate(self.bands):
+            held, elastic = self._at(d)
+            free_hz = band.hz
+            for user, work in held:
+                if work.server == d:
+                    work.hz = self._needed_hz(d, user, work)
+                    work.rate = work.logged.bandwidth_bps if work.in_bits else 1
+                    free_hz -= work.hz
+            assert free_hz >= 0, f"drone {d} holds more than its bandwidth at {t_us}"
+            elastic.sort(key=lambda pair: (pair[1].logged.t_request_us, pair[1].logged.user))
+            efficiencies = [band.efficiencies[user.classes[d]] for user, _ in elastic]
+            if not elastic:
+                continue
+            rates = whole(band.sharing, int(free_hz), efficiencies)
+            for (_, work), rate, efficiency in zip(elastic, rates, efficiencies, strict=True):
+                assert (work.server == d) == (rate > 0), f"a rate of {rate} bit/s at {t_us}"
+                work.rate = rate
+                work.hz = {
+                    "equal": int(free_hz) // len(rates),
+                    "proportional_fair": int(free_hz) // len(rates),
+                    "max_min": hz_for(rate, efficiency),
+                    "max_rate": int(free_hz),
+                }[band.sharing]
+
+    def _at(self, d: int) -> tuple[list[tuple[Link, Work]], list[tuple[Link, Work]]]:
+        """The open requests of those attached to a drone, held and elastic ones."""
+        held, elastic = [], []
+        for user in self.users:
+            work = self.work[user.request] if user.request >= 0 else None
+            if work is not None and (user.holder < 0 or user.holder != work.server):
+                assert work.server < 0, "served by another drone than its own"
+            if work is not None and user.holder == d:
+                assert user.classes[d] > 0, "attached in class 0"
+                shares = work.in_bits and self.bands[d].sharing != "held"
+                (elastic if shares else held).append((user, work))
+        return held, elastic
+
+    def _needed_hz(self, d: int, user: Link, work: Work) -> int:
+        return hz_for(work.logged.bandwidth_bps, self.bands[d].efficiencies[user.classes[d]])
+
+    def _check_holds(self, t_us: int, before: list[tuple[int, int]], events: list[Event]) -> None:
+        """Nobody who fits waits, and who waits again was admitted after those who go on."""
+        stopped = {event[5] for event in events if event[2] == "stop"}
+        for d, band in enumerate(self.bands):
+            held, _ = self._at(d)
+            free_hz = band.hz - sum(work.hz for _, work in held if work.server == d)
+            for user, work in held:
+                assert work.server == d or self._needed_hz(d, user, work) > free_hz, "it would fit"
+            admitted = {
+                (before[request][1], work.logged.user): request in stopped
+                for request, work in ((user.request, work) for user, work in held)
+                if before[request][0] == d
+            }
+            suspended = [place for place, stops in admitted.items() if stops]
+            kept = [place for place, stops in admitted.items() if not stops]
+            if suspended and kept:
+                assert max(kept) < min(suspended), f"not the last admitted waits at {t_us}"
+
+    def _check_totals(self) -> None:
+        """Compare the sums of the episode."""
+        log = self.log
+        assert all(work.ended for work in self.work), "a request without an end"
+        assert all(user.holder < 0 for user in self.users), "an attachment without an end"
+        assert not any(any(user.classes.values()) for user in self.users)
+        assert log.attached_us == self.attached_us
+        assert log.bandwidth_us_hz == self.bandwidth_us_hz
+
+
+def check_links(world: World, log: EpisodeLog) -> None:
+    """Replay an episode from its events alone, and hold it against what was logged."""
+    LinkReplay(world, log).check()
