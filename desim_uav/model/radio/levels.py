@@ -10,7 +10,16 @@ from typing import Any, NamedTuple
 
 from desim_uav.errors import ScenarioError
 from desim_uav.model.compiled_rows import entries_at
-from desim_uav.model.components import Compiled, Function, compiled, kind_of, ruled
+from desim_uav.model.components import (
+    NOT_COMPILED,
+    Compiled,
+    Function,
+    cause_of,
+    compiled,
+    kind_of,
+    over_rows,
+    ruled,
+)
 from desim_uav.model.kernels import rule
 from desim_uav.model.radio.functions import elevation_deg
 from desim_uav.model.radio.path_loss import LOS, NLOS, RowPathLoss, mean_of
@@ -20,6 +29,8 @@ R_LEAST, R_MOST, H_LEAST, H_MOST = range(4)
 horizontal distance and in dB for a metre of height."""
 
 RATES = 4
+
+WHERE = "where there is interference, where drones climb and for association by level"
 
 floats_at = entries_at(float)
 
@@ -113,15 +124,21 @@ class Loss(NamedTuple):
 
 
 def compiled_loss(path_loss: RowPathLoss) -> Loss:
-    """Compile a path loss, which must be bounded (``RowPathLoss.is_bounded``).
+    """Compile a path loss.
 
-    Raises ScenarioError if it is not, and Numba's errors (``components.NOT_COMPILED``).
+    Raises ScenarioError if it is not bounded (``RowPathLoss.is_bounded``) or cannot be compiled.
     """
     if not path_loss.is_bounded():
         raise ScenarioError(
             f"path_loss: {kind_of(path_loss)!r} needs a method slope(distance_m, height_m, "
-            "within_m) where there is interference, where drones climb and for association by level"
+            f"within_m) {WHERE}"
         )
-    made = compiled((LEVEL, BOUNDS), path_loss, ())
+    try:
+        made = compiled((LEVEL, BOUNDS), path_loss, ())
+    except NOT_COMPILED as error:
+        why = cause_of(error, over_rows(path_loss, ()))
+        raise ScenarioError(
+            f"path_loss: {kind_of(path_loss)!r} must be compiled {WHERE}: {why}"
+        ) from error
     level, rates = made.functions["level"], made.functions["rates"]
     return Loss(level, rates, made.values.ctypes.data, made)

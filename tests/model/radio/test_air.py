@@ -12,7 +12,7 @@ from desim_uav.model.motion import BangCoastBang
 from desim_uav.model.radio.air import class_changes_in_air, pair_changes
 from desim_uav.model.radio.functions import log10, slant_range_m
 from desim_uav.model.radio.levels import RATES, compiled_loss
-from desim_uav.model.radio.path_loss import AlHourani, RowPathLoss
+from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, RowPathLoss
 from desim_uav.model.radio.sinr import TOLERANCE_DB
 from tests.model.radio.airs import (
     FREE,
@@ -363,6 +363,22 @@ def test_a_path_loss_without_bounds_is_refused():
     assert AlHourani.is_bounded() and TwoSlopes.is_bounded() and not Steeper.is_bounded()
     with pytest.raises(ScenarioError, match="test_air:Steeper' needs a method slope"):
         compiled_loss(Steeper("urban"))
+
+
+@dataclass(frozen=True)
+class NotCompiled(FreeSpace):
+    """A loss that only Python can compute."""
+
+    def los_db(self, distance_m, height_m, carrier_ghz):
+        return {"m": 40.0 + 20.0 * log10(distance_m)}["m"].__float__()
+
+    def slope(self, distance_m, height_m, within_m):
+        return 1.0, 1.0
+
+
+def test_a_path_loss_that_cannot_be_compiled_is_refused():
+    with pytest.raises(ScenarioError, match="test_air:NotCompiled' must be compiled where"):
+        compiled_loss(NotCompiled())
 
 
 def test_python_has_the_same_bounds():
