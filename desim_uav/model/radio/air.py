@@ -14,7 +14,6 @@ from desim_uav.model.coverage import T0_US, leg_at, walked
 from desim_uav.model.coverage import VX as WALK_X
 from desim_uav.model.coverage import VY as WALK_Y
 from desim_uav.model.kernels import kernel, rule
-from desim_uav.model.radio.compare import GRAZE
 from desim_uav.model.radio.levels import H_LEAST, H_MOST, R_LEAST, R_MOST
 from desim_uav.model.radio.polynomial import Coefficients, sign_changes
 from desim_uav.model.radio.scene import (
@@ -53,14 +52,18 @@ from desim_uav.model.radio.search import (
     Links,
     Record,
     bound_rates,
+    class_of,
     keep_look,
     level_dbm,
     note,
     ratio_db,
     search,
 )
-from desim_uav.model.radio.sinr import class_of
 from desim_uav.model.radio.tracks import AT, BEGIN, SPEED_AT, place, rounded_us
+
+GRAZE = 1e-14
+"""How close to zero an extremum of the difference of squared distances, relative to them, touches
+it without a change of sign."""
 
 
 @kernel
@@ -85,7 +88,7 @@ def class_changes_in_air(
     If ``out`` is too short, the number is larger than its length, and with that many rows it is
     long enough. If ``air.tracks`` is too short, minus the number of its rows is returned.
 
-    Wherever a class is not the true one, the ratio is within ``sinr.TOLERANCE_DB`` of a threshold.
+    Wherever a class is not the true one, the ratio is within ``TOLERANCE_DB`` of a threshold.
     """
     band, radio = air.senders[transmitter, BAND], air.senders[transmitter, RADIO]
     air.words[SIGNAL, SENDER], count = transmitter, OTHER

@@ -137,5 +137,5 @@ def _link_class(number: int, given: Mapping[str, Any] | LinkClass) -> LinkClass:
 
 
 def thresholds_db(classes: Sequence[LinkClass]) -> NDArray[np.float64]:
-    """Return the thresholds of classes, which rise (see ``sinr.class_of``)."""
+    """Return the thresholds of classes, which rise (see ``search.class_of``)."""
     return np.array([one.snr_db for one in classes])

@@ -15,11 +15,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.compiled_rows import call, call_for_float
-from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.kernels import kernel, part, rule
 from desim_uav.model.radio.levels import H_LEAST, H_MOST, R_LEAST, R_MOST, RATES
-from desim_uav.model.radio.sinr import ROOT_S, SHORTEST_S, TOLERANCE_DB, class_of
 from desim_uav.model.radio.slopes import DB
 from desim_uav.model.radio.tracks import rounded_us
+
+TOLERANCE_DB = 1e-4
+"""Stays on the other side of a threshold that go less far than this beyond it may be missed."""
+
+SHORTEST_S = 1e-7
+"""The search looks at least so far ahead: what comes and goes in between lasts no microsecond."""
+
+ROOT_S = 1e-9
+"""How far a time may be from where the ratio passes a threshold, before it is rounded."""
 
 PX, PY, PZ, VX, VY, VZ, AX, AY, AZ, CARRIER, BASE_DBM, HEARD_MW, LOOKED_MW, LEAST, MOST = range(15)
 BOUND = 15
@@ -305,6 +313,19 @@ def passing(
                 share = fa / (fb - fa) * fc / (fb - fc)
                 share += (c - a) / (b - a) * fa / (fc - fa) * fb / (fc - fb)
     return float(a if (fa >= 0.0) == rises else b)
+
+
+@part
+def class_of(value: float, thresholds: NDArray[np.float64]) -> int:
+    """Return how many thresholds, which rise, a value has reached."""
+    low, high = 0, len(thresholds)
+    while low < high:
+        middle = (low + high) // 2
+        if value >= thresholds[middle]:
+            low = middle + 1
+        else:
+            high = middle
+    return low
 
 
 @rule

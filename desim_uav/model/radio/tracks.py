@@ -132,42 +132,6 @@ def walk(
     return row
 
 
-@kernel
-def relative(
-    tracks: NDArray[np.float64], drone: Rows, user: Rows, out: NDArray[np.float64], first: int
-) -> int:
-    """Write the track of a drone relative to a user, and return the row after it.
-
-    It goes into ``out`` from row ``first`` on and has a row wherever one of the two tracks of the
-    same span has one.
-    """
-    i, j, row = drone[0], user[0], first
-    while True:
-        t = max(tracks[i, BEGIN], tracks[j, BEGIN])
-        at, speed = place(tracks, i, t), velocity(tracks, i, t)
-        off, walks = place(tracks, j, t), velocity(tracks, j, t)
-        row = _put(
-            out,
-            row,
-            t,
-            (at[0] - off[0], at[1] - off[1], at[2] - off[2]),
-            (speed[0] - walks[0], speed[1] - walks[1], speed[2] - walks[2]),
-            (
-                tracks[i, PULL_AT] - tracks[j, PULL_AT],
-                tracks[i, PULL_AT + 1] - tracks[j, PULL_AT + 1],
-                tracks[i, PULL_AT + 2] - tracks[j, PULL_AT + 2],
-            ),
-        )
-        later = tracks[i + 1, BEGIN] if i + 1 < drone[1] else np.inf
-        turns = tracks[j + 1, BEGIN] if j + 1 < user[1] else np.inf
-        if later == np.inf and turns == np.inf:
-            return row
-        if later <= turns:
-            i += 1
-        if turns <= later:
-            j += 1
-
-
 @part
 def place(tracks: NDArray[np.float64], row: int, t: float) -> Point:
     """Return the position at a time, computed from a row of a track, in metres."""
@@ -198,49 +162,6 @@ def row_at(tracks: NDArray[np.float64], first: int, last: int, t: float) -> int:
     while row + 1 < last and tracks[row + 1, BEGIN] <= t:
         row += 1
     return row
-
-
-@kernel
-def fastest(
-    tracks: NDArray[np.float64], first: int, last: int, since: float, until: float
-) -> tuple[float, float]:
-    """Return the highest horizontal and the highest vertical speed between two times, in m/s.
-
-    Both are convex functions of time in each piece, and so highest at one of its ends.
-    """
-    row, level, up = row_at(tracks, first, last, since), 0.0, 0.0
-    t = since
-    while True:
-        ends = min(until, tracks[row + 1, BEGIN]) if row + 1 < last else until
-        for s in (t, ends):
-            x, y, z = velocity(tracks, row, s)
-            level, up = max(level, x * x + y * y), max(up, abs(z))
-        if row + 1 >= last or tracks[row + 1, BEGIN] >= until:
-            return float(np.sqrt(level)), up
-        row += 1
-        t = tracks[row, BEGIN]
-
-
-@kernel
-def receding(
-    tracks: NDArray[np.float64], first: int, last: int, since: float, until: float
-) -> tuple[float, float, float]:
-    """Return the most that the horizontal distance, the height and the place change, in m/s.
-
-    The horizontal distance r changes by r' = p v / r now, and r' itself by at most v² / r + |a|
-    until the velocity jumps, which it does where a user turns: at the end of a piece.
-    """
-    level, up = fastest(tracks, first, last, since, until)
-    row, lasts, radial = row_at(tracks, first, last, since), until - since, level
-    if row + 1 >= last or tracks[row + 1, BEGIN] >= until:
-        (x, y, _), (vx, vy, _) = place(tracks, row, since), velocity(tracks, row, since)
-        apart = np.sqrt(x * x + y * y)
-        nearest = apart - level * lasts
-        if nearest > 0.0:
-            ax, ay = tracks[row, PULL_AT], tracks[row, PULL_AT + 1]
-            bends = level * level / nearest + np.sqrt(ax * ax + ay * ay)
-            radial = min(radial, abs(x * vx + y * vy) / apart + bends * lasts)
-    return radial, up, float(np.sqrt(level * level + up * up))
 
 
 @part

@@ -7,11 +7,13 @@ from itertools import chain
 import numpy as np
 
 from desim_uav.model.radio.air import class_changes_in_air, pair_changes
+from desim_uav.model.radio.functions import log10, slant_range_m
 from desim_uav.model.radio.levels import compiled_loss
-from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, LogDistance
+from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, LogDistance, RowPathLoss
 from desim_uav.model.radio.scene import Air, memory
 from tests.model.radio.looking import Loss, moving
 from tests.model.radio.making import START_US, flying, hovering, walks
+from tests.model.sampler import Walk
 
 FREE_AT_1M_DB = 20.0 * np.log10(4e9 * np.pi * 2.0 / 299_792_458.0)
 USER_M = 1.5
@@ -213,3 +215,37 @@ def pair_rows(sky, user, one, other, threshold_db, air=None, held=-1):
     count = pair_changes(air, user, one, other, threshold_db, sky.span_us, held, out)
     assert 0 <= count <= len(out)
     return [(t_us, state) for t_us, state in out[:count].tolist()]
+
+
+def sky_of(legs, walks, radio=FREE, thresholds=(0.0,), noise_dbm=-90.0, span_s=60.0, **options):
+    """A sky of drones that all serve in one band."""
+    count = len(legs)
+    same = {"powers_dbm": [30.0] * count, "bands": [0] * count, "serves": [1] * count, **options}
+    return Sky(
+        legs,
+        [radio] * count,
+        walks=walks,
+        noise_dbm=noise_dbm,
+        thresholds=np.array(thresholds, float),
+        span_s=span_s,
+        **same,
+    )
+
+
+def stroll(x, y, vx=0.0, vy=0.0):
+    return Walk(np.zeros(1), np.array([(x, y)], float), np.array([(vx, vy)], float))
+
+
+@dataclass(frozen=True)
+class TwoSlopes(RowPathLoss):
+    """A loss that rises with the distance, and faster beyond a kink."""
+
+    kink_m: float
+
+    def los_db(self, distance_m, height_m, carrier_ghz):
+        slant_m = slant_range_m(distance_m, height_m)
+        return 40.0 + 20.0 * log10(slant_m) + max(15.0 * log10(slant_m / self.kink_m), 0.0)
+
+    def slope(self, distance_m, height_m, within_m):
+        nearest = slant_range_m(distance_m, height_m) - within_m
+        return (15.3 / nearest, 15.3 / nearest) if nearest > 0.0 else (np.inf, np.inf)

@@ -102,8 +102,6 @@ class Seen:
     legs: int = 0
     rows: int = 0
     unclear: int = 0
-    looked: int = 0
-    most: int = 0
     wrong: list = field(default_factory=list)
     by_rows: dict = field(default_factory=dict)
 

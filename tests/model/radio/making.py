@@ -1,38 +1,13 @@
-"""The package's view of a scene: its tracks, its links, and its kernels for one path loss."""
+"""The package's view of drones and users: their legs, walks and tracks."""
 
 import numpy as np
 
-from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.motion import REST, BangCoastBang
-from desim_uav.model.radio.sinr import Links, advance
-from desim_uav.model.radio.slopes import DEGREES, logistic_slope
-from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight, fly, relative, walk
-from desim_uav.model.radio.vertical import climb
+from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight, fly, walk
 from tests.model import sampler
 from tests.model.radio.looking import Trip
 
 START_US = 1_740_000_001
-POWER, AT_1M, EXPONENT, FALL, A, B = range(6)
-
-
-@rule
-def level(own, k, distance_m, height_m):
-    slant = np.sqrt(distance_m * distance_m + height_m * height_m)
-    elevation = np.arctan2(height_m, distance_m) * DEGREES
-    sees = 1.0 / (1.0 + own[k, A] * np.exp(-own[k, B] * (elevation - own[k, A])))
-    loss = own[k, AT_1M] + 10.0 * own[k, EXPONENT] * np.log10(slant) + own[k, FALL] * (1.0 - sees)
-    return own[k, POWER] - loss
-
-
-@rule
-def slope(own, k, distance_m, height_m, within_m):
-    return logistic_slope(
-        own[k, EXPONENT], own[k, FALL], own[k, A], own[k, B], distance_m, height_m, within_m
-    )
-
-
-sinr_changes = kernel(advance(level, slope))
-climb_changes = kernel(climb(level))
 
 
 class Leg:
@@ -97,19 +72,6 @@ def absolute(legs, walk_, height_m, span_us):
     after = walk(own, (0, len(own)), height_m, span_us, tracks, row)
     assert after < len(tracks)
     return tracks, drones, (row, after)
-
-
-def links_of(legs, walk_, height_m, losses, noise_dbm, span_us):
-    """The links of a user."""
-    tracks, drones, user = absolute(legs, walk_, height_m, span_us)
-    out, offsets = np.zeros((200, TRACK_COLUMNS)), [0]
-    for drone in drones:
-        offsets.append(relative(tracks, drone, user, out, offsets[-1]))
-    assert offsets[-1] < len(out)
-    own = np.array(
-        [(one.power_dbm, one.at_1m_db, one.exponent, one.fall_db, one.a, one.b) for one in losses]
-    )
-    return Links(own, out, np.array(offsets), noise_dbm)
 
 
 def rows_of(out, count):

@@ -5,152 +5,26 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pytest
 
-from desim_uav.errors import ScenarioError
-from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import kernel
 from desim_uav.model.motion import BangCoastBang
 from desim_uav.model.radio.air import class_changes_in_air, pair_changes
-from desim_uav.model.radio.functions import log10, slant_range_m
-from desim_uav.model.radio.levels import RATES, compiled_loss
-from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, RowPathLoss
-from desim_uav.model.radio.sinr import TOLERANCE_DB
+from desim_uav.model.radio.search import (
+    TOLERANCE_DB,
+)
 from tests.model.radio.airs import (
-    FREE,
     RADIOS,
     Radio,
-    Sky,
+    TwoSlopes,
     class_rows,
-    kept_loss,
     pair_rows,
     plain,
     random_sky,
+    sky_of,
+    stroll,
 )
 from tests.model.radio.looking import Loss, Seen, hold_classes
 from tests.model.radio.making import START_US, Leg, hovering
-from tests.model.sampler import Flight, Walk
-
-
-def survey_classes(count, seed):
-    """Random drones and users, held against the sampler."""
-    rng, seen = np.random.default_rng(seed), Seen()
-    for number in range(count):
-        sky = random_sky(rng, 1 + number % 4, 2)
-        times = np.linspace(0.0, sky.span_s, 200)
-        values = np.concatenate([sky.ratio_db(0, user, times) for user in range(2)])
-        low, high = values.min() - 0.5, values.max() + 0.5
-        if number % 5 == 0:
-            low = high - 1.5  # most users are in no class
-        sky = replace(sky, thresholds=np.sort(rng.uniform(low, high, 14)))
-        for user, rows in enumerate(class_rows(sky, 0)):
-
-            def value(t, sky=sky, user=user):
-                return sky.ratio_db(0, user, t)
-
-            wrong, unclear = hold_classes(value, sky.thresholds, rows, sky.span_us, TOLERANCE_DB)
-            seen.add(rows[1:], wrong, unclear, (number, user))
-    return seen
-
-
-def survey_pairs(count, seed):
-    rng, seen = np.random.default_rng(seed), Seen()
-    for number in range(count):
-        sky = random_sky(rng, 2, 1)
-        at = rng.uniform(0.0, sky.span_s - 0.1)
-        passes, soon = sky.gain_db(0, 1, 0, [at, at + 0.1])
-        threshold = float(passes) + (abs(soon - passes) < 1e-6)  # then hardly anything moves
-        rows = pair_rows(sky, 0, 0, 1, threshold)
-
-        def value(t, sky=sky):
-            return sky.gain_db(0, 1, 0, t)
-
-        wrong, unclear = hold_classes(value, np.array([threshold]), rows, sky.span_us, TOLERANCE_DB)
-        seen.add(rows[1:], wrong, unclear, number)
-    return seen
-
-
-def check(seen, most_rows):
-    assert seen.wrong == []
-    assert seen.rows > most_rows * seen.legs and seen.unclear <= 0.02 * seen.rows
-
-
-def test_classes_are_those_of_a_sampler():
-    check(survey_classes(15, 1), 3)
-
-
-@pytest.mark.thorough
-def test_classes_are_those_of_a_sampler_on_two_thousand_legs():
-    check(survey_classes(2000, 2), 3)
-
-
-def test_pairs_are_those_of_a_sampler():
-    check(survey_pairs(20, 1), 0.5)
-
-
-@pytest.mark.thorough
-def test_pairs_are_those_of_a_sampler_on_two_thousand_legs():
-    check(survey_pairs(2000, 2), 0.5)
-
-
-@kernel
-def write_rates(at, values, branch, distances_m, heights_m, withins_m, rates):
-    for k in range(len(rates)):
-        row = rates.ctypes.data + 8 * RATES * k
-        call(at, (values, branch, distances_m[k], heights_m[k], withins_m[k], row))
-
-
-def nearby(rng, centres, withins):
-    """Random places, each at most so far away from a centre."""
-    off = rng.normal(size=centres.shape)
-    off /= np.linalg.norm(off, axis=1)[:, None]
-    return centres + off * (withins * rng.random(len(withins)) ** 0.2)[:, None]
-
-
-@pytest.mark.parametrize("radio", RADIOS)
-def test_no_level_changes_faster_between_two_places(radio):
-    rng, count, loss = np.random.default_rng(3), 20_000, kept_loss(radio.path_loss)
-    centres = rng.normal(size=(count, 3)) * 10 ** rng.uniform(0.0, 3.5, (count, 1))
-    withins = np.linalg.norm(centres, axis=1) * 10 ** rng.uniform(-4.0, 0.0, count) * 0.999
-    one, other = nearby(rng, centres, withins), nearby(rng, centres, withins)
-    away = np.hypot(*other.T[:2]) - np.hypot(*one.T[:2])
-    moved = np.column_stack([away, other[:, 2] - one[:, 2]])
-    for branch in range(3):
-        rates = np.empty((count, RATES))
-        distances, heights = np.hypot(*centres.T[:2]), centres[:, 2].copy()
-        write_rates(loss.rates, loss.values, branch, distances, heights, withins, rates)
-        products = np.stack([rates[:, 0::2] * moved, rates[:, 1::2] * moved])
-        low, high = products.min(axis=0).sum(axis=1), products.max(axis=0).sum(axis=1)
-        change = radio.level(other, np.full(count, branch))
-        change -= radio.level(one, np.full(count, branch))
-        assert (change >= low - 1e-9).all() and (change <= high + 1e-9).all()
-        assert ((change - low) < 0.25 * (high - low)).any()
-        write_rates(loss.rates, loss.values, branch, distances, heights, 0.0 * withins, rates)
-        assert np.allclose(rates[:, 1::2], rates[:, 0::2], rtol=1e-12, atol=0.0)
-        step = 1e-6 * np.linalg.norm(centres, axis=1)
-        for column, along in enumerate(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))):
-            places = np.column_stack([distances, np.zeros(count), heights])
-            ends = [places + sign * step[:, None] * np.array(along) for sign in (-1.0, 1.0)]
-            below, above = (radio.level(end, np.full(count, branch)) for end in ends)
-            steepness = (above - below) / (2.0 * step)
-            assert np.allclose(rates[:, 2 * column], steepness, rtol=1e-4, atol=1e-6)
-
-
-def sky_of(legs, walks, radio=FREE, thresholds=(0.0,), noise_dbm=-90.0, span_s=60.0, **options):
-    """A sky of drones that all serve in one band."""
-    count = len(legs)
-    same = {"powers_dbm": [30.0] * count, "bands": [0] * count, "serves": [1] * count, **options}
-    return Sky(
-        legs,
-        [radio] * count,
-        walks=walks,
-        noise_dbm=noise_dbm,
-        thresholds=np.array(thresholds, float),
-        span_s=span_s,
-        **same,
-    )
-
-
-def stroll(x, y, vx=0.0, vy=0.0):
-    return Walk(np.zeros(1), np.array([(x, y)], float), np.array([(vx, vy)], float))
+from tests.model.sampler import Flight
 
 
 def climbing(start, stop):
@@ -213,6 +87,40 @@ class TestByHand:
         times = [START_US, START_US + 10_000_000, START_US + 20_000_000, START_US + 30_500_000]
         assert class_rows(sky, 0) == [list(zip(times, states.tolist(), strict=True))]
 
+    def test_a_user_who_walks_into_a_drone_is_found(self):
+        # The level has no bound there: the search goes on in steps of 0.1 us.
+        sky = sky_of([hovering((20, 0, 1.5))], [stroll(0, 0, 10.0)], LOG, [-6.0, 0.0, 6.0], 30.0)
+        (rows,) = class_rows(replace(sky, span_s=4.0), 0)
+        assert [state for _, state in rows] == [0, 1, 2, 3, 2, 1, 0]
+        near = [2 - 10 ** (level / -20) / 10 for level in (-6, 0, 6)]
+        times = [(t_us - START_US) * 1e-6 for t_us, _ in rows[1:4]]
+        assert times == pytest.approx(near, abs=1e-6)
+
+    def test_a_graze_ends(self):
+        # The level turns within the tolerance of a threshold, and then just beyond it.
+        sky = sky_of([hovering((0, 0, 101.5))], [stroll(-100, 0, 10.0)], LOG, [0.0], 30.0)
+        for beyond in (-1e-6, 0.0, 1e-6):
+            found = class_rows(replace(sky, span_s=20.0, thresholds=np.array([beyond - 40.0])), 0)
+            assert [state for _, state in found[0]] in ([0], [0, 1, 0])
+        (rows,) = class_rows(replace(sky, span_s=20.0, thresholds=np.array([-40.0 - 2e-4])), 0)
+        half = 100.0 * np.sqrt(10**2e-5 - 1.0) / 10.0
+        times = [(t_us - START_US) * 1e-6 for t_us, _ in rows]
+        assert times == pytest.approx([0.0, 10.0 - half, 10.0 + half], abs=2e-6)
+
+    def test_a_climb_through_all_three_turns_of_the_high_rise(self):
+        # At 100 m, the level falls, rises, falls and rises.
+        transit = BangCoastBang().fastest_transit(600.0)
+        leg = Leg((100, 0, 2.0), (100, 0, 602.0), transit, Flight.minimum_time(600.0, 8.3, 4.0))
+        sky = replace(sky_of([leg], [stroll(0, 0)], RADIOS[3], noise_dbm=30.0), span_s=75.0)
+        turns = 100.0 * np.tan(np.radians([6.669199, 23.731943, 75.518762]))
+        at = np.interp(turns + 1.5, leg.trip.at(t := np.linspace(0, 75, 100_000))[:, 2], t)
+        levels = sky.ratio_db(0, 0, at)
+        assert levels[1] < levels[0] < levels[2]
+        # Just below the first turn, between both, just above the second one.
+        between = np.sort([levels[0] - 1e-4, (levels[0] + levels[1]) / 2, levels[1] + 1e-4])
+        (rows,) = class_rows(replace(sky, thresholds=between), 0)
+        assert [state for _, state in rows[:8]] == [2, 3, 2, 1, 0, 1, 2, 3]
+
     def test_memory_that_is_too_short_is_said(self):
         sky = sky_of([hovering((0, 0, 601.5))] * 2, [stroll(0, 0, 10.0)], LOG, [-99.0, -9.0])
         sky = replace(sky, bands=[0, 1], noise_dbm=30.0)
@@ -246,6 +154,14 @@ class TestPairs:
     def test_a_state_before_is_no_row(self):
         sky = sky_of(list(self.PAIR), [stroll(-50, 30, 2, 1)])
         assert pair_rows(sky, 0, 0, 1, 0.0, held=0) == [(START_US + 25_000_000, 1)]
+
+    @pytest.mark.parametrize(("exponent", "metres"), [(3.76, 272.9002), (2.0, 292.7493)])
+    def test_circles_of_apollonius(self, exponent, metres):
+        legs = [hovering((500, 0, 1.5)), hovering((0, 0, 1.5))]
+        radio = plain(exponent, 30.0)
+        found = self.rows(stroll(100, 0, 1.0), legs, radio=radio, threshold_db=3.0, span_s=300.0)
+        assert [state for _, state in found] == [0, 1]
+        assert found[1][0] == pytest.approx(metres - 100.0, abs=5e-5)
 
     def test_an_advantage_in_power(self):
         # Twice the distance on the ground: |u - 500| = 2 |u + 500| at u = -500 / 3.
@@ -310,21 +226,6 @@ def test_compiled_code_gets_the_same_rows_as_python():
 
 
 @dataclass(frozen=True)
-class TwoSlopes(RowPathLoss):
-    """A loss that rises with the distance, and faster beyond a kink."""
-
-    kink_m: float
-
-    def los_db(self, distance_m, height_m, carrier_ghz):
-        slant_m = slant_range_m(distance_m, height_m)
-        return 40.0 + 20.0 * log10(slant_m) + max(15.0 * log10(slant_m / self.kink_m), 0.0)
-
-    def slope(self, distance_m, height_m, within_m):
-        nearest = slant_range_m(distance_m, height_m) - within_m
-        return (15.3 / nearest, 15.3 / nearest) if nearest > 0.0 else (np.inf, np.inf)
-
-
-@dataclass(frozen=True)
 class Kinked(Loss):
     """The same for the sampler."""
 
@@ -352,39 +253,62 @@ def test_a_path_loss_of_ones_own():
     check(seen, 2)
 
 
-class Steeper(AlHourani):
-    """A loss whose bounds are not those of the class that it is derived from."""
+def survey_classes(count, seed):
+    """Random drones and users, held against the sampler."""
+    rng, seen = np.random.default_rng(seed), Seen()
+    for number in range(count):
+        sky = random_sky(rng, 1 + number % 4, 2)
+        times = np.linspace(0.0, sky.span_s, 200)
+        values = np.concatenate([sky.ratio_db(0, user, times) for user in range(2)])
+        low, high = values.min() - 0.5, values.max() + 0.5
+        if number % 5 == 0:
+            low = high - 1.5  # most users are in no class
+        sky = replace(sky, thresholds=np.sort(rng.uniform(low, high, 14)))
+        for user, rows in enumerate(class_rows(sky, 0)):
 
-    def nlos_db(self, distance_m, height_m, carrier_ghz):
-        return 2.0 * super().nlos_db(distance_m, height_m, carrier_ghz)
+            def value(t, sky=sky, user=user):
+                return sky.ratio_db(0, user, t)
 
-
-def test_a_path_loss_without_bounds_is_refused():
-    assert AlHourani.is_bounded() and TwoSlopes.is_bounded() and not Steeper.is_bounded()
-    with pytest.raises(ScenarioError, match="test_air:Steeper' needs a method slope"):
-        compiled_loss(Steeper("urban"))
-
-
-@dataclass(frozen=True)
-class NotCompiled(FreeSpace):
-    """A loss that only Python can compute."""
-
-    def los_db(self, distance_m, height_m, carrier_ghz):
-        return {"m": 40.0 + 20.0 * log10(distance_m)}["m"].__float__()
-
-    def slope(self, distance_m, height_m, within_m):
-        return 1.0, 1.0
+            wrong, unclear = hold_classes(value, sky.thresholds, rows, sky.span_us, TOLERANCE_DB)
+            seen.add(rows[1:], wrong, unclear, (number, user))
+    return seen
 
 
-def test_a_path_loss_that_cannot_be_compiled_is_refused():
-    with pytest.raises(ScenarioError, match="test_air:NotCompiled' must be compiled where"):
-        compiled_loss(NotCompiled())
+def survey_pairs(count, seed):
+    rng, seen = np.random.default_rng(seed), Seen()
+    for number in range(count):
+        sky = random_sky(rng, 2, 1)
+        at = rng.uniform(0.0, sky.span_s - 0.1)
+        passes, soon = sky.gain_db(0, 1, 0, [at, at + 0.1])
+        threshold = float(passes) + (abs(soon - passes) < 1e-6)  # then hardly anything moves
+        rows = pair_rows(sky, 0, 0, 1, threshold)
+
+        def value(t, sky=sky):
+            return sky.gain_db(0, 1, 0, t)
+
+        wrong, unclear = hold_classes(value, np.array([threshold]), rows, sky.span_us, TOLERANCE_DB)
+        seen.add(rows[1:], wrong, unclear, number)
+    return seen
 
 
-def test_python_has_the_same_bounds():
-    own, place = np.empty((1, RATES)), (np.array([600.0]), np.array([100.0]), np.array([50.0]))
-    for path_loss in (AlHourani("urban"), TwoSlopes(250.0)):
-        loss = compiled_loss(path_loss)
-        for branch in range(3):
-            write_rates(loss.rates, loss.values, branch, *place, own)
-            assert tuple(own[0]) == path_loss.rates(branch, 600.0, 100.0, 50.0)
+def check(seen, most_rows):
+    assert seen.wrong == []
+    assert seen.rows > most_rows * seen.legs and seen.unclear <= 0.02 * seen.rows
+
+
+def test_classes_are_those_of_a_sampler():
+    check(survey_classes(15, 1), 3)
+
+
+@pytest.mark.thorough
+def test_classes_are_those_of_a_sampler_on_two_thousand_legs():
+    check(survey_classes(2000, 2), 3)
+
+
+def test_pairs_are_those_of_a_sampler():
+    check(survey_pairs(20, 1), 0.5)
+
+
+@pytest.mark.thorough
+def test_pairs_are_those_of_a_sampler_on_two_thousand_legs():
+    check(survey_pairs(2000, 2), 0.5)

@@ -11,12 +11,9 @@ from desim_uav.model.radio.tracks import (
     BEGIN,
     TRACK_COLUMNS,
     Flight,
-    fastest,
     fly,
     note,
     place,
-    receding,
-    relative,
     row_at,
     walk,
 )
@@ -32,14 +29,14 @@ def test_places_are_those_of_the_sampler():
         leg = flying(rng, *rng.uniform(-400.0, 400.0, (2, 3)), span_s)
         stroll = moving(rng, span_s, 5)
         tracks, (drone,), user = absolute([leg], stroll, 1.5, span)
-        out = np.zeros((60, TRACK_COLUMNS))
-        last = relative(tracks, drone, user, out, 0)
-        assert (np.diff(out[:last, BEGIN]) >= 0.0).all()
-        assert out[last - 1, BEGIN] == (span[1] - span[0]) * 1e-6
         times = rng.uniform(0.0, span_s, 50)
-        apart = leg.trip.at(times) - np.column_stack([stroll.at(times), np.full(50, 1.5)])
-        for t, expected in zip(times, apart, strict=True):
-            assert place(out, row_at(out, 0, last, t), t) == pytest.approx(expected, abs=1e-9)
+        walked_to = np.column_stack([stroll.at(times), np.full(50, 1.5)])
+        for own, places in ((drone, leg.trip.at(times)), (user, walked_to)):
+            assert (np.diff(tracks[slice(*own), BEGIN]) >= 0.0).all()
+            assert tracks[own[1] - 1, BEGIN] == (span[1] - span[0]) * 1e-6
+            for t, expected in zip(times, places, strict=True):
+                found = place(tracks, row_at(tracks, *own, t), t)
+                assert found == pytest.approx(expected, abs=1e-9)
 
 
 def test_two_spans_meet_at_the_same_numbers():
@@ -62,30 +59,6 @@ def test_two_spans_meet_at_the_same_numbers():
             assert ends[-1][3:5] == walked(own, leg_at(own, 0, len(own), span[1]), span[1])
         assert ends[1:-1:2] == ends[2::2]
         assert ends[-1][:3] == leg.route[3:]
-
-
-def test_the_highest_speed_of_a_stretch():
-    rng = np.random.default_rng(3)
-    for _ in range(200):
-        leg = flying(rng, *rng.uniform(-400.0, 400.0, (2, 3)), 60.0)
-        span = (START_US, START_US + 60_000_000)
-        tracks, (drone,), user = absolute([leg], moving(rng, 60.0, 5), 1.5, span)
-        out = np.zeros((60, TRACK_COLUMNS))
-        last = relative(tracks, drone, user, out, 0)
-        since = rng.uniform(0.0, 60.0)
-        until = min(since + 10 ** rng.uniform(-2.0, 1.5), 60.0)
-        level, up = fastest(out, 0, last, since, until)
-        radial, same, whole = receding(out, 0, last, since, until)
-        assert (same, whole) == (up, pytest.approx(np.hypot(level, up), rel=1e-14))
-        times = np.linspace(since, until, 200)
-        places = np.array([place(out, row_at(out, 0, last, t), t) for t in times])
-        moved = np.diff(places, axis=0) / np.diff(times)[:, None]
-        speeds = np.hypot(moved[:, 0], moved[:, 1])
-        away = np.abs(np.diff(np.hypot(places[:, 0], places[:, 1])) / np.diff(times))
-        for found, most in ((speeds, level), (np.abs(moved[:, 2]), up), (away, radial)):
-            assert found.max() <= most + 1e-6
-        assert speeds.max() >= 0.7 * level - 1e-6
-        assert radial <= level
 
 
 def test_rows_without_room_are_counted():

@@ -1,0 +1,129 @@
+"""Bounds of how fast levels and ratios change, and path losses without them."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pytest
+
+from desim_uav.errors import ScenarioError
+from desim_uav.model.compiled_rows import call
+from desim_uav.model.kernels import kernel
+from desim_uav.model.radio.functions import log10
+from desim_uav.model.radio.levels import RATES, compiled_loss
+from desim_uav.model.radio.path_loss import AlHourani, FreeSpace
+from desim_uav.model.radio.scene import begin_links, relate, take_first_rows, take_rows
+from desim_uav.model.radio.search import SENDER, Links, bound_ratio, keep_look, ratio_db
+from tests.model.radio.airs import RADIOS, USER_M, TwoSlopes, kept_loss, random_sky, stroll
+
+
+@kernel
+def write_rates(at, values, branch, distances_m, heights_m, withins_m, rates):
+    for k in range(len(rates)):
+        row = rates.ctypes.data + 8 * RATES * k
+        call(at, (values, branch, distances_m[k], heights_m[k], withins_m[k], row))
+
+
+def nearby(rng, centres, withins):
+    """Random places, each at most so far away from a centre."""
+    off = rng.normal(size=centres.shape)
+    off /= np.linalg.norm(off, axis=1)[:, None]
+    return centres + off * (withins * rng.random(len(withins)) ** 0.2)[:, None]
+
+
+@pytest.mark.parametrize("radio", RADIOS)
+def test_no_level_changes_faster_between_two_places(radio):
+    rng, count, loss = np.random.default_rng(3), 20_000, kept_loss(radio.path_loss)
+    centres = rng.normal(size=(count, 3)) * 10 ** rng.uniform(0.0, 3.5, (count, 1))
+    withins = np.linalg.norm(centres, axis=1) * 10 ** rng.uniform(-4.0, 0.0, count) * 0.999
+    one, other = nearby(rng, centres, withins), nearby(rng, centres, withins)
+    away = np.hypot(*other.T[:2]) - np.hypot(*one.T[:2])
+    moved = np.column_stack([away, other[:, 2] - one[:, 2]])
+    for branch in range(3):
+        rates = np.empty((count, RATES))
+        distances, heights = np.hypot(*centres.T[:2]), centres[:, 2].copy()
+        write_rates(loss.rates, loss.values, branch, distances, heights, withins, rates)
+        products = np.stack([rates[:, 0::2] * moved, rates[:, 1::2] * moved])
+        low, high = products.min(axis=0).sum(axis=1), products.max(axis=0).sum(axis=1)
+        change = radio.level(other, np.full(count, branch))
+        change -= radio.level(one, np.full(count, branch))
+        assert (change >= low - 1e-9).all() and (change <= high + 1e-9).all()
+        assert ((change - low) < 0.25 * (high - low)).any()
+        write_rates(loss.rates, loss.values, branch, distances, heights, 0.0 * withins, rates)
+        assert np.allclose(rates[:, 1::2], rates[:, 0::2], rtol=1e-12, atol=0.0)
+        step = 1e-6 * np.linalg.norm(centres, axis=1)
+        for column, along in enumerate(((1.0, 0.0, 0.0), (0.0, 0.0, 1.0))):
+            places = np.column_stack([distances, np.zeros(count), heights])
+            ends = [places + sign * step[:, None] * np.array(along) for sign in (-1.0, 1.0)]
+            below, above = (radio.level(end, np.full(count, branch)) for end in ends)
+            steepness = (above - below) / (2.0 * step)
+            assert np.allclose(rates[:, 2 * column], steepness, rtol=1e-4, atol=1e-6)
+
+
+def bounded(sky, rng):
+    """A time in which nothing begins, and the range in which the ratio changes in it, in dB/s."""
+    air = sky.air()
+    used = len(sky.legs)
+    air.words[:, SENDER] = range(used)
+    begin_links(air, used, sky.span_us)
+    links = Links(air.table, air.words, used, sky.noise_dbm)
+    take_first_rows(air, links, 0)
+    until = min(take_rows(air, links, 0.0)[0], sky.span_s)
+    relate(air, links, 0.0, (*sky.walks[0].points[0], USER_M), sky.walks[0].velocities[0])
+    since = rng.uniform(0.0, until)
+    until = min(until, since + 10 ** rng.uniform(-2.0, 1.5))
+    ratio_db(links, since)
+    keep_look(links)
+    return (since, until), bound_ratio(links, since, until)
+
+
+def test_no_ratio_changes_faster_between_two_times():
+    rng, tight = np.random.default_rng(4), 0
+    for number in range(150):
+        sky = random_sky(rng, 1 + number % 4, 1)
+        walk = stroll(*rng.uniform(-300.0, 300.0, 2), *rng.uniform(-8.0, 8.0, 2))
+        sky = replace(sky, walks=[walk], marks={}, bands=[0] * 4, serves=[1] * 4)
+        (since, until), (least, most) = bounded(sky, rng)
+        t = np.sort(rng.uniform(since, until, (2, 500)), axis=0)
+        values = sky.ratio_db(0, 0, t.ravel()).reshape(2, 500)
+        change, lasts = values[1] - values[0], t[1] - t[0]
+        assert (change >= least * lasts - 1e-10).all() and (change <= most * lasts + 1e-10).all()
+        tight += most - least < 0.5 * max(-least, most)
+    assert tight > 30
+
+
+class Steeper(AlHourani):
+    """A loss whose bounds are not those of the class that it is derived from."""
+
+    def nlos_db(self, distance_m, height_m, carrier_ghz):
+        return 2.0 * super().nlos_db(distance_m, height_m, carrier_ghz)
+
+
+def test_a_path_loss_without_bounds_is_refused():
+    assert AlHourani.is_bounded() and TwoSlopes.is_bounded() and not Steeper.is_bounded()
+    with pytest.raises(ScenarioError, match="test_air_bounds:Steeper' needs a method slope"):
+        compiled_loss(Steeper("urban"))
+
+
+@dataclass(frozen=True)
+class NotCompiled(FreeSpace):
+    """A loss that only Python can compute."""
+
+    def los_db(self, distance_m, height_m, carrier_ghz):
+        return {"m": 40.0 + 20.0 * log10(distance_m)}["m"].__float__()
+
+    def slope(self, distance_m, height_m, within_m):
+        return 1.0, 1.0
+
+
+def test_a_path_loss_that_cannot_be_compiled_is_refused():
+    with pytest.raises(ScenarioError, match="test_air_bounds:NotCompiled' must be compiled where"):
+        compiled_loss(NotCompiled())
+
+
+def test_python_has_the_same_bounds():
+    own, place = np.empty((1, RATES)), (np.array([600.0]), np.array([100.0]), np.array([50.0]))
+    for path_loss in (AlHourani("urban"), TwoSlopes(250.0)):
+        loss = compiled_loss(path_loss)
+        for branch in range(3):
+            write_rates(loss.rates, loss.values, branch, *place, own)
+            assert tuple(own[0]) == path_loss.rates(branch, 600.0, 100.0, 50.0)
