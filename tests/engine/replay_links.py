@@ -20,6 +20,7 @@ from desim_uav.world import World
 from tests.reference.shares import hz_for, whole
 
 PING_PONG_US = 1_000_000
+"""A user who is back with a drone within this time of the handover makes a ping-pong."""
 
 
 @dataclass(frozen=True)
@@ -40,14 +41,20 @@ class Band:
 
 @dataclass
 class Link:
-    """A user as the events tell it: its classes by drone, its holder and its open request."""
+    """A user as the events tell it: its classes by drone, its holder and its open request.
+
+    It left drone ``left`` at ``left_us``, and was handed over from ``came_from`` at ``came_us``.
+    ``out``: the request during which it had no link last.
+    """
 
     classes: Counter[int] = field(default_factory=Counter)
     holder: int = -1
-    held_since_us: int = 0
     request: int = -1
+    left: int = -1
+    left_us: int = -1
     came_from: int = -1
-    came_us: int = -PING_PONG_US
+    came_us: int = -1
+    out: int = -1
 
 
 @dataclass
@@ -78,7 +85,7 @@ class LinkReplay:
         self.work = [Work(request, in_bits[request.service]) for request in log.requests]
         self.log, self.step_us, self.now_us = log, world.step_us, 0
         self.attached_us = self.bandwidth_us_hz = self.outage_us = 0
-        self.handovers = self.ping_pongs = 0
+        self.handovers = self.ping_pongs = self.outages = 0
 
     def check(self) -> None:
         """Replay the episode."""
@@ -98,9 +105,14 @@ class LinkReplay:
     def _elapse(self, t_us: int) -> None:
         """Serve until an instant."""
         elapsed_us, self.now_us = t_us - self.now_us, t_us
+        if elapsed_us == 0:
+            return
         for user in self.users:
             self.attached_us += elapsed_us * (user.holder >= 0)
-            self.outage_us += elapsed_us * (user.request >= 0 and not any(user.classes.values()))
+            out = user.request if not any(user.classes.values()) else -1
+            self.outage_us += elapsed_us * (out >= 0)
+            self.outages += out not in (-1, user.out)
+            user.out = out
         for work in self.work:
             if work.server >= 0:
                 work.served_us += elapsed_us
@@ -139,10 +151,15 @@ class LinkReplay:
         """Attach a user to a drone, or detach it."""
         if change < 0:
             assert user.holder == drone
-            user.holder = -1
+            user.holder, user.left, user.left_us = -1, drone, t_us
         elif change > 0:
             assert user.holder == -1, "attached twice"
             user.holder = drone
+            if user.left_us == t_us and user.left != drone:
+                self.handovers += 1
+                back = user.came_from == drone and t_us - user.came_us <= PING_PONG_US
+                self.ping_pongs += back
+                user.came_from, user.came_us = user.left, t_us
 
     def _serve(self, t_us: int, drone: int, work: Work, change: int) -> None:
         """Serve a request by a drone, or no longer."""
@@ -234,6 +251,9 @@ class LinkReplay:
         assert not any(any(user.classes.values()) for user in self.users)
         assert log.attached_us == self.attached_us
         assert log.bandwidth_us_hz == self.bandwidth_us_hz
+        if log.links is not None:
+            counted = (self.handovers, self.ping_pongs, self.outages, self.outage_us)
+            assert counted == tuple(log.links)
 
 
 def check_links(world: World, log: EpisodeLog) -> None:
