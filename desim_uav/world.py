@@ -20,6 +20,7 @@ from desim_uav.model.grid import Cell, Grid, altitudes, connected
 from desim_uav.model.mobility import walks_of
 from desim_uav.model.motion import Transit, return_transit
 from desim_uav.model.planner import Node, Planner
+from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.rules import MOVES, US, Action, actions
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.sharing import RowSharing
@@ -153,6 +154,18 @@ class World(Unchanging):
     def graded(self) -> bool:
         """Whether the links of drones have classes other than those of the paper's disc."""
         return bool(self.scenario.drones.radio.graded)
+
+    @property
+    def path_loss(self) -> RowPathLoss | None:
+        """The path loss of the drones' links; None for the paper's disc."""
+        return getattr(self.scenario.drones.radio, "path_loss", None)
+
+    @cached_property
+    def in_air(self) -> bool:
+        """Whether classes or levels have to be sought for in other ways than as rings."""
+        radio, levels = self.scenario.drones.radio, len(self.grid.levels_m)
+        by_level = bool(self.scenario.association.by_level)
+        return radio.graded and (levels > 1 or radio.reuse > 0 or by_level or radio.marked)
 
     @property
     def sharing(self) -> RowSharing:

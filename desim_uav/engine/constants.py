@@ -80,7 +80,7 @@ def _set_links(made: Constants, world: World) -> None:
     made.efficiencies = Table(world.efficiencies)
     made.classes = len(world.efficiencies) - 1
     radio, association = world.scenario.drones.radio, world.scenario.association
-    made.interferes = int(radio.reuse > 0)
+    made.reuse = radio.reuse
     made.trigger_us, made.margin_db = association.trigger_us, association.margin_db
     radii, groups = world.rings
     made.rings, made.groups = Table(radii.reshape(-1).tolist()), Table(groups.tolist())

@@ -41,7 +41,7 @@ def detach(state: State, drone: Drone, user: User, phase: int) -> None:
             drone.sharing.remove(user.index)
         elif not served:
             drone.waiting.remove(user.index)
-        if served:
+        if served or user.request.elastic:
             scan_if_used(state, drone)
     state.attached_us += state.now_us - user.held_since_us
     state.attached_from_us -= user.held_since_us

@@ -27,7 +27,7 @@ def track(
 
     If drones interfere with one another, this waits until all of them have begun their legs.
     """
-    if world.interferes:
+    if world.reuse > 0:
         drone.serving = 1
         drone.ahead.clear()
         undo(state, crossing_slot(state, drone.index))
@@ -53,7 +53,7 @@ def silence(world: Constants, path: Path, state: State, drone: Drone, phase: int
     if not drone.serving:
         return
     drone.serving = 0
-    state.retunes = world.interferes
+    state.retunes = int(world.reuse > 0)
     drone.ahead.clear()
     undo(state, crossing_slot(state, drone.index))
     for u in range(len(state.users)):

@@ -103,8 +103,10 @@ class Constants(Row):
     hertz, class 0 (none) first. ``rings`` has the radii of all classes from 1 on, by level and then
     by the ``groups`` into which users fall by their heights. By service, ``in_bits`` says that
     requests ask for a volume instead of a time, and ``elastic`` that they share what bandwidth is
-    left. ``interferes`` says that drones interfere; for ``trigger_us`` and ``margin_db`` see
-    ``rules.association``. ``known`` holds changes of users who stand still
+    left. Drones of the same index modulo ``reuse`` interfere (0: none do). What
+    ``model.radio.air`` knows of the radio is from ``carrier_ghz`` to ``profiles_at``: ``heights_m``
+    are those of users, and ``profiles`` those of all transits. For ``trigger_us`` and ``margin_db``
+    see ``rules.association``. ``known`` holds changes of users who stand still
     (``engine.compiled.standing``). ``features`` is the number of features that a learner observes.
     The fields from ``foresee`` on are functions, or in compiled code their addresses;
     ``reward_values`` and the like are the addresses of the components' fields.
@@ -123,7 +125,7 @@ class Constants(Row):
     bandwidth_hz: int
     services: int
     classes: int
-    interferes: int
+    reuse: int
     trigger_us: int
     margin_db: float
     nx: int
@@ -153,6 +155,13 @@ class Constants(Row):
     efficiencies: Table[int]
     rings: Table[float]
     groups: Table[int]
+    carrier_ghz: float
+    power_dbm: float
+    noise_dbm: float
+    thresholds_db: Table[float]
+    heights_m: Table[float]
+    profiles: Table[float]
+    profiles_at: Table[int]
     in_bits: Table[int]
     elastic: Table[int]
     reward_values: int
@@ -161,6 +170,7 @@ class Constants(Row):
     battery_values: int
     mobility_values: int
     sharing_values: int
+    loss_values: int
     features: int
     buckets_x: int
     buckets_y: int
@@ -169,9 +179,12 @@ class Constants(Row):
     known_at: Table[int]
     known: Table[Change]
     foresee: int
+    foresee_rings: int
     scan: int
     divide: int
     passes_us: int
+    level: int
+    rates: int
     pay: int
     describe: int
     drained_us: int
@@ -430,17 +443,45 @@ class Handover(Row):
 
 
 @row
+class AirTables(Row):
+    """What ``model.radio.air`` knows of drones, and the memory in which it works.
+
+    For ``ways`` (places) to ``link_words`` (words) see ``model.radio.scene.Air``. ``held`` are the
+    classes of links before a span, and ``passed`` the rows of a pair of levels.
+    """
+
+    ways: Table[float]
+    senders: Table[int]
+    losses: Table[int]
+    radios: Table[float]
+    thresholds_at: Table[int]
+    marks: Table[float]
+    marks_at: Table[int]
+    tracks: Table[float]
+    table: Table[float]
+    bound_db: Table[float]
+    link_words: Table[int]
+    held: Table[int]
+    passed: Table[int]
+
+
+@row
 class Look(Row):
-    """The users' walks in the present span of time (only in ``engine.compiled.looking``)."""
+    """The users' walks in the present span of time (only in ``engine.compiled.looking``).
+
+    They are known until ``walked_us`` if users walk step by step.
+    """
 
     from_us: int
     to_us: int
+    walked_us: int
     far_m: float
     stand: int
     users: Table[float]
     heads: Table[int]
     following: Table[int]
     walking: Walking
+    air: AirTables
 
 
 @row

@@ -8,12 +8,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled import looking, loop
 from desim_uav.engine.compiled.loop import STEP
 from desim_uav.model.compiled_rows import address_of, call, entries_at, pointer_to
 from desim_uav.model.kernels import kernel, rule
 from desim_uav.rules import requests
-from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.rows import Constants, Drone, Path, State, User
 
 Ints = NDArray[np.int64]
 
@@ -22,12 +23,18 @@ path_at: Any = pointer_to(Path)
 state_at: Any = pointer_to(State)
 
 
-def set_functions(constants: Any) -> None:
+def set_functions(constants: Any, in_air: bool) -> None:
     """Write the addresses of the engine's functions, which are valid in this process.
 
-    Those of components are written by ``components.point_at``.
+    Those of components are written by ``components.point_at``. Changes that are not those of rings
+    are sought only ``in_air``, so that the code for it is compiled only for worlds that need it.
     """
     constants.foresee = address_of(looking.foresee, Constants, Path, State, Drone, int)
+    if in_air:
+        constants.foresee_rings = constants.foresee
+        leg, pair = (Constants, Path, State, Drone, int), (Constants, Path, State, User)
+        constants.foresee = address_of(sought.foresee_in_air, *leg)
+        constants.passes_us = address_of(sought.passes_us, *pair, int, int, int)
     constants.run = address_of(loop.run, Constants, Path, State, int)
 
 

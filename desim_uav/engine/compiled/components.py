@@ -21,6 +21,8 @@ from desim_uav.model.components import (
     works_on_rows,
 )
 from desim_uav.model.observations import RowObservation
+from desim_uav.model.radio.levels import BOUNDS, LEVEL
+from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import View
 from desim_uav.model.sharing import RowSharing
@@ -136,6 +138,13 @@ SLOTS = (
         lambda world: world.sharing if world.sharing.elastic else None,
         "sharing_values",
         (Function("divide", _divide, (Constants, State, Drone, int)),),
+    ),
+    Slot(
+        "drones.radio.path_loss",
+        RowPathLoss,
+        lambda world: world.path_loss if world.in_air else None,
+        "loss_values",
+        (LEVEL, BOUNDS),
     ),
     Slot(
         "reward",

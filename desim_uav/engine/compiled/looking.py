@@ -29,7 +29,7 @@ CHANGE_COLUMNS, PIECE_COLUMNS = 3, 4
 def _look_anew(world: Any, path: Any, state: Any) -> Any:
     def look_anew(world: Any, path: Any, state: Any) -> None:
         look = state.look
-        look.from_us = look.to_us = -1
+        look.from_us = look.to_us = look.walked_us = -1
         look.stand = stand(world, path)
         look.walking.begun = look.walking.lost = 0
 
@@ -48,7 +48,18 @@ def foresee(world: Constants, path: Path, state: State, drone: Drone, span_us: i
         set_word(ahead, 3, 1)
         count = ahead.buffer
     set_word(ahead, 1, count)
-    _sort_last_first(as_array(ahead, (count, CHANGE_COLUMNS)))
+    sort_last_first(as_array(ahead, (count, CHANGE_COLUMNS)))
+
+
+@rule
+def know_walks(world: Constants, path: Path, state: State, start_us: int, end_us: int) -> None:
+    """Draw the users' walks in a span, if they walk step by step and it is not known yet."""
+    look, walking = state.look, state.look.walking
+    if path.stepwise and not walking.lost and look.walked_us != end_us:
+        look.walked_us = end_us
+        homes, streams = place_of(world.homes), place_of(path.streams)
+        model = world.mobility_values
+        call(world.walk, (model, place_of(walking), homes, streams, start_us, end_us))
 
 
 @rule
@@ -57,16 +68,12 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
     look, count = state.look, len(state.users)
     start_us, end_us = state.now_us, state.now_us + span_us
     is_new = look.from_us != start_us or look.to_us != end_us
+    know_walks(world, path, state, start_us, end_us)
     if path.stepwise:
-        walking = look.walking
-        if is_new and not walking.lost:
-            homes, streams = place_of(world.homes), place_of(path.streams)
-            model = world.mobility_values
-            call(world.walk, (model, place_of(walking), homes, streams, start_us, end_us))
-        if walking.lost:
+        if look.walking.lost:
             state.faults |= LOST
             return 0
-        rows, begins = walking.legs, walking.legs_at
+        rows, begins = look.walking.legs, look.walking.legs_at
     else:
         rows, begins = path.legs, path.legs_at
     users = Users(
@@ -114,7 +121,7 @@ GAPS = (1750, 701, 301, 132, 57, 23, 10, 4, 1)
 
 
 @rule
-def _sort_last_first(rows: Any) -> None:
+def sort_last_first(rows: Any) -> None:
     """Sort changes with the latest first, by Shellsort."""
     for gap in GAPS:
         for k in range(gap, len(rows)):

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from desim_uav.copies import Unchanging, owned
+from desim_uav.engine.air import set_air, set_memory
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
 from desim_uav.engine.compiled.components import SLOTS, components_of, point_at, why_not_compiled
@@ -71,13 +72,14 @@ class Fixed(Unchanging):
     components: dict[str, Any]
     """The components that are compiled, by the keys of their slots."""
     services: tuple[str, ...]
+    in_air: bool
     at: int = field(init=False, default=0)
     """The address of the constants."""
 
     def __post_init__(self) -> None:
         """Write the addresses, which are valid only in this process."""
         constants = View(self.block, Constants)
-        set_functions(constants)
+        set_functions(constants, self.in_air)
         loaded = []
         for slot in SLOTS:
             if slot.key in self.components:
@@ -92,6 +94,7 @@ class Fixed(Unchanging):
         object.__setattr__(self, "block", owned(value["block"]))
         object.__setattr__(self, "components", value["components"])
         object.__setattr__(self, "services", value["services"])
+        object.__setattr__(self, "in_air", value["in_air"])
         self.__post_init__()
 
 
@@ -102,9 +105,10 @@ def pack(world: World, settings: RunSettings) -> Fixed:
     if problems:
         raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
     constants: Any = constants_of(world, settings)
+    set_air(constants, world)
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
-    return Fixed(packed(constants), components_of(world), world.services.names)
+    return Fixed(packed(constants), components_of(world), world.services.names, world.in_air)
 
 
 def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:
@@ -150,6 +154,7 @@ def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int)
     state.slot_times, state.slot_keys = _whole(count), _whole(count)
     state.winners = _whole(2 * count)
     look = state.look
+    set_memory(look.air, world)
     look.users = np.zeros(SEEN_ROWS * users)
     look.heads, look.following = _whole(nx * ny), _whole(users if nx * ny else 0)
     if world.row_mobility:

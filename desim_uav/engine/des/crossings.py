@@ -32,6 +32,12 @@ Way = tuple[float, float, float, float]
 """The start and the end of a leg: x0, y0, x1 and y1, in metres."""
 
 
+def last_first(rows: list[list[int]]) -> list[Any]:
+    """Return rows as changes, the last one first: by time, rises after falls, then by user."""
+    rows.sort(key=lambda row: (row[TIME_US], row[CHANGE] > 0, row[USER]), reverse=True)
+    return [Change(*row) for row in rows]
+
+
 class Changes:
     """Computes the changes of class on a leg.
 
@@ -108,9 +114,7 @@ class Changes:
             found = self._near(leg)
         else:
             found = changes_on(leg, users, radii_m, self.groups)
-        changes = found.tolist()
-        changes.sort(key=lambda row: (row[TIME_US], row[CHANGE] > 0, row[USER]), reverse=True)
-        return [Change(*row) for row in changes]
+        return last_first(found.tolist())
 
     def _near(self, leg: DroneLeg) -> NDArray[np.int64]:
         """Compute the changes of users in buckets near a leg."""

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from desim_uav.engine.air import set_air
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
 from desim_uav.engine.des.clock import Clock
-from desim_uav.engine.des.crossings import Changes
+from desim_uav.engine.des.crossings import Changes, last_first
+from desim_uav.engine.des.in_air import InAir
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import set_components
 from desim_uav.engine.des.processes import Processes
@@ -65,6 +67,10 @@ class Simulation(Engine):
         self.constants = self._constants()
         self.state = self._state()
         self.drones = self.state.drones
+        self._in_air: InAir | None = None
+        if world.in_air:
+            self._in_air = InAir(world, self.constants, self.state)
+            self.constants.passes_us = self._in_air.passes_us
         self._changes = Changes(world.rings, world.reach_m, world.area)
         self._asks: tuple[Requests | None, Table[Any]] = (None, Table())
         self.clock = Clock(0)
@@ -79,6 +85,7 @@ class Simulation(Engine):
         """Return the constants, with plans and functions."""
         world = self.world
         made: Any = constants_of(world, self.settings)
+        set_air(made, world)
         made.plans = Plans(world.planner, world.grid)
         made.hops = made.plans.hops
         made.foresee = self._foresee
@@ -104,6 +111,8 @@ class Simulation(Engine):
         world, state, own = self.constants, self.state, self._path(path)
         self.own_path = own
         self._changes.begin(path.walks)
+        if self._in_air is not None:
+            self._in_air.begin(path.walks)
         after_event = None if self.audit is None else self._after_event
         self.clock = state.clock = Clock(
             slots(len(state.users), len(state.drones), bool(state.by_level)), after_event
@@ -145,7 +154,11 @@ class Simulation(Engine):
         self.audit(self)
 
     def _foresee(self, world: Any, path: Any, state: Any, drone: Any, span_us: int) -> None:
-        """Write the changes on a leg to ``drone.ahead`` (see ``rules.coverage.track``)."""
+        """Write the changes on a leg to ``drone.ahead`` (see ``rules.classes.foresee``)."""
+        if self._in_air is not None and (world.reuse > 0 or drone.level != drone.to_level):
+            rows = self._in_air.changes(drone, (state.now_us, state.now_us + span_us))
+            drone.ahead[:] = last_first(rows)
+            return
         cell_x_m, cell_y_m = world.cell_x_m, world.cell_y_m
         way = (
             (drone.x + 0.5) * cell_x_m,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Any, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple
 
 from annotated_types import Ge, Gt, Le
 
@@ -44,6 +44,8 @@ class RowPathLoss:
     by levels, a search needs to know how fast a level can change: a subclass then needs ``slope``
     too. What a class inherits of it holds for the losses that it inherits only.
     """
+
+    plain: ClassVar = ()
 
     def __init_subclass__(cls) -> None:
         """Take ``los_db`` without line of sight too, if a subclass defines nothing else."""

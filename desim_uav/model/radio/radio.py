@@ -34,6 +34,8 @@ class Radio(Protocol):
     ``reuse`` interfere; 0: none do.
     """
 
+    marked: bool
+    """Whether the line of sight, or shadowing, of a link changes."""
     reuse: int
     sharing: Any
     graded: bool
@@ -61,6 +63,7 @@ class Disc:
 
     graded: ClassVar[bool] = False
     flat: ClassVar[bool] = True
+    marked: ClassVar[bool] = False
     reuse: ClassVar[int] = 0
 
     @property
@@ -178,6 +181,11 @@ class LinkClasses:
         if isinstance(self.interference, Reuse):
             return self.interference.reuse
         return int(self.interference == "co_channel")
+
+    @property
+    def marked(self) -> bool:
+        """Whether the line of sight, or shadowing, of a link changes."""
+        return self.line_of_sight != "mean" or self.shadowing is not None
 
     @property
     def budget(self) -> LinkBudget:
