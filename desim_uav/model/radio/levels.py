@@ -6,6 +6,9 @@ all path losses, and a path loss of one's own takes only as long to compile as i
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
+from itertools import product
 from typing import Any, NamedTuple
 
 from desim_uav.errors import ScenarioError
@@ -22,7 +25,7 @@ from desim_uav.model.components import (
 )
 from desim_uav.model.kernels import rule
 from desim_uav.model.radio.functions import elevation_deg
-from desim_uav.model.radio.path_loss import LOS, NLOS, RowPathLoss, mean_of
+from desim_uav.model.radio.path_loss import LOS, MEAN, NLOS, Rates, RowPathLoss, mean_of
 
 R_LEAST, R_MOST, H_LEAST, H_MOST = range(4)
 """The columns of a row of rates: the least and the most that a level changes, in dB for a metre of
@@ -31,6 +34,9 @@ horizontal distance and in dB for a metre of height."""
 RATES = 4
 
 WHERE = "where there is interference, where drones climb and for association by level"
+
+Place = tuple[float, float]
+"""The horizontal distance of a drone from a user, and its height above it, in metres."""
 
 floats_at = entries_at(float)
 
@@ -126,13 +132,9 @@ class Loss(NamedTuple):
 def compiled_loss(path_loss: RowPathLoss) -> Loss:
     """Compile a path loss.
 
-    Raises ScenarioError if it is not bounded (``RowPathLoss.is_bounded``) or cannot be compiled.
+    Raises ScenarioError if it is not bounded (see ``check_bounds``) or cannot be compiled.
     """
-    if not path_loss.is_bounded():
-        raise ScenarioError(
-            f"path_loss: {kind_of(path_loss)!r} needs a method slope(distance_m, height_m, "
-            f"within_m) {WHERE}"
-        )
+    check_bounds(path_loss)
     try:
         made = compiled((LEVEL, BOUNDS), path_loss, ())
     except NOT_COMPILED as error:
@@ -142,3 +144,58 @@ def compiled_loss(path_loss: RowPathLoss) -> Loss:
         ) from error
     level, rates = made.functions["level"], made.functions["rates"]
     return Loss(level, rates, made.values.ctypes.data, made)
+
+
+def check_bounds(path_loss: RowPathLoss) -> None:
+    """Raise ScenarioError if a path loss has no bounds, or if levels seem to exceed them.
+
+    Levels are compared with those at places nearby, which cannot show that the bounds hold.
+    """
+    name = kind_of(path_loss)
+    if not path_loss.is_bounded():
+        raise ScenarioError(
+            f"path_loss: {name!r} needs a method slope(distance_m, height_m, within_m) {WHERE}"
+        )
+    for branch, place, share in product((MEAN, LOS, NLOS), CHECKED, (0.001, 0.1, 0.5)):
+        within_m = share * math.hypot(*place)
+        rates = path_loss.rates(branch, *place, within_m)
+        around = (
+            f"within {within_m:g} m of a distance of {place[0]:g} m and a height of {place[1]} m"
+        )
+        if not all(map(math.isfinite, rates)):
+            raise ScenarioError(f"path_loss: {name!r}: its slope must be finite {around}")
+        for other in _places_near(*place, within_m):
+            if not _explains(path_loss, branch, rates, place, other):
+                raise ScenarioError(
+                    f"path_loss: {name!r}: its loss changes faster than its slope says {around}"
+                )
+
+
+CHECKED_GHZ = 2.0
+CHECKED = tuple(product((3.0, 30.0, 100.0, 400.0, 3000.0), (20.0, 120.0)))
+"""The carrier, and the distances and heights, at which bounds are checked."""
+
+ROUNDING_DB = 1e-9
+
+
+def _places_near(distance_m: float, height_m: float, within_m: float) -> Iterator[Place]:
+    """Yield distances and heights of the drone, above the user and at most so far from a place."""
+    for degrees in range(0, 360, 45):
+        away_m, up_m = (math.cos(math.radians(degrees)), math.sin(math.radians(degrees)))
+        other = distance_m + 0.999 * within_m * away_m, height_m + 0.999 * within_m * up_m
+        if min(other) > 0.0:
+            yield other
+
+
+def _explains(
+    path_loss: RowPathLoss, branch: int, rates: Rates, place: Place, other: Place
+) -> bool:
+    """Return whether bounds allow the change of a level from one place to another."""
+    loss_db = (path_loss.mean_db, path_loss.los_db, path_loss.nlos_db)[branch]
+    rises_db = loss_db(*place, CHECKED_GHZ) - loss_db(*other, CHECKED_GHZ)
+    low = high = 0.0
+    for k in range(2):
+        move_m = other[k] - place[k]
+        low += min(rates[2 * k] * move_m, rates[2 * k + 1] * move_m)
+        high += max(rates[2 * k] * move_m, rates[2 * k + 1] * move_m)
+    return low - ROUNDING_DB <= rises_db <= high + ROUNDING_DB

@@ -105,14 +105,40 @@ def test_a_path_loss_without_bounds_is_refused():
 
 
 @dataclass(frozen=True)
+class TooFlat(TwoSlopes):
+    """A loss that rises faster than it says."""
+
+    def slope(self, distance_m, height_m, within_m):
+        return 8.0 / distance_m, 8.0 / distance_m
+
+
+@dataclass(frozen=True)
+class Unbounded(TwoSlopes):
+    """A loss without a bound near the drone, and with none elsewhere."""
+
+    def slope(self, distance_m, height_m, within_m):
+        return np.inf, np.inf
+
+
+def test_bounds_that_levels_exceed_are_refused():
+    with pytest.raises(
+        ScenarioError, match="TooFlat': its loss changes faster than its slope says"
+    ):
+        compiled_loss(TooFlat(250.0))
+    with pytest.raises(ScenarioError, match="Unbounded': its slope must be finite"):
+        compiled_loss(Unbounded(250.0))
+
+
+@dataclass(frozen=True)
 class NotCompiled(FreeSpace):
     """A loss that only Python can compute."""
 
     def los_db(self, distance_m, height_m, carrier_ghz):
-        return {"m": 40.0 + 20.0 * log10(distance_m)}["m"].__float__()
+        return {"slant": 40.0 + 20.0 * log10(np.hypot(distance_m, height_m))}["slant"]
 
     def slope(self, distance_m, height_m, within_m):
-        return 1.0, 1.0
+        far_m = np.hypot(distance_m, height_m)
+        return (9.0 / (far_m - within_m),) * 2
 
 
 def test_a_path_loss_that_cannot_be_compiled_is_refused():
