@@ -63,8 +63,9 @@ class Part(Mark):
 
 @dataclass(frozen=True)
 class NameOr(Mark):
-    """Marks a field that is one of some names, or else a value of the type ``form``.
+    """Marks a field that is one of some names, if any, or else of the type ``form``.
 
+    The form is a named tuple, which a mapping stands for, or an annotated tuple of such ones.
     ``says`` describes such a value to users. ``made`` turns it into the field's value, if not
     ``None``; it may raise ValueError.
     """

@@ -47,7 +47,8 @@ class Volume(Protocol):
 class UniformChoice:
     """A request takes one of the durations and one of the bandwidths, independently of each other.
 
-    All durations are equally likely, and so are all bandwidths.
+    All durations are equally likely, and so are all bandwidths. This kind has two names, `hold` and
+    `uniform_choice`.
     """
 
     duration_min: Annotated[tuple[Annotated[float, Gt(0)], ...], MinLen(1)]

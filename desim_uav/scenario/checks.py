@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping
 from itertools import islice
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +18,9 @@ from desim_uav.model.walking import Area
 from desim_uav.notices import notice
 from desim_uav.registry import FAULTS, did_you_mean, what_failed
 from desim_uav.rules.rewards import MultiService
+from desim_uav.scenario import radio_checks
 from desim_uav.scenario.components import place_of_problem
+from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
 from desim_uav.scenario.yaml12 import KeyPath
@@ -27,14 +29,6 @@ MAX_SQUARES = 1_000_000
 MAX_LEVELS = 1000
 MAX_PLACES = 5_000_000
 MAX_TRACE_PROBLEMS = 20
-
-
-class Finding(NamedTuple):
-    """What is wrong, where to report it, and the other keys it depends on."""
-
-    path: KeyPath
-    message: str
-    also: tuple[KeyPath, ...] = ()
 
 
 def findings(scenario: Scenario) -> Iterator[Finding]:
@@ -275,6 +269,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     the_reward_names_services,
     times_are_whole_microseconds,
     components_fit_the_scenario,
+    *radio_checks.CHECKS,
 )
 
 _GRID: tuple[KeyPath, ...] = (("map", "size_m"), ("map", "cells"))

@@ -31,7 +31,7 @@ _GIVEN = "_given_parameters"
 class Slot:
     """Marks a field of the schema that holds a component: its slot, default kind and Protocol.
 
-    A union of Protocols stands for any of them.
+    A union of Protocols stands for any of them, and a base class for its subclasses.
     """
 
     name: str
@@ -63,6 +63,9 @@ class Slot:
             found = registry.resolve(self.name, kind)
         except TypeError as error:
             raise ValueError(f"{kind!r} cannot be used as {self.name}: {error}") from error
+        if not _is_interface(self.protocol) and not issubclass(found, self.protocol):
+            base = f"{self.protocol.__module__}.{self.protocol.__qualname__}"
+            raise ValueError(f"{kind!r} cannot be used as {self.name}: it is no subclass of {base}")
         missing = _lacks(found, self.protocol)
         if missing:
             raise ValueError(
@@ -122,6 +125,8 @@ class Slot:
         found = registry.resolve(self.name, kind)
         schema = with_meanings(_whole(_adapter(found).json_schema()), found)
         properties = {"kind": {"const": kind}} | schema.get("properties", {})
+        for name, part in _parts(found).items():
+            properties[name]["default"] = described(part)
         required = schema.get("required", [])
         if kind != self.default:
             required = ["kind", *required]
@@ -167,25 +172,50 @@ class NameOrForm:
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> JsonSchemaValue:
         """Return the schema of the names and of the other form."""
-        return {
-            "anyOf": [
-                {"enum": list(self.mark.names)},
-                _whole(_adapter(self.mark.form).json_schema()),
-            ]
-        }
+        names = [{"enum": list(self.mark.names)}] if self.mark.names else []
+        return {"anyOf": [*names, self._form_schema()]}
+
+    def _form_schema(self) -> JsonSchemaValue:
+        """Return the schema of the other form; named tuples are mappings, as in scenarios."""
+        form = self.mark.form
+        if not self._is_list:
+            return _keyed(form)
+        listed: JsonSchemaValue = _whole(_adapter(form).json_schema())
+        return listed | {"items": _keyed(typing.get_args(form.__origin__)[0])}
+
+    @property
+    def _is_list(self) -> bool:
+        return not hasattr(self.mark.form, "_fields")
 
     def _validate(self, value: Any) -> Any:
         names = self.mark.names
         if isinstance(value, str) and value in names:
             return value
-        if not isinstance(value, Mapping | list):
+        if not isinstance(value, list if self._is_list else Mapping):
             hint = registry.did_you_mean(value, names) if isinstance(value, str) else ""
-            raise _error(f"must be {', '.join(names)} or {self.mark.says}{hint}")
+            allowed = " or ".join([*filter(None, [", ".join(names)]), self.mark.says])
+            raise _error(f"must be {allowed}{hint}")
+        items = value if self._is_list else []
+        wrong = [(index, item) for index, item in enumerate(items) if not isinstance(item, Mapping)]
+        if wrong:
+            raise errors([((index,), "must be a mapping", item) for index, item in wrong])
         made = strictly(self.mark.form, value)
         try:
             return self.mark.made(made) if self.mark.made else made
         except ValueError as error:
             raise _error(str(error)) from error
+
+
+def _keyed(form: Any) -> JsonSchemaValue:
+    """Return the schema of a mapping with the fields of a named tuple."""
+    hints = typing.get_type_hints(form, include_extras=True)
+    schema = {
+        "type": "object",
+        "properties": {name: _adapter(hints[name]).json_schema() for name in form._fields},
+        "required": list(form._fields),
+        "additionalProperties": False,
+    }
+    return with_meanings(schema, form)
 
 
 def as_field(mark: registry.Mark) -> Slot | NameOrForm:
@@ -301,6 +331,21 @@ def _adapter(kind: type) -> TypeAdapter[Any]:
     return TypeAdapter(kind)
 
 
+def _parts(found: type) -> dict[str, Any]:
+    """Return the defaults of those fields of a dataclass that are components themselves."""
+    hints = typing.get_type_hints(found, include_extras=True)
+    return {
+        field.name: field.default_factory()
+        for field in dataclasses.fields(found)
+        if field.default_factory is not dataclasses.MISSING
+        and any(isinstance(mark, registry.Part) for mark in _marks(hints[field.name]))
+    }
+
+
+def _marks(hint: Any) -> tuple[Any, ...]:
+    return getattr(hint, "__metadata__", ())
+
+
 def _parameters(found: type) -> list[str]:
     if dataclasses.is_dataclass(found):
         return [f.name for f in dataclasses.fields(found) if f.init]
@@ -314,6 +359,11 @@ def _file_parameters(found: type) -> tuple[str, ...]:
     hints = typing.get_type_hints(found)
     paths: tuple[Any, ...] = (Path, Path | None)
     return tuple(f.name for f in dataclasses.fields(found) if f.init and hints[f.name] in paths)
+
+
+def _is_interface(protocol: Any) -> bool:
+    """Return whether components need the methods of a Protocol, and not a certain base class."""
+    return all(getattr(one, "_is_protocol", False) for one in _alternatives(protocol))
 
 
 def _lacks(found: Any, protocol: Any) -> list[str]:

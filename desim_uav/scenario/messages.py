@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from desim_uav.registry import NameOr, Part, did_you_mean
+from desim_uav.registry import NameOr, Part, did_you_mean, names
 from desim_uav.scenario.components import Slot, as_field
 from desim_uav.scenario.draft import MAX_PROBLEMS, Draft
 from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
@@ -60,7 +60,9 @@ def _unknown_key(path: KeyPath, draft: Draft) -> Complaint:
     allowed = known_keys(path[:-1], draft)
     hint = did_you_mean(str(path[-1]), allowed)
     nearest = (*path[:-1], hint.split("'")[1]) if hint else None
-    message = f"unknown key{hint}; allowed: {', '.join(allowed)}"
+    others = _kinds_with(path, draft)
+    elsewhere = f" (kind {' or '.join(others)} has it)" if others else ""
+    message = f"unknown key{hint}{elsewhere}; allowed: {', '.join(allowed)}"
     return Complaint(path, message, path, at_key=True, mistaken_for=nearest)
 
 
@@ -83,19 +85,31 @@ def _known_part(path: KeyPath, draft: Draft) -> KeyPath:
     return path
 
 
+def _kinds_with(path: KeyPath, draft: Draft) -> list[str]:
+    """Return the kinds of a component that have the key at ``path``, unlike the one chosen."""
+    owner = _owner_at(path[:-1], draft)
+    if not isinstance(owner, Slot):
+        return []
+    return [kind for kind in names(owner.name) if path[-1] in owner.parameter_names(kind)]
+
+
 def known_keys(path: KeyPath, draft: Draft) -> list[str]:
     """Return the keys that the mapping at ``path`` may have."""
-    owner: Any = Scenario
-    for depth, part in enumerate(path):
-        if not isinstance(part, int):  # the items of a list all have the keys of one
-            owner = _below(owner, part, draft.get(path[:depth]), draft.get(path[: depth + 1]))
-    if isinstance(owner, dict):
-        owner = owner[""]
+    owner = _owner_at(path, draft)
     if isinstance(owner, Slot):
         return owner.parameter_names(_kind(draft.get(path)))
     if _is_named_tuple(owner):
         return list(owner._fields)
     return list(owner.model_fields) if _is_section(owner) else []
+
+
+def _owner_at(path: KeyPath, draft: Draft) -> Any:
+    """Return what determines the keys at ``path``: a section, a slot or a named tuple, or None."""
+    owner: Any = Scenario
+    for depth, part in enumerate(path):
+        if not isinstance(part, int):  # the items of a list all have the keys of one
+            owner = _below(owner, part, draft.get(path[:depth]), draft.get(path[: depth + 1]))
+    return owner[""] if isinstance(owner, dict) else owner
 
 
 def _below(owner: Any, key: str, holder: Any, given: Any) -> Any:
@@ -165,7 +179,6 @@ _WORDS: dict[str, Words] = {
     "dict_type": lambda ctx, _: "must be a mapping",
     "model_type": lambda ctx, _: "must be a mapping; leave the key out for its defaults",
     "dataclass_type": lambda ctx, _: "must be a mapping",
-    "named_tuple_type": lambda ctx, _: "must be a mapping",
     "greater_than": lambda ctx, _: f"must be above {_plain(ctx['gt'])}",
     "greater_than_equal": lambda ctx, _: f"must be at least {_plain(ctx['ge'])}",
     "less_than": lambda ctx, _: f"must be below {_plain(ctx['lt'])}",

@@ -264,8 +264,10 @@ class AccessPoint(Section):
     """Where it stands: [x, y], in metres."""
     height_m: Height
     """The height of its antenna above the ground, in metres."""
-    radio: Annotated[Radio, LINKS] = cast(Radio, LinkClasses())
-    """How it reaches users, which must be `kind: link_classes`."""
+    radio: Annotated[
+        Radio, LINKS, Field(json_schema_extra={"default": {"kind": "link_classes"}})
+    ] = cast(Radio, LinkClasses())
+    """How it reaches users: `kind: link_classes`, which is the default here."""
     counts_in_reward: bool = False
     """Whether rewards count its users and requests among those of the drones."""
 

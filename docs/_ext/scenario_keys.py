@@ -14,6 +14,14 @@ from desim_uav.scenario.schema import Scenario
 Schema = dict[str, Any]
 
 UNITS = {
+    "_dbm_per_hz": "dBm/Hz",
+    "bit_s_hz": "bit/s/Hz",
+    "_dbm": "dBm",
+    "_db": "dB",
+    "_ghz": "GHz",
+    "_mhz": "MHz",
+    "_mbit": "Mbit",
+    "_ms": "ms",
     "_per_hour": "1/h",
     "_kbps": "kbit/s",
     "_mps2": "m/s²",
@@ -47,6 +55,8 @@ class Walker:
 
     def __init__(self, defs: dict[str, Schema]) -> None:
         self.defs = defs
+        self.components: dict[tuple[str, ...], str] = {}
+        """Where the kinds of components have been described, by their names."""
 
     def resolved(self, schema: Schema) -> Schema:
         """The schema that a reference leads to, its own description first."""
@@ -61,8 +71,10 @@ class Walker:
         return [self.resolved(form) for form in schema.get("anyOf", [schema])]
 
     def mappings(self, schema: Schema) -> list[Schema]:
-        """Those forms that have keys of their own."""
-        return [form for form in self.forms(schema) if form.get("properties")]
+        """Those forms that have keys of their own, or are lists of such ones."""
+        forms = [*self.forms(schema)]
+        forms += [self.resolved(form["items"]) for form in forms if "items" in form]
+        return [form for form in forms if form.get("properties")]
 
     def kinds(self, schema: Schema) -> list[Schema]:
         """The kinds of a component, without plug-ins; nothing if the value is none."""
@@ -96,14 +108,14 @@ class Walker:
         for form in self.mappings(schema):
             for key, found in form["properties"].items():
                 inside = (default or {}).get(key, found.get("default"))
-                where = f"{path}.{key}"
+                where = f"{self._item(path, schema)}.{key}"
                 if self.kinds(found):
                     rows.append(self.row(where, found, (inside or {}).get("kind")))
                     further.append(f"### {where}\n\n" + self._component(where, found, inside))
                 elif self.mappings(found) and not self._is_schedule(found):
                     rows += self._within(where, found, inside)
                 else:
-                    rows.append(self.row(where, found, inside))
+                    rows.append(self.row(where, found, inside, key in form.get("required", [])))
         return text + table(HEADINGS, rows) + "\n" + "\n".join(further)
 
     def _within(self, path: str, schema: Schema, default: Any) -> Iterator[list[str]]:
@@ -116,6 +128,10 @@ class Walker:
                 required = key in form.get("required", [])
                 yield self.row(f"{path}.{key}", found, (default or {}).get(key), required)
 
+    def _item(self, path: str, schema: Schema) -> str:
+        """The path of what has keys of its own: the value, or each item of a list."""
+        return f"{path}.N" if any("items" in form for form in self.forms(schema)) else path
+
     def _is_schedule(self, schema: Schema) -> bool:
         return any(form.get("title") == "Schedule" for form in self.mappings(schema))
 
@@ -123,25 +139,35 @@ class Walker:
         """The kinds of a component."""
         chosen = (default or {}).get("kind")
         text = f"Default: `kind: {chosen}`.\n\n" if chosen else ""
+        described = self.components.setdefault(
+            tuple(kind["title"] for kind in self.kinds(schema)), path
+        )
+        if described != path:
+            return text + f"The kinds are those of `{described}`.\n"
+        if any("enum" in form for form in self.forms(schema)):
+            key = path.rpartition(".")[2]
+            text += f"`{key}: NAME` is short for `{key}: {{kind: NAME}}`.\n\n"
         return text + "\n".join(
             self._kind(path, kind, default if kind["title"] == chosen else {})
             for kind in self.kinds(schema)
         )
 
     def _kind(self, path: str, kind: Schema, default: dict[str, Any]) -> str:
-        rows = [
-            self.row(
-                f"{path}.{key}",
-                found,
-                default.get(key, found.get("default")),
-                key in kind.get("required", []),
-            )
-            for key, found in kind["properties"].items()
-            if key != "kind"
-        ]
+        rows, further = [], []
+        for key, found in kind["properties"].items():
+            where, inside = f"{path}.{key}", default.get(key, found.get("default"))
+            if self.kinds(found):
+                rows.append(self.row(where, found, (inside or {}).get("kind")))
+                further.append(f"#### {where}\n\n" + self._component(where, found, inside))
+            elif key != "kind":
+                rows.append(self.row(where, found, inside, key in kind.get("required", [])))
+                for form in self.mappings(found):
+                    keys = form["properties"].items()
+                    item = self._item(where, found)
+                    rows += [self.row(f"{item}.{name}", one, None, True) for name, one in keys]
         about = kind.get("description", "")
         text = f"**`{path}: {{kind: {kind['title']}}}`**\n\n{about}\n\n"
-        return text + (table(HEADINGS, rows) + "\n" if rows else "")
+        return text + (table(HEADINGS, rows) + "\n" if rows else "") + "\n".join(further)
 
     def row(self, path: str, schema: Schema, default: Any, required: bool = False) -> list[str]:
         """A key's row."""

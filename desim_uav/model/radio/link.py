@@ -54,7 +54,9 @@ class LinkClass(NamedTuple):
     """A class of a link, which carries ``bit_s_hz`` from the ratio ``snr_db`` on."""
 
     snr_db: Annotated[float, Ge(LOWEST_SNR_DB), Le(HIGHEST_SNR_DB)]
+    """The least signal-to-noise ratio at which the class holds, in dB."""
     bit_s_hz: Annotated[float, Gt(0), Le(MOST_BIT_S_HZ)]
+    """What a link of the class carries, in bit/s for each Hz, with at most 6 decimals."""
 
 
 def _ladder(*steps: tuple[float, float]) -> tuple[LinkClass, ...]:

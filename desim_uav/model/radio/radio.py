@@ -88,13 +88,16 @@ class Shadowing(NamedTuple):
     """The standard deviations of the shadowing, in dB, with and without line of sight."""
 
     los_db: Annotated[float, Ge(0), Le(30)]
+    """The standard deviation of the loss with line of sight, in dB."""
     nlos_db: Annotated[float, Ge(0), Le(30)]
+    """The standard deviation of the loss without line of sight, in dB."""
 
 
 class Reuse(NamedTuple):
     """Interference among drones of the same index modulo ``reuse``, which share a band."""
 
     reuse: Annotated[int, Ge(1), Le(MOST_REUSE)]
+    """The number of bands: drones of the same index modulo it share one."""
 
 
 def _held() -> RowSharing:
@@ -124,15 +127,13 @@ class LinkClasses:
     path_loss: Annotated[RowPathLoss, Part("path_loss", "al_hourani", RowPathLoss)] = field(
         default_factory=lambda: AlHourani("urban")
     )
-    """The loss of power between drone and user. Default: `kind: al_hourani`, `urban`."""
+    """The loss of power between drone and user."""
     line_of_sight: Literal["mean", "drawn", "buildings"] = "mean"
     """`mean`: the mean loss over links with and without line of sight. `drawn`: a draw for each
     user, drone and cell of the drone says which it is. `buildings`: the buildings of the map do.
     """
-    shadowing: Shadowing | None = None
-    """The standard deviations of a random loss with and without line of sight, in dB:
-    `{los_db, nlos_db}`; null means none.
-    """
+    shadowing: Annotated[Shadowing, NameOr((), Shadowing, "{los_db, nlos_db}")] | None = None
+    """The random loss of each user, drone and cell of the drone; null means none."""
     classes: Annotated[
         str | tuple[LinkClass, ...],
         NameOr(
@@ -152,15 +153,16 @@ class LinkClasses:
     sharing: Annotated[RowSharing, Part("sharing", "held", RowSharing, by_name=True)] = field(
         default_factory=_held
     )
-    """How transfers share the bandwidth that other requests leave. Default: `held`."""
+    """How transfers share the bandwidth that other requests leave."""
 
     graded: ClassVar[bool] = True
     flat: ClassVar[bool] = False
 
     def __post_init__(self) -> None:
         """Check classes and interference, which may be plain data. Raises ValueError."""
+        ladder = link_classes(self.classes)
         if not isinstance(self.classes, str):
-            object.__setattr__(self, "classes", link_classes(self.classes))
+            object.__setattr__(self, "classes", ladder)
         if isinstance(self.interference, Mapping):
             object.__setattr__(self, "interference", Reuse(**self.interference))
         if self.interference not in ("none", "co_channel") and not isinstance(

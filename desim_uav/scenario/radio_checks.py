@@ -1,0 +1,299 @@
+"""Checks of radio, association and transfers, each of which needs more than one key."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from desim_uav.model.demand import Continuous, Trace
+from desim_uav.model.radio.path_loss import RowPathLoss
+from desim_uav.model.radio.radio import LinkClasses
+from desim_uav.model.radio.rings import line_of_sight_ring_m, rings
+from desim_uav.model.services import Volume
+from desim_uav.registry import FAULTS, what_failed
+from desim_uav.scenario.finding import Finding
+from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
+from desim_uav.scenario.yaml12 import KeyPath
+
+LARGEST_UBIT = 10**18
+"""The largest volume of a request, in millionths of a bit: it fits a 64-bit integer."""
+
+RADIO: KeyPath = ("drones", "radio")
+LOWEST: KeyPath = ("map", "levels", "min_altitude_m")
+_CLIMBS: tuple[KeyPath, ...] = (("map", "dimensions"), ("map", "obstacles"))
+
+
+class Links(NamedTuple):
+    """A radio with classes and its key; the lowest and the highest place of its antenna."""
+
+    path: KeyPath
+    radio: LinkClasses
+    lowest_m: float
+    highest_m: float
+    height_key: KeyPath
+
+
+def drones_and_access_points_have_levels(scenario: Scenario) -> Iterator[Finding]:
+    """Association by level, or an access point, with a disc."""
+    for index, point in enumerate(scenario.access_points):
+        if not isinstance(point.radio, LinkClasses):
+            yield Finding(
+                ("access_points", index, "radio"),
+                "must be kind: link_classes; a disc has no transmitted power",
+            )
+    if isinstance(scenario.drones.radio, LinkClasses):
+        return
+    if scenario.association.by_level:
+        yield Finding(
+            ("association",),
+            "compares levels, which the drones' disc does not have; "
+            "write drones.radio: {kind: link_classes}, or association: entered_first",
+            (RADIO,),
+        )
+    for index, point in enumerate(scenario.access_points):
+        if point.radio.reuse:
+            yield Finding(
+                ("access_points", index, "radio", "interference"),
+                "needs the levels of drones too; write drones.radio: {kind: link_classes}",
+                (RADIO,),
+            )
+
+
+def access_points_are_on_the_map(scenario: Scenario) -> Iterator[Finding]:
+    """Access points off the map."""
+    width, depth = scenario.map.size_m
+    for index, point in enumerate(scenario.access_points):
+        x, y = point.at_m
+        if x > width or y > depth:
+            yield Finding(
+                ("access_points", index, "at_m"),
+                f"off the map, which is {width:g} x {depth:g} m",
+                (("map", "size_m"),),
+            )
+
+
+def bands_are_shared_by_all(scenario: Scenario) -> Iterator[Finding]:
+    """Access points that interfere, or share, otherwise than the drones."""
+    drones = scenario.drones.radio
+    for index, point in enumerate(scenario.access_points):
+        path: KeyPath = ("access_points", index, "radio")
+        if point.radio.sharing.elastic != drones.sharing.elastic:
+            yield Finding(
+                (*path, "sharing"),
+                f"must {'' if drones.sharing.elastic else 'not '}share, as drones.radio.sharing is "
+                f"{_kind(drones.sharing)}: transfers hold rates everywhere or nowhere",
+                ((*RADIO, "sharing"),),
+            )
+        if not isinstance(drones, LinkClasses) or not isinstance(point.radio, LinkClasses):
+            continue
+        if point.radio.reuse != drones.reuse:
+            yield Finding(
+                (*path, "interference"),
+                f"must be as the drones', {_shown(drones.interference)}: "
+                "interference is the same for all",
+                ((*RADIO, "interference"),),
+            )
+        elif drones.reuse:
+            for key in ("carrier_ghz", "bandwidth_mhz"):
+                if getattr(point.radio, key) != getattr(drones, key):
+                    yield Finding(
+                        (*path, key),
+                        f"must be as the drones', {getattr(drones, key):g}: "
+                        "those who interfere have one carrier and one bandwidth",
+                        ((*RADIO, key), (*RADIO, "interference")),
+                    )
+
+
+def links_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
+    """Line of sight that no building or path loss can tell, and drones below their users."""
+    for links in _links(scenario):
+        path, radio = links.path, links.radio
+        if radio.line_of_sight == "buildings" and not _has_buildings(scenario):
+            yield Finding(
+                (*path, "line_of_sight"),
+                "needs buildings: map.dimensions: 3 and map.obstacles",
+                _CLIMBS,
+            )
+        if radio.line_of_sight == "drawn" and _always_sees(radio.path_loss):
+            yield Finding(
+                (*path, "line_of_sight"),
+                "needs a path loss that tells how likely line of sight is: al_hourani, or one of "
+                "your own with p_los",
+                ((*path, "path_loss"),),
+            )
+        tallest_m = _tallest_user_m(scenario)
+        if links.lowest_m <= tallest_m:
+            yield Finding(
+                links.height_key,
+                f"must be above the users, who are up to {tallest_m:g} m high, where links have "
+                "classes",
+                (("users", "max_height_m"), path, *_CLIMBS),
+            )
+
+
+def losses_give_rings(scenario: Scenario) -> Iterator[Finding]:
+    """A path loss that falls with the distance, or by which links reach too far."""
+    for links in _links(scenario):
+        lowest_m = links.lowest_m - _tallest_user_m(scenario)
+        if lowest_m <= 0.0:
+            continue
+        for height_m in dict.fromkeys((lowest_m, links.highest_m)):
+            problem = _problem_of_rings(links.radio, height_m)
+            if problem:
+                path = (*links.path, "path_loss")
+                yield Finding(path, f"at a height of {height_m:g} m: {problem}", (links.path,))
+                break
+
+
+def losses_have_bounds(scenario: Scenario) -> Iterator[Finding]:
+    """A path loss of one's own without ``slope`` where changes of classes are searched for."""
+    for links in _links(scenario):
+        if links.radio.path_loss.is_bounded():
+            continue
+        reasons = {
+            "drones climb (map.dimensions: 3, map.obstacles)": links.highest_m > links.lowest_m,
+            "drones interfere (interference)": links.radio.reuse > 0,
+            "association compares levels": scenario.association.by_level,
+        }
+        named = [reason for reason, holds in reasons.items() if holds]
+        if named:
+            yield Finding(
+                (*links.path, "path_loss"),
+                "needs a method slope(distance_m, height_m, within_m), because "
+                + " and ".join(named),
+                (*_CLIMBS, ("association",), links.path),
+            )
+
+
+def transfers_get_a_rate(scenario: Scenario) -> Iterator[Finding]:
+    """Transfers that hold no rate under ``held``, or one under another sharing."""
+    radio = scenario.drones.radio
+    elastic, path = bool(radio.sharing.elastic), (*RADIO, "sharing")
+    volumes = {name: one for name, one in scenario.services.items() if isinstance(one, Volume)}
+    for name, service in volumes.items():
+        rates, ubits = service.bandwidths_bps(), service.volumes_ubit()
+        if not elastic and np.min(rates) < 1:
+            yield Finding(
+                ("services", name),
+                "needs bandwidth_kbps, the rates that requests hold under the sharing held; or "
+                "write drones.radio: {kind: link_classes, sharing: equal}",
+                (path, RADIO),
+            )
+        if elastic and np.any(rates):
+            yield Finding(
+                ("services", name, "bandwidth_kbps"),
+                f"is for the sharing held; drones.radio.sharing: {_kind(radio.sharing)} gives the "
+                "rates itself",
+                (path,),
+            )
+        if not (np.min(ubits) >= 1 and np.max(ubits) <= LARGEST_UBIT):
+            yield Finding(
+                ("services", name),
+                f"volumes_ubit must be from 1 to {LARGEST_UBIT:.0e} millionths of a bit",
+            )
+    if volumes and elastic and math.isinf(radio.bandwidth_hz(scenario.drones.bandwidth_kbps)):
+        yield Finding(
+            ("drones", "bandwidth_kbps"),
+            f"must be a number where transfers share it: {_kind(radio.sharing)}",
+            (path, RADIO),
+        )
+
+
+def demand_knows_volumes(scenario: Scenario) -> Iterator[Finding]:
+    """Demand that asks for times, for services that ask for volumes."""
+    names = [name for name, one in scenario.services.items() if isinstance(one, Volume)]
+    demand, first = scenario.demand, next(iter(scenario.services))
+    if isinstance(demand, Continuous) and first in names:
+        yield Finding(
+            ("demand",),
+            f"asks for the whole episode; the first service, {first}, asks for a volume",
+            (("services",),),
+        )
+    if isinstance(demand, Trace) and names:
+        yield Finding(
+            ("demand",),
+            f"has service times (required_s); {', '.join(names)} would ask for volumes",
+            (("services",),),
+        )
+
+
+def _links(scenario: Scenario) -> Iterator[Links]:
+    """The radios with classes: that of the drones, and those of access points."""
+    if isinstance(scenario.drones.radio, LinkClasses):
+        lowest_m, highest_m = _levels_m(scenario)
+        yield Links(RADIO, scenario.drones.radio, lowest_m, highest_m, LOWEST)
+    for index, point in enumerate(scenario.access_points):
+        if isinstance(point.radio, LinkClasses):
+            path: KeyPath = ("access_points", index)
+            height_m, key = point.height_m, (*path, "height_m")
+            yield Links((*path, "radio"), point.radio, height_m, height_m, key)
+
+
+def _levels_m(scenario: Scenario) -> tuple[float, float]:
+    """The lowest and the highest level of drones in metres (see ``model.grid.altitudes``)."""
+    levels, obstacles = scenario.map.levels, scenario.map.obstacles
+    lowest_m = levels.min_altitude_m
+    if not scenario.three_d or obstacles is None or _tallest_m(obstacles) < lowest_m:
+        return lowest_m, lowest_m
+    steps = math.floor((_tallest_m(obstacles) - lowest_m) / levels.step_m) + 1
+    return lowest_m, lowest_m + steps * levels.step_m
+
+
+def _tallest_m(obstacles: DrawnObstacles | ListedObstacles) -> float:
+    if isinstance(obstacles, DrawnObstacles):
+        return obstacles.height_m[1]
+    return max((height for *_, height in obstacles.cells), default=0.0)
+
+
+def _has_buildings(scenario: Scenario) -> bool:
+    obstacles = scenario.map.obstacles
+    if not scenario.three_d or obstacles is None:
+        return False
+    return isinstance(obstacles, DrawnObstacles) or bool(obstacles.cells)
+
+
+def _tallest_user_m(scenario: Scenario) -> float:
+    """The greatest height that a user can have, in metres: on the ground, or in a building."""
+    obstacles = scenario.map.obstacles
+    if obstacles is None or not _has_buildings(scenario):
+        return 0.0
+    return min(scenario.users.max_height_m, _tallest_m(obstacles))
+
+
+def _always_sees(path_loss: Any) -> bool:
+    return type(path_loss).p_los is RowPathLoss.p_los
+
+
+def _problem_of_rings(radio: LinkClasses, height_m: float) -> str:
+    try:
+        rings(radio.path_loss, radio.carrier_ghz, height_m, radio.budget, radio.ladder)
+        if radio.line_of_sight == "drawn":
+            line_of_sight_ring_m(radio.path_loss, height_m, 0.5)
+    except ValueError as error:
+        return str(error)
+    except FAULTS as error:
+        return what_failed(error)
+    return ""
+
+
+def _kind(component: Any) -> str:
+    return str(getattr(component, "kind", type(component).__name__))
+
+
+def _shown(interference: Any) -> str:
+    return interference if isinstance(interference, str) else f"{{reuse: {interference.reuse}}}"
+
+
+CHECKS = (
+    drones_and_access_points_have_levels,
+    access_points_are_on_the_map,
+    bands_are_shared_by_all,
+    links_fit_the_map,
+    losses_give_rings,
+    losses_have_bounds,
+    transfers_get_a_rate,
+    demand_knows_volumes,
+)
