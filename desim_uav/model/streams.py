@@ -28,6 +28,7 @@ class Purpose(IntEnum):
     POSITION_NOISE = 4
     RESPAWN = 5
     LEARNER = 6
+    LINK = 7
 
 
 class Streams:

@@ -70,6 +70,7 @@ class TestNumPys:
             "POSITION_NOISE": 4,
             "RESPAWN": 5,
             "LEARNER": 6,
+            "LINK": 7,
         }
 
 
