@@ -91,7 +91,7 @@ def line_of_sight_ring_m(path_loss: RowPathLoss, height_m: float, uniform: float
     is inf if that is everywhere within ``FARTHEST_M``, and 0 if it is nowhere.
     Raises ValueError if the probability does not rise with the elevation.
     """
-    _check_sight(path_loss)
+    check_sight(path_loss)
 
     def sees(distance_m: float) -> bool:
         return uniform < path_loss.p_los(elevation_deg(distance_m, height_m))
@@ -147,7 +147,7 @@ def _check_rise(loss_db: Callable[[float], float], up_to_m: float, name: str) ->
         before_m, before_db = distance_m, found_db
 
 
-def _check_sight(path_loss: RowPathLoss) -> None:
+def check_sight(path_loss: RowPathLoss) -> None:
     """Raise ValueError if the probability of line of sight seems to fall with the elevation."""
     before = 0.0
     for elevation in range(91):
