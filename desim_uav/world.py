@@ -6,7 +6,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,10 +20,9 @@ from desim_uav.model.grid import Cell, Grid, altitudes, connected
 from desim_uav.model.mobility import walks_of
 from desim_uav.model.motion import Transit, return_transit
 from desim_uav.model.planner import Node, Planner
-from desim_uav.model.radio.path_loss import RowPathLoss
+from desim_uav.model.radio.link import thresholds_db
 from desim_uav.model.rules import MOVES, US, Action, actions
 from desim_uav.model.services import Catalogue, catalogue
-from desim_uav.model.sharing import RowSharing
 from desim_uav.model.state import Facts
 from desim_uav.model.streams import Purpose, Streams, states_of
 from desim_uav.model.walking import Area, RowMobility, RowWalks, Walks, compiled_walk
@@ -33,6 +32,30 @@ from desim_uav.scenario.schema import DrawnObstacles, Scenario
 
 REDRAWS = 100
 PLACEMENTS = 10_000
+
+
+class Links(NamedTuple):
+    """The links of a radio: its bandwidth in Hz (a whole number or inf), and its rings.
+
+    ``rings_m`` (levels, groups, classes) has the radii of classes in metres, the widest first: by
+    the levels at which its antenna can be, and by the groups of users (see ``World.groups``). If
+    links are sought ``in_air``, changes of their classes or levels are not always those of rings.
+    """
+
+    radio: Any
+    bandwidth_hz: float
+    rings_m: NDArray[np.float64]
+    in_air: bool
+
+    @property
+    def efficiencies(self) -> tuple[int, ...]:
+        """The millionths of a bit/s per Hz of each class, class 0 (none) first."""
+        return (0, *self.radio.efficiencies())
+
+    @property
+    def thresholds_db(self) -> list[float]:
+        """The least signal-to-noise ratio of each class from 1 on in dB; none of a disc."""
+        return thresholds_db(self.radio.ladder).tolist() if self.radio.graded else []
 
 
 @dataclass(frozen=True, eq=False)
@@ -146,58 +169,63 @@ class World(Unchanging):
         return self.step_us * self.scenario.episode.steps
 
     @cached_property
+    def links(self) -> tuple[Links, ...]:
+        """The links of the drones, and then those of each access point."""
+        scenario, groups_m = self.scenario, self._groups[0]
+        drones, disc_m = scenario.drones, scenario.drones.footprint_radius_m
+        by_level = bool(scenario.association.by_level)
+        antennas = [(drones.radio, drones.bandwidth_kbps, self.grid.levels_m)]
+        antennas += [(point.radio, None, (point.height_m,)) for point in scenario.access_points]
+        made = []
+        for radio, kbps, antennas_m in antennas:
+            radii_m = [
+                [radio.radii_m(antenna_m - user_m, disc_m) for user_m in groups_m]
+                for antenna_m in antennas_m
+            ]
+            changes = len(antennas_m) > 1 or radio.reuse > 0 or by_level or radio.marked
+            in_air = bool(radio.graded and changes)
+            made.append(Links(radio, radio.bandwidth_hz(kbps), np.array(radii_m), in_air))
+        return tuple(made)
+
+    @property
+    def groups(self) -> NDArray[np.int64]:
+        """The group (users,) of each user: users of one height are a group, with the same rings."""
+        return self._groups[1]
+
+    @cached_property
+    def _groups(self) -> tuple[list[float], NDArray[np.int64]]:
+        """The height of each group of users in metres, and the group of each user."""
+        heights_m, groups = np.unique(self.homes[:, 2], return_inverse=True)
+        if not self.graded:
+            heights_m, groups = heights_m[:1], np.zeros(len(self.homes), np.int64)
+        return heights_m.tolist(), groups.reshape(-1).astype(np.int64)
+
+    @property
     def bandwidth_hz(self) -> float:
         """The bandwidth of a drone in Hz, a whole number or inf."""
-        return self.scenario.drones.radio.bandwidth_hz(self.scenario.drones.bandwidth_kbps)
+        return self.links[0].bandwidth_hz
 
-    @property
+    @cached_property
+    def bandwidth_of_all_hz(self) -> float:
+        """The bandwidth of all drones and access points together, in Hz; inf if it is unlimited."""
+        drones = self.scenario.drones.count * self.bandwidth_hz
+        return drones + sum(links.bandwidth_hz for links in self.links[1:])
+
+    @cached_property
     def graded(self) -> bool:
-        """Whether the links of drones have classes other than those of the paper's disc."""
-        return bool(self.scenario.drones.radio.graded)
-
-    @property
-    def path_loss(self) -> RowPathLoss | None:
-        """The path loss of the drones' links; None for the paper's disc."""
-        return getattr(self.scenario.drones.radio, "path_loss", None)
+        """Whether links of drones or access points have classes other than the paper's disc."""
+        scenario = self.scenario
+        return bool(scenario.drones.radio.graded or scenario.access_points)
 
     @cached_property
     def in_air(self) -> bool:
         """Whether classes or levels have to be sought for in other ways than as rings."""
-        radio, levels = self.scenario.drones.radio, len(self.grid.levels_m)
-        by_level = bool(self.scenario.association.by_level)
-        return radio.graded and (levels > 1 or radio.reuse > 0 or by_level or radio.marked)
-
-    @property
-    def sharing(self) -> RowSharing:
-        """How elastic requests share a drone's bandwidth."""
-        sharing: RowSharing = self.scenario.drones.radio.sharing
-        return sharing
-
-    @cached_property
-    def efficiencies(self) -> tuple[int, ...]:
-        """The millionths of a bit/s per Hz of each class of a link, class 0 (none) first."""
-        return (0, *self.scenario.drones.radio.efficiencies())
-
-    @cached_property
-    def rings(self) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-        """The radii of classes in metres (levels, groups, classes), and each user's group.
-
-        Users of the same height are a group, for whom the radii around a drone are the same.
-        """
-        heights_m, groups = np.unique(self.homes[:, 2], return_inverse=True)
-        radio, disc_m = self.scenario.drones.radio, self.scenario.drones.footprint_radius_m
-        if radio.flat:
-            heights_m, groups = heights_m[:1], np.zeros(len(self.homes), np.int64)
-        radii = [
-            [radio.radii_m(level_m - height_m, disc_m) for height_m in heights_m.tolist()]
-            for level_m in self.grid.levels_m
-        ]
-        return np.array(radii), groups.reshape(-1).astype(np.int64)
+        return any(links.in_air for links in self.links)
 
     @cached_property
     def reach_m(self) -> float:
-        """The radius of the widest class, in metres; a micrometre if no class holds anywhere."""
-        return max(float(self.rings[0].max()), 1e-6)
+        """The radius of the drones' widest class in metres; a micrometre if none holds anywhere."""
+        return max(float(self.links[0].rings_m.max()), 1e-6)
 
     @cached_property
     def capacity_us(self) -> int:

@@ -225,10 +225,8 @@ MUTATIONS = (
     Mutation(
         "admission stops at the first request that does not fit",
         "rules/admission.py",
-        "            if world.bandwidth_hz < 0 or user.request.needs_hz <= drone.free_hz:\n",
-        "            needs_hz = user.request.needs_hz\n"
-        "            fits = world.bandwidth_hz < 0 or needs_hz <= drone.free_hz\n"
-        "            if kept == 0 and fits:\n",
+        "            if fits(world, drone, user.request.needs_hz):\n",
+        "            if kept == 0 and fits(world, drone, user.request.needs_hz):\n",
         ("engine/test_admission.py",),
     ),
     Mutation(

@@ -19,6 +19,7 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     nx, ny = facts.grid.cells
     limited = observation.battery_s is not None
     world.limited, world.capacity_us = int(limited), round((observation.capacity_s or 0.0) * US)
+    world.sharers = facts.drones
     world.services, world.three_d, world.steps = services, int(facts.three_d), facts.steps
     world.nx, world.ny, world.levels = nx, ny, len(facts.grid.levels_m)
     world.cell_x_m, world.cell_y_m = facts.grid.cell_m

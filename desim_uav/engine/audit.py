@@ -7,6 +7,7 @@ many times slower. It raises an AssertionError that names the broken invariant.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.coverage import all_walked
 from desim_uav.rules.battery import battery_now
+from desim_uav.rules.flight import position
 from desim_uav.rules.words import CHARGING, CRASHED, FLYING, QUEUED
 
 if TYPE_CHECKING:
@@ -28,7 +30,8 @@ def audit(simulation: Simulation) -> None:
     world, state = simulation.constants, simulation.state
     for drone in state.drones:
         _battery(world, state, drone)
-        _bandwidth(world, state, drone)
+    for sender in state.senders:
+        _bandwidth(world, state, sender)
     _demand(state)
     _stations(world, state)
     if simulation.log.duration_us == 0:
@@ -56,9 +59,10 @@ def _bandwidth(world: Any, state: Any, drone: Any) -> None:
     used_hz = sum(request.used_hz for request in served)
     held_hz = sum(request.used_hz for request in served if not request.elastic)
     assert used_hz == drone.used_hz, f"bandwidth of {drone.index}"
-    if world.bandwidth_hz >= 0:
-        assert drone.free_hz == world.bandwidth_hz - held_hz >= 0, f"bandwidth of {drone.index}"
-        assert drone.scan or used_hz <= world.bandwidth_hz, f"shares of {drone.index}"
+    bandwidth_hz = world.radios[drone.radio].bandwidth_hz
+    if bandwidth_hz >= 0:
+        assert drone.free_hz == bandwidth_hz - held_hz >= 0, f"bandwidth of {drone.index}"
+        assert drone.scan or used_hz <= bandwidth_hz, f"shares of {drone.index}"
     assert [sum(r.service == s for r in served) for s in range(world.services)] == drone.served
     if drone.mode != FLYING:
         assert not served, f"drone {drone.index} serves in mode {drone.mode}"
@@ -72,7 +76,7 @@ def _demand(state: Any) -> None:
     asking = [user for user in state.users if user.request.number >= 0]
     counts = [sum(user.request.service == service for user in asking) for service in services]
     assert state.open_requests == counts
-    for drone in state.drones:
+    for drone in state.senders:
         covered = [user.request.service for user in asking if user.covering[drone.index] >= 0]
         counted = [covered.count(service) for service in services]
         assert drone.asking == counted, f"requests in the footprint of {drone.index}"
@@ -93,8 +97,8 @@ def _stations(world: Any, state: Any) -> None:
 def _one_state(state: Any, user: Any) -> None:
     """Check that an open request is served by its user's drone or waits there, if there is one."""
     request = user.request
-    queues = [drone.index for drone in state.drones if user.index in drone.waiting]
-    shares = [drone.index for drone in state.drones if user.index in drone.sharing]
+    queues = [drone.index for drone in state.senders if user.index in drone.waiting]
+    shares = [drone.index for drone in state.senders if user.index in drone.sharing]
     if request.number < 0:
         assert not queues and not shares, "a user waits without a request"
         return
@@ -125,23 +129,22 @@ def _geometry(simulation: Simulation) -> None:
     """Check coverage against distances, and that attached users are covered by their drones."""
     world, state = simulation.constants, simulation.state
     users = all_walked(*simulation.path.walks, state.now_us)
-    held = [0] * len(state.drones)
+    held = [0] * len(state.senders)
     for user in state.users:
         if user.holder >= 0:
             held[user.holder] += 1
             assert user.covering[user.holder] >= 0, f"user {user.index} attached but not covered"
-    for drone in state.drones:
+    for drone in state.senders:
         assert held[drone.index] == drone.attached_users
         covered = np.array([user.covering[drone.index] >= 0 for user in state.users])
         classes = np.array([user.classes[drone.index] for user in state.users])
         assert (covered == (classes > 0)).all(), f"classes and coverage of {drone.index}"
         assert drone.serving or not covered.any(), f"drone {drone.index} covers in {drone.mode}"
-    if simulation.world.graded:
-        _ratios(simulation, users)
-        return
-    for drone in state.drones:
-        if drone.serving:
-            x, y, _ = simulation.position_m(drone.index)
+    serving = [drone for drone in state.senders if drone.serving]
+    _ratios(simulation, [drone for drone in serving if _radio_of(simulation, drone).graded], users)
+    for drone in serving:
+        if not _radio_of(simulation, drone).graded:
+            x, y, _ = position(world, state, drone)
             distance_m = np.hypot(users[:, 0] - x, users[:, 1] - y)
             covered = np.array([user.classes[drone.index] > 0 for user in state.users])
             far = np.abs(distance_m - world.radius_m) > TOLERANCE_M
@@ -149,36 +152,40 @@ def _geometry(simulation: Simulation) -> None:
             assert not wrong.any(), f"coverage by {drone.index} of users {np.flatnonzero(wrong)}"
 
 
-def _ratios(simulation: Simulation, users: NDArray[np.float64]) -> None:
+def _radio_of(simulation: Simulation, drone: Any) -> Any:
+    """Return the radio of a drone or of an access point."""
+    return simulation.world.links[drone.radio].radio
+
+
+def _ratios(simulation: Simulation, serving: Sequence[Any], users: NDArray[np.float64]) -> None:
     """Check the classes of links against the ratio of signal to noise and interference.
 
-    ``users`` (users, …) has their places in its first two columns.
+    ``serving`` are the drones and access points with classes of links, and ``users`` (users, …) has
+    the places of the users in its first two columns.
     """
-    radio: Any = simulation.world.scenario.drones.radio
-    if radio.line_of_sight != "mean" or radio.shadowing is not None:
+    radios: list[Any] = [_radio_of(simulation, drone) for drone in serving]
+    if any(radio.marked for radio in radios):
         return
-    state, thresholds = simulation.state, [one.snr_db for one in radio.ladder]
-    serving = [drone.index for drone in state.drones if drone.serving]
-    level_dbm = {d: _levels(simulation, radio, d, users) for d in serving}
-    for d in serving:
+    levels_dbm = [_levels(simulation, drone, users) for drone in serving]
+    for drone, radio, level_dbm in zip(serving, radios, levels_dbm, strict=True):
         noise_mw = np.full(len(users), 10 ** (radio.budget.noise_dbm / 10))
-        for other in serving:
-            if radio.reuse and other != d and (other - d) % radio.reuse == 0:
-                noise_mw += 10 ** (level_dbm[other] / 10)
-        ratio_db = level_dbm[d] - 10 * np.log10(noise_mw)
-        classes = np.array([user.classes[d] for user in state.users])
+        for other, disturbing_dbm in zip(serving, levels_dbm, strict=True):
+            apart = other.index - drone.index
+            if radio.reuse and apart and apart % radio.reuse == 0:
+                noise_mw += 10 ** (disturbing_dbm / 10)
+        ratio_db = level_dbm - 10 * np.log10(noise_mw)
+        classes = np.array([user.classes[drone.index] for user in simulation.state.users])
+        thresholds = [one.snr_db for one in radio.ladder]
         least = np.searchsorted(thresholds, ratio_db - TOLERANCE_DB, side="right")
         most = np.searchsorted(thresholds, ratio_db + TOLERANCE_DB, side="right")
         wrong = np.flatnonzero((classes < least) | (classes > most))
-        assert not len(wrong), f"classes of {d}: users {wrong}, {ratio_db[wrong]} dB"
+        assert not len(wrong), f"classes of {drone.index}: users {wrong}, {ratio_db[wrong]} dB"
 
 
-def _levels(
-    simulation: Simulation, radio: Any, drone: int, users: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def _levels(simulation: Simulation, drone: Any, users: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the level in dBm at which each user receives a drone, at the mean loss."""
-    x, y, z = simulation.position_m(drone)
-    heights_m = simulation.world.homes[:, 2]
+    x, y, z = position(simulation.constants, simulation.state, drone)
+    radio, heights_m = _radio_of(simulation, drone), simulation.world.homes[:, 2]
     loss_db = [
         radio.path_loss.mean_db(
             math.hypot(place[0] - x, place[1] - y), z - height, radio.carrier_ghz

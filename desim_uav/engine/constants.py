@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import accumulate, chain
 
 import numpy as np
 
@@ -14,9 +15,9 @@ from desim_uav.model.planner import Node
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import MOVES
-from desim_uav.rules.rows import Cell, Constants, Move, Piece, Place, TransitRow
+from desim_uav.rules.rows import Cell, Constants, Move, Piece, Place, Point, Radio, TransitRow
 from desim_uav.rules.words import CRASHES
-from desim_uav.world import World
+from desim_uav.world import Links, World
 
 AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
 """The directions of hops: along x, along y and between levels."""
@@ -34,8 +35,7 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants.respawn_after_us = world.respawn_after_us
     constants.on_crash = CRASHES[world.on_crash]
     constants.pads = scenario.stations.pads
-    unlimited = math.isinf(world.bandwidth_hz)
-    constants.bandwidth_hz = -1 if unlimited else int(world.bandwidth_hz)
+    constants.bandwidth_hz = whole_hz(world.bandwidth_hz)
     constants.services = len(world.services.names)
     _set_links(constants, world)
     constants.nx, constants.ny = grid.cells
@@ -76,17 +76,40 @@ def hop_transit(world: World, hop: Node) -> int:
 
 
 def _set_links(made: Constants, world: World) -> None:
-    """Set the classes of links, and what requests ask for, of the constants."""
-    made.efficiencies = Table(world.efficiencies)
-    made.classes = len(world.efficiencies) - 1
-    radio, association = world.scenario.drones.radio, world.scenario.association
-    made.reuse = radio.reuse
+    """Set the links of drones and access points, and what requests ask for, of the constants."""
+    scenario, association = world.scenario, world.scenario.association
+    made.reuse = scenario.drones.radio.reuse
     made.trigger_us, made.margin_db = association.trigger_us, association.margin_db
-    radii, groups = world.rings
-    made.rings, made.groups = Table(radii.reshape(-1).tolist()), Table(groups.tolist())
+    points = scenario.access_points
+    made.sharers = scenario.drones.count + sum(point.counts_in_reward for point in points)
+    made.points = Table(fill(Point, (*point.at_m, point.height_m)) for point in points)
+    made.radios = Table(map(_radio, world.links))
+    made.groups = Table(world.groups.tolist())
+    thresholds = [links.thresholds_db for links in world.links]
+    made.thresholds_db = Table(chain.from_iterable(thresholds))
+    made.thresholds_at = Table(accumulate(map(len, thresholds), initial=0))
     made.in_bits = Table(world.services.in_bits.astype(int).tolist())
-    elastic = world.services.in_bits & world.sharing.elastic
+    elastic = world.services.in_bits & world.links[0].radio.sharing.elastic
     made.elastic = Table(elastic.astype(int).tolist())
+
+
+def _radio(links: Links) -> Radio:
+    """Return a radio as a row, without its functions."""
+    made, radio = blank(Radio), links.radio
+    made.bandwidth_hz = whole_hz(links.bandwidth_hz)
+    made.classes, made.levels = len(links.efficiencies) - 1, len(links.rings_m)
+    made.flat = int(radio.flat)
+    made.efficiencies = Table(links.efficiencies)
+    made.rings = Table(links.rings_m.reshape(-1).tolist())
+    if radio.graded:
+        made.carrier_ghz, made.power_dbm = radio.carrier_ghz, radio.power_dbm
+        made.noise_dbm = radio.budget.noise_dbm
+    return made
+
+
+def whole_hz(bandwidth_hz: float) -> int:
+    """Return a bandwidth as the rows have it: -1 if it is unlimited."""
+    return -1 if math.isinf(bandwidth_hz) else int(bandwidth_hz)
 
 
 def _set_flights(made: Constants, world: World) -> None:

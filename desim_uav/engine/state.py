@@ -7,7 +7,7 @@ from typing import NamedTuple, TypeVar
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.constants import term_names
 from desim_uav.model.rows import Queue, Table, blank
-from desim_uav.rules import rows
+from desim_uav.rules import rows, words
 from desim_uav.world import World
 
 
@@ -28,15 +28,17 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     """Return a new state, whose queues have buffers for this many entries in compiled code."""
     state = blank(kind)
     drones, users = world.scenario.drones.count, len(world.homes)
+    senders = drones + len(world.scenario.access_points)
     services, steps = len(world.services.names), world.scenario.episode.steps
     state.keeps_links = int(world.graded)
     state.keeps_events, state.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
-    state.drones = Table(_drone(world, index, buffers) for index in range(drones))
-    state.users = Table(_user(index, drones) for index in range(users))
+    state.senders = Table(_sender(world, index, buffers) for index in range(senders))
+    state.drones = Table(state.senders[:drones])
+    state.users = Table(_user(index, senders) for index in range(users))
     state.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in state.stations:
         station.queue.buffer = drones
-    state.loose.buffer = users * (2 * drones + 2)
+    state.loose.buffer = users * (2 * senders + 2)
     state.by_level = int(world.scenario.association.by_level)
     state.unsettled.buffer = users
     state.open_requests, state.asked = _zeros(services), _zeros(services)
@@ -58,10 +60,12 @@ def _zeros(count: int) -> Table[int]:
     return Table([0] * count)
 
 
-def _drone(world: World, index: int, buffers: Buffers) -> rows.Drone:
-    """Return a blank drone with this index."""
+def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
+    """Return a blank drone with this index, or an access point if no drone has it."""
     drone = blank(rows.Drone)
     drone.index = index
+    drone.point = max(index - world.scenario.drones.count, -1)
+    drone.radio, drone.mode = drone.point + 1, words.FLYING
     drone.waiting.buffer = drone.sharing.buffer = len(world.homes)
     drone.ahead = Queue(of=rows.Change, buffer=buffers.crossings)
     services = len(world.services.names)
@@ -71,11 +75,11 @@ def _drone(world: World, index: int, buffers: Buffers) -> rows.Drone:
     return drone
 
 
-def _user(index: int, drones: int) -> rows.User:
-    """Return a user without a request, whom none of the drones covers."""
+def _user(index: int, senders: int) -> rows.User:
+    """Return a user without a request, whom none of the senders covers."""
     user = blank(rows.User)
     user.index = user.request.user = index
     user.holder = user.request.number = user.request.server = -1
-    user.covering, user.classes = Table([-1] * drones), _zeros(drones)
-    user.better_since = Table([-1] * drones)
+    user.covering, user.classes = Table([-1] * senders), _zeros(senders)
+    user.better_since = Table([-1] * senders)
     return user

@@ -106,7 +106,7 @@ def episodes_table(
 def _episode_row(
     log: EpisodeLog, world: World, requests: pd.DataFrame, columns: dict[str, str]
 ) -> tuple[Any, ...]:
-    available = log.duration_us * world.scenario.drones.count * world.bandwidth_hz
+    available = log.duration_us * world.bandwidth_of_all_hz
     values = qoe.summary(requests) | {
         "episode": log.episode,
         "qoe3_percent": 100 * log.attached_us / (log.duration_us * len(world.homes)),

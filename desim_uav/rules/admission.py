@@ -8,7 +8,7 @@ from desim_uav.model.admission import RowAdmission
 from desim_uav.model.kernels import rule
 from desim_uav.registry import register
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.service import close, serve
+from desim_uav.rules.service import close, fits, serve
 from desim_uav.rules.words import ON_REFUSE, OVERBOOKED
 
 
@@ -27,7 +27,7 @@ class FirstCome(RowAdmission):
         waiting, kept = drone.waiting, 0
         for k in range(len(waiting)):
             user = state.users[waiting[k]]
-            if world.bandwidth_hz < 0 or user.request.needs_hz <= drone.free_hz:
+            if fits(world, drone, user.request.needs_hz):
                 serve(world, state, drone, user, phase)
             else:
                 waiting[kept] = waiting[k]
@@ -45,7 +45,7 @@ def admit(world: Constants, state: State, drone: Drone, number: int, phase: int)
     """
     user = state.users[number]
     drone.waiting.remove(number)
-    if world.bandwidth_hz >= 0 and user.request.needs_hz > drone.free_hz:
+    if not fits(world, drone, user.request.needs_hz):
         state.faults |= OVERBOOKED
     serve(world, state, drone, user, phase)
 

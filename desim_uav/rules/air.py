@@ -6,11 +6,19 @@ from desim_uav.model.kernels import rule
 from desim_uav.model.radio.scene import (
     BAND,
     BEGUN_US,
+    BOUNDS_AT,
+    CARRIER_GHZ,
+    LEVEL_AT,
+    LOSS_COLUMNS,
+    NOISE_DBM,
     PLACE_COLUMNS,
     POWER_DBM,
+    RADIO,
+    RADIO_COLUMNS,
     SENDER_COLUMNS,
     SERVES,
     TRANSIT,
+    VALUES_AT,
     X0,
     X1,
     Y0,
@@ -18,26 +26,40 @@ from desim_uav.model.radio.scene import (
     Z0,
     Z1,
 )
+from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Constants, Drone, State
 
 
 @rule
+def keeps_rings(world: Constants, drone: Drone) -> bool:
+    """Return whether the changes of class on a drone's leg are those of rings.
+
+    They are if the drone keeps its altitude, or rings are the same at all altitudes, and if nothing
+    interferes.
+    """
+    flat = world.radios[drone.radio].flat
+    return bool(flat) or (world.reuse == 0 and drone.level == drone.to_level)
+
+
+@rule
 def place_drones(world: Constants, state: State) -> None:
-    """Write the legs of all drones, and whether they serve, into ``state.look.air``."""
+    """Write the radios, the legs of all drones, and whether they serve, to ``state.look.air``."""
     air = state.look.air
-    air.losses[0], air.losses[1], air.losses[2] = world.level, world.rates, world.loss_values
-    air.radios[0], air.radios[1] = world.carrier_ghz, world.noise_dbm
-    for d in range(len(state.drones)):
-        drone, at, own = state.drones[d], d * PLACE_COLUMNS, d * SENDER_COLUMNS
-        air.ways[at + X0] = (drone.x + 0.5) * world.cell_x_m
-        air.ways[at + Y0] = (drone.y + 0.5) * world.cell_y_m
-        air.ways[at + Z0] = world.levels_m[drone.level]
-        air.ways[at + X1] = (drone.to_x + 0.5) * world.cell_x_m
-        air.ways[at + Y1] = (drone.to_y + 0.5) * world.cell_y_m
-        air.ways[at + Z1] = world.levels_m[drone.to_level]
-        air.ways[at + POWER_DBM] = world.power_dbm
+    for r in range(len(world.radios)):
+        radio, at = world.radios[r], r * LOSS_COLUMNS
+        air.losses[at + LEVEL_AT], air.losses[at + BOUNDS_AT] = radio.level, radio.rates
+        air.losses[at + VALUES_AT] = radio.loss_values
+        air.radios[r * RADIO_COLUMNS + CARRIER_GHZ] = radio.carrier_ghz
+        air.radios[r * RADIO_COLUMNS + NOISE_DBM] = radio.noise_dbm
+    for d in range(len(state.senders)):
+        drone, at, own = state.senders[d], d * PLACE_COLUMNS, d * SENDER_COLUMNS
+        air.ways[at + X0], air.ways[at + Y0], air.ways[at + X1], air.ways[at + Y1] = way_of(
+            world, drone
+        )
+        air.ways[at + Z0], air.ways[at + Z1] = heights_of(world, drone)
+        air.ways[at + POWER_DBM] = world.radios[drone.radio].power_dbm
         air.senders[own + BEGUN_US], air.senders[own + TRANSIT] = drone.since_us, drone.transit
-        air.senders[own + SERVES] = drone.serving
+        air.senders[own + SERVES], air.senders[own + RADIO] = drone.serving, drone.radio
         air.senders[own + BAND] = d % world.reuse if world.reuse > 0 else d
 
 

@@ -23,7 +23,7 @@ def settle_levels(world: Constants, path: Path, state: State, phase: int) -> Non
     for k in range(len(state.loose)):
         user = state.users[state.loose[k]]
         if user.holder < 0 and user.covered > 0:
-            attach(world, state, state.drones[strongest(world, path, state, user)], user, phase)
+            attach(world, state, state.senders[strongest(world, path, state, user)], user, phase)
     for k in range(len(state.unsettled)):
         user = state.users[state.unsettled[k]]
         await_better(world, path, state, user, phase)
@@ -35,7 +35,7 @@ def settle_levels(world: Constants, path: Path, state: State, phase: int) -> Non
 def strongest(world: Constants, path: Path, state: State, user: User) -> int:
     """Return the covering drone with the highest level now (ties: the lowest index), or -1."""
     best = -1
-    for d in range(len(state.drones)):
+    for d in range(len(state.senders)):
         if user.covering[d] >= 0 and (
             best < 0 or passes_us(world, path, state, user, best, d, 0) > state.now_us
         ):
@@ -61,7 +61,7 @@ def await_better(world: Constants, path: Path, state: State, user: User, phase: 
 
     What is due at this very instant happens immediately, and is logged under ``phase``.
     """
-    for _ in range(2 * len(state.drones)):
+    for _ in range(2 * len(state.senders)):
         next_us = _foresee(world, path, state, user)
         if next_us != state.now_us:
             break
@@ -78,7 +78,7 @@ def _foresee(world: Constants, path: Path, state: State, user: User) -> int:
     """Write which rival becomes better, ceases to be or takes over next, and when; return this."""
     undo(state, association_slot(state, user.index))
     user.turns_us, user.rival = words.NEVER, -1
-    for d in range(len(state.drones)):
+    for d in range(len(state.senders)):
         if user.covering[d] < 0 or user.holder < 0 or d == user.holder:
             user.better_since[d] = -1
             continue
@@ -105,5 +105,5 @@ def turn(world: Constants, state: State, user: User, phase: int) -> None:
     elif lasts and state.now_us < since_us + world.trigger_us:
         user.better_since[rival] = -1
     else:
-        detach(state, state.drones[user.holder], user, phase)
-        attach(world, state, state.drones[rival], user, phase)
+        detach(state, state.senders[user.holder], user, phase)
+        attach(world, state, state.senders[rival], user, phase)

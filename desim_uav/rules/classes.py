@@ -43,8 +43,8 @@ def foresee(
 def retune(world: Constants, path: Path, state: State, phase: int) -> None:
     """Foresee the classes of all drones anew, because others interfere with them than before."""
     state.retunes = 0
-    for d in range(len(state.drones)):
-        drone = state.drones[d]
+    for d in range(len(state.senders)):
+        drone = state.senders[d]
         if drone.serving:
             foresee(world, path, state, drone, state.known_until_us - state.now_us, phase)
 

@@ -69,5 +69,5 @@ def leave_all(state: State, phase: int) -> None:
         user, d = state.users[u], 0
         while user.covered > 0:
             if user.covering[d] >= 0:
-                leave(state, state.drones[d], user, phase)
+                leave(state, state.senders[d], user, phase)
             d += 1

@@ -56,37 +56,38 @@ def ask_slot(state: State, user: int) -> int:
 
 @rule
 def crossing_slot(state: State, drone: int) -> int:
-    """Return the slot for the next user who enters or leaves a drone's footprint."""
+    """Return the slot for the next user who enters or leaves the footprint of a sender."""
     return 2 * len(state.users) + drone
 
 
 @rule
 def arrival_slot(state: State, drone: int) -> int:
     """Return the slot for the end of a drone's transit, hop or charge."""
-    return 2 * len(state.users) + len(state.drones) + drone
+    return 2 * len(state.users) + len(state.senders) + drone
 
 
 @rule
 def depletion_slot(state: State, drone: int) -> int:
     """Return the slot for the depletion of a drone's battery."""
-    return 2 * len(state.users) + 2 * len(state.drones) + drone
+    return 2 * len(state.users) + len(state.senders) + len(state.drones) + drone
 
 
 @rule
 def settle_slot(state: State) -> int:
     """Return the slot for attachment and admission, which all drones share."""
-    return 2 * len(state.users) + 3 * len(state.drones)
+    return 2 * len(state.users) + len(state.senders) + 2 * len(state.drones)
 
 
 @rule
 def association_slot(state: State, user: int) -> int:
     """Return the slot for the next drone that a user receives better, or no longer so."""
-    return 2 * len(state.users) + 3 * len(state.drones) + 1 + user
+    return settle_slot(state) + 1 + user
 
 
-def slots(users: int, drones: int, by_level: bool) -> int:
-    """Return the number of slots in a world with so many users and drones.
+def slots(state: Any) -> int:
+    """Return the number of slots for a state.
 
     Only if users are associated ``by_level`` there are those of ``association_slot``.
     """
-    return (3 if by_level else 2) * users + 3 * drones + 1
+    asking = (3 if state.by_level else 2) * len(state.users)
+    return asking + len(state.senders) + 2 * len(state.drones) + 1

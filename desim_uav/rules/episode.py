@@ -32,14 +32,15 @@ def start_afresh(world: Constants, state: State) -> None:
 @rule
 def begin(world: Constants, path: Path, state: State) -> None:
     """Begin an episode at time 0 with the drones in their present state, and the users anew."""
-    for d in range(len(state.drones)):
-        _forget_episode(world, state, state.drones[d])
+    for d in range(len(state.senders)):
+        _forget_episode(world, state, state.senders[d])
     _forget(state)
     look_anew(world, path, state)
     for d in range(len(state.drones)):
         if state.drones[d].mode == words.FLYING:
             track(world, path, state, state.drones[d], 0, words.ENTRY)
         orient(world, path, state, state.drones[d], 0)
+    _serve_from_points(world, path, state, 0, words.ENTRY)
     settle_after(world, path, state, words.ENTRY)
     for u in range(len(state.users)):
         foresee_asking(world, path, state, state.users[u])
@@ -54,7 +55,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     """Reset what belongs to an episode in a drone's row, but keep its leg, mode and battery."""
     drone.since_us -= state.now_us
     drone.respawns = drone.waits = drone.serving = drone.scan = 0
-    drone.free_hz = world.bandwidth_hz
+    drone.free_hz = world.radios[drone.radio].bandwidth_hz
     drone.used_hz = drone.attached_users = 0
     drone.waiting.clear()
     drone.sharing.clear()
@@ -86,7 +87,7 @@ def _forget(state: State) -> None:
         user.holder = user.request.number = user.request.server = -1
         user.left = user.left_us = user.came_from = user.outage_since_us = -1
         user.covered, user.share, user.unsettled = 0, 0.0, 0
-        for d in range(len(state.drones)):
+        for d in range(len(state.senders)):
             user.covering[d] = -1
             user.classes[d] = 0
             user.better_since[d] = -1
@@ -111,6 +112,15 @@ def _go_on(world: Constants, path: Path, state: State, drone: Drone) -> None:
 
 
 @rule
+def _serve_from_points(
+    world: Constants, path: Path, state: State, span_us: int, phase: int
+) -> None:
+    """Let the access points serve users in the next ``span_us``."""
+    for d in range(len(state.drones), len(state.senders)):
+        track(world, path, state, state.senders[d], span_us, phase)
+
+
+@rule
 def show_first(world: Constants, path: Path, state: State) -> None:
     """Prepare the snapshot of the first decision epoch: observations and masks."""
     observe(world, state)
@@ -120,8 +130,11 @@ def show_first(world: Constants, path: Path, state: State) -> None:
 
 
 @rule
-def hear(world: Constants, state: State) -> None:
-    """Turn the commands of all drones (an action's index, or -1 if it is none) into actions."""
+def hear(world: Constants, path: Path, state: State) -> None:
+    """Turn the commands of all drones (an action's index, or -1 if it is none) into actions.
+
+    Access points serve on, for another step.
+    """
     state.known_until_us = state.now_us + world.step_us
     for d in range(len(state.drones)):
         drone = state.drones[d]
@@ -129,12 +142,13 @@ def hear(world: Constants, state: State) -> None:
         drone.taken = taken(world, state, drone)
         if drone.waits:
             note_drone(state, words.COMMAND, words.ON_DECIDE, drone)
+    _serve_from_points(world, path, state, world.step_us, words.COVERAGE)
 
 
 @rule
 def command(world: Constants, path: Path, state: State) -> None:
     """Let the drones that can be commanded act in turn; then attach users and admit requests."""
-    hear(world, state)
+    hear(world, path, state)
     for d in range(len(state.drones)):
         if state.drones[d].waits:
             obey(world, path, state, state.drones[d])
@@ -174,11 +188,13 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
         state.users[u].doing = doing(state.users[u])
     close_all(world, path, state)
     leave_all(state, words.RECORD)
+    for d in range(len(state.senders)):
+        sender = state.senders[d]
+        sender.serving = 0
+        sender.waiting.clear()
+        sender.sharing.clear()
     for d in range(len(state.drones)):
         drone = state.drones[d]
-        drone.serving = 0
-        drone.waiting.clear()
-        drone.sharing.clear()
         count_distance(world, state, drone)
         if drone.mode == words.QUEUED:
             count_queueing(state, drone)

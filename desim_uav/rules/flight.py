@@ -46,19 +46,37 @@ def flown_m(world: Constants, state: State, drone: Drone) -> float:
 
 
 @rule
+def way_of(world: Constants, drone: Drone) -> tuple[float, float, float, float]:
+    """Return the start and the end of a drone's leg: x0, y0, x1 and y1, in metres."""
+    if drone.point >= 0:
+        point = world.points[drone.point]
+        return point.x_m, point.y_m, point.x_m, point.y_m
+    return (
+        (drone.x + 0.5) * world.cell_x_m,
+        (drone.y + 0.5) * world.cell_y_m,
+        (drone.to_x + 0.5) * world.cell_x_m,
+        (drone.to_y + 0.5) * world.cell_y_m,
+    )
+
+
+@rule
+def heights_of(world: Constants, drone: Drone) -> tuple[float, float]:
+    """Return the heights at the start and at the end of a drone's leg, in metres."""
+    if drone.point >= 0:
+        return world.points[drone.point].z_m, world.points[drone.point].z_m
+    return world.levels_m[drone.level], world.levels_m[drone.to_level]
+
+
+@rule
 def position(world: Constants, state: State, drone: Drone) -> tuple[float, float, float]:
     """Return the true position of a drone now: x, y and z in metres."""
     if drone.fallen:
         return drone.fallen_x_m, drone.fallen_y_m, 0.0
-    x0 = (drone.x + 0.5) * world.cell_x_m
-    y0 = (drone.y + 0.5) * world.cell_y_m
-    z0 = world.levels_m[drone.level]
+    x0, y0, x1, y1 = way_of(world, drone)
+    z0, z1 = heights_of(world, drone)
     if drone.transit == words.REST:
         return x0, y0, z0
     share = flown_m(world, state, drone) / world.transits[drone.transit].distance_m
-    x1 = (drone.to_x + 0.5) * world.cell_x_m
-    y1 = (drone.to_y + 0.5) * world.cell_y_m
-    z1 = world.levels_m[drone.to_level]
     return x0 + share * (x1 - x0), y0 + share * (y1 - y0), z0 + share * (z1 - z0)
 
 

@@ -42,7 +42,7 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
     open_request(world, path, state, user, number)
     note(state, words.REQUEST, words.ON_REQUEST, -1, user.index, user.request.number, -1)
     if user.holder >= 0:
-        drone = state.drones[user.holder]
+        drone = state.senders[user.holder]
         wait(world, state, drone, user)
         settle_after(world, path, state, words.REQUEST)
 
@@ -50,7 +50,7 @@ def on_request(world: Constants, path: Path, state: State, user: User) -> None:
 @rule
 def on_completion(world: Constants, path: Path, state: State, user: User) -> None:
     """Complete a user's request, for which all that it required has been done."""
-    drone = state.drones[user.request.server]
+    drone = state.senders[user.request.server]
     stop(state, user, words.COMPLETION)
     if user.request.elastic:
         drone.sharing.remove(user.index)
@@ -96,8 +96,8 @@ def measures(world: Constants, state: State) -> tuple[float, float, float]:
                 qoe1 += served_share(min(done, request.required), request.required)
             else:
                 qoe1 += user.share
-    for d in range(len(state.drones)):
-        attached += state.drones[d].attached_users
+    for d in range(len(state.senders)):
+        attached += state.senders[d].attached_users
     open_us = state.open_us + open_now * now_us
     served_us = state.served_us + state.in_service * now_us
     attached_us = state.attached_us + attached * now_us - state.attached_from_us

@@ -37,7 +37,7 @@ class Coverage(RowReward):
         """Write the one term of the reward, which stays 0 for a drone on the ground."""
         observation = state.observations[drone.index]
         if is_in_the_air(observation):
-            drone.terms[0] = fair_share(state, observation, self.capped)
+            drone.terms[0] = fair_share(world, state, observation, self.capped)
 
 
 @register("reward", "coverage_battery")
@@ -66,7 +66,7 @@ class CoverageBattery(RowReward):
             service, cost, way_home = battery_weights(
                 world, drone, observation, self.low_battery, self.capped
             )
-            drone.terms[0] = service * fair_share(state, observation, self.capped)
+            drone.terms[0] = service * fair_share(world, state, observation, self.capped)
             drone.terms[1] = self.cost_sign * cost * way_home
 
 
@@ -109,7 +109,7 @@ class MultiService(RowReward):
             service, cost, way_home = battery_weights(
                 world, drone, observation, self.low_battery, self.capped
             )
-            terms[0] = service * self.users * fair_share(state, observation, self.capped)
+            terms[0] = service * self.users * fair_share(world, state, observation, self.capped)
             first = 2 * services * drone.index + (0 if self.served_only else services)
             for k in range(services):
                 counted, asked = state.counts[first + k], state.asked[k]
@@ -127,12 +127,14 @@ def is_in_the_air(observation: Observation) -> bool:
 
 
 @rule
-def fair_share(state: State, observation: Observation, capped: bool) -> float:
+def fair_share(world: Constants, state: State, observation: Observation, capped: bool) -> float:
     """Return r_u: the drone's users divided by the mean number of users per drone.
+
+    Access points that count in rewards are drones here.
 
     If it is ``capped``, it is at most 1.
     """
-    share = observation.attached_users * len(state.drones) / len(state.users)
+    share = observation.attached_users * world.sharers / len(state.users)
     return 1.0 if capped and share > 1.0 else share
 
 

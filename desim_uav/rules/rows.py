@@ -92,20 +92,58 @@ class Change(Row):
 
 
 @row
+class Radio(Row):
+    """A radio: that of all drones (number 0), or of access point k (number k + 1).
+
+    ``bandwidth_hz`` is -1 if it is unlimited. ``efficiencies`` has the millionths of a bit/s that a
+    link of each class carries per hertz, class 0 (none) first. ``rings`` has the radii of all
+    classes from 1 on, by level and then by the ``groups`` into which users fall by their heights;
+    an access point has one level. If it is ``flat``, the radii are the same on all levels.
+    The fields from ``divide`` on are functions, or in compiled code their addresses;
+    ``sharing_values`` and ``loss_values`` are the addresses of the components' fields.
+    """
+
+    bandwidth_hz: int
+    classes: int
+    levels: int
+    flat: int
+    efficiencies: Table[int]
+    rings: Table[float]
+    carrier_ghz: float
+    power_dbm: float
+    noise_dbm: float
+    sharing_values: int
+    loss_values: int
+    divide: int
+    level: int
+    rates: int
+
+
+@row
+class Point(Row):
+    """The position of the antenna of a ground access point, in metres."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+
+
+@row
 class Constants(Row):
     """The constants of a run: those of its world and its settings.
 
     A place (level, x, y) has the number ``(level * nx + x) * ny + y``. ``blocked`` has an entry per
     place, ``plans`` one per place without the drones' ceiling and then one per place below it, and
     ``station_at`` one per cell. ``transits`` holds the hover, the moves, and then, from number
-    ``first_hop``, the hops along x, along y and between levels. ``bandwidth_hz`` is -1 if it is
-    unlimited. ``efficiencies`` has the millionths of a bit/s that a link of each class carries per
-    hertz, class 0 (none) first. ``rings`` has the radii of all classes from 1 on, by level and then
-    by the ``groups`` into which users fall by their heights. By service, ``in_bits`` says that
-    requests ask for a volume instead of a time, and ``elastic`` that they share what bandwidth is
-    left. Drones of the same index modulo ``reuse`` interfere (0: none do). What
-    ``model.radio.air`` knows of the radio is from ``carrier_ghz`` to ``profiles_at``: ``heights_m``
-    are those of users, and ``profiles`` those of all transits. For ``trigger_us`` and ``margin_db``
+    ``first_hop``, the hops along x, along y and between levels. ``bandwidth_hz`` is that of a
+    drone, -1 if it is unlimited. ``radios`` are those of drones and access points, and ``points``
+    the access points. Rewards divide users among ``sharers``: the drones, and the access points
+    that count. ``groups`` are those of the users by height (see ``Radio``). By service, ``in_bits``
+    says that requests ask for a volume instead of a time, and ``elastic`` that they share what
+    bandwidth is left. Senders of the same index modulo ``reuse`` interfere (0: none do). What
+    ``model.radio.air`` needs to know is from ``thresholds_db`` to ``profiles_at``: the thresholds
+    of all radios, of which radio r has those from ``thresholds_at[r]`` on, the heights of users
+    (``heights_m``), and the ``profiles`` of all transits. For ``trigger_us`` and ``margin_db``
     see ``rules.association``. ``known`` holds changes of users who stand still
     (``engine.compiled.standing``). ``features`` is the number of features that a learner observes.
     The fields from ``foresee`` on are functions, or in compiled code their addresses;
@@ -124,7 +162,7 @@ class Constants(Row):
     pads: int
     bandwidth_hz: int
     services: int
-    classes: int
+    sharers: int
     reuse: int
     trigger_us: int
     margin_db: float
@@ -152,13 +190,11 @@ class Constants(Row):
     starts: Table[Cell]
     ceilings: Table[int]
     homes: Table[Place]
-    efficiencies: Table[int]
-    rings: Table[float]
+    radios: Table[Radio]
+    points: Table[Point]
     groups: Table[int]
-    carrier_ghz: float
-    power_dbm: float
-    noise_dbm: float
     thresholds_db: Table[float]
+    thresholds_at: Table[int]
     heights_m: Table[float]
     profiles: Table[float]
     profiles_at: Table[int]
@@ -169,8 +205,6 @@ class Constants(Row):
     observation_values: int
     battery_values: int
     mobility_values: int
-    sharing_values: int
-    loss_values: int
     features: int
     buckets_x: int
     buckets_y: int
@@ -181,10 +215,7 @@ class Constants(Row):
     foresee: int
     foresee_rings: int
     scan: int
-    divide: int
     passes_us: int
-    level: int
-    rates: int
     pay: int
     describe: int
     drained_us: int
@@ -232,6 +263,9 @@ class Path(Row):
 class Drone(Row):
     """A drone on a leg from (x, y, level) to (to_x, to_y, to_level) since ``since_us``.
 
+    An access point is a drone that never leaves its place, ``Constants.points[point]``, and that
+    serves without end; ``point`` is -1 for all others. ``radio`` is the number of its radio.
+
     ``battery_us`` and ``mode`` are those at ``since_us``; ``counted_m`` of its leg are counted.
     ``hopping`` says that it is on a hop of a return, whose next hops are ``route`` to
     ``route_end`` - 1, ``waits`` that it can be commanded, ``serving`` that it has a footprint, and
@@ -246,6 +280,8 @@ class Drone(Row):
     """
 
     index: int
+    point: int
+    radio: int
     mode: int
     x: int
     y: int
@@ -359,9 +395,9 @@ class Request(Row):
 
 @row
 class User(Row):
-    """A user, attached to drone ``holder`` since ``held_since_us``.
+    """A user, attached to sender ``holder`` (see ``State.senders``) since ``held_since_us``.
 
-    ``classes`` holds the classes of its links to the drones; ``covering`` holds the times at which
+    ``classes`` holds the classes of its links to the senders; ``covering`` holds the times at which
     it entered their footprints, where the class is at least 1, and ``covered`` is the number of
     those that it is in. ``share`` is the served share of its open request when service
     last stopped; ``doing`` is its ``UserState`` at the end of the episode. It was attached to drone
@@ -454,7 +490,6 @@ class AirTables(Row):
     senders: Table[int]
     losses: Table[int]
     radios: Table[float]
-    thresholds_at: Table[int]
     marks: Table[float]
     marks_at: Table[int]
     tracks: Table[float]
@@ -488,6 +523,7 @@ class Look(Row):
 class State(Row):
     """The state of an episode.
 
+    ``senders`` are the drones and, after them, the access points; ``drones`` are the former alone.
     ``open_us`` and ``served_us`` sum the ends of open and of served intervals of requests, less
     their starts; intervals under way add their number times now. ``attached_us`` sums the
     attachments that have ended, and ``attached_from_us`` the starts of the others;
@@ -531,6 +567,7 @@ class State(Row):
     outages: int
     outage_us: int
     faults: int
+    senders: Table[Drone]
     drones: Table[Drone]
     users: Table[User]
     stations: Table[Station]

@@ -62,14 +62,26 @@ def scan_if_used(state: State, drone: Drone) -> None:
 @rule
 def needed_hz(world: Constants, drone: Drone, user: User, bps: int) -> int:
     """Return the bandwidth in Hz that a rate needs in the class of a user's link, rounded up."""
-    efficiency = world.efficiencies[user.classes[drone.index]]
+    efficiency = efficiency_of(world, drone, user)
     return (bps * MILLION + efficiency - 1) // efficiency
 
 
 @rule
 def rate_bps(world: Constants, drone: Drone, user: User, bandwidth_hz: int) -> int:
     """Return the rate of a user's link over a bandwidth, in whole bit/s, rounded down."""
-    return bandwidth_hz * world.efficiencies[user.classes[drone.index]] // MILLION
+    return bandwidth_hz * efficiency_of(world, drone, user) // MILLION
+
+
+@rule
+def efficiency_of(world: Constants, drone: Drone, user: User) -> int:
+    """Return how many millionths of a bit/s a user's link to a drone carries per hertz."""
+    return world.radios[drone.radio].efficiencies[user.classes[drone.index]]
+
+
+@rule
+def fits(world: Constants, drone: Drone, bandwidth_hz: int) -> bool:
+    """Return whether a drone has so much bandwidth left; it always has if this is unlimited."""
+    return bandwidth_hz <= drone.free_hz or world.radios[drone.radio].bandwidth_hz < 0
 
 
 @rule
@@ -90,7 +102,7 @@ def give_share(
 
     ``bandwidth_hz`` is the part of the drone's bandwidth that it occupies.
     """
-    request, drone = user.request, state.drones[user.holder]
+    request, drone = user.request, state.senders[user.holder]
     if request.server < 0:
         if bps > 0:
             request.used_hz, request.rate = bandwidth_hz, bps
@@ -146,7 +158,7 @@ def count_service(state: State, request: Request) -> None:
 def stop(state: State, user: User, phase: int) -> None:
     """Stop serving a user's request. A service of 0 µs is no interruption and no handover."""
     request, now_us = user.request, state.now_us
-    drone = state.drones[request.server]
+    drone = state.senders[request.server]
     count_service(state, request)
     request.server = -1
     undo(state, completion_slot(state, user.index))
@@ -280,7 +292,7 @@ def count_asking(state: State, user: User, by: int) -> None:
     service, left, d = user.request.service, user.covered, 0
     while left > 0:
         if user.covering[d] >= 0:
-            state.drones[d].asking[service] += by
+            state.senders[d].asking[service] += by
             left -= 1
         d += 1
 

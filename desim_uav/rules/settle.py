@@ -46,17 +46,18 @@ def settle(world: Constants, path: Path, state: State, attachment: int, admissio
         if user.holder < 0:
             first = entered_first(user)
             if first >= 0:
-                attach(world, state, state.drones[first], user, attachment)
+                attach(world, state, state.senders[first], user, attachment)
     loose.clear()
     d = 0
     while state.to_scan > 0:
-        drone = state.drones[d]
+        drone = state.senders[d]
         if drone.scan:
             drone.scan = 0
             state.to_scan -= 1
             call(world.scan, (world, path, state, drone, admission))
             if len(drone.sharing) > 0:
-                call(world.divide, (world, state, drone, admission))
+                divide = world.radios[drone.radio].divide
+                call(divide, (world, state, drone, admission))
         d += 1
 
 

@@ -8,7 +8,7 @@ from desim_uav.model.kernels import rule
 from desim_uav.model.sharing import RowSharing
 from desim_uav.registry import register
 from desim_uav.rules.rows import Constants, Drone, State
-from desim_uav.rules.service import MILLION, give_share, needed_hz, rate_bps
+from desim_uav.rules.service import MILLION, efficiency_of, give_share, needed_hz, rate_bps
 
 
 @register("sharing", "held")
@@ -46,7 +46,7 @@ class ProportionalFair(RowSharing):
         count = len(drone.sharing)
         for k in range(count):
             user = state.users[drone.sharing[k]]
-            efficiency = world.efficiencies[user.classes[drone.index]]
+            efficiency = efficiency_of(world, drone, user)
             rate = drone.free_hz * efficiency // (MILLION * count)
             give_share(world, state, user, drone.free_hz // count, rate, phase)
 
@@ -61,7 +61,7 @@ class MaxMin(RowSharing):
         hz_per_bps = 0.0
         for k in range(len(drone.sharing)):
             user = state.users[drone.sharing[k]]
-            hz_per_bps += MILLION / world.efficiencies[user.classes[drone.index]]
+            hz_per_bps += MILLION / efficiency_of(world, drone, user)
         rate = int(drone.free_hz / hz_per_bps) + 1
         while occupied_hz(world, state, drone, rate) > drone.free_hz:
             rate -= 1

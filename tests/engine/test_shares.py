@@ -46,17 +46,17 @@ def divided(sharing: str, seed: int) -> tuple[int, list[int], list[tuple[int, in
     """A band, the efficiencies of some users, and the (rate, bandwidth) that each of them gets."""
     simulation, rng = busy(sharing), np.random.default_rng([12, seed])
     world, state = simulation.constants, simulation.state
-    drone = state.drones[0]
+    drone, radio = state.drones[0], world.radios[0]
     users: list[Any] = sorted(rng.choice(USERS, size=rng.integers(1, USERS + 1), replace=False))
     band_hz = int(rng.integers(0, 10 ** int(rng.integers(1, 10))))
     drone.free_hz = band_hz
     drone.sharing.clear()
     for place, user in enumerate(users):
         drone.sharing.insert(place, int(user))
-        state.users[user].classes[0] = int(rng.integers(1, world.classes + 1))
-    simulation.world.sharing.divide(world, state, drone, ADMISSION)
+        state.users[user].classes[0] = int(rng.integers(1, radio.classes + 1))
+    simulation.world.links[0].radio.sharing.divide(world, state, drone, ADMISSION)
     requests = [state.users[user].request for user in users]
-    efficiencies = [world.efficiencies[state.users[user].classes[0]] for user in users]
+    efficiencies = [radio.efficiencies[state.users[user].classes[0]] for user in users]
     shares = [(r.rate, r.used_hz) if r.server == 0 else (0, 0) for r in requests]
     return band_hz, efficiencies, shares
 

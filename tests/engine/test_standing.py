@@ -28,7 +28,7 @@ def test_every_leg_is_as_the_simpy_engine_finds_it(case: str):
     world = world_of(case)
     known, array_of_rows = standing.tabulate(world)
     grid, (nx, ny) = world.grid, world.grid.cells
-    finder = Changes(world.rings, world.reach_m, world.area)
+    finder = Changes(world, world.links[0])
     finder.begin(world.walks(0, 0))
     legs = 0
     for x, y in np.ndindex(nx, ny):

@@ -29,7 +29,7 @@ from desim_uav.model.sharing import RowSharing
 from desim_uav.model.walking import WALK, RowMobility
 from desim_uav.rules.rewards import add_up, clear_terms
 from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow
-from desim_uav.world import World
+from desim_uav.world import Links, World
 
 
 def _pay(cls: Any, values_at: Any) -> Any:
@@ -93,7 +93,8 @@ def _divide(cls: Any, values_at: Any) -> Any:
     method = ruled(cls.divide)
 
     def divide(world: Any, state: Any, drone: Any, phase: int) -> None:
-        method(values_at(world.sharing_values), world, state, drone, phase)
+        own = values_at(world.radios[drone.radio].sharing_values)
+        method(own, world, state, drone, phase)
 
     return divide
 
@@ -101,14 +102,15 @@ def _divide(cls: Any, values_at: Any) -> Any:
 class Slot(NamedTuple):
     """A kind of component: its key in a scenario, the base of its classes, and its functions.
 
-    ``chosen`` returns the component of a world. The addresses of its functions are stored in the
-    fields of Constants that have their names, and the address of its values in the field
-    ``values``. If ``required``, the compiled engine cannot run a component that is not compiled.
+    ``chosen`` returns the component of a world, or of the links of a radio. The addresses of its
+    functions are stored in the fields of the row (Constants or Radio) that have their names, and
+    the address of its values in the field ``values``. If ``required``, the compiled engine cannot
+    run a component that is not compiled.
     """
 
     key: str
     base: type
-    chosen: Callable[[World], Any]
+    chosen: Callable[[Any], Any]
     values: str
     functions: tuple[Function, ...]
     required: bool = True
@@ -131,20 +133,6 @@ SLOTS = (
             Function("drained_us", _drained_us, (Constants, TransitRow, int)),
             Function("lasts_us", _lasts_us, (Constants, TransitRow, int)),
         ),
-    ),
-    Slot(
-        "drones.radio.sharing",
-        RowSharing,
-        lambda world: world.sharing if world.sharing.elastic else None,
-        "sharing_values",
-        (Function("divide", _divide, (Constants, State, Drone, int)),),
-    ),
-    Slot(
-        "drones.radio.path_loss",
-        RowPathLoss,
-        lambda world: world.path_loss if world.in_air else None,
-        "loss_values",
-        (LEVEL, BOUNDS),
     ),
     Slot(
         "reward",
@@ -172,6 +160,25 @@ SLOTS = (
 )
 
 
+RADIO_SLOTS = (
+    Slot(
+        "sharing",
+        RowSharing,
+        lambda links: links.radio.sharing if links.radio.sharing.elastic else None,
+        "sharing_values",
+        (Function("divide", _divide, (Constants, State, Drone, int)),),
+    ),
+    Slot(
+        "path_loss",
+        RowPathLoss,
+        lambda links: links.radio.path_loss if links.in_air else None,
+        "loss_values",
+        (LEVEL, BOUNDS),
+    ),
+)
+"""The components of a radio; the key of each follows that of the radio."""
+
+
 def why_not_compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> str:
     """Return why a component is not compiled, or an empty text if it is, or need not be."""
     if not works_on_rows(component, slot.base):
@@ -183,16 +190,16 @@ def why_not_compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> s
     return ""
 
 
-def components_of(world: World) -> dict[str, Any]:
-    """Return the components of a world that are over rows, by the keys of their slots."""
-    chosen = {slot.key: slot.chosen(world) for slot in SLOTS}
+def components_of(slots: tuple[Slot, ...], chooser: World | Links) -> dict[str, Any]:
+    """Return the components that are over rows, of a world or of links, by their slots' keys."""
+    chosen = {slot.key: slot.chosen(chooser) for slot in slots}
     return {
-        slot.key: chosen[slot.key] for slot in SLOTS if works_on_rows(chosen[slot.key], slot.base)
+        slot.key: chosen[slot.key] for slot in slots if works_on_rows(chosen[slot.key], slot.base)
     }
 
 
-def point_at(constants: View, slot: Slot, component: Compiled) -> None:
-    """Write the addresses of a component's functions and values into the constants."""
+def point_at(row: View, slot: Slot, component: Compiled) -> None:
+    """Write the addresses of a component's functions and values into a row of the constants."""
     for name, address in component.functions.items():
-        setattr(constants, name, address)
-    setattr(constants, slot.values, component.values.ctypes.data)
+        setattr(row, name, address)
+    setattr(row, slot.values, component.values.ctypes.data)

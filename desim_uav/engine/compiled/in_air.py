@@ -9,11 +9,17 @@ from desim_uav.engine.compiled.looking import CHANGE_COLUMNS, know_walks, sort_l
 from desim_uav.model.compiled_rows import as_array, call, set_word
 from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.radio.air import class_changes_in_air, pair_changes
-from desim_uav.model.radio.scene import PLACE_COLUMNS, SENDER_COLUMNS, Air
+from desim_uav.model.radio.scene import (
+    LOSS_COLUMNS,
+    PLACE_COLUMNS,
+    RADIO_COLUMNS,
+    SENDER_COLUMNS,
+    Air,
+)
 from desim_uav.model.radio.search import LINK_COLUMNS, LINK_WORDS
 from desim_uav.model.radio.tracks import TRACK_COLUMNS
 from desim_uav.model.walking import LEG_COLUMNS
-from desim_uav.rules.air import note_classes, place_drones
+from desim_uav.rules.air import keeps_rings, note_classes, place_drones
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.words import LOST, NEVER
 
@@ -26,7 +32,7 @@ def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, spa
 
     Where the drone keeps its altitude and nothing interferes, they are those of rings.
     """
-    if world.reuse == 0 and drone.level == drone.to_level:
+    if keeps_rings(world, drone):
         call(world.foresee_rings, (world, path, state, drone, span_us))
         return
     start_us, end_us, ahead = state.now_us, state.now_us + span_us, drone.ahead
@@ -73,26 +79,26 @@ def _knows_walks(world: Constants, path: Path, state: State, end_us: int) -> boo
 def _air_of(world: Constants, path: Path, state: State) -> Any:
     """Return what kernels know of drones and users."""
     place_drones(world, state)
-    own, drones, users = state.look.air, len(state.drones), len(state.users)
+    own, senders, users = state.look.air, len(state.senders), len(state.users)
     rows, begins = path.legs, path.legs_at
     if path.stepwise:
         rows, begins = state.look.walking.legs, state.look.walking.legs_at
     return Air(
-        as_array(own.ways, (drones, PLACE_COLUMNS)),
-        as_array(own.senders, (drones, SENDER_COLUMNS)),
+        as_array(own.ways, (senders, PLACE_COLUMNS)),
+        as_array(own.senders, (senders, SENDER_COLUMNS)),
         as_array(world.profiles, (len(world.profiles) // PIECE_COLUMNS, PIECE_COLUMNS)),
         as_array(world.profiles_at, (len(world.profiles_at),)),
-        as_array(own.losses, (1, 3)),
-        as_array(own.radios, (1, 2)),
-        as_array(world.thresholds_db, (world.classes,)),
-        as_array(own.thresholds_at, (2,)),
+        as_array(own.losses, (len(world.radios), LOSS_COLUMNS)),
+        as_array(own.radios, (len(world.radios), RADIO_COLUMNS)),
+        as_array(world.thresholds_db, (len(world.thresholds_db),)),
+        as_array(world.thresholds_at, (len(world.thresholds_at),)),
         as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS)),
         as_array(begins, (users + 1,)),
         as_array(world.heights_m, (users,)),
         as_array(own.marks, (len(own.marks) // MARK_COLUMNS, MARK_COLUMNS)),
         as_array(own.marks_at, (len(own.marks_at),)),
         as_array(own.tracks, (len(own.tracks) // TRACK_COLUMNS, TRACK_COLUMNS)),
-        as_array(own.table, (drones, LINK_COLUMNS)),
-        as_array(own.link_words, (drones, LINK_WORDS)),
+        as_array(own.table, (senders, LINK_COLUMNS)),
+        as_array(own.link_words, (senders, LINK_WORDS)),
         as_array(own.bound_db, (1,)),
     )

@@ -19,6 +19,7 @@ from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.model.radio.nested import CHANGE, class_changes
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import coverage as seam
+from desim_uav.rules.flight import way_of
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.words import LOST
 
@@ -94,16 +95,12 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
         if in_buckets:
             look.far_m = sort_into_buckets(users.seen, buckets)
     pieces, ahead = world.transits[drone.transit].pieces, drone.ahead
-    groups = len(world.rings) // (world.levels * world.classes)
-    rings = as_array(world.rings, (world.levels, groups, world.classes))[drone.level]
+    radio = world.radios[drone.radio]
+    groups = len(radio.rings) // (radio.levels * radio.classes)
+    rings = as_array(radio.rings, (radio.levels, groups, radio.classes))[drone.level]
     leg = DroneLeg(
         as_array(pieces, (len(pieces), PIECE_COLUMNS)),
-        (
-            (drone.x + 0.5) * world.cell_x_m,
-            (drone.y + 0.5) * world.cell_y_m,
-            (drone.to_x + 0.5) * world.cell_x_m,
-            (drone.to_y + 0.5) * world.cell_y_m,
-        ),
+        way_of(world, drone),
         (start_us, end_us),
         rings[0, 0],
         drone.serving == 0,

@@ -77,20 +77,20 @@ def _overrun(state: State) -> int:
         | state.closed.overrun
         | state.handovers.overrun
     )
-    for d in range(len(state.drones)):
-        overrun |= state.drones[d].ahead.overrun
+    for d in range(len(state.senders)):
+        overrun |= state.senders[d].ahead.overrun
     return overrun
 
 
 @rule
 def _run_before(world: Constants, path: Path, state: State, end_us: int, end_key: int) -> None:
     """Run all events before time ``end_us``, and those of that instant with smaller keys."""
-    users, drones = len(state.users), len(state.drones)
+    users, drones, senders = len(state.users), len(state.drones), len(state.senders)
     while is_before(state, next_slot(state), end_us, end_key):
         slot = next_slot(state)
         state.now_us = state.slot_times[slot]
-        if 2 * users <= slot < 2 * users + drones:
-            on_crossing(world, path, state, state.drones[slot - 2 * users])
+        if 2 * users <= slot < 2 * users + senders:
+            on_crossing(world, path, state, state.senders[slot - 2 * users])
             continue  # its slot already holds the next crossing
         undo(state, slot)
         if slot < users:
@@ -98,7 +98,7 @@ def _run_before(world: Constants, path: Path, state: State, end_us: int, end_key
         elif slot < 2 * users:
             on_request(world, path, state, state.users[slot - users])
         else:
-            slot -= 2 * users + drones
+            slot -= 2 * users + senders
             if slot < drones:
                 on_arrival(world, path, state, state.drones[slot])
             elif slot < 2 * drones:

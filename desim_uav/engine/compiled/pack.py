@@ -13,14 +13,20 @@ from desim_uav.copies import Unchanging, owned
 from desim_uav.engine.air import set_air, set_memory
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
-from desim_uav.engine.compiled.components import SLOTS, components_of, point_at, why_not_compiled
+from desim_uav.engine.compiled.components import (
+    RADIO_SLOTS,
+    SLOTS,
+    components_of,
+    point_at,
+    why_not_compiled,
+)
 from desim_uav.engine.compiled.standing import tabulate
 from desim_uav.engine.constants import constants_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
 from desim_uav.model.components import compiled
 from desim_uav.model.coverage import SEEN_ROWS, bucket_grid
-from desim_uav.model.rows import View, Words, blank, held_by, packed
+from desim_uav.model.rows import Table, View, Words, blank, held_by, packed
 from desim_uav.model.rules import US
 from desim_uav.model.walking import LEG_COLUMNS, walking_of
 from desim_uav.rules.due import slots
@@ -33,10 +39,14 @@ Array = np.ndarray[Any, Any]
 def lacking(world: World) -> list[str]:
     """Return the reasons why the compiled engine cannot run a world, which are none if it can."""
     lacks = []
-    for slot in SLOTS:
-        component = slot.chosen(world)
+    chosen = [(slot.key, slot, slot.chosen(world)) for slot in SLOTS]
+    for number, links in enumerate(world.links):
+        owner = f"access_points[{number - 1}]" if number else "drones"
+        radio = [(f"{owner}.radio.{slot.key}", slot, slot.chosen(links)) for slot in RADIO_SLOTS]
+        chosen += radio
+    for key, slot, component in chosen:
         if why := why_not_compiled(slot, component, world.services.names):
-            lacks.append(f"{slot.key}: {type(component).__name__!r} is not compiled: {why}")
+            lacks.append(f"{key}: {type(component).__name__!r} is not compiled: {why}")
     return lacks + _too_large(world)
 
 
@@ -53,8 +63,8 @@ def _too_large(world: World) -> list[str]:
         problems.append("users.count, episode: the time of all users together is too long")
     widest = int(world.services.bandwidths_bps.max())
     carried = users * widest
-    if not math.isinf(world.bandwidth_hz):
-        carried = min(carried, scenario.drones.count * int(world.bandwidth_hz))
+    if not math.isinf(world.bandwidth_of_all_hz):
+        carried = min(carried, int(world.bandwidth_of_all_hz))
     if carried > most_us:
         problems.append("services, drones.bandwidth_kbps: the bandwidth in use is too large")
     nx, ny = grid.cells
@@ -71,6 +81,8 @@ class Fixed(Unchanging):
     block: Words
     components: dict[str, Any]
     """The components that are compiled, by the keys of their slots."""
+    radios: tuple[dict[str, Any], ...]
+    """Those of each radio, by the keys of RADIO_SLOTS."""
     services: tuple[str, ...]
     in_air: bool
     at: int = field(init=False, default=0)
@@ -78,14 +90,16 @@ class Fixed(Unchanging):
 
     def __post_init__(self) -> None:
         """Write the addresses, which are valid only in this process."""
-        constants = View(self.block, Constants)
+        constants: Any = View(self.block, Constants)
         set_functions(constants, self.in_air)
         loaded = []
-        for slot in SLOTS:
-            if slot.key in self.components:
-                component = self.components[slot.key]
-                loaded.append(compiled(slot.functions, component, self.services))
-                point_at(constants, slot, loaded[-1])
+        rows = [constants, *constants.radios]
+        for row, components in zip(rows, (self.components, *self.radios), strict=True):
+            for slot in (*SLOTS, *RADIO_SLOTS):
+                if slot.key in components:
+                    component = components[slot.key]
+                    loaded.append(compiled(slot.functions, component, self.services))
+                    point_at(row, slot, loaded[-1])
         object.__setattr__(self, "at", int(self.block.ctypes.data))
         object.__setattr__(self, "_loaded", loaded)  # the constants point at their values
 
@@ -93,6 +107,7 @@ class Fixed(Unchanging):
         """Restore the constants from a pickle, with the addresses of this process."""
         object.__setattr__(self, "block", owned(value["block"]))
         object.__setattr__(self, "components", value["components"])
+        object.__setattr__(self, "radios", value["radios"])
         object.__setattr__(self, "services", value["services"])
         object.__setattr__(self, "in_air", value["in_air"])
         self.__post_init__()
@@ -108,7 +123,9 @@ def pack(world: World, settings: RunSettings) -> Fixed:
     set_air(constants, world)
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
-    return Fixed(packed(constants), components_of(world), world.services.names, world.in_air)
+    components = components_of(SLOTS, world)
+    radios = tuple(components_of(RADIO_SLOTS, links) for links in world.links)
+    return Fixed(packed(constants), components, radios, world.services.names, world.in_air)
 
 
 def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:
@@ -148,9 +165,8 @@ def legs_of_step(world: World) -> int:
 def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int) -> Words:
     """Return a state in memory, with a buffer for this many legs of users in a step (``legs``)."""
     state: Any = state_of(world, settings, buffers, State)
-    drones, users = world.scenario.drones.count, len(world.homes)
+    drones, users, count = len(state.drones), len(state.users), slots(state)
     nx, ny = bucket_grid(*world.area, world.reach_m)
-    count = slots(users, drones, bool(state.by_level))
     state.slot_times, state.slot_keys = _whole(count), _whole(count)
     state.winners = _whole(2 * count)
     look = state.look
@@ -165,7 +181,11 @@ def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int)
         walker = held_by(walking.kinds["walkers"])
         walking.walkers, walking.legs_at = np.zeros((users, walker.words), int), _whole(users + 1)
         walking.legs = np.zeros(LEG_COLUMNS * legs)
-    return packed(state)
+    state.drones = Table()  # which are the first of the senders
+    block = packed(state)
+    senders_at, drones_at = State.places["senders"], State.places["drones"]
+    block[drones_at : drones_at + 2] = block[senders_at], drones
+    return block
 
 
 def _whole(count: int) -> Array:

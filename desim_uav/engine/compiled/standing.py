@@ -36,7 +36,7 @@ def tabulate(world: World) -> tuple[Ints, Ints]:
     nx, ny = world.grid.cells
     pairs = nx * ny * len(COURSES) * len(world.homes)
     walks = world.fixed_walks
-    one_level = len(world.rings[0]) == 1 or not world.graded
+    one_level = len(world.grid.levels_m) == 1 or not world.graded
     if walks is None or walks.legs[:, VX:].any() or pairs > MOST_LOOKS or not one_level:
         return np.empty(0, np.int64), np.empty((0, CHANGE_COLUMNS), np.int64)
     by_course = {
@@ -74,9 +74,9 @@ class _Looks:
             (cell[0] + course[0] + 0.5) * cell_x_m,
             (cell[1] + course[1] + 0.5) * cell_y_m,
         )
-        rings, groups = self.world.rings
+        rings_m = self.world.links[0].rings_m[0]
         leg = DroneLeg(transit.profile, route, (0, self.world.step_us), 0.0, fresh=False)
-        rows = changes_on(leg, self.users, rings[0], groups)
+        rows = changes_on(leg, self.users, rings_m, self.world.groups)
         return rows[np.lexsort((rows[:, USER], rows[:, CHANGE] > 0, rows[:, TIME_US]))[::-1]]
 
 
@@ -96,7 +96,13 @@ def stand(world: Constants, path: Path) -> int:
 
 @rule
 def recall(world: Constants, state: State, drone: Drone) -> None:
-    """Write the crossings of a leg that begins now, from the table, into ``drone.ahead``."""
+    """Write the crossings of a leg that begins now, from the table, into ``drone.ahead``.
+
+    At access points, which stand still as all users do, there are none.
+    """
+    if drone.point >= 0:
+        drone.ahead.clear()
+        return
     course = _course(drone.to_x - drone.x, drone.to_y - drone.y)
     leg = (drone.x * world.ny + drone.y) * 5 + course
     first, ahead = world.known_at[leg], drone.ahead

@@ -22,8 +22,9 @@ from desim_uav.model.crossings import TIME_US, USER, crossings_near
 from desim_uav.model.motion import Transit
 from desim_uav.model.radio.nested import CHANGE, changes_on
 from desim_uav.model.rows import named
-from desim_uav.model.walking import Area, Walks
+from desim_uav.model.walking import Walks
 from desim_uav.rules import rows
+from desim_uav.world import Links, World
 
 Change: Any = named(rows.Change)
 """The change of a link's class: a tuple, which takes less time than a row."""
@@ -39,21 +40,16 @@ def last_first(rows: list[list[int]]) -> list[Any]:
 
 
 class Changes:
-    """Computes the changes of class on a leg.
-
-    ``rings`` are the radii of classes and the groups of users (see ``World.rings``), and
-    ``reach_m`` is the widest radius.
+    """Computes the changes of class on a leg of a radio with these links.
 
     If users stand still, the changes on a leg are the same whenever it is flown. They are kept, by
     the leg's ends, level and span and by whether the drone begins to serve, for as long as the
     users' positions do not change, which may be for many episodes.
     """
 
-    def __init__(
-        self, rings: tuple[NDArray[np.float64], NDArray[np.int64]], reach_m: float, area: Area
-    ) -> None:
-        self.radii_m, self.groups = rings
-        self._shape = bucket_grid(*area, reach_m)
+    def __init__(self, world: World, links: Links) -> None:
+        self.radii_m, self.groups, area = links.rings_m, world.groups, world.area
+        self._shape = bucket_grid(*area, max(float(self.radii_m.max()), 1e-6))
         one = self.radii_m[0].size == 1 and float(self.radii_m.min()) >= 0.0
         self._by_buckets = self._shape[0] > 0 and one
         nx, ny = self._shape

@@ -10,7 +10,14 @@ from desim_uav.engine.air import set_memory
 from desim_uav.engine.constants import transits_of
 from desim_uav.model.radio.air import class_changes_in_air, pair_changes
 from desim_uav.model.radio.levels import compiled_loss
-from desim_uav.model.radio.scene import PLACE_COLUMNS, SENDER_COLUMNS, Air, memory
+from desim_uav.model.radio.scene import (
+    LOSS_COLUMNS,
+    PLACE_COLUMNS,
+    RADIO_COLUMNS,
+    SENDER_COLUMNS,
+    Air,
+    memory,
+)
 from desim_uav.model.walking import Walks
 from desim_uav.rules.air import note_classes, place_drones
 from desim_uav.rules.words import NEVER
@@ -25,14 +32,16 @@ class InAir:
     def __init__(self, world: World, constants: Any, state: Any) -> None:
         self.constants, self.state = constants, state
         set_memory(state.look.air, world)
-        assert world.path_loss is not None
-        self._loss = compiled_loss(world.path_loss)
-        constants.level, constants.rates = self._loss.level, self._loss.rates
-        constants.loss_values = self._loss.values
+        self._losses = []  # which the constants point at
+        for row, links in zip(constants.radios, world.links, strict=True):
+            if links.in_air:
+                loss = compiled_loss(links.radio.path_loss)
+                row.level, row.rates, row.loss_values = loss.level, loss.rates, loss.values
+                self._losses.append(loss)
         profiles = [transit.profile for transit in transits_of(world)]
         self._profiles = np.concatenate(profiles), np.cumsum([0, *map(len, profiles)])
-        self._memory = memory(len(state.drones), max(map(len, profiles)))
-        self._thresholds = np.array(constants.thresholds_db), np.array([0, constants.classes])
+        self._memory = memory(len(state.senders), max(map(len, profiles)))
+        self._thresholds = np.array(constants.thresholds_db), np.array(constants.thresholds_at)
         self._heights = np.array(constants.heights_m)
         self._found = np.empty((256, 3), np.int64)
 
@@ -70,8 +79,8 @@ class InAir:
             senders=own.senders.reshape(-1, SENDER_COLUMNS),
             pieces=self._profiles[0],
             pieces_at=self._profiles[1],
-            losses=own.losses.reshape(1, 3),
-            radios=own.radios.reshape(1, 2),
+            losses=own.losses.reshape(-1, LOSS_COLUMNS),
+            radios=own.radios.reshape(-1, RADIO_COLUMNS),
             thresholds_db=self._thresholds[0],
             thresholds_at=self._thresholds[1],
             legs=legs,

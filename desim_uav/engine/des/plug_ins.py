@@ -21,7 +21,8 @@ from desim_uav.world import World
 def set_components(constants: Any, world: World) -> None:
     """Set the fields of the constants that are functions to the scenario's components."""
     constants.scan = _scan(world)
-    constants.divide = over_rows(world.sharing, world.services.names).divide
+    for radio, links in zip(constants.radios, world.links, strict=True):
+        radio.divide = over_rows(links.radio.sharing, world.services.names).divide
     constants.pay = _pay(world)
     constants.describe = _describe(world)
     if constants.limited:
@@ -38,7 +39,7 @@ def _scan(world: World) -> Callable[..., None]:
     def scan(constants: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
         if not drone.waiting:
             return
-        free_hz = math.inf if constants.bandwidth_hz < 0 else drone.free_hz
+        free_hz = math.inf if constants.radios[drone.radio].bandwidth_hz < 0 else drone.free_hz
         requests = tuple(state.users[user].request for user in drone.waiting)
         served, refused = rule.scan(requests, free_hz)
         for request in served:

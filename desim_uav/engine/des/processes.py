@@ -36,7 +36,8 @@ class Processes:
         self.drones = [self.clock.process(self.drone(drone)) for drone in self.state.drones]
         for drone in self.state.drones:
             self.clock.process(self.battery(drone))
-            self.clock.process(self.footprint(drone))
+        for sender in self.state.senders:
+            self.clock.process(self.footprint(sender))
         for user in self.state.users:
             self.clock.process(self.user(user))
             self.clock.process(self.service(user))

@@ -21,8 +21,10 @@ from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.asking import Requests
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.state import Observation, Snapshot
+from desim_uav.rules.air import keeps_rings
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
+from desim_uav.rules.flight import way_of
 from desim_uav.rules.rows import Ask, Constants, Path, State
 from desim_uav.rules.settle import settle
 from desim_uav.rules.words import ADMISSION, COVERAGE, RECORD, RESPAWN
@@ -71,7 +73,7 @@ class Simulation(Engine):
         if world.in_air:
             self._in_air = InAir(world, self.constants, self.state)
             self.constants.passes_us = self._in_air.passes_us
-        self._changes = Changes(world.rings, world.reach_m, world.area)
+        self._changes = [Changes(world, links) for links in world.links]
         self._asks: tuple[Requests | None, Table[Any]] = (None, Table())
         self.clock = Clock(0)
 
@@ -110,13 +112,12 @@ class Simulation(Engine):
         self.path = path
         world, state, own = self.constants, self.state, self._path(path)
         self.own_path = own
-        self._changes.begin(path.walks)
+        for changes in self._changes:
+            changes.begin(path.walks)
         if self._in_air is not None:
             self._in_air.begin(path.walks)
         after_event = None if self.audit is None else self._after_event
-        self.clock = state.clock = Clock(
-            slots(len(state.users), len(state.drones), bool(state.by_level)), after_event
-        )
+        self.clock = state.clock = Clock(slots(state), after_event)
         self._processes = Processes(self.clock, world, own, state)
         begin(world, own, state)
         self._processes.begin()
@@ -133,7 +134,7 @@ class Simulation(Engine):
         state.events.clear()
         state.closed.clear()
         state.handovers.clear()
-        hear(world, state)
+        hear(world, self.own_path, state)
         for drone in state.drones:
             if drone.waits:
                 processes.tell(drone.index)
@@ -155,19 +156,13 @@ class Simulation(Engine):
 
     def _foresee(self, world: Any, path: Any, state: Any, drone: Any, span_us: int) -> None:
         """Write the changes on a leg to ``drone.ahead`` (see ``rules.classes.foresee``)."""
-        if self._in_air is not None and (world.reuse > 0 or drone.level != drone.to_level):
+        if self._in_air is not None and not keeps_rings(world, drone):
             rows = self._in_air.changes(drone, (state.now_us, state.now_us + span_us))
             drone.ahead[:] = last_first(rows)
             return
-        cell_x_m, cell_y_m = world.cell_x_m, world.cell_y_m
-        way = (
-            (drone.x + 0.5) * cell_x_m,
-            (drone.y + 0.5) * cell_y_m,
-            (drone.to_x + 0.5) * cell_x_m,
-            (drone.to_y + 0.5) * cell_y_m,
-        )
-        flight = self.transits[drone.transit], way, drone.level
-        drone.ahead[:] = self._changes.of(flight, state.now_us, span_us, not drone.serving)
+        flight = self.transits[drone.transit], way_of(world, drone), drone.level
+        changes = self._changes[drone.radio]
+        drone.ahead[:] = changes.of(flight, state.now_us, span_us, not drone.serving)
 
     def _path(self, path: SamplePath) -> Path:
         """Return a sample path as a row."""

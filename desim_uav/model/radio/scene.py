@@ -64,10 +64,13 @@ of its transit, whether the transmitter serves users (1) or not (0), and the num
 of its radio."""
 
 CARRIER_GHZ, NOISE_DBM = range(2)
-"""The columns of ``Air.radios``: the carrier, and the noise in the band."""
+RADIO_COLUMNS = 2
+"""The columns of ``Air.radios``, and their number: the carrier, and the noise in the band."""
 
 LEVEL_AT, BOUNDS_AT, VALUES_AT = range(3)
-"""The columns of ``Air.losses``: the addresses of the path loss of a radio (``levels.Loss``)."""
+LOSS_COLUMNS = 3
+"""The columns of ``Air.losses``, and their number: the addresses of the path loss of a radio
+(``levels.Loss``)."""
 
 TIME_S, MARK_BRANCH, EXTRA_DB = range(3)
 """The columns of ``Air.marks``."""
