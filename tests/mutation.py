@@ -54,16 +54,16 @@ MUTATIONS = (
     # ---- geometry and motion
     Mutation(
         "a footprint 1 m too wide, SimPy engine",
-        "engine/des/simulation.py",
-        "Crossings(world.scenario.drones.footprint_radius_m, world.area)",
-        "Crossings(world.scenario.drones.footprint_radius_m + 1, world.area)",
+        "engine/des/crossings.py",
+        "        radii_m = self.radii_m[level]\n",
+        "        radii_m = self.radii_m[level] + 1\n",
         ("engine/test_footprints.py",),
     ),
     Mutation(
         "a footprint 1 mm too wide, compiled engine",
         "engine/compiled/looking.py",
-        "        world.radius_m,\n",
-        "        world.radius_m + 1e-3,\n",
+        "        rings[0, 0],\n",
+        "        rings[0, 0] + 1e-3,\n",
         ("engine/test_footprints.py",),
     ),
     Mutation(

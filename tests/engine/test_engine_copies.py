@@ -51,8 +51,9 @@ def everything(engine: Engine) -> str:
 
 
 REQUEST = (
-    *("request_id", "user", "service", "bandwidth_bps", "required_us", "served_us", "attached_us"),
-    *("t_request_us", "t_first_us", "t_end_us", "interruptions", "drones", "outcome"),
+    *("request_id", "user", "service", "bandwidth_bps", "required", "done", "served_us"),
+    *("attached_us", "t_request_us", "t_first_us", "t_end_us", "interruptions", "drones"),
+    "outcome",
 )
 
 
