@@ -120,6 +120,21 @@ STEPS = Columns(
     reward=(FLOAT, "The reward of the drone for this step."),
 )
 
+POINTS = Columns(
+    "One row per step and access point, at the end of the step. Kept if there are access points.",
+    episode=_EPISODE,
+    step=(INT, "The number of the step in its episode, from 0."),
+    t_s=(FLOAT, "The time of the end of the step."),
+    access_point=(
+        INT,
+        "The number of the access point, from 0. Among the drones of events and requests, access "
+        "points have the numbers after those of the drones.",
+    ),
+    attached_users=(INT, "How many users are attached to the access point."),
+    served_requests=(INT, "How many requests the access point is serving."),
+    bandwidth_kbps=(FLOAT, "The bandwidth in use at the access point, in kHz."),
+)
+
 LINKS = Columns(
     "If the drones' radio is not the paper's disc:",
     link_handovers=(INT, "How often a user passed from one drone to another without a break."),
@@ -232,6 +247,7 @@ TRAINING = Columns(
 TABLES = {
     "requests": REQUESTS,
     "steps": STEPS,
+    "access_points": POINTS,
     "episodes": EPISODES,
     "users": USERS,
     "events": EVENTS,

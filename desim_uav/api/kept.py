@@ -14,7 +14,7 @@ import pandas as pd
 
 from desim_uav import qoe
 from desim_uav.checksums import verify
-from desim_uav.errors import DesimError, NoEventsError
+from desim_uav.errors import DesimError, NoEventsError, UsageError
 from desim_uav.experiment.command import Done, Recorded, place_of, read_summary
 from desim_uav.experiment.replay.page import Source
 from desim_uav.experiment.run import counted
@@ -26,6 +26,17 @@ from desim_uav.scenario.schema import Scenario
 
 FILES = (*(f"{name}.parquet" for name in TABLES), "scenario.yaml", "world.json", "manifest.json")
 """What a run folder holds, beside its checksums."""
+
+
+OPTIONAL = (*IN_TIME, "access_points")
+"""The tables that not all runs have."""
+
+
+def lacking(name: str, where: str = "") -> DesimError:
+    """Return the error that a run does not have one of the OPTIONAL tables."""
+    if name in IN_TIME:
+        return NoEventsError(f"{where}the run kept no {name}; events=True keeps them")
+    return UsageError(f"{where}the scenario has no access points")
 
 
 class Kept(Protocol):
@@ -75,7 +86,7 @@ class Tables:
     def table(self, name: str) -> pd.DataFrame:
         """Return a table of its own, which may be changed."""
         if name not in self._parts:
-            raise NoEventsError(f"the run kept no {name}; events=True keeps them")
+            raise lacking(name)
         parts = self._parts[name]
         return pd.concat([part for part in parts if len(part)] or parts[:1], ignore_index=True)
 
@@ -167,8 +178,8 @@ class InFolder:
 
     def table(self, name: str) -> pd.DataFrame:
         """See ``Kept``."""
-        if name in IN_TIME and not (self._folder / f"{name}.parquet").exists():
-            raise NoEventsError(f"{self._folder}: the run kept no {name}; events=True keeps them")
+        if name in OPTIONAL and not (self._folder / f"{name}.parquet").exists():
+            raise lacking(name, f"{self._folder}: ")
         frame = read_table(self._folder, name, TABLES[name])
         if name == "requests":  # as in memory, where an array would be the exception
             frame["drones"] = [list(map(int, drones)) for drones in frame["drones"]]

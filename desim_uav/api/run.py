@@ -86,6 +86,11 @@ class RunResult:
         return self._table("steps")
 
     @cached_property
+    def access_points(self) -> pd.DataFrame:
+        """One row per step and access point. Raises UsageError if the scenario has none."""
+        return self._table("access_points")
+
+    @cached_property
     def episodes(self) -> pd.DataFrame:
         """One row per episode: its measures."""
         return self._table("episodes")

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 from desim_uav.model.planner import Node
 from desim_uav.model.rows import named
 from desim_uav.model.rules import Mode, Outcome
-from desim_uav.rules.rows import Record
+from desim_uav.rules.rows import PointRecord, Record
 
 Event = tuple[Any, ...]
 """An event: (t_us, phase, kind, drone, user, request_id, station); -1 stands for none.
@@ -52,6 +52,9 @@ class Step(named(Record)):  # type: ignore[misc]  # its fields are declared in R
 
     __slots__ = ()
 
+
+PointStep = named(PointRecord)
+"""The record of one access point at the end of one step (see ``rules.rows.PointRecord``)."""
 
 Place = tuple[float, float, float]
 """A position: x, y and z in metres."""
@@ -98,6 +101,8 @@ class EpisodeLog:
     events: list[Event] | None = None
     legs: list[FlownLeg] = field(default_factory=list)
     steps: list[Step] = field(default_factory=list)
+    point_steps: list[Any] = field(default_factory=list)
+    """The records of access points, which are ``PointStep``."""
     requests: list[ClosedRequest] = field(default_factory=list)
     duration_us: int = 0
     attached_us: int = 0

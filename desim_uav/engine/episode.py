@@ -31,6 +31,7 @@ from desim_uav.world import World
 MODES = tuple(Mode)
 PHASES = (None, *Phase)
 AS_LOGGED, AS_CLOSED = attrgetter(*base.Step._fields), attrgetter(*Closed.kinds)
+AS_AT_POINT = attrgetter(*base.PointStep._fields)
 
 
 class Engine(Independent, ABC):
@@ -342,7 +343,7 @@ class Engine(Independent, ABC):
             self.log.requests.append(request)
 
     def _log_steps(self) -> None:
-        """Log the drones' records, with modes and actions in the place of their numbers."""
+        """Log the records, with drones' modes and actions in the place of their numbers."""
         actions, limited = self.world.actions, self.world.facts.capacity_s is not None
         for record in self.entries("records"):
             return_us = math.inf if record.return_us == NEVER else record.return_us
@@ -356,6 +357,8 @@ class Engine(Independent, ABC):
                     return_us=return_us if limited else None,
                 )
             )
+        for record in self.entries("point_records"):
+            self.log.point_steps.append(base.PointStep(*AS_AT_POINT(record)))
 
     def _end_log(self) -> None:
         """Complete the log at the end of an episode: its totals, and the order of its entries."""

@@ -44,6 +44,7 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state.open_requests, state.asked = _zeros(services), _zeros(services)
     state.observations = Table(blank(rows.Observation) for _ in range(drones))
     state.records = Table(blank(rows.Record) for _ in range(drones))
+    state.point_records = Table(blank(rows.PointRecord) for _ in range(senders - drones))
     state.counts = _zeros(2 * services * drones)
     state.masks = _zeros(drones * len(world.actions))
     state.rewards = Table([0.0] * drones)

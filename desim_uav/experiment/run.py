@@ -26,7 +26,7 @@ BATCH, ROWS = 50, 200_000
 
 @dataclass
 class Results:
-    """The tables of a run (see ``records``); ``events`` and ``legs`` are None if not kept."""
+    """The tables of a run (see ``records``); those that it does not keep are None."""
 
     requests: pd.DataFrame
     steps: pd.DataFrame
@@ -34,6 +34,7 @@ class Results:
     users: pd.DataFrame
     events: pd.DataFrame | None
     legs: pd.DataFrame | None
+    access_points: pd.DataFrame | None
 
 
 Played = tuple[EpisodeLog, SamplePath]
@@ -176,6 +177,7 @@ def tabulate(world: World, played: Sequence[Played], keep_events: bool) -> Resul
         tables.users_table([path for _, path in played], world),
         tables.events_table(logs) if keep_events else None,
         tables.legs_table(logs) if keep_events else None,
+        tables.points_table(logs) if world.scenario.access_points else None,
     )
 
 

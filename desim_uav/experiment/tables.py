@@ -19,7 +19,7 @@ from desim_uav.engine.base import ClosedRequest, EpisodeLog
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
-from desim_uav.records import EPISODES, EVENTS, LEGS, REQUESTS, STEPS, USERS, to_frame
+from desim_uav.records import EPISODES, EVENTS, LEGS, POINTS, REQUESTS, STEPS, USERS, to_frame
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -88,6 +88,13 @@ def steps_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
     values = [STEP_VALUES.get(name, attrgetter(name)) for name in STEPS if name != "episode"]
     rows = ((log.episode, *(of(step) for of in values)) for log in logs for step in log.steps)
     return to_frame(STEPS, rows)
+
+
+def points_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
+    """Return one row per step and access point."""
+    values = [STEP_VALUES.get(name, attrgetter(name)) for name in POINTS if name != "episode"]
+    rows = ((log.episode, *(of(step) for of in values)) for log in logs for step in log.point_steps)
+    return to_frame(POINTS, rows)
 
 
 def episodes_table(

@@ -25,7 +25,8 @@ def track(
 ) -> None:
     """Let a drone serve users on a leg that begins now, and schedule all changes of class on it.
 
-    If drones interfere with one another, this waits until all of them have begun their legs.
+    Users are attached once all drones have begun their legs (see ``rules.settle``); if drones
+    interfere with one another, classes of links wait for that too.
     """
     if world.reuse > 0:
         drone.serving = 1
@@ -34,7 +35,6 @@ def track(
         state.retunes = 1
         return
     foresee(world, path, state, drone, span_us, phase)
-    settle_after(world, path, state, phase)
 
 
 @rule

@@ -44,7 +44,7 @@ def observe(world: Constants, state: State) -> None:
 
 @rule
 def record(world: Constants, state: State) -> None:
-    """Write each drone's record at the end of a step, after its reward has been computed."""
+    """Write the records of all drones and access points at the end of a step, after the rewards."""
     for d in range(len(state.drones)):
         drone, observation, record = state.drones[d], state.observations[d], state.records[d]
         record.step, record.t_us, record.drone = state.step - 1, state.now_us, d
@@ -60,6 +60,15 @@ def record(world: Constants, state: State) -> None:
             plan = way_back(world, drone, observation.believed)
             record.return_us = plan.drained_us if plan.station >= 0 else words.NEVER
         record.reward = state.rewards[d]
+    for k in range(len(world.points)):
+        sender, point_record = state.senders[len(state.drones) + k], state.point_records[k]
+        point_record.step, point_record.t_us = state.step - 1, state.now_us
+        point_record.access_point = k
+        point_record.attached_users = sender.attached_users
+        point_record.served_requests = 0
+        for service in range(world.services):
+            point_record.served_requests += sender.served[service]
+        point_record.bandwidth_bps = sender.used_hz
 
 
 @rule

@@ -358,6 +358,18 @@ class Record(Row):
 
 
 @row
+class PointRecord(Row):
+    """The log's record of an access point at the end of a step."""
+
+    step: int
+    t_us: int
+    access_point: int
+    attached_users: int
+    served_requests: int
+    bandwidth_bps: int
+
+
+@row
 class Request(Row):
     """The open request of a user; ``number`` is -1 if there is none.
 
@@ -577,6 +589,7 @@ class State(Row):
     asked: Table[int]
     observations: Table[Observation]
     records: Table[Record]
+    point_records: Table[PointRecord]
     counts: Table[int]
     masks: Table[int]
     rewards: Table[float]

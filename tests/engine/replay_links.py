@@ -77,7 +77,7 @@ class LinkReplay:
 
     def __init__(self, world: World, log: EpisodeLog) -> None:
         drones = world.scenario.drones
-        points = getattr(world.scenario, "access_points", ())
+        points = world.scenario.access_points
         self.bands = [Band.of(drones.radio, drones.bandwidth_kbps)] * drones.count
         self.bands += [Band.of(point.radio, None) for point in points]
         self.users = [Link() for _ in world.homes]
