@@ -143,6 +143,7 @@ class LoneDrone:
         if node != self._hovers_over:
             self.put(state)
             track(self.constants, self._path, self.state, self.drone, 0, words.ENTRY)
+            _attach(self.constants, self._path, self.state, self.drone)
             self._hovers_over = node
         observe(self.constants, self.state)
         return self._reward()
