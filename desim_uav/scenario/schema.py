@@ -269,7 +269,7 @@ class AccessPoint(Section):
     ] = cast(Radio, LinkClasses())
     """How it reaches users: `kind: link_classes`, which is the default here."""
     counts_in_reward: bool = False
-    """Whether rewards count its users and requests among those of the drones."""
+    """Whether it counts as one more drone where rewards divide the users among the drones."""
 
 
 class Scenario(Section):
