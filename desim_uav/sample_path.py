@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from desim_uav.copies import Unchanging
 from desim_uav.model.asking import Requests
 from desim_uav.model.kernels import maker
+from desim_uav.model.philox import key_of
 from desim_uav.model.streams import Purpose, Streams, next_uniform, states_of
 from desim_uav.model.walking import RowWalks, Walks
 from desim_uav.world import World
@@ -27,7 +28,8 @@ class SamplePath(Unchanging):
 
     ``position_error``: (drones, steps + 1, 2), the error of a drone's believed cell at each
     decision epoch and at the end of the episode, in cells; None without noise. ``respawn``:
-    (drones, steps + 1), the station of a drone's first, second, … respawn.
+    (drones, steps + 1), the station of a drone's first, second, … respawn. ``link_key``: (2,), the
+    key of the draws of links (``model.philox``), whose counters name user, drone and cell.
     """
 
     episode: int
@@ -35,6 +37,7 @@ class SamplePath(Unchanging):
     requests: Requests
     position_error: NDArray[np.float64] | None
     respawn: NDArray[np.int64]
+    link_key: NDArray[np.uint64] = field(default_factory=lambda: np.zeros(2, np.uint64))
 
     @property
     def walks(self) -> Walks:
@@ -46,8 +49,8 @@ class SamplePath(Unchanging):
 class SamplePaths:
     """The sample paths of several episodes, drawn together.
 
-    ``walking`` and ``requests`` have one entry per episode; ``position_error`` and ``respawn``
-    have the episode as an additional first dimension.
+    ``walking`` and ``requests`` have one entry per episode; ``position_error``, ``respawn`` and
+    ``link_keys`` have the episode as an additional first dimension.
     """
 
     episodes: Sequence[int]
@@ -55,6 +58,7 @@ class SamplePaths:
     requests: Sequence[Requests]
     position_error: NDArray[np.float64] | None
     respawn: NDArray[np.int64]
+    link_keys: NDArray[np.uint64]
 
     @classmethod
     def of(cls, path: SamplePath) -> SamplePaths:
@@ -62,7 +66,12 @@ class SamplePaths:
         error = path.position_error
         errors = None if error is None else error[np.newaxis]
         return cls(
-            [path.episode], [path.walking], [path.requests], errors, path.respawn[np.newaxis]
+            [path.episode],
+            [path.walking],
+            [path.requests],
+            errors,
+            path.respawn[np.newaxis],
+            path.link_key[np.newaxis],
         )
 
     def __getitem__(self, k: int) -> SamplePath:
@@ -74,6 +83,7 @@ class SamplePaths:
             self.requests[k],
             None if errors is None else errors[k],
             self.respawn[k],
+            self.link_keys[k],
         )
 
 
@@ -100,7 +110,13 @@ def draw_all(world: World, seed: int, episodes: Sequence[int]) -> SamplePaths:
         [requests] * count if requests else world.requests_of(seed, episodes),
         _position_errors(world, seed, episodes),
         _respawns(world, seed, episodes),
+        np.array([_link_key(world, seed, episode) for episode in episodes], np.uint64),
     )
+
+
+def _link_key(world: World, seed: int, episode: int) -> NDArray[np.uint64]:
+    """Return the key of the draws of links; it is (0, 0) if there are none."""
+    return key_of(seed, Purpose.LINK, episode) if world.marked else np.zeros(2, np.uint64)
 
 
 def _position_errors(

@@ -223,6 +223,11 @@ class World(Unchanging):
         return any(links.in_air for links in self.links)
 
     @cached_property
+    def marked(self) -> bool:
+        """Whether line of sight, or shadowing, of some links changes."""
+        return any(links.radio.marked for links in self.links)
+
+    @cached_property
     def reach_m(self) -> float:
         """The radius of the drones' widest class in metres; a micrometre if none holds anywhere."""
         return max(float(self.links[0].rings_m.max()), 1e-6)

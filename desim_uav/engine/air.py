@@ -1,12 +1,13 @@
-"""What ``model.radio.air`` knows of a world, for both engines."""
+"""What ``model.radio.air`` and ``model.radio.marks`` know of a world, for both engines."""
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from desim_uav.engine.constants import transits_of
+from desim_uav.model.radio.marks import MARK_COLUMNS, memory_for
 from desim_uav.model.radio.scene import (
     LOSS_COLUMNS,
     PLACE_COLUMNS,
@@ -14,12 +15,24 @@ from desim_uav.model.radio.scene import (
     SENDER_COLUMNS,
     memory,
 )
+from desim_uav.model.radio.sight import Buildings, cells_as_prisms
 from desim_uav.model.rows import Table
 from desim_uav.rules.rows import Constants
 from desim_uav.world import World
 
 MOST_PASSED = 64
 """The most rows of a pair of levels that are kept; only the first of them counts."""
+
+
+class Room(NamedTuple):
+    """How much there is memory for: marks of a sender, legs of a walk, and blocked stretches.
+
+    The latter are the stretches of time in which buildings block one line of sight.
+    """
+
+    marks: int
+    legs: int
+    stretches: int
 
 
 def set_air(made: Constants, world: World) -> None:
@@ -33,6 +46,21 @@ def set_air(made: Constants, world: World) -> None:
             Table(np.cumsum([0, *map(len, profiles)]).tolist()),
         )
     made.heights_m, made.profiles, made.profiles_at = tables
+    if world.marked:
+        buildings = buildings_of(world)
+        made.corners_m = Table(buildings.corners_m.reshape(-1).tolist())
+        made.corners_at = Table(buildings.offsets.tolist())
+        made.roofs_m = Table(buildings.roofs_m.tolist())
+        made.built_at = Table(buildings.heads.tolist())
+        made.built = Table(buildings.members.tolist())
+        made.tallest_m = buildings.tallest_m
+
+
+def buildings_of(world: World) -> Buildings:
+    """Return the buildings that block lines of sight, which are the built cells of the map."""
+    blocks = any(links.radio.sight == "buildings" for links in world.links)
+    height_m = world.grid.height_m
+    return cells_as_prisms(height_m if blocks else 0.0 * height_m, world.grid.cell_m)
 
 
 def set_memory(tables: Any, world: World) -> None:
@@ -48,3 +76,19 @@ def set_memory(tables: Any, world: World) -> None:
         tables.radios = np.zeros(len(world.links) * RADIO_COLUMNS)
         tables.held = np.zeros(len(world.homes), np.int64)
         tables.passed = np.zeros(2 * MOST_PASSED, np.int64)
+
+
+def set_room(tables: Any, world: World, room: Room) -> None:
+    """Set the tables of marks, and those in which they are made, if the world needs them."""
+    if not world.marked:
+        return
+    senders = world.scenario.drones.count + len(world.scenario.access_points)
+    longest = max(len(transit.profile) for transit in transits_of(world))
+    made = memory_for(longest, room.legs, world.grid.cells, buildings_of(world), room.stretches)
+    tables.mark_rows = room.marks
+    tables.marks = np.zeros(senders * room.marks * MARK_COLUMNS)
+    tables.marks_at = np.zeros(senders * (len(world.homes) + 1), np.int64)
+    tables.flown, tables.borders_s = made.tracks.reshape(-1), made.borders_s
+    tables.visits, tables.seen = made.visits.reshape(-1), made.changes.reshape(-1)
+    tables.times, tables.visited = made.buffers.times, made.buffers.visited
+    tables.stretches = made.buffers.blocked.reshape(-1)

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.engine.audit_sight import possible_levels_dbm
 from desim_uav.model.coverage import all_walked
 from desim_uav.rules.battery import battery_now
 from desim_uav.rules.flight import position
@@ -164,33 +165,41 @@ def _ratios(simulation: Simulation, serving: Sequence[Any], users: NDArray[np.fl
     the places of the users in its first two columns.
     """
     radios: list[Any] = [_radio_of(simulation, drone) for drone in serving]
-    if any(radio.marked for radio in radios):
-        return
     levels_dbm = [_levels(simulation, drone, users) for drone in serving]
     for drone, radio, level_dbm in zip(serving, radios, levels_dbm, strict=True):
-        noise_mw = np.full(len(users), 10 ** (radio.budget.noise_dbm / 10))
+        noises_mw = [np.full(len(users), 10 ** (radio.budget.noise_dbm / 10))] * 2
         for other, disturbing_dbm in zip(serving, levels_dbm, strict=True):
             apart = other.index - drone.index
             if radio.reuse and apart and apart % radio.reuse == 0:
-                noise_mw += 10 ** (disturbing_dbm / 10)
-        ratio_db = level_dbm - 10 * np.log10(noise_mw)
+                both = zip(noises_mw, disturbing_dbm, strict=True)
+                noises_mw = [noise_mw + 10 ** (level / 10) for noise_mw, level in both]
+        noise_dbm = 10 * np.log10(noises_mw)
+        low_db, high_db = level_dbm[0] - noise_dbm[1], level_dbm[1] - noise_dbm[0]
         classes = np.array([user.classes[drone.index] for user in simulation.state.users])
         thresholds = [one.snr_db for one in radio.ladder]
-        least = np.searchsorted(thresholds, ratio_db - TOLERANCE_DB, side="right")
-        most = np.searchsorted(thresholds, ratio_db + TOLERANCE_DB, side="right")
+        least = np.searchsorted(thresholds, low_db - TOLERANCE_DB, side="right")
+        most = np.searchsorted(thresholds, high_db + TOLERANCE_DB, side="right")
         wrong = np.flatnonzero((classes < least) | (classes > most))
-        assert not len(wrong), f"classes of {drone.index}: users {wrong}, {ratio_db[wrong]} dB"
+        assert not len(wrong), f"classes of {drone.index}: users {wrong}, {low_db[wrong]} dB"
 
 
 def _levels(simulation: Simulation, drone: Any, users: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the level in dBm at which each user receives a drone, at the mean loss."""
-    x, y, z = position(simulation.constants, simulation.state, drone)
-    radio, heights_m = _radio_of(simulation, drone), simulation.world.homes[:, 2]
-    loss_db = [
-        radio.path_loss.mean_db(
-            math.hypot(place[0] - x, place[1] - y), z - height, radio.carrier_ghz
-        )
-        for place, height in zip(users.tolist(), heights_m.tolist(), strict=True)
-    ]
-    level_dbm: NDArray[np.float64] = radio.power_dbm - np.array(loss_db)
-    return level_dbm
+    """Return the lowest and the highest level (2, users) at which users may receive a drone.
+
+    Both are the same unless it is not certain whether a user sees the drone, and in which cell it
+    is. They are in dBm.
+    """
+    place = position(simulation.constants, simulation.state, drone)
+    radio, heights_m = _radio_of(simulation, drone), simulation.world.homes[:, 2].tolist()
+    number = drone.index if drone.point < 0 else -1 - drone.point
+    levels_dbm = []
+    for user, (x, y) in enumerate(users[:, :2].tolist()):
+        if radio.marked:
+            ends = (x, y, heights_m[user]), place
+            key = simulation.path.link_key
+            found = possible_levels_dbm(simulation.world, key, radio, number, user, ends)
+        else:
+            away_m, above_m = math.hypot(x - place[0], y - place[1]), place[2] - heights_m[user]
+            found = [radio.power_dbm - radio.path_loss.mean_db(away_m, above_m, radio.carrier_ghz)]
+        levels_dbm.append((min(found), max(found)))
+    return np.array(levels_dbm).T.reshape(2, len(users))

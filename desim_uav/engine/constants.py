@@ -12,6 +12,7 @@ from desim_uav.model.components import works_on_rows
 from desim_uav.model.coverage import bucket_grid
 from desim_uav.model.motion import REST, Transit
 from desim_uav.model.planner import Node
+from desim_uav.model.radio.marks import KINDS
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import MOVES
@@ -104,6 +105,9 @@ def _radio(links: Links) -> Radio:
     if radio.graded:
         made.carrier_ghz, made.power_dbm = radio.carrier_ghz, radio.power_dbm
         made.noise_dbm = radio.budget.noise_dbm
+        made.marked, made.sight = int(radio.marked), KINDS[radio.sight]
+    if radio.graded and radio.shadowing is not None:
+        made.los_shadow_db, made.nlos_shadow_db = map(float, radio.shadowing)
     return made
 
 

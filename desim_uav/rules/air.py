@@ -10,6 +10,7 @@ from desim_uav.model.radio.scene import (
     CARRIER_GHZ,
     LEVEL_AT,
     LOSS_COLUMNS,
+    MARKED_US,
     NOISE_DBM,
     PLACE_COLUMNS,
     POWER_DBM,
@@ -34,11 +35,29 @@ from desim_uav.rules.rows import Constants, Drone, State
 def keeps_rings(world: Constants, drone: Drone) -> bool:
     """Return whether the changes of class on a drone's leg are those of rings.
 
-    They are if the drone keeps its altitude, or rings are the same at all altitudes, and if nothing
-    interferes.
+    They are if the drone keeps its altitude, or rings are the same at all altitudes, if nothing
+    interferes, and if all links have the mean loss.
     """
-    flat = world.radios[drone.radio].flat
-    return bool(flat) or (world.reuse == 0 and drone.level == drone.to_level)
+    radio = world.radios[drone.radio]
+    level = world.reuse == 0 and drone.level == drone.to_level
+    return bool(radio.flat) or (level and not radio.marked)
+
+
+@rule
+def lacks_marks(world: Constants, state: State, one: Drone, other: Drone, until_us: int) -> bool:
+    """Return whether marks of links to another drone have to be made, from now until a time.
+
+    They have if classes of links to drone ``one`` depend on them, and if they are not known yet.
+    """
+    matters = one.index == other.index or (world.reuse > 0 and other.serving)
+    marked = world.radios[other.radio].marked
+    return bool(matters and marked and other.marked_until_us < until_us)
+
+
+@rule
+def number_in_draws(drone: Drone) -> int:
+    """Return the number of a drone in the draws of its links: below 0 for an access point."""
+    return -1 - drone.point if drone.point >= 0 else drone.index
 
 
 @rule
@@ -61,6 +80,7 @@ def place_drones(world: Constants, state: State) -> None:
         air.senders[own + BEGUN_US], air.senders[own + TRANSIT] = drone.since_us, drone.transit
         air.senders[own + SERVES], air.senders[own + RADIO] = drone.serving, drone.radio
         air.senders[own + BAND] = d % world.reuse if world.reuse > 0 else d
+        air.senders[own + MARKED_US] = drone.marked_us
 
 
 @rule

@@ -23,7 +23,8 @@ def settle_levels(world: Constants, path: Path, state: State, phase: int) -> Non
     for k in range(len(state.loose)):
         user = state.users[state.loose[k]]
         if user.holder < 0 and user.covered > 0:
-            attach(world, state, state.senders[strongest(world, path, state, user)], user, phase)
+            best = strongest(world, path, state, user, -1)
+            attach(world, state, state.senders[best], user, phase)
     for k in range(len(state.unsettled)):
         user = state.users[state.unsettled[k]]
         await_better(world, path, state, user, phase)
@@ -32,12 +33,17 @@ def settle_levels(world: Constants, path: Path, state: State, phase: int) -> Non
 
 
 @rule
-def strongest(world: Constants, path: Path, state: State, user: User) -> int:
-    """Return the covering drone with the highest level now (ties: the lowest index), or -1."""
+def strongest(world: Constants, path: Path, state: State, user: User, but: int) -> int:
+    """Return the covering drone with the highest level now (ties: the lowest index), or -1.
+
+    Drone ``but`` is left out; -1 leaves none out.
+    """
     best = -1
     for d in range(len(state.senders)):
-        if user.covering[d] >= 0 and (
-            best < 0 or passes_us(world, path, state, user, best, d, 0) > state.now_us
+        if (
+            user.covering[d] >= 0
+            and d != but
+            and (best < 0 or passes_us(world, path, state, user, best, d, 0, 0.0) > state.now_us)
         ):
             best = d
     return best
@@ -45,14 +51,22 @@ def strongest(world: Constants, path: Path, state: State, user: User) -> int:
 
 @rule
 def passes_us(
-    world: Constants, path: Path, state: State, user: User, one: int, other: int, better: int
+    world: Constants,
+    path: Path,
+    state: State,
+    user: User,
+    one: int,
+    other: int,
+    better: int,
+    margin_db: float,
 ) -> int:
-    """Return when drone ``one`` becomes better than ``other`` for a user, or ceases to be.
+    """Return when the level of drone ``one`` exceeds that of ``other`` by a margin, or ceases to.
 
-    ``better`` says that it is better until now, with which the levels at this very instant may
-    already disagree. The time is NEVER if nothing changes in what is known of the drones' legs.
+    ``better`` says that it does until now, with which the levels at this very instant may already
+    disagree. The time is NEVER if nothing changes in what is known of the drones' legs.
     """
-    return call_for_int(world.passes_us, (world, path, state, user, one, other, better))
+    own = (world, path, state, user, one, other, better, margin_db)
+    return call_for_int(world.passes_us, own)
 
 
 @rule
@@ -65,7 +79,7 @@ def await_better(world: Constants, path: Path, state: State, user: User, phase: 
         next_us = _foresee(world, path, state, user)
         if next_us != state.now_us:
             break
-        turn(world, state, user, phase)
+        turn(world, path, state, user, phase)
     if user.turns_us < words.NEVER:
         # Rounding may put drones of equal levels into no order: a user waits for a microsecond.
         turns_us = max(user.turns_us, state.now_us + 1)
@@ -84,20 +98,25 @@ def _foresee(world: Constants, path: Path, state: State, user: User) -> int:
             continue
         if world.margin_db > 0.0 or world.trigger_us > 0:
             since_us = user.better_since[d]
-            at_us = passes_us(world, path, state, user, d, user.holder, int(since_us >= 0))
+            better, margin_db = int(since_us >= 0), world.margin_db
+            at_us = passes_us(world, path, state, user, d, user.holder, better, margin_db)
             if since_us >= 0 and since_us + world.trigger_us < at_us:
                 at_us = since_us + world.trigger_us
         else:  # of two equal levels, that of the drone with the lower index counts as higher
             low, high = min(d, user.holder), max(d, user.holder)
-            at_us = passes_us(world, path, state, user, low, high, int(low == user.holder))
+            held = int(low == user.holder)
+            at_us = passes_us(world, path, state, user, low, high, held, 0.0)
         if at_us < user.turns_us and at_us <= state.known_until_us:
             user.turns_us, user.rival = at_us, d
     return user.turns_us
 
 
 @rare_rule
-def turn(world: Constants, state: State, user: User, phase: int) -> None:
-    """Let a user's rival become better now, cease to be, or take the user over."""
+def turn(world: Constants, path: Path, state: State, user: User, phase: int) -> None:
+    """Let a user's rival become better now, cease to be, or take the user over.
+
+    Without a time to trigger, several may become better now, of which the strongest takes it over.
+    """
     rival, lasts = user.rival, world.margin_db > 0.0 or world.trigger_us > 0
     since_us = user.better_since[rival]
     if lasts and since_us < 0:
@@ -105,5 +124,7 @@ def turn(world: Constants, state: State, user: User, phase: int) -> None:
     elif lasts and state.now_us < since_us + world.trigger_us:
         user.better_since[rival] = -1
     else:
+        if world.trigger_us == 0:
+            rival = strongest(world, path, state, user, user.holder)
         detach(state, state.senders[user.holder], user, phase)
         attach(world, state, state.senders[rival], user, phase)

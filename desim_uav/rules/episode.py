@@ -57,6 +57,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     drone.respawns = drone.waits = drone.serving = drone.scan = 0
     drone.free_hz = world.radios[drone.radio].bandwidth_hz
     drone.used_hz = drone.attached_users = 0
+    drone.marked_until_us = -1
     drone.waiting.clear()
     drone.sharing.clear()
     drone.ahead.clear()

@@ -135,7 +135,7 @@ def appear(world: Constants, state: State, drone: Drone, x: int, y: int) -> None
 def set_out(world: Constants, state: State, drone: Drone, mode: int, transit: int) -> None:
     """Begin a leg to (``to_x``, ``to_y``, ``to_level``) by a transit's number (REST: a hover)."""
     change_mode(world, state, drone, mode)
-    drone.transit = transit
+    drone.transit, drone.marked_until_us = transit, -1
     if transit != words.REST:
         note_leg(world, state, drone)
 

@@ -98,7 +98,9 @@ class Radio(Row):
     ``bandwidth_hz`` is -1 if it is unlimited. ``efficiencies`` has the millionths of a bit/s that a
     link of each class carries per hertz, class 0 (none) first. ``rings`` has the radii of all
     classes from 1 on, by level and then by the ``groups`` into which users fall by their heights;
-    an access point has one level. If it is ``flat``, the radii are the same on all levels.
+    an access point has one level. If it is ``flat``, the radii are the same on all levels. If links
+    are ``marked``, ``sight`` is the kind of line of sight (``model.radio.marks``), and
+    ``los_shadow_db`` and ``nlos_shadow_db`` are the standard deviations of the shadowing.
     The fields from ``divide`` on are functions, or in compiled code their addresses;
     ``sharing_values`` and ``loss_values`` are the addresses of the components' fields.
     """
@@ -112,11 +114,16 @@ class Radio(Row):
     carrier_ghz: float
     power_dbm: float
     noise_dbm: float
+    marked: int
+    sight: int
+    los_shadow_db: float
+    nlos_shadow_db: float
     sharing_values: int
     loss_values: int
     divide: int
     level: int
     rates: int
+    p_los: int
 
 
 @row
@@ -143,7 +150,10 @@ class Constants(Row):
     bandwidth is left. Senders of the same index modulo ``reuse`` interfere (0: none do). What
     ``model.radio.air`` needs to know is from ``thresholds_db`` to ``profiles_at``: the thresholds
     of all radios, of which radio r has those from ``thresholds_at[r]`` on, the heights of users
-    (``heights_m``), and the ``profiles`` of all transits. For ``trigger_us`` and ``margin_db``
+    (``heights_m``), and the ``profiles`` of all transits. The buildings that block lines of sight
+    are from ``corners_m`` to ``tallest_m`` (see ``model.radio.sight.Buildings``): building b has
+    the corners from ``corners_at[b]`` on, and bucket k the buildings ``built`` from ``built_at[k]``
+    on. For ``trigger_us`` and ``margin_db``
     see ``rules.association``. ``known`` holds changes of users who stand still
     (``engine.compiled.standing``). ``features`` is the number of features that a learner observes.
     The fields from ``foresee`` on are functions, or in compiled code their addresses;
@@ -198,6 +208,12 @@ class Constants(Row):
     heights_m: Table[float]
     profiles: Table[float]
     profiles_at: Table[int]
+    corners_m: Table[float]
+    corners_at: Table[int]
+    roofs_m: Table[float]
+    built_at: Table[int]
+    built: Table[int]
+    tallest_m: float
     in_bits: Table[int]
     elastic: Table[int]
     reward_values: int
@@ -245,6 +261,7 @@ class Path(Row):
     compiled engine has the initial states of their random streams (four words each) instead of
     legs. ``respawns`` holds ``respawns_drawn`` stations per drone, and ``errors`` the position
     errors in x and y, in cells, per drone and decision epoch, or nothing without noise.
+    ``link_key`` holds the key of the draws of links (``model.philox``).
     """
 
     after_previous: int
@@ -257,6 +274,7 @@ class Path(Row):
     streams: Table[int]
     respawns: Table[int]
     errors: Table[float]
+    link_key: Table[int]
 
 
 @row
@@ -275,8 +293,9 @@ class Drone(Row):
     holds the users whose elastic requests share what requests for a fixed rate leave of the
     bandwidth (``free_hz``), in the same order. ``ahead`` holds the changes of class to come, the
     next one last. ``served`` counts the requests that it serves, and ``asking`` the open ones in
-    its footprint, by service. ``terms`` are those of its reward; a
-    learner observes ``features``.
+    its footprint, by service. The marks of its links (``model.radio.marks``) are known from
+    ``marked_us`` until ``marked_until_us``, or not at all (-1). ``terms`` are those of its reward;
+    a learner observes ``features``.
     """
 
     index: int
@@ -309,6 +328,8 @@ class Drone(Row):
     scan: int
     command: int
     taken: int
+    marked_us: int
+    marked_until_us: int
     waiting: Queue[int]
     sharing: Queue[int]
     ahead: Queue[Change]
@@ -495,7 +516,9 @@ class AirTables(Row):
     """What ``model.radio.air`` knows of drones, and the memory in which it works.
 
     For ``ways`` (places) to ``link_words`` (words) see ``model.radio.scene.Air``. ``held`` are the
-    classes of links before a span, and ``passed`` the rows of a pair of levels.
+    classes of links before a span, and ``passed`` the rows of a pair of levels. ``marks`` has
+    ``mark_rows`` rows for each sender; ``marks_lost`` says that they were too few, or the memory in
+    which marks are made (``model.radio.marks.Memory``), from ``flown`` (tracks) to ``visited``.
     """
 
     ways: Table[float]
@@ -510,6 +533,15 @@ class AirTables(Row):
     link_words: Table[int]
     held: Table[int]
     passed: Table[int]
+    mark_rows: int
+    marks_lost: int
+    flown: Table[float]
+    borders_s: Table[float]
+    visits: Table[float]
+    seen: Table[int]
+    times: Table[float]
+    stretches: Table[float]
+    visited: Table[int]
 
 
 @row

@@ -64,6 +64,6 @@ def settle(world: Constants, path: Path, state: State, attachment: int, admissio
 @rare_rule
 def on_turn(world: Constants, path: Path, state: State, user: User) -> None:
     """Let what is due happen to a user's rival, and look for what is next."""
-    turn(world, state, user, ATTACHMENT)
+    turn(world, path, state, user, ATTACHMENT)
     unsettle(state, user)
     settle_after(world, path, state, ATTACHMENT)

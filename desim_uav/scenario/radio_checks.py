@@ -124,6 +124,14 @@ def links_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
                 "your own with p_los",
                 ((*path, "path_loss"),),
             )
+        mean = radio.line_of_sight == "mean" and not _always_sees(radio.path_loss)
+        if mean and radio.shadowing is not None:
+            yield Finding(
+                (*path, "shadowing"),
+                "is for links with and without line of sight, which line_of_sight: mean does not "
+                "tell apart; write line_of_sight: drawn or buildings",
+                ((*path, "line_of_sight"), (*path, "path_loss")),
+            )
         tallest_m = _tallest_user_m(scenario)
         if links.lowest_m <= tallest_m:
             yield Finding(
@@ -156,6 +164,8 @@ def losses_have_bounds(scenario: Scenario) -> Iterator[Finding]:
         reasons = {
             "drones climb (map.dimensions: 3, map.obstacles)": links.highest_m > links.lowest_m,
             "drones interfere (interference)": links.radio.reuse > 0,
+            "line of sight changes (line_of_sight)": links.radio.line_of_sight != "mean",
+            "links have shadowing (shadowing)": links.radio.shadowing is not None,
             "association compares levels": scenario.association.by_level,
         }
         named = [reason for reason, holds in reasons.items() if holds]

@@ -22,6 +22,7 @@ from desim_uav.model.components import (
 )
 from desim_uav.model.observations import RowObservation
 from desim_uav.model.radio.levels import BOUNDS, LEVEL
+from desim_uav.model.radio.marks import P_LOS
 from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import View
@@ -173,7 +174,7 @@ RADIO_SLOTS = (
         RowPathLoss,
         lambda links: links.radio.path_loss if links.in_air else None,
         "loss_values",
-        (LEVEL, BOUNDS),
+        (LEVEL, BOUNDS, P_LOS),
     ),
 )
 """The components of a radio; the key of each follows that of the radio."""

@@ -4,11 +4,23 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+
 from desim_uav.engine.air import MOST_PASSED
 from desim_uav.engine.compiled.looking import CHANGE_COLUMNS, know_walks, sort_last_first
 from desim_uav.model.compiled_rows import as_array, call, set_word
 from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.radio.air import class_changes_in_air, pair_changes
+from desim_uav.model.radio.marks import (
+    CHANGE_COLUMNS as SEEN_COLUMNS,
+)
+from desim_uav.model.radio.marks import (
+    MARK_COLUMNS,
+    VISIT_COLUMNS,
+    Memory,
+    Sight,
+    marks_of,
+)
 from desim_uav.model.radio.scene import (
     LOSS_COLUMNS,
     PLACE_COLUMNS,
@@ -17,13 +29,21 @@ from desim_uav.model.radio.scene import (
     Air,
 )
 from desim_uav.model.radio.search import LINK_COLUMNS, LINK_WORDS
-from desim_uav.model.radio.tracks import TRACK_COLUMNS
+from desim_uav.model.radio.sight import Buffers, Buildings
+from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight
 from desim_uav.model.walking import LEG_COLUMNS
-from desim_uav.rules.air import keeps_rings, note_classes, place_drones
+from desim_uav.rules.air import (
+    keeps_rings,
+    lacks_marks,
+    note_classes,
+    number_in_draws,
+    place_drones,
+)
+from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.words import LOST, NEVER
 
-PIECE_COLUMNS, MARK_COLUMNS = 4, 3
+PIECE_COLUMNS = 4
 
 
 @kernel
@@ -39,6 +59,10 @@ def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, spa
     if not _knows_walks(world, path, state, end_us):
         ahead.clear()
         return
+    if world.radios[drone.radio].marked or world.reuse > 0:
+        for d in range(len(state.senders)):
+            if lacks_marks(world, state, drone, state.senders[d], end_us):
+                _mark(world, path, state, state.senders[d], end_us)
     note_classes(state, drone)
     found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))
     held = as_array(state.look.air.held, (len(state.users),))
@@ -53,7 +77,14 @@ def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, spa
 
 @kernel
 def passes_us(
-    world: Constants, path: Path, state: State, user: User, one: int, other: int, better: int
+    world: Constants,
+    path: Path,
+    state: State,
+    user: User,
+    one: int,
+    other: int,
+    better: int,
+    margin_db: float,
 ) -> int:
     """Return when one drone becomes better than another one (see ``rules.association``)."""
     span_us = (state.now_us, state.known_until_us)
@@ -61,7 +92,7 @@ def passes_us(
         return NEVER
     passed = as_array(state.look.air.passed, (MOST_PASSED, 2))
     air = _air_of(world, path, state)
-    rows = pair_changes(air, user.index, one, other, world.margin_db, span_us, better, passed)
+    rows = pair_changes(air, user.index, one, other, margin_db, span_us, better, passed)
     return passed[0, 0] if rows > 0 else NEVER
 
 
@@ -76,13 +107,86 @@ def _knows_walks(world: Constants, path: Path, state: State, end_us: int) -> boo
 
 
 @rule
+def _mark(world: Constants, path: Path, state: State, drone: Drone, end_us: int) -> None:
+    """Make the marks of all links to a drone until a time; say so if there is no room for them."""
+    own, users = state.look.air, len(state.users)
+    first = drone.index * own.mark_rows
+    out = as_array(own.marks, (len(own.marks) // MARK_COLUMNS, MARK_COLUMNS))
+    out = out[: first + own.mark_rows]
+    begins = drone.index * (users + 1)
+    out_at = as_array(own.marks_at, (len(own.marks_at),))[begins : begins + users + 1]
+    out_at[0] = first
+    span_us = (state.now_us, end_us)
+    end = marks_of(
+        _sight_of(world, path, state, drone), number_in_draws(drone), span_us, out, out_at
+    )
+    if end < 0 or end > len(out):
+        own.marks_lost = 1
+        out_at[:] = first
+    drone.marked_us, drone.marked_until_us = span_us
+
+
+@rule
+def _sight_of(world: Constants, path: Path, state: State, drone: Drone) -> Any:
+    """Return what decides on the marks of links to a drone."""
+    own, radio, users = state.look.air, world.radios[drone.radio], len(state.users)
+    legs, legs_at = _walks_of(path, state)
+    (x0, y0, x1, y1), (z0, z1) = way_of(world, drone), heights_of(world, drone)
+    pieces = as_array(world.profiles, (len(world.profiles) // PIECE_COLUMNS, PIECE_COLUMNS))
+    begins, after = world.profiles_at[drone.transit], world.profiles_at[drone.transit + 1]
+    cells, cell_m = (world.nx, world.ny), (world.cell_x_m, world.cell_y_m)
+    return Sight(
+        radio.sight,
+        as_array(path.link_key, (2,)).view(np.uint64),
+        (radio.los_shadow_db, radio.nlos_shadow_db),
+        cell_m,
+        cells,
+        legs,
+        legs_at,
+        as_array(world.heights_m, (users,)),
+        Flight(pieces[begins:after], (x0, y0, z0, x1, y1, z1), drone.since_us),
+        radio.p_los,
+        radio.loss_values,
+        Buildings(
+            as_array(world.corners_m, (len(world.corners_m) // 2, 2)),
+            as_array(world.corners_at, (len(world.corners_at),)),
+            as_array(world.roofs_m, (len(world.roofs_m),)),
+            cells,
+            cell_m,
+            as_array(world.built_at, (len(world.built_at),)),
+            as_array(world.built, (len(world.built),)),
+            world.tallest_m,
+        ),
+        Memory(
+            as_array(own.flown, (len(own.flown) // TRACK_COLUMNS, TRACK_COLUMNS)),
+            as_array(own.borders_s, (len(own.borders_s),)),
+            as_array(own.visits, (len(own.visits) // VISIT_COLUMNS, VISIT_COLUMNS)),
+            as_array(own.seen, (len(own.seen) // SEEN_COLUMNS, SEEN_COLUMNS)),
+            Buffers(
+                as_array(own.times, (len(own.times),)),
+                as_array(own.stretches, (len(own.stretches) // 2, 2)),
+                as_array(own.visited, (len(own.visited),)),
+            ),
+        ),
+    )
+
+
+@rule
+def _walks_of(path: Path, state: State) -> Any:
+    """Return the legs of the users' walks, and the first one of each user."""
+    rows, begins = path.legs, path.legs_at
+    if path.stepwise:
+        rows, begins = state.look.walking.legs, state.look.walking.legs_at
+    legs = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS))
+    return legs, as_array(begins, (len(state.users) + 1,))
+
+
+@rule
 def _air_of(world: Constants, path: Path, state: State) -> Any:
     """Return what kernels know of drones and users."""
     place_drones(world, state)
     own, senders, users = state.look.air, len(state.senders), len(state.users)
-    rows, begins = path.legs, path.legs_at
-    if path.stepwise:
-        rows, begins = state.look.walking.legs, state.look.walking.legs_at
+    legs, legs_at = _walks_of(path, state)
     return Air(
         as_array(own.ways, (senders, PLACE_COLUMNS)),
         as_array(own.senders, (senders, SENDER_COLUMNS)),
@@ -92,8 +196,8 @@ def _air_of(world: Constants, path: Path, state: State) -> Any:
         as_array(own.radios, (len(world.radios), RADIO_COLUMNS)),
         as_array(world.thresholds_db, (len(world.thresholds_db),)),
         as_array(world.thresholds_at, (len(world.thresholds_at),)),
-        as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS)),
-        as_array(begins, (users + 1,)),
+        legs,
+        legs_at,
         as_array(world.heights_m, (users,)),
         as_array(own.marks, (len(own.marks) // MARK_COLUMNS, MARK_COLUMNS)),
         as_array(own.marks_at, (len(own.marks_at),)),

@@ -32,7 +32,7 @@ def _look_anew(world: Any, path: Any, state: Any) -> Any:
         look = state.look
         look.from_us = look.to_us = look.walked_us = -1
         look.stand = stand(world, path)
-        look.walking.begun = look.walking.lost = 0
+        look.walking.begun = look.walking.lost = look.air.marks_lost = 0
 
     return look_anew
 

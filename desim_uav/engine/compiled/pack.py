@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from desim_uav.copies import Unchanging, owned
-from desim_uav.engine.air import set_air, set_memory
+from desim_uav.engine.air import Room, set_air, set_memory, set_room
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
 from desim_uav.engine.compiled.components import (
@@ -162,6 +162,16 @@ def legs_of_step(world: World) -> int:
     return int(mobility.expected_legs(users, world.area, world.step_us / US)) + 2 * users + 16
 
 
+STRETCHES = 64
+"""The least number of blocked stretches of a line of sight for which there is memory."""
+
+
+def room_for(users: int, buffers: Buffers, legs: int) -> Room:
+    """Return how much memory there is for marks, which grows with the buffers for crossings."""
+    crossings = buffers.crossings
+    return Room(2 * users + 4 * crossings, legs + crossings, STRETCHES + crossings // 4)
+
+
 def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int) -> Words:
     """Return a state in memory, with a buffer for this many legs of users in a step (``legs``)."""
     state: Any = state_of(world, settings, buffers, State)
@@ -171,6 +181,7 @@ def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int)
     state.winners = _whole(2 * count)
     look = state.look
     set_memory(look.air, world)
+    set_room(look.air, world, room_for(users, buffers, legs))
     look.users = np.zeros(SEEN_ROWS * users)
     look.heads, look.following = _whole(nx * ny), _whole(users if nx * ny else 0)
     if world.row_mobility:

@@ -40,8 +40,9 @@ def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
     starts = Path.words * np.arange(episodes)
     at, place, parts = rows.size, 3, []
     # The order is that of the tables of Path. A row of asks has four words, other entries one.
-    sections = (asks, asks_at, legs, legs_at, streams, _block(paths.respawn), _errors(paths))
-    for columns, section in zip((4, 1, 1, 1, 1, 1, 1), sections, strict=True):
+    respawns, keys = _block(paths.respawn), _keys(paths.link_keys)
+    sections = (asks, asks_at, legs, legs_at, streams, respawns, _errors(paths), keys)
+    for columns, section in zip((4, 1, 1, 1, 1, 1, 1, 1), sections, strict=True):
         rows[:, place] = 8 * (at + section.begins - starts)
         rows[:, place + 1] = section.counts // columns
         place += 2
@@ -100,6 +101,11 @@ def _after_previous(requests: Sequence[Requests]) -> Sequence[bool]:
     if isinstance(requests, ManyRequests):
         return [requests.after_previous] * len(requests)
     return [own.after_previous for own in requests]
+
+
+def _keys(keys: NDArray[np.uint64]) -> Section:
+    """Return the section of the keys of links' draws, which stands once without any."""
+    return _block(keys.view(np.int64)) if keys.any() else Section([np.zeros(2, np.int64)], 0, 2)
 
 
 def _errors(paths: SamplePaths) -> Section:

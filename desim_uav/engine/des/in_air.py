@@ -6,10 +6,20 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.engine.air import set_memory
+from desim_uav.engine.air import Room, buildings_of, set_memory, set_room
 from desim_uav.engine.constants import transits_of
 from desim_uav.model.radio.air import class_changes_in_air, pair_changes
 from desim_uav.model.radio.levels import compiled_loss
+from desim_uav.model.radio.marks import (
+    CHANGE_COLUMNS,
+    DRAWN,
+    MARK_COLUMNS,
+    VISIT_COLUMNS,
+    Memory,
+    Sight,
+    compiled_chance,
+    marks_of,
+)
 from desim_uav.model.radio.scene import (
     LOSS_COLUMNS,
     PLACE_COLUMNS,
@@ -18,39 +28,59 @@ from desim_uav.model.radio.scene import (
     Air,
     memory,
 )
+from desim_uav.model.radio.sight import Buffers
+from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight
 from desim_uav.model.walking import Walks
-from desim_uav.rules.air import note_classes, place_drones
+from desim_uav.rules.air import lacks_marks, note_classes, number_in_draws, place_drones
+from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.words import NEVER
 from desim_uav.world import World
 
 Rows = list[list[int]]
+Span = tuple[int, int]
+
+MARKS_A_USER, STRETCHES = 4, 16
+"""How many marks of a user, and blocked stretches of a line of sight, there is memory for first."""
 
 
 class InAir:
     """Computes the changes of an episode by the kernels of ``model.radio.air``."""
 
     def __init__(self, world: World, constants: Any, state: Any) -> None:
-        self.constants, self.state = constants, state
+        self.world, self.constants, self.state = world, constants, state
         set_memory(state.look.air, world)
-        self._losses = []  # which the constants point at
+        self._kept: list[Any] = []  # which the constants point at
         for row, links in zip(constants.radios, world.links, strict=True):
             if links.in_air:
                 loss = compiled_loss(links.radio.path_loss)
                 row.level, row.rates, row.loss_values = loss.level, loss.rates, loss.values
-                self._losses.append(loss)
+                self._kept.append(loss)
+            if row.sight == DRAWN:
+                chance = compiled_chance(links.radio.path_loss)
+                row.p_los = chance.p_los
+                self._kept.append(chance)
         profiles = [transit.profile for transit in transits_of(world)]
         self._profiles = np.concatenate(profiles), np.cumsum([0, *map(len, profiles)])
         self._memory = memory(len(state.senders), max(map(len, profiles)))
         self._thresholds = np.array(constants.thresholds_db), np.array(constants.thresholds_at)
         self._heights = np.array(constants.heights_m)
         self._found = np.empty((256, 3), np.int64)
+        self._buildings = buildings_of(world)
+        self._room = Room(MARKS_A_USER * len(self._heights), 0, STRETCHES)
 
-    def begin(self, walks: Walks) -> None:
-        """Begin an episode with these walks."""
-        self._walks = walks
+    def begin(self, walks: Walks, link_key: Any) -> None:
+        """Begin an episode with these walks, and this key of the draws of links."""
+        self._walks, self._key = walks, link_key
+        most_legs = int(np.diff(walks.offsets).max(initial=0))
+        self._room = self._room._replace(legs=most_legs)
+        set_room(self.state.look.air, self.world, self._room)
 
-    def changes(self, drone: Any, span_us: tuple[int, int]) -> Rows:
+    def changes(self, drone: Any, span_us: Span) -> Rows:
         """Return the changes of class on a drone's leg, in no order."""
+        if self.world.marked:
+            for other in self.state.senders:
+                if lacks_marks(self.constants, self.state, drone, other, span_us[1]):
+                    self._mark(other, span_us)
         note_classes(self.state, drone)
         air, held = self._air(), self.state.look.air.held
         while True:
@@ -61,13 +91,80 @@ class InAir:
             self._found = np.empty((2 * count, 3), np.int64)
 
     def passes_us(
-        self, world: Any, path: Any, state: Any, user: Any, one: int, other: int, better: int
+        self,
+        world: Any,
+        path: Any,
+        state: Any,
+        user: Any,
+        one: int,
+        other: int,
+        better: int,
+        margin_db: float,
     ) -> int:
         """Return when one drone becomes better than another one (see ``rules.association``)."""
         span_us, passed = (state.now_us, state.known_until_us), state.look.air.passed.reshape(-1, 2)
         air = self._air()
-        rows = pair_changes(air, user.index, one, other, world.margin_db, span_us, better, passed)
+        rows = pair_changes(air, user.index, one, other, margin_db, span_us, better, passed)
         return int(passed[0, 0]) if rows > 0 else NEVER
+
+    def _mark(self, drone: Any, span_us: Span) -> None:
+        """Make the marks of all links to a drone in a span."""
+        tables, users = self.state.look.air, len(self._heights)
+        while True:
+            first = drone.index * tables.mark_rows
+            out = tables.marks.reshape(-1, MARK_COLUMNS)[: first + tables.mark_rows]
+            own = drone.index * (users + 1)
+            out_at = tables.marks_at[own : own + users + 1]
+            out_at[0] = first
+            number = number_in_draws(drone)
+            end = marks_of(self._sight(drone), number, span_us, out, out_at)
+            if 0 <= end <= len(out):
+                drone.marked_us, drone.marked_until_us = span_us
+                return
+            self._make_room(end - first, -end)
+
+    def _make_room(self, rows: int, stretches: int) -> None:
+        """Make room for at least so many marks of a drone, and so many stretches."""
+        tables, had, room = self.state.look.air, self._room, self._room
+        marks, marks_at = tables.marks.reshape(-1, had.marks, MARK_COLUMNS), tables.marks_at
+        if stretches > 0:
+            room = room._replace(stretches=max(2 * had.stretches, stretches))
+        else:
+            room = room._replace(marks=max(2 * had.marks, rows))
+        self._room = room
+        set_room(tables, self.world, room)
+        tables.marks.reshape(-1, room.marks, MARK_COLUMNS)[:, : had.marks] = marks
+        moved = np.arange(len(marks)) * (room.marks - had.marks)
+        tables.marks_at[:] = marks_at + np.repeat(moved, len(marks_at) // len(marks))
+
+    def _sight(self, drone: Any) -> Sight:
+        """Return what decides on the marks of links to a drone."""
+        world, tables = self.constants, self.state.look.air
+        radio, (legs, offsets) = world.radios[drone.radio], self._walks
+        (x0, y0, x1, y1), (z0, z1) = way_of(world, drone), heights_of(world, drone)
+        pieces, begins = self._profiles
+        profile = pieces[begins[drone.transit] : begins[drone.transit + 1]]
+        return Sight(
+            radio.sight,
+            self._key,
+            (radio.los_shadow_db, radio.nlos_shadow_db),
+            self.world.grid.cell_m,
+            self.world.grid.cells,
+            legs,
+            offsets,
+            self._heights,
+            Flight(profile, (x0, y0, z0, x1, y1, z1), drone.since_us),
+            radio.p_los,
+            radio.loss_values,
+            self._buildings,
+            Memory(
+                tables.flown.reshape(-1, TRACK_COLUMNS),
+                tables.borders_s,
+                tables.visits.reshape(-1, VISIT_COLUMNS),
+                tables.seen.reshape(-1, CHANGE_COLUMNS),
+                Buffers(tables.times, tables.stretches.reshape(-1, 2), tables.visited),
+            ),
+        )
 
     def _air(self) -> Air:
         """Return what kernels know of drones and users."""
@@ -86,7 +183,7 @@ class InAir:
             legs=legs,
             legs_at=offsets,
             heights_m=self._heights,
-            marks=np.empty((0, 3)),
-            marks_at=np.empty(0, np.int64),
+            marks=np.asarray(own.marks, float).reshape(-1, MARK_COLUMNS),
+            marks_at=np.asarray(own.marks_at, np.int64),
             **self._memory,
         )

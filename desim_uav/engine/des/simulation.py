@@ -115,7 +115,7 @@ class Simulation(Engine):
         for changes in self._changes:
             changes.begin(path.walks)
         if self._in_air is not None:
-            self._in_air.begin(path.walks)
+            self._in_air.begin(path.walks, path.link_key)
         after_event = None if self.audit is None else self._after_event
         self.clock = state.clock = Clock(slots(state), after_event)
         self._processes = Processes(self.clock, world, own, state)

@@ -73,7 +73,8 @@ GRAZE = 1e-15
 """Where a link touches its cone to within this share of the squared height, it does not pass it."""
 
 SINCE, CELL = range(2)
-"""The columns of ``Memory.visits``."""
+VISIT_COLUMNS, CHANGE_COLUMNS = 2, 2
+"""The columns of ``Memory.visits``, and the numbers of columns there and in ``Memory.changes``."""
 
 
 class Memory(NamedTuple):
@@ -171,8 +172,8 @@ def memory_for(
     return Memory(
         np.zeros((pieces + most_legs + 2, TRACK_COLUMNS)),
         np.zeros(borders),
-        np.zeros((pieces + borders, 2)),
-        np.zeros((2 * stretches + 3, 2), np.int64),
+        np.zeros((pieces + borders, VISIT_COLUMNS)),
+        np.zeros((2 * stretches + 3, CHANGE_COLUMNS), np.int64),
         buffers_for(buildings.offsets, stretches),
     )
 
@@ -220,7 +221,7 @@ def marks_of(
 
     If the returned number is larger than the length of ``out``, rows are missing, and with that
     many rows it is long enough. If it is negative, ``sight.memory`` must be made for that many
-    stretches (``memory_for``).
+    stretches, and for all legs of each walk (``memory_for``).
     """
     memory = sight.memory
     after = fly(sight.flight, span_us, memory.tracks, 0)
@@ -233,7 +234,9 @@ def marks_of(
             own = (sight.legs_at[user], sight.legs_at[user + 1])
             end = walk(sight.legs, own, sight.heights_m[user], span_us, memory.tracks, after)
             mine = (after, end)
-            if sight.kind == DRAWN:
+            if end > len(memory.tracks):
+                most = max(most, len(memory.buffers.blocked))
+            elif sight.kind == DRAWN:
                 rows = _mark_drawn(sight, transmitter, user, (0, after), mine, visits, out, rows)
             else:
                 count = sight_changes(

@@ -36,6 +36,8 @@ class Radio(Protocol):
 
     marked: bool
     """Whether the line of sight, or shadowing, of a link changes."""
+    sight: str
+    """The line of sight of marked links: a kind of ``model.radio.marks``."""
     reuse: int
     sharing: Any
     graded: bool
@@ -64,6 +66,7 @@ class Disc:
     graded: ClassVar[bool] = False
     flat: ClassVar[bool] = True
     marked: ClassVar[bool] = False
+    sight: ClassVar[str] = "mean"
     reuse: ClassVar[int] = 0
 
     @property
@@ -188,6 +191,14 @@ class LinkClasses:
     def marked(self) -> bool:
         """Whether the line of sight, or shadowing, of a link changes."""
         return self.line_of_sight != "mean" or self.shadowing is not None
+
+    @property
+    def sight(self) -> str:
+        """The line of sight of marked links.
+
+        With ``mean``, shadowing is for a path loss with which users always see drones.
+        """
+        return "drawn" if self.marked and self.line_of_sight == "mean" else self.line_of_sight
 
     @property
     def budget(self) -> LinkBudget:

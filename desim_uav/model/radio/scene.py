@@ -30,6 +30,7 @@ from desim_uav.model.radio.search import (
     LINK_COLUMNS,
     LINK_WORDS,
     MARK,
+    MARKED,
     PX,
     PY,
     PZ,
@@ -57,11 +58,11 @@ PLACE_COLUMNS = 7
 """The columns of ``Air.places``, and their number: x, y and z of the start and of the destination
 of a transmitter's flight in metres, and its power in dBm."""
 
-BEGUN_US, TRANSIT, SERVES, BAND, RADIO = range(5)
-SENDER_COLUMNS = 5
+BEGUN_US, TRANSIT, SERVES, BAND, RADIO, MARKED_US = range(6)
+SENDER_COLUMNS = 6
 """The columns of ``Air.senders``, and their number: the time at which the flight began, the number
-of its transit, whether the transmitter serves users (1) or not (0), and the numbers of its band and
-of its radio."""
+of its transit, whether the transmitter serves users (1) or not (0), the numbers of its band and of
+its radio, and the time since which its marks count."""
 
 CARRIER_GHZ, NOISE_DBM = range(2)
 RADIO_COLUMNS = 2
@@ -91,10 +92,10 @@ class Air(NamedTuple):
     thresholds ``thresholds_db[thresholds_at[r]:thresholds_at[r + 1]]`` of its classes.
 
     ``legs`` and ``legs_at`` are the walks of users (``coverage.Users``), and ``heights_m`` (users,)
-    their heights. ``marks`` has rows (seconds since the start of the span, branch, dB): the branch
-    of the path loss that holds from then on, and an additional loss. Those of transmitter i and
-    user u are the rows from ``marks_at[i * users + u]`` on, up to the next link's. A link without
-    rows has the mean loss, and so do all if ``marks_at`` is empty.
+    their heights. ``marks`` has rows (seconds since MARKED_US, branch, dB): the branch of the path
+    loss that holds from then on, and an additional loss. Those of transmitter i and user u are the
+    rows from ``marks_at[k]`` to ``marks_at[k + 1]``, where k is ``i * (users + 1) + u``. A link
+    without rows has the mean loss, and so do all if ``marks_at`` is empty.
 
     ``tracks`` (rows, TRACK_COLUMNS), ``table`` (transmitters, LINK_COLUMNS), ``words``
     (transmitters, LINK_WORDS) and ``bound_db`` (1,) are memory in which kernels work (``memory``).
@@ -158,20 +159,22 @@ def begin_links(air: Air, used: int, span_us: tuple[int, int]) -> int:
             air.losses[radio, VALUES_AT],
         )
         words[k, RATES_AT] = air.losses[radio, BOUNDS_AT]
+        words[k, MARKED] = air.senders[sender, MARKED_US] - span_us[0]
         table[k, CARRIER] = air.radios[radio, CARRIER_GHZ]
     return int(end)
 
 
 @kernel
 def take_first_rows(air: Air, links: Links, user: int) -> None:
-    """Begin with the first row of each track, and with the first mark of each link to a user."""
+    """Begin with the first row of each track, and with the mark of each link to a user then."""
     words, users = links.words, len(air.heights_m)
     for k in range(links.used):
         words[k, ROW], words[k, BRANCH] = words[k, FIRST], MEAN
         words[k, MARK] = words[k, LAST_MARK] = -1
         if len(air.marks_at) > 0:
-            link = words[k, SENDER] * users + user
+            link = words[k, SENDER] * (users + 1) + user
             words[k, MARK], words[k, LAST_MARK] = air.marks_at[link], air.marks_at[link + 1] - 1
+            words[k, MARK] = mark_at(air, links, k, 0.0)
         take_mark(air, links, k)
 
 
@@ -186,6 +189,21 @@ def take_mark(air: Air, links: Links, k: int) -> None:
         table[k, BASE_DBM] -= air.marks[mark, EXTRA_DB]
 
 
+@rule
+def mark_at(air: Air, links: Links, k: int, t: float) -> int:
+    """Return the mark of a link at a time, which is its present one or a later one."""
+    words, mark = links.words, links.words[k, MARK]
+    while mark < words[k, LAST_MARK] and begins_at(air, links, k, mark + 1) <= t:
+        mark += 1
+    return int(mark)
+
+
+@rule
+def begins_at(air: Air, links: Links, k: int, mark: int) -> float:
+    """Return when a mark of a link begins, in seconds since the start of the span."""
+    return float((links.words[k, MARKED] + np.rint(air.marks[mark, TIME_S] * 1e6)) * 1e-6)
+
+
 @kernel
 def take_rows(air: Air, links: Links, t: float) -> tuple[float, bool]:
     """Take the rows of tracks and the marks that hold at a time.
@@ -194,15 +212,13 @@ def take_rows(air: Air, links: Links, t: float) -> tuple[float, bool]:
     """
     words, until, marked = links.words, np.inf, False
     for k in range(links.used):
-        row, mark = words[k, ROW], words[k, MARK]
+        row, mark = words[k, ROW], mark_at(air, links, k, t)
         while row + 1 < words[k, AFTER] and air.tracks[row + 1, BEGIN] <= t:
             row += 1
         if row + 1 < words[k, AFTER]:
             until = min(until, air.tracks[row + 1, BEGIN])
-        while mark < words[k, LAST_MARK] and air.marks[mark + 1, TIME_S] <= t:
-            mark += 1
         if mark < words[k, LAST_MARK]:
-            until = min(until, air.marks[mark + 1, TIME_S])
+            until = min(until, begins_at(air, links, k, mark + 1))
         words[k, ROW] = row
         if mark != words[k, MARK]:
             words[k, MARK] = mark

@@ -39,13 +39,14 @@ stretch, the carrier in GHz, and the level before the path loss in dBm. Then, th
 mW at the start of the time that is looked at and at the last look, the least and the most that the
 level changes in dB/s, and a row of rates (see ``levels``)."""
 
-LEVEL, RATES_AT, VALUES, BRANCH, FIRST, AFTER, ROW, MARK, LAST_MARK, SENDER = range(10)
-LINK_WORDS = 10
+LEVEL, RATES_AT, VALUES, BRANCH, FIRST, AFTER, ROW, MARK, LAST_MARK, MARKED, SENDER = range(11)
+LINK_WORDS = 11
 """The columns of a table of whole numbers of links, and their number.
 
 First, what is called: the addresses of the path loss (``levels.Loss``) and the branch. Then, the
 first row of the drone's track, the row after the last one and the present one; the present mark and
-the last one; and the number of the drone."""
+the last one, and since when their times count, in microseconds since the start of the span; and the
+number of the drone."""
 
 
 SIGNAL: Any = np.int64(0)

@@ -115,7 +115,10 @@ class Sky:
             places=np.array(places, float),
             senders=np.array(
                 [
-                    (START_US - self.legs[i].before_us, i, self.serves[i], self.bands[i], i)
+                    (
+                        *(START_US - self.legs[i].before_us, i, self.serves[i], self.bands[i], i),
+                        START_US,
+                    )
                     for i in range(count)
                 ]
             ),
@@ -129,8 +132,15 @@ class Sky:
             legs_at=offsets(legs),
             heights_m=np.full(users, USER_M),
             marks=np.array([*chain(*marks)], float).reshape(-1, 3),
-            marks_at=offsets(marks) if self.marks else np.zeros(0, np.int64),
+            marks_at=self._marks_at(marks) if self.marks else np.zeros(0, np.int64),
             **memory(count, 5),
+        )
+
+    def _marks_at(self, marks):
+        """Where the marks of each user begin and end, drone by drone."""
+        users, ends = len(self.walks), offsets(marks)
+        return np.concatenate(
+            [ends[i * users : (i + 1) * users + 1] for i in range(len(self.legs))]
         )
 
 

@@ -131,7 +131,7 @@ class TestByHand:
         pair = np.zeros((5, 2), np.int64)
         assert class_changes_in_air(short, 0, sky.span_us, held, True, none) == 1
         assert pair_changes(short, 0, 0, 1, 0.0, sky.span_us, -1, pair) == -4
-        short = short._replace(senders=air.senders * [1, 1, 1, 0, 1])
+        short = short._replace(senders=air.senders * [1, 1, 1, 0, 1, 1])
         assert class_changes_in_air(short, 0, sky.span_us, held, True, none) == -4
 
 

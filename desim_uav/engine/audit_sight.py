@@ -1,0 +1,119 @@
+"""Levels of links with draws or buildings, by other formulas than the engines'.
+
+The draws are NumPy's (``numpy.random.Philox``, the normal quantile of the standard library), and a
+line of sight is cut by the slabs between the walls of each cell.
+"""
+
+from __future__ import annotations
+
+import math
+from statistics import NormalDist
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from desim_uav.world import World
+
+Place = tuple[float, float, float]
+
+TOUCH_M = 1e-4
+"""How far from a wall, a roof or the border of a cell nothing is known for certain."""
+
+
+class Draws(NamedTuple):
+    """What is drawn for a link while the transmitter is in a cell."""
+
+    uniform: float
+    los_db: float
+    nlos_db: float
+
+
+def draws_of(key: Any, radio: Any, transmitter: int, user: int, cell: int) -> Draws:
+    """Return the draws of a link; access point k is transmitter -1 - k."""
+    counter = sum(word % 2**64 << 64 * k for k, word in enumerate((cell, user, transmitter, 0)))
+    words = np.random.Philox(
+        key=sum(int(word) << 64 * k for k, word in enumerate(key)), counter=(counter - 1) % 2**256
+    ).random_raw(3)
+    normals = [NormalDist().inv_cdf(((int(word) >> 12) + 0.5) / 2**52) for word in words[1:]]
+    shadows = (0.0, 0.0) if radio.shadowing is None else tuple(map(float, radio.shadowing))
+    return Draws((int(words[0]) >> 11) / 2**53, shadows[0] * normals[0], shadows[1] * normals[1])
+
+
+def possible_levels_dbm(
+    world: World, key: Any, radio: Any, transmitter: int, user: int, ends: tuple[Place, Place]
+) -> list[float]:
+    """Return the levels that a link may have: one, or several where that is not certain.
+
+    ``ends`` are the places of user and transmitter.
+    """
+    (ux, uy, uz), (x, y, z) = ends
+    apart = math.hypot(x - ux, y - uy), z - uz
+    found = []
+    for cell in _cells(world, x, y):
+        draws = draws_of(key, radio, transmitter, user, cell)
+        for clear in _clear(world, radio, draws.uniform, ends):
+            loss = radio.path_loss.los_db if clear else radio.path_loss.nlos_db
+            extra_db = draws.los_db if clear else draws.nlos_db
+            found.append(radio.power_dbm - loss(*apart, radio.carrier_ghz) - extra_db)
+    return found
+
+
+def _cells(world: World, x: float, y: float) -> list[int]:
+    """Return the numbers of the cells that are at most TOUCH_M away from a place."""
+    nx, ny = world.grid.cells
+    dx, dy = world.grid.cell_m
+    return [
+        ix * ny + iy
+        for ix in range(nx)
+        for iy in range(ny)
+        if _inside(x, ix, dx, nx) and _inside(y, iy, dy, ny)
+    ]
+
+
+def _inside(at: float, index: int, side_m: float, count: int) -> bool:
+    low = index * side_m - TOUCH_M if index else -math.inf
+    high = (index + 1) * side_m + TOUCH_M if index + 1 < count else math.inf
+    return low <= at <= high
+
+
+def _clear(world: World, radio: Any, uniform: float, ends: tuple[Place, Place]) -> list[bool]:
+    """Return whether a user sees a transmitter: one answer, or both where it is not certain."""
+    if radio.line_of_sight == "buildings":
+        height_m = world.grid.height_m
+        built = [(cell, float(height_m[cell])) for cell in np.ndindex(height_m.shape)]
+        cuts = [_cut_m(world, cell, roof, ends) for cell, roof in built if roof > 0.0]
+        deepest_m = max(cuts, default=-math.inf)
+        return [deepest_m <= 0.0] if abs(deepest_m) > TOUCH_M else [False, True]
+    (ux, uy, uz), (x, y, z) = ends
+    elevation = math.degrees(math.atan2(z - uz, math.hypot(x - ux, y - uy)))
+    seen = [uniform < radio.path_loss.p_los(elevation + turn) for turn in (-1e-5, 1e-5)]
+    return list(dict.fromkeys(seen))
+
+
+def _cut_m(world: World, cell: tuple[int, ...], roof_m: float, ends: tuple[Place, Place]) -> float:
+    """Return by how much a line could be moved until a building no longer cuts it, about, in m.
+
+    It is below 0 if the line passes the building, and then it is minus the distance.
+    """
+    first, last = np.array(ends[0]), np.array(ends[1])
+    side = np.array(world.grid.cell_m)
+    low = np.array([*(np.array(cell) * side), -math.inf])
+    high = np.array([*((np.array(cell) + 1) * side), roof_m])
+
+    def cuts(by_m: float) -> bool:
+        """Whether the line cuts the building, each side of which is moved inwards by so much."""
+        since, until = 0.0, 1.0
+        for k in range(3):
+            a, b = first[k], last[k] - first[k]
+            near, far = low[k] + by_m, high[k] - by_m
+            if b == 0.0:
+                if not near < a < far:
+                    return False
+                continue
+            one, other = sorted(((near - a) / b, (far - a) / b))
+            since, until = max(since, one), min(until, other)
+        return bool(since < until)
+
+    if not cuts(-TOUCH_M):
+        return -math.inf
+    return math.inf if cuts(TOUCH_M) else 0.0
