@@ -142,7 +142,12 @@ def _geometry(simulation: Simulation) -> None:
         assert (covered == (classes > 0)).all(), f"classes and coverage of {drone.index}"
         assert drone.serving or not covered.any(), f"drone {drone.index} covers in {drone.mode}"
     serving = [drone for drone in state.senders if drone.serving]
-    _ratios(simulation, [drone for drone in serving if _radio_of(simulation, drone).graded], users)
+    if state.retunes:  # classes pass to their new values at the end of this instant
+        epoch = state.now_us == state.known_until_us - world.step_us
+        assert epoch or simulation.clock.peek() == state.now_us, "interference has changed"
+    else:
+        graded = [drone for drone in serving if _radio_of(simulation, drone).graded]
+        _ratios(simulation, graded, users)
     for drone in serving:
         if not _radio_of(simulation, drone).graded:
             x, y, _ = position(world, state, drone)

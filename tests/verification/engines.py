@@ -20,7 +20,7 @@ from tests.verification.figure import Exact, Figure
 
 SUMS = (
     *("duration_us", "attached_us", "bandwidth_us_hz", "queueing_us", "distance_m"),
-    *("crashed", "charges", "suppressed"),
+    *("crashed", "charges", "suppressed", "point_steps", "links"),
 )
 
 
@@ -76,7 +76,13 @@ def row(request: ClosedRequest) -> tuple[Any, ...]:
     """A request as it is logged."""
     return (
         *(request.request_id, request.user, request.service, request.bandwidth_bps),
-        *(request.required, request.served_us, request.attached_us, request.t_request_us),
+        *(
+            request.required,
+            request.done,
+            request.served_us,
+            request.attached_us,
+            request.t_request_us,
+        ),
         *(request.t_first_us, request.t_end_us, request.interruptions, request.drones),
         request.outcome,
     )
