@@ -71,7 +71,7 @@ class Painter:
         self.corner = ((WIDTH - PANEL - size[0]) // 2, (HEIGHT - size[1]) // 2)
         self.map = self._drawn_map(size)
         self.background = self._drawn_background()
-        self.radius_px = world.scenario.drones.footprint_radius_m * self.scale
+        self.radius_px = world.reach_m * self.scale
 
     def frame(self, scene: Scene, shown: Snapshot, title: str) -> NDArray[np.uint8]:
         """Return the frame, uint8 (600, 800, 3). ``title`` appears below the scenario's name."""

@@ -167,8 +167,9 @@ def scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
     return [
         ("name", plain["name"]),
         ("map", f"{width:g} × {depth:g} m, {nx} × {ny} cells, {plain['map']['dimensions']}D"),
-        ("drones", f"{drones['count']}, footprint {drones['footprint_radius_m']:g} m"),
-        ("bandwidth", _or_unlimited(drones["bandwidth_kbps"], "{:g} kbit/s per drone")),
+        ("drones", f"{drones['count']}{_footprint(drones)}"),
+        ("bandwidth", _bandwidth(drones)),
+        *_radio_facts(plain),
         ("battery", "unlimited" if battery is None else _component(battery)),
         ("motion", _component(drones["motion"])),
         ("stations", f"{stations['count']}, {count(stations['pads'], 'pad')} each"),
@@ -181,6 +182,26 @@ def scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
         ("episode", f"{episode['steps']} steps of {episode['step_s']:g} s"),
         ("carry-over", "yes" if episode["carry_over"] else "no"),
     ]
+
+
+def _footprint(drones: dict[str, Any]) -> str:
+    radius_m = drones.get("footprint_radius_m")
+    return "" if radius_m is None else f", footprint {radius_m:g} m"
+
+
+def _bandwidth(drones: dict[str, Any]) -> str:
+    if "bandwidth_mhz" in drones["radio"]:
+        return f"{drones['radio']['bandwidth_mhz']:g} MHz per drone"
+    return _or_unlimited(drones["bandwidth_kbps"], "{:g} kbit/s per drone")
+
+
+def _radio_facts(plain: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the radio, the association and the access points, if links have classes."""
+    radio, points = plain["drones"]["radio"], plain.get("access_points") or []
+    if radio["kind"] == "disc" and not points:
+        return []
+    facts = [("radio", _component(radio)), ("association", _component(plain["association"]))]
+    return facts + ([("access points", str(len(points)))] if points else [])
 
 
 def _or_unlimited(value: float | None, form: str) -> str:

@@ -22,6 +22,7 @@ from desim_uav.engine.base import Measures, UserState
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import US, Mode, Phase
 from desim_uav.report.batteries import batteries_before_us, battery_knots
+from desim_uav.report.links import full_service_s
 from desim_uav.report.run import Run
 from desim_uav.report.tracks import Track
 from desim_uav.rules.words import LEADS_TO
@@ -237,8 +238,9 @@ class Playback:
             keys = pd.Series(rows["key"].to_numpy(), rows["request_id"].to_numpy(np.int64))
             return np.asarray(keys[requests["request_id"]], np.int64)
 
-        columns = [requests[name].to_numpy() for name in Requests._fields[:5]]
-        return Requests._make([*columns, key_of(opened), key_of(closed)])
+        columns = [requests[name].to_numpy() for name in Requests._fields[:4]]
+        full_s = full_service_s(requests)
+        return Requests._make([*columns, full_s, key_of(opened), key_of(closed)])
 
     def _users_at(self, key: int) -> tuple[Ints, Ints, Ints]:
         """Return by user the drone it is attached to and the one that serves it, and who asks."""
@@ -286,19 +288,22 @@ class Playback:
         served_us = np.bincount(of_request, served.lasted_us(t_us, key), len(begun))[begun]
         end_s = np.minimum(requests.t_end_s[begun], t_us / US)
         open_us = (end_s - requests.t_request_s[begun]) * US
-        qoe1 = 100 * float((served_us / US / requests.requested_s[begun]).mean())
+        qoe1 = 100 * float((served_us / US / requests.full_service_s[begun]).mean())
         qoe2 = float((open_us - served_us).mean()) / self.run.world.step_us
         return Measures(qoe1, qoe2, qoe3)
 
 
 class Requests(NamedTuple):
-    """The requests of an episode as columns, in order of their numbers."""
+    """The requests of an episode as columns, in order of their numbers.
+
+    Each is completed once it has been served for ``full_service_s`` (see ``report.links``).
+    """
 
     request_id: Ints
     user: Ints
     t_request_s: Floats
     t_end_s: Floats
-    requested_s: Floats
+    full_service_s: Floats
     from_key: Ints
     to_key: Ints
 

@@ -10,7 +10,6 @@ import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle
 
 from desim_uav.errors import PolicyError
 from desim_uav.report.figures.map import (
@@ -18,10 +17,14 @@ from desim_uav.report.figures.map import (
     draw_buildings,
     draw_cells,
     draw_clusters,
+    draw_points,
+    draw_rings,
     draw_stations,
 )
 from desim_uav.report.figures.style import NARROW, drone_look, named, styled
+from desim_uav.report.links import rings_m
 from desim_uav.report.run import Run, opened
+from desim_uav.world import World
 
 
 @styled
@@ -45,7 +48,6 @@ def case_picture(
         frame[frame["t_s"] <= minute * 60] for frame in (run.of(n, episode) for n in PARTS)
     )
     world = run.map
-    radius_m = run.scenario.drones.footprint_radius_m
 
     figure = Figure(figsize=(width, width * 6.4 / 7.2))
     axes = figure.add_subplot()
@@ -54,7 +56,8 @@ def case_picture(
     draw_clusters(axes, world)
     draw_stations(axes, world)
     _draw_users(axes, users)
-    _draw_drones(axes, steps, world, radius_m)
+    draw_points(axes, run.world)
+    _draw_drones(axes, steps, run.world, world)
     if buildings is not None:
         figure.colorbar(buildings, ax=axes, shrink=0.6, label="building height, m")
     figure.legend(loc="outside lower center", ncols=3 if width > NARROW else 2, fontsize=9)
@@ -76,7 +79,7 @@ def _draw_users(axes: Axes, users: pd.DataFrame) -> None:
     axes.plot(homes["x_m"], homes["y_m"], ".", label="user at home, and walk", **dot)
 
 
-def _draw_drones(axes: Axes, steps: pd.DataFrame, world: dict[str, Any], radius_m: float) -> None:
+def _draw_drones(axes: Axes, steps: pd.DataFrame, links: World, world: dict[str, Any]) -> None:
     for drone, cell in enumerate(world["start_cells"]):
         path = steps[steps["drone"] == drone]
         dressed = drone_look(drone)
@@ -88,5 +91,5 @@ def _draw_drones(axes: Axes, steps: pd.DataFrame, world: dict[str, Any], radius_
         label = named(drone, len(world["start_cells"]), f"drone {drone}, {mode}")
         axes.plot(xs[-1], ys[-1], "X", color=colour, markersize=9, label=label, zorder=5)
         if mode == "flying":
-            footprint = Circle((xs[-1], ys[-1]), radius_m, color=colour, alpha=0.13, linewidth=0)
-            axes.add_patch(footprint)
+            z_m = path["z_m"].iloc[-1] if len(path) else links.grid.levels_m[0]
+            draw_rings(axes, (xs[-1], ys[-1]), rings_m(links, z_m), colour)

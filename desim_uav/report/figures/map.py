@@ -10,6 +10,12 @@ from matplotlib.axes import Axes
 from matplotlib.patches import Circle, Rectangle
 from numpy.typing import NDArray
 
+from desim_uav.report.links import point_rings_m, shade
+from desim_uav.world import World
+
+POINT = "0.15"
+"""The colour of access points."""
+
 STATION: dict[str, Any] = {"facecolor": "white", "edgecolor": "black", "linewidth": 1.4}
 
 
@@ -61,6 +67,25 @@ def draw_stations(axes: Axes, world: dict[str, Any], size: float = 110, **look: 
     if world["stations"]:
         xs, ys = zip(*(centre_m(world, cell) for cell in world["stations"]), strict=True)
         axes.scatter(xs, ys, size, marker="s", label="charging station", zorder=3, **STATION | look)
+
+
+def draw_points(axes: Axes, world: World) -> None:
+    """Draw the access points of a world with the rings of their classes."""
+    for k, point in enumerate(world.scenario.access_points):
+        draw_rings(axes, point.at_m, point_rings_m(world, k), POINT)
+        look: dict[str, Any] = {"color": POINT, "markersize": 9, "markeredgecolor": "white"}
+        name = "access point" if k == 0 else None
+        axes.plot(*point.at_m, "^", label=name, zorder=5, **look)
+
+
+def draw_rings(
+    axes: Axes, at_m: Sequence[float], radii_m: NDArray[np.float64], colour: Any
+) -> None:
+    """Draw the discs in which links have each class, one above the other."""
+    for radius_m in radii_m:
+        if radius_m > 0.0:
+            look: dict[str, Any] = {"alpha": shade(len(radii_m)), "linewidth": 0}
+            axes.add_patch(Circle((at_m[0], at_m[1]), radius_m, color=colour, **look))
 
 
 def draw_field(axes: Axes, world: dict[str, Any], values: NDArray[np.float64], **look: Any) -> Any:

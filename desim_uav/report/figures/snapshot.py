@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,10 +16,12 @@ from desim_uav.engine.base import UserState
 from desim_uav.model.rules import US, Mode
 from desim_uav.palette import USERS
 from desim_uav.report.figures.case import case_picture
-from desim_uav.report.figures.map import centre_m
+from desim_uav.report.figures.map import POINT, centre_m
 from desim_uav.report.figures.style import drone_look, named, styled
+from desim_uav.report.links import point_rings_m, rings_m, shade
 from desim_uav.report.playback import Moment, Playback
 from desim_uav.report.run import Run, opened
+from desim_uav.world import World
 
 AROUND = np.linspace(0.0, 2.0 * math.pi, 73)
 MARKERS = {
@@ -58,7 +61,8 @@ def snapshot_figure(
     world = run.map
     moment = playback.at(t_us)
     _draw_ground(axes, world)
-    _draw_footprints(axes, moment, run.scenario.drones.footprint_radius_m, world)
+    _draw_footprints(axes, moment, run.world)
+    _draw_points(axes, run.world)
     _draw_users(axes, moment)
     _draw_buildings(axes, world)
     _draw_drones(axes, playback, moment)
@@ -121,17 +125,34 @@ def _draw_buildings(axes: Any, world: dict[str, Any]) -> None:
         )
 
 
-def _draw_footprints(axes: Any, moment: Moment, radius_m: float, world: dict[str, Any]) -> None:
-    width, depth = world["size_m"]
-    for drone, (x, y, _) in enumerate(moment.drones_m.tolist()):
-        if moment.modes[drone] is not Mode.FLYING:
-            continue
-        around_x = np.clip(x + radius_m * np.cos(AROUND), 0, width)
-        around_y = np.clip(y + radius_m * np.sin(AROUND), 0, depth)
+def _draw_footprints(axes: Any, moment: Moment, world: World) -> None:
+    for drone, (x, y, z) in enumerate(moment.drones_m.tolist()):
+        if moment.modes[drone] is Mode.FLYING:
+            _draw_rings(axes, (x, y), rings_m(world, z), world, drone_look(drone))
+
+
+def _draw_points(axes: Any, world: World) -> None:
+    for k, point in enumerate(world.scenario.access_points):
+        _draw_rings(axes, point.at_m, point_rings_m(world, k), world, {"color": POINT})
+        x, y = point.at_m
+        axes.plot([x, x], [y, y], [0, point.height_m], color=POINT, linewidth=1.2, zorder=6)
+        name = "access point" if k == 0 else None
+        axes.plot([x], [y], [point.height_m], "^", color=POINT, label=name, zorder=6)
+
+
+def _draw_rings(
+    axes: Any, at_m: Sequence[float], radii_m: Any, world: World, look: dict[str, Any]
+) -> None:
+    """Draw the discs in which links have each class on the ground, the widest with its edge."""
+    alpha = 0.16 if len(radii_m) == 1 else shade(len(radii_m))
+    for k, radius_m in enumerate(radii_m):
+        around_x = np.clip(at_m[0] + radius_m * np.cos(AROUND), 0, world.area.width_m)
+        around_y = np.clip(at_m[1] + radius_m * np.sin(AROUND), 0, world.area.depth_m)
         disc = np.column_stack((around_x, around_y, np.zeros_like(AROUND)))
-        colour = drone_look(drone)["color"]
-        axes.add_collection3d(Poly3DCollection([disc], facecolor=colour, alpha=0.16, zorder=2))
-        axes.plot(*disc.T, **drone_look(drone), linewidth=0.9, zorder=2)
+        filled = Poly3DCollection([disc], facecolor=look["color"], alpha=alpha, zorder=2)
+        axes.add_collection3d(filled)
+        if k == 0:
+            axes.plot(*disc.T, **look, linewidth=0.9, zorder=2)
 
 
 def _draw_users(axes: Any, moment: Moment) -> None:

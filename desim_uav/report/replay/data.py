@@ -11,6 +11,7 @@ import numpy as np
 from desim_uav.model.rules import US, Action, Mode, Phase
 from desim_uav.records import EPISODES
 from desim_uav.report.batteries import batteries_before_us, battery_knots
+from desim_uav.report.links import full_service_s, links_content, mean_rate_bps
 from desim_uav.report.replay.checks import Checks, Whole, whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, pack, plain
 from desim_uav.report.replay.flights import Flights
@@ -28,8 +29,9 @@ KINDS = EVENT_KINDS
 TAKING = {"enter": 1, "attach": 2, "serve": 3, "refuse": 3}
 """The order within a phase: these events come after all others, in the order of the numbers."""
 
-NAMES_DRONE = {*KINDS[6:]} | {"serve", "stop"}
-NAMES_USER = {*KINDS[:10]}
+OF_LINKS = {"class", "handover", "ping_pong", "outage"}
+NAMES_DRONE = ({*KINDS[6:]} | {"serve", "stop"}) - {"outage"}
+NAMES_USER = {*KINDS[:10]} | OF_LINKS
 NAMES_REQUEST = {*KINDS[:6]}
 NAMES_STATION = {"land", "charge", "charged", "respawn"}
 
@@ -41,6 +43,7 @@ class Encoder:
         self.run = run
         self.scenario = run.scenario
         self.drones = self.scenario.drones.count
+        self.senders = self.drones + len(self.scenario.access_points)
         self.users = len(run.map["users"])
         self.services = list(self.scenario.services)
         self.step_us = round(self.scenario.episode.step_s * US)
@@ -93,21 +96,26 @@ class Encoder:
             "requests",
             f"service: {next(iter(unknown), None)!r} is not in scenario.yaml",
         )
-        required_us = self.check.us(requests, "requests", "requested_s", 1)
+        required_us = full_service_s(requests) * US
+        self.check.expect(bool((required_us >= 0.999).all()), "requests", "requested_s: below 1 µs")
+        volumes = np.zeros(len(numbers))
+        if "requested_mbit" in requests:
+            volumes = requests["requested_mbit"].fillna(0.0).to_numpy(float)
         return {
             "request.user": plain(requests["user"]),
             "request.service": codes(service),
             "request.t_us": delta(self.check.us(requests, "requests", "t_request_s", 0)),
-            "request.required_us": plain(required_us),
+            "request.required_us": floats(np.minimum(required_us, 1e18)),
+            "request.mbit": floats(volumes),
             "request.bandwidth_bps": plain(self._bandwidth_bps(requests)),
         }
 
     def _bandwidth_bps(self, requests: pd.DataFrame) -> Whole:
-        kbps = requests["bandwidth_kbps"].to_numpy(float)
+        bps = mean_rate_bps(requests)
         self.check.expect(
-            bool(((kbps >= 0) & (kbps <= 1e9)).all()), "requests", "bandwidth_kbps: out of range"
+            bool(((bps >= 0) & (bps <= 1e12)).all()), "requests", "bandwidth_kbps: out of range"
         )
-        return whole(kbps * 1000)
+        return whole(bps)
 
     def _events(self, events: pd.DataFrame, requests: int, duration_us: int) -> dict[str, Whole]:
         """Return the events in the order of the page, with -1 for missing numbers."""
@@ -121,10 +129,13 @@ class Encoder:
             for name in ("t_us", "phase", "drone", "user", "request_id", "station")
         }
         found["kind"] = kind.to_numpy(np.int64)
+        found["link_class"] = np.full(len(events), -1, np.int64)
+        if self.run.world.graded:
+            found["link_class"] = events["link_class"].fillna(-1).to_numpy(np.int64)
         limits = {
             "t_us": (NOTHING, duration_us + 1),
             "phase": (NOTHING, max(Phase) + 1),
-            "drone": (NAMES_DRONE, self.drones),
+            "drone": (NAMES_DRONE, self.senders),
             "user": (NAMES_USER, self.users),
             "request_id": (NAMES_REQUEST, requests),
             "station": (NAMES_STATION, len(self.run.map["stations"])),
@@ -135,6 +146,8 @@ class Encoder:
             lowest = np.where(needed, 0, -1) if kinds else np.zeros(len(values), np.int64)
             within = bool(((values >= lowest) & (values < end)).all())
             self.check.expect(within, "events", f"{name}: not of this run (0 to {end - 1})")
+        flown = (found["user"] < 0) & (found["drone"] >= self.drones)
+        self.check.expect(not flown.any(), "events", "drone: an access point does not fly")
         rank = np.array([TAKING.get(name, 0) for name in KINDS])[found["kind"]]
         order = np.lexsort((rank, found["phase"], found["t_us"]))
         return {name: values[order] for name, values in found.items()}
@@ -212,17 +225,17 @@ class Encoder:
     def common(self, episodes: Sequence[int]) -> dict[str, Any]:
         """Return the common data of a run, after the blocks of its episodes were made."""
         scenario, manifest, world = self.scenario, self.run.manifest, self.run.map
-        kbps = scenario.drones.bandwidth_kbps
-        return {
+        kbps = None if scenario.drones.radio.graded else scenario.drones.bandwidth_kbps
+        return links_content(self.run.world) | {
             "scenario": manifest["scenario"],
             "policy": manifest["policy"],
             "seed": str(manifest["seed"]),
             "world_seed": str(self.run.settings.world_seed),
             "drones": self.drones,
+            "senders": self.senders,
             "users": self.users,
             "services": self.services,
             "step_us": self.step_us,
-            "footprint_m": scenario.drones.footprint_radius_m,
             "bandwidth_bps": None if kbps is None else round(kbps * 1000),
             "capacity_us": self.capacity_us,
             "pads": scenario.stations.pads,
@@ -262,4 +275,5 @@ def _event_columns(events: dict[str, Whole]) -> dict[str, Column]:
         "user": plain(events["user"]),
         "request": plain(events["request_id"]),
         "station": plain(events["station"]),
+        "link_class": plain(events["link_class"]),
     }

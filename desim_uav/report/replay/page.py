@@ -22,9 +22,9 @@ FORMAT = 2
 """The version of the format of the page's data."""
 
 MODULES = (
-    *("decode", "palette", "episode", "states", "state", "history", "camera", "crowd"),
-    *("view2d", "view3d", "users", "drones", "stations", "scale", "scene", "rows", "legend"),
-    *("timeline", "details", "tip", "player", "panel", "layout", "controls", "main"),
+    *("decode", "palette", "episode", "states", "state", "history", "camera", "crowd", "links"),
+    *("view2d", "view3d", "users", "drones", "stations", "points", "scale", "scene", "rows"),
+    *("legend", "timeline", "details", "tip", "player", "panel", "layout", "controls", "main"),
 )
 """The page's modules, each after those that it imports."""
 

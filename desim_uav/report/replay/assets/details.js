@@ -1,6 +1,7 @@
 // The details of a user, a drone, a station, a request or an event, as rows of [name, value].
 
 import { covering, requestSoFar } from "./history.js";
+import { linkWords, senderName } from "./links.js";
 import { clock, kbps, percent, span, userWord, words } from "./palette.js";
 import { CHARGING, CRASHED, FLYING, QUEUED, RETURNING, SERVED, WAITING } from "./states.js";
 
@@ -21,6 +22,7 @@ export function howMany(state, what) {
 
 const metres = (x, y) => `${x.toFixed(1)}, ${y.toFixed(1)} m`;
 const drones = (list) => (list.length ? list.join(", ") : "none");
+const senders = (run, list) => drones(list.map((s) => (s < run.drones ? s : senderName(run, s))));
 
 function ofUser(state, u) {
   const { episode } = state;
@@ -29,12 +31,15 @@ function ofUser(state, u) {
   whereUser(episode, u, state.tUs, x, y);
   const rows = [["place", metres(x[0], y[0])]];
   if (episode.walk.z[u] > 0) rows.push(["height", `${episode.walk.z[u].toFixed(1)} m`]);
-  rows.push(["attached to", state.holder[u] >= 0 ? `drone ${state.holder[u]}` : "no drone"]);
-  rows.push(["in the footprints of", drones(covering(state, u))]);
+  const holder = state.holder[u];
+  rows.push(["attached to", holder >= 0 ? senderName(state.run, holder) : "no drone"]);
+  const link = holder >= 0 ? linkWords(state.run, holder, state.classOf(u, holder)) : null;
+  if (link) rows.push(["link", link]);
+  rows.push(["in the footprints of", senders(state.run, covering(state, u))]);
   const own = [...episode.requestsOfUser(u)];
   const asked = own.filter((r) => episode.request.tUs[r] <= state.tUs);
   const open = state.request[u];
-  if (open >= 0) rows.push(...requestRows(requestSoFar(state, open)));
+  if (open >= 0) rows.push(...requestRows(state.run, requestSoFar(state, open)));
   else {
     const next = own.find((r) => episode.request.tUs[r] > state.tUs);
     rows.push(["open request", "none"]);
@@ -56,14 +61,16 @@ export function whereUser(episode, u, tUs, x, y) {
   y[0] = walk.y[k] + share * (walk.y[next] - walk.y[k]);
 }
 
-function requestRows(told) {
+function requestRows(run, told) {
+  const volume = told.mbit > 0;
+  const share = percent((100 * told.servedUs) / told.requiredUs, 0);
   const rows = [
     ["request", `${told.request}, ${words(told.service)}`],
-    ["asked", `${clock(told.askedUs, 1)}, for ${span(told.requiredUs)}`],
-    ["bandwidth", kbps(told.bandwidthBps)],
-    ["served so far", `${span(told.servedUs)} (${percent((100 * told.servedUs) / told.requiredUs, 0)})`],
+    ["asked", `${clock(told.askedUs, 1)}, for ${volume ? `${+told.mbit.toFixed(3)} Mbit` : span(told.requiredUs)}`],
+    [volume ? "mean rate" : "bandwidth", kbps(told.bandwidthBps)],
+    ["served so far", `${span(told.servedUs)} (${volume ? "about " : ""}${share})`],
     ["first served", told.firstUs === null ? "not yet" : clock(told.firstUs, 1)],
-    ["served by", drones(told.drones)],
+    ["served by", senders(run, told.drones)],
   ];
   if (told.endUs !== null) rows.push(["ended", `${clock(told.endUs, 1)}, ${told.outcome}`]);
   return rows;
@@ -73,7 +80,7 @@ function ofRequest(state, r) {
   const told = requestSoFar(state, r);
   const tag = !told.asked ? "not yet asked" : told.endUs !== null ? told.outcome
     : told.by >= 0 ? "served" : "waiting";
-  return { title: `Request ${r}`, tag, rows: [["user", String(told.user)], ...requestRows(told)] };
+  return { title: `Request ${r}`, tag, rows: [["user", String(told.user)], ...requestRows(state.run, told)] };
 }
 
 function ofDrone(state, d) {
@@ -86,7 +93,7 @@ function ofDrone(state, d) {
     rows.push(["battery", `${percent((100 * batteryUs) / run.capacity_us, 0)}, ${span(batteryUs)}`]);
   }
   rows.push(["action", action(state, d)]);
-  rows.push(["bandwidth in use", shareOf(state.usedBps[d], run.bandwidth_bps)]);
+  rows.push([run.graded ? "mean data rate" : "bandwidth in use", shareOf(state.usedBps[d], run.bandwidth_bps)]);
   rows.push(["attached users", usersOf(state, d)]);
   const served = [];
   for (let u = 0; u < run.users && served.length < 13; u += 1) {
@@ -175,15 +182,19 @@ function ofStation(state, s) {
 
 const TOLD = {
   request: (e) => `user ${e.user} asks: request ${e.request}`,
-  serve: (e) => `drone ${e.drone} serves user ${e.user}, request ${e.request}`,
-  stop: (e) => `drone ${e.drone} stops serving user ${e.user}`,
+  serve: (e) => `${e.sender} serves user ${e.user}, request ${e.request}`,
+  stop: (e) => `${e.sender} stops serving user ${e.user}`,
   complete: (e) => `request ${e.request} of user ${e.user} is completed`,
   refuse: (e) => `request ${e.request} of user ${e.user} is refused`,
   close: (e) => `request ${e.request} of user ${e.user} is closed`,
-  enter: (e) => `user ${e.user} enters the footprint of drone ${e.drone}`,
-  exit: (e) => `user ${e.user} leaves the footprint of drone ${e.drone}`,
-  attach: (e) => `user ${e.user} attaches to drone ${e.drone}`,
-  detach: (e) => `user ${e.user} detaches from drone ${e.drone}`,
+  enter: (e) => `user ${e.user} enters the footprint of ${e.sender}${e.link}`,
+  exit: (e) => `user ${e.user} leaves the footprint of ${e.sender}`,
+  attach: (e) => `user ${e.user} attaches to ${e.sender}`,
+  detach: (e) => `user ${e.user} detaches from ${e.sender}`,
+  class: (e) => `the link of user ${e.user} to ${e.sender} changes${e.link}`,
+  handover: (e) => `user ${e.user} is handed over to ${e.sender}`,
+  ping_pong: (e) => `user ${e.user} is handed back to ${e.sender}`,
+  outage: (e) => `user ${e.user}, who has request ${e.request}, loses the last link`,
   decide: (e) => `drone ${e.drone} gets the command: ${e.action}`,
   depart: (e) => `drone ${e.drone} departs`,
   blocked: (e) => `drone ${e.drone} is blocked`,
@@ -206,6 +217,9 @@ export function tell(state, i) {
   const e = {
     drone: event.drone[i], user: event.user[i], request: event.request[i], station: event.station[i],
   };
+  e.sender = senderName(run, e.drone);
+  const link = linkWords(run, e.drone, event.linkClass[i]);
+  e.link = link ? `, ${link}` : "";
   if (kind === "decide") {
     const step = Math.floor(event.tUs[i] / run.step_us);
     e.action = words(run.actions[episode.step.taken[step * run.drones + e.drone]] ?? "");

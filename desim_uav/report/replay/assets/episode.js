@@ -14,6 +14,7 @@ export class Episode {
       service: columns["request.service"],
       tUs: columns["request.t_us"],
       requiredUs: columns["request.required_us"],
+      mbit: columns["request.mbit"],
       bandwidthBps: columns["request.bandwidth_bps"],
     };
     this.event = {
@@ -25,6 +26,7 @@ export class Episode {
       user: Int32Array.from(columns["event.user"]),
       request: Int32Array.from(columns["event.request"]),
       station: Int32Array.from(columns["event.station"]),
+      linkClass: Int32Array.from(columns["event.link_class"]),
     };
     this.leg = legsOf(columns);
     this.walk = {

@@ -7,7 +7,7 @@ export function requestSoFar(state, r) {
   const u = request.user[r];
   const found = {
     request: r, user: u, service: run.services[request.service[r]],
-    askedUs: request.tUs[r], requiredUs: request.requiredUs[r],
+    askedUs: request.tUs[r], requiredUs: request.requiredUs[r], mbit: request.mbit[r],
     bandwidthBps: request.bandwidthBps[r], servedUs: 0, firstUs: null, endUs: null,
     outcome: null, drones: [], by: -1, sinceUs: 0,
   };
@@ -40,7 +40,7 @@ function spell(found, untilUs) {
   if (found.drones.at(-1) !== found.by) found.drones.push(found.by);
 }
 
-/** The drones whose footprints contain a user. */
+/** The drones and access points whose footprints contain a user. */
 export function covering(state, u) {
   const found = new Set();
   const { event } = state.episode;

@@ -2,6 +2,7 @@
 
 import { drawBattery, drawBody, drawCross, drawFrame } from "./drones.js";
 import { droneColour, userWord, words } from "./palette.js";
+import { drawMast } from "./points.js";
 import { byId, element, setText } from "./rows.js";
 import { ATTACHED, IDLE, SERVED, WAITING } from "./states.js";
 import { drawPad, drawStation } from "./stations.js";
@@ -58,7 +59,8 @@ export class Legend {
         drawCross(ctx, X, Y, 5.5);
       });
     }
-    this.#row(list, `footprint, ${run.footprint_m} m`, (ctx) => {
+    const footprint = run.rings ? "classes of links, at the mean loss" : `footprint, ${run.footprint_m} m`;
+    this.#row(list, footprint, (ctx) => {
       ctx.fillStyle = ctx.strokeStyle = droneColour(0);
       ctx.beginPath();
       ctx.arc(X, Y, 8, 0, 2 * Math.PI);
@@ -79,7 +81,7 @@ export class Legend {
         ctx.fill();
       });
     }
-    this.#row(list, "serves this user", (ctx, theme) => {
+    this.#row(list, run.graded ? "serves this user; wide: a good link" : "serves this user", (ctx, theme) => {
       strokeLine(ctx, droneColour(0), 1.1, [[3, 4], [19, 14]]);
       drawUser(ctx, 20, 14, 4, SERVED, -1, { ...theme, map: theme.paper });
     });
@@ -98,6 +100,9 @@ export class Legend {
         drawPad(ctx, theme, X, Y, 8);
         drawBody(ctx, theme, 0, X, Y, 5, false, false);
       });
+    }
+    if (run.points.length) {
+      this.#row(list, "access point", (ctx, theme) => drawMast(ctx, theme, X, Y + 2, 6));
     }
     if (heights.length) {
       const [low, high] = [Math.min(...heights), Math.max(...heights)].map(Math.round);

@@ -1,7 +1,9 @@
 // The map at an instant: ground, stations and their queues, users, links, drones and crashes.
 
 import { drawCrashes, drawDrones, drawPaths, nameFallen } from "./drones.js";
+import { ringsAt } from "./links.js";
 import { droneColour, FONT } from "./palette.js";
+import { drawPoints } from "./points.js";
 import { drawScale } from "./scale.js";
 import { FLYING, RETURNING } from "./states.js";
 import { drawStations } from "./stations.js";
@@ -26,6 +28,7 @@ export class Scene {
     this.py = new Float32Array(run.users);
     this.drones = Array.from({ length: run.drones }, () => ({ x: 0, y: 0, z: 0, px: 0, py: 0 }));
     this.stations = run.map.stations.map(() => ({ px: 0, py: 0 }));
+    this.points = run.points.map(() => ({ px: 0, py: 0 }));
     this.sprites = new Map();
     this.selection = null;
     this.hover = null;
@@ -66,6 +69,7 @@ export class Scene {
     if (camera.tilted) drawBuildings(ctx, this.run, camera, this.theme);
     drawLinks(this);
     drawStations(this);
+    drawPoints(this);
     drawCrashes(this);
     drawDrones(this);
     nameFallen(this);
@@ -113,6 +117,10 @@ export class Scene {
       camera.project(((ix + 0.5) * size[0]) / cells[0], ((iy + 0.5) * size[1]) / cells[1], 0, at);
       Object.assign(this.stations[s], { px: at[0], py: at[1], dock: state.dock(s) });
     });
+    run.points.forEach((point, k) => {
+      camera.project(point.at[0], point.at[1], camera.tilted ? point.at[2] : 0, at);
+      [this.points[k].px, this.points[k].py] = at;
+    });
     this.drones.forEach((drone, d) => {
       episode.dronePlace(d, state.tUs, place);
       [drone.x, drone.y, drone.z] = place;
@@ -148,22 +156,36 @@ export class Scene {
   }
 
   #drawFootprints() {
-    const { ctx, camera, run, state } = this;
+    const { run, state, theme } = this;
+    run.points.forEach(({ at: [x, y], rings_m: radii }) => this.#drawRings(x, y, radii, theme.muted));
     this.drones.forEach((drone, d) => {
       if (state.mode[d] !== FLYING) return;
-      if (camera.tilted) circle(ctx, camera, drone.x, drone.y, run.footprint_m);
+      this.#drawRings(drone.x, drone.y, ringsAt(run, drone.z), droneColour(d));
+    });
+    this.ctx.globalAlpha = 1;
+  }
+
+  /** The rings in which links have each class, the widest with its edge; a disc is one ring. */
+  #drawRings(x, y, radii, colour) {
+    const { ctx, camera } = this;
+    const dark = this.small ? 0.035 : radii.length > 1 ? 0.22 : 0.09;
+    const each = 1 - (1 - dark) ** (1 / radii.length);
+    ctx.fillStyle = ctx.strokeStyle = colour;
+    radii.forEach((radius, k) => {
+      if (radius <= 0) return;
+      if (camera.tilted) circle(ctx, camera, x, y, radius);
       else {
+        camera.project(x, y, 0, at);
         ctx.beginPath();
-        ctx.arc(drone.px, drone.py, run.footprint_m * camera.scale, 0, 2 * Math.PI);
+        ctx.arc(at[0], at[1], radius * camera.scale, 0, 2 * Math.PI);
       }
-      ctx.fillStyle = ctx.strokeStyle = droneColour(d);
-      ctx.globalAlpha = this.small ? 0.035 : 0.09;
+      ctx.globalAlpha = each;
       ctx.fill();
+      if (k > 0) return;
       ctx.globalAlpha = this.small ? 0.3 : 0.8;
       ctx.lineWidth = this.small ? 0.75 : 1.25;
       ctx.stroke();
     });
-    ctx.globalAlpha = 1;
   }
 
   /** Rings around the chosen thing and, thinner, around the one at the pointer. */

@@ -26,9 +26,10 @@ export class State {
       mode: new Uint8Array(run.drones),
       station: new Int16Array(run.drones).fill(-1),
       sinceUs: new Float64Array(run.drones),
-      attachedTo: new Int32Array(run.drones),
-      servedBy: new Int32Array(run.drones),
-      usedBps: new Float64Array(run.drones),
+      attachedTo: new Int32Array(run.senders),
+      servedBy: new Int32Array(run.senders),
+      usedBps: new Float64Array(run.senders),
+      linkClass: new Uint8Array(run.graded ? run.users * run.senders : 0),
     };
     Object.assign(this, this.arrays);
     this.sums = {
@@ -89,6 +90,7 @@ export class State {
     this.#integrateTo(event.tUs[i]);
     this.applyKind[event.kind[i]].call(
       this, event.drone[i], event.user[i], event.request[i], event.station[i], event.tUs[i],
+      event.linkClass[i],
     );
     this.sums.next = i + 1;
   }
@@ -192,6 +194,14 @@ export class State {
     this.sums.asked += 1;
   }
 
+  _enter(d, u, r, s, tUs, c) { this._class(d, u, r, s, tUs, c); }
+
+  _exit(d, u) { this._class(d, u, -1, -1, 0, 0); }
+
+  _class(d, u, r, s, tUs, c) {
+    if (this.linkClass.length) this.linkClass[u * this.run.senders + d] = c;
+  }
+
   _attach(d, u) {
     this.holder[u] = d;
     this.attachedTo[d] += 1;
@@ -276,6 +286,11 @@ export class State {
   userState(u) {
     if (this.request[u] >= 0) return this.served[u] ? SERVED : WAITING;
     return this.holder[u] >= 0 ? ATTACHED : IDLE;
+  }
+
+  /** The class of the link between a user and a drone or access point; 1 in the footprint of a disc. */
+  classOf(u, s) {
+    return this.linkClass.length ? this.linkClass[u * this.run.senders + s] : 1;
   }
 
   /** How many users are in each state. */

@@ -1,6 +1,7 @@
 // Users on the map, by state and service, with the walk of the chosen one and links to their drones.
 
 import { Crowd, stampOf } from "./crowd.js";
+import { quality } from "./links.js";
 import { droneColour, SHAPES, trace, userColour } from "./palette.js";
 import { IDLE, SERVED, WAITING } from "./states.js";
 
@@ -73,24 +74,31 @@ function userSprite(scene, doing, service) {
   return sprite;
 }
 
-/** Lines from a drone to the users it serves. */
+const WIDTHS = 4; // of lines, from the worst class of a link to the best one
+
+/** Lines from drones and access points to the users they serve; the better the link, the wider. */
 export function drawLinks(scene) {
-  const { ctx, run, state } = scene;
+  const { ctx, run, state, theme } = scene;
   const paths = new Map();
   for (let u = 0; u < run.users; u += 1) {
     if (!state.served[u]) continue;
-    const d = state.holder[u];
-    if (d < 0) continue;
-    if (!paths.has(d)) paths.set(d, new Path2D());
-    const path = paths.get(d);
-    path.moveTo(scene.drones[d].px, scene.drones[d].py);
+    const s = state.holder[u];
+    if (s < 0) continue;
+    const wide = Math.max(1, Math.ceil(WIDTHS * quality(run, s, state.classOf(u, s))));
+    const key = s * (WIDTHS + 1) + wide;
+    if (!paths.has(key)) paths.set(key, new Path2D());
+    const path = paths.get(key);
+    const from = s < run.drones ? scene.drones[s] : scene.points[s - run.drones];
+    path.moveTo(from.px, from.py);
     path.lineTo(scene.px[u], scene.py[u]);
   }
-  for (const [d, path] of paths) {
-    const chosen = scene.isChosen("drone", d);
-    ctx.strokeStyle = droneColour(d);
+  for (const [key, path] of paths) {
+    const s = Math.floor(key / (WIDTHS + 1));
+    const chosen = scene.isChosen("drone", s);
+    const width = run.graded ? 0.35 + (0.9 * (key % (WIDTHS + 1))) / WIDTHS : 1;
+    ctx.strokeStyle = s < run.drones ? droneColour(s) : theme.ink;
     ctx.globalAlpha = chosen ? 0.95 : scene.small ? 0.25 : 0.55;
-    ctx.lineWidth = chosen ? 1.75 : scene.small ? 0.6 : 1.1;
+    ctx.lineWidth = width * (chosen ? 1.75 : scene.small ? 0.6 : 1.1) * (run.graded ? 1.6 : 1);
     ctx.stroke(path);
   }
   ctx.globalAlpha = 1;
