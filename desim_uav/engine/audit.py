@@ -167,12 +167,16 @@ def _ratios(simulation: Simulation, serving: Sequence[Any], users: NDArray[np.fl
     """Check the classes of links against the ratio of signal to noise and interference.
 
     ``serving`` are the drones and access points with classes of links, and ``users`` (users, …) has
-    the places of the users in its first two columns.
+    the places of the users in its first two columns. If line of sight or shadowing of links
+    changes, what this takes for all users is too long: one of them is checked, by the time.
     """
     radios: list[Any] = [_radio_of(simulation, drone) for drone in serving]
-    levels_dbm = [_levels(simulation, drone, users) for drone in serving]
+    checked = np.arange(len(users))
+    if any(radio.marked for radio in radios):
+        checked = checked[simulation.state.now_us % len(users)][None]
+    levels_dbm = [_levels(simulation, drone, users, checked) for drone in serving]
     for drone, radio, level_dbm in zip(serving, radios, levels_dbm, strict=True):
-        noises_mw = [np.full(len(users), 10 ** (radio.budget.noise_dbm / 10))] * 2
+        noises_mw = [np.full(len(checked), 10 ** (radio.budget.noise_dbm / 10))] * 2
         for other, disturbing_dbm in zip(serving, levels_dbm, strict=True):
             apart = other.index - drone.index
             if radio.reuse and apart and apart % radio.reuse == 0:
@@ -180,16 +184,20 @@ def _ratios(simulation: Simulation, serving: Sequence[Any], users: NDArray[np.fl
                 noises_mw = [noise_mw + 10 ** (level / 10) for noise_mw, level in both]
         noise_dbm = 10 * np.log10(noises_mw)
         low_db, high_db = level_dbm[0] - noise_dbm[1], level_dbm[1] - noise_dbm[0]
-        classes = np.array([user.classes[drone.index] for user in simulation.state.users])
+        everyone = simulation.state.users
+        classes = np.array([everyone[user].classes[drone.index] for user in checked])
         thresholds = [one.snr_db for one in radio.ladder]
         least = np.searchsorted(thresholds, low_db - TOLERANCE_DB, side="right")
         most = np.searchsorted(thresholds, high_db + TOLERANCE_DB, side="right")
-        wrong = np.flatnonzero((classes < least) | (classes > most))
-        assert not len(wrong), f"classes of {drone.index}: users {wrong}, {low_db[wrong]} dB"
+        wrong = (classes < least) | (classes > most)
+        problem = f"classes of {drone.index}: users {checked[wrong]}, {low_db[wrong]} dB"
+        assert not wrong.any(), problem
 
 
-def _levels(simulation: Simulation, drone: Any, users: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the lowest and the highest level (2, users) at which users may receive a drone.
+def _levels(
+    simulation: Simulation, drone: Any, users: NDArray[np.float64], checked: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Return the lowest and the highest level (2, checked) at which users may receive a drone.
 
     Both are the same unless it is not certain whether a user sees the drone, and in which cell it
     is. They are in dBm.
@@ -198,7 +206,8 @@ def _levels(simulation: Simulation, drone: Any, users: NDArray[np.float64]) -> N
     radio, heights_m = _radio_of(simulation, drone), simulation.world.homes[:, 2].tolist()
     number = drone.index if drone.point < 0 else -1 - drone.point
     levels_dbm = []
-    for user, (x, y) in enumerate(users[:, :2].tolist()):
+    for user in checked.tolist():
+        x, y = users[user, :2].tolist()
         if radio.marked:
             ends = (x, y, heights_m[user]), place
             key = simulation.path.link_key
@@ -207,4 +216,4 @@ def _levels(simulation: Simulation, drone: Any, users: NDArray[np.float64]) -> N
             away_m, above_m = math.hypot(x - place[0], y - place[1]), place[2] - heights_m[user]
             found = [radio.power_dbm - radio.path_loss.mean_db(away_m, above_m, radio.carrier_ghz)]
         levels_dbm.append((min(found), max(found)))
-    return np.array(levels_dbm).T.reshape(2, len(users))
+    return np.array(levels_dbm).T.reshape(2, len(checked))

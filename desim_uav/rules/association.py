@@ -23,8 +23,7 @@ def settle_levels(world: Constants, path: Path, state: State, phase: int) -> Non
     for k in range(len(state.loose)):
         user = state.users[state.loose[k]]
         if user.holder < 0 and user.covered > 0:
-            best = strongest(world, path, state, user, -1)
-            attach(world, state, state.senders[best], user, phase)
+            _take(world, state, strongest(world, path, state, user, -1), user, phase)
     for k in range(len(state.unsettled)):
         user = state.users[state.unsettled[k]]
         await_better(world, path, state, user, phase)
@@ -115,7 +114,8 @@ def _foresee(world: Constants, path: Path, state: State, user: User) -> int:
 def turn(world: Constants, path: Path, state: State, user: User, phase: int) -> None:
     """Let a user's rival become better now, cease to be, or take the user over.
 
-    Without a time to trigger, several may become better now, of which the strongest takes it over.
+    Of several that may take it over now it is the one with the lowest index, or the strongest if
+    the user is always attached to that one.
     """
     rival, lasts = user.rival, world.margin_db > 0.0 or world.trigger_us > 0
     since_us = user.better_since[rival]
@@ -124,7 +124,15 @@ def turn(world: Constants, path: Path, state: State, user: User, phase: int) -> 
     elif lasts and state.now_us < since_us + world.trigger_us:
         user.better_since[rival] = -1
     else:
-        if world.trigger_us == 0:
+        if not lasts:
             rival = strongest(world, path, state, user, user.holder)
         detach(state, state.senders[user.holder], user, phase)
-        attach(world, state, state.senders[rival], user, phase)
+        _take(world, state, rival, user, phase)
+
+
+@rule
+def _take(world: Constants, state: State, drone: int, user: User, phase: int) -> None:
+    """Attach a user to a drone; all times to trigger begin anew, because they are against it."""
+    attach(world, state, state.senders[drone], user, phase)
+    for d in range(len(state.senders)):
+        user.better_since[d] = -1

@@ -36,7 +36,7 @@ def test_both_engines_are_equal(first: int) -> None:
 @pytest.mark.parametrize("first", by_default([400], range(400, 480, 8)))
 def test_no_event_breaks_a_rule(first: int) -> None:
     """The audit after each event, and the log read by rules of its own."""
-    for seed in range(first, first + (4 if first == 400 else 8)):
+    for seed in range(first, first + (6 if first == 400 else 8)):
         world = world_of(seed)
         for log in audited(world):
             check_log(world, log)
