@@ -156,6 +156,7 @@ class World(Unchanging):
             scenario.three_d,
             None if battery is None else self.capacity_us / US,
             self.bandwidth_hz / 1000,
+            bool(scenario.drones.radio.graded),
         )
 
     @cached_property

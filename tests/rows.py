@@ -28,6 +28,9 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     world.bandwidth_hz = -1 if unlimited else round(facts.bandwidth_kbps * 1000)
     world.stations = Table(fill(Cell, cell) for cell in facts.stations)
     world.ceilings = Table([0] * facts.drones)
+    radio = blank(rows.Radio)
+    radio.flat = 1  # the paper's disc
+    world.radios = Table([radio])
     plan = (-1, 0, 0, 0, 0)
     if limited and not math.isinf(observation.return_s or 0.0):
         flight_us = round((observation.flight_s or 0.0) * US)

@@ -16,6 +16,7 @@ from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.base import Policy, decide
+from desim_uav.records import FLOAT, LINKS
 from desim_uav.registry import FAULTS, naming_plug_ins, what_failed
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.world import World
@@ -110,6 +111,7 @@ class Tally:
         self._requests = qoe.Totals()
         self._suppressed = self._crashes = 0
         self._qoe3, self._reward = qoe.Mean(), qoe.Mean()
+        self._links: dict[str, float] = {}
 
     def add(self, requests: pd.DataFrame, episodes: pd.DataFrame) -> None:
         """Add the tables of some episodes; warm-up does not count."""
@@ -120,6 +122,10 @@ class Tally:
         self._crashes += int(episodes["crashes"].sum())
         self._qoe3.add(episodes["qoe3_percent"].to_numpy())
         self._reward.add(episodes["reward"].to_numpy())
+        for name, kind in LINKS.items():
+            if name in episodes:
+                total = self._links.get(name, 0) + episodes[name].sum()
+                self._links[name] = float(total) if kind == FLOAT else int(total)
 
     def headline(self) -> dict[str, Any]:
         """Return the measures over all episodes added so far."""
@@ -129,6 +135,7 @@ class Tally:
             "qoe3_percent": self._qoe3.value(),
             "crashes": self._crashes,
             "reward_mean": self._reward.value(),
+            **self._links,
         }
 
 

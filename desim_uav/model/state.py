@@ -17,7 +17,7 @@ class Facts(NamedTuple):
 
     ``capacity_s`` (a full battery) is None if the battery is unlimited, and ``bandwidth_kbps`` is
     inf if the bandwidth is. ``clusters``: rows of x, y and radius, in metres. ``three_d``: whether
-    drones change altitude.
+    drones change altitude. ``graded``: whether the links of drones have classes.
     """
 
     grid: Grid
@@ -31,6 +31,7 @@ class Facts(NamedTuple):
     three_d: bool
     capacity_s: float | None
     bandwidth_kbps: float
+    graded: bool = False
 
 
 class Observation(NamedTuple):

@@ -51,6 +51,13 @@ def _quality(run: Reported) -> Html:
         ("crashes", str(found["crashes"])),
         ("reward per episode", number(found["reward_mean"], ".2f") or "-"),
     ]
+    if "link_handovers" in found:
+        first += [
+            ("handovers", f"{found['link_handovers']}"),
+            ("ping-pongs", f"{found['ping_pongs']}"),
+            ("outages", f"{found['outages']}, {number(found['outage_s'], '.0f')} s"),
+            ("delivered", f"{number(found['delivered_mbit'], '.0f')} Mbit"),
+        ]
     every = {"service": "all"} | {name: found[name] for name in MEASURES}
     rows = [every, *qoe.grouped(run.counted("requests"), "service")]
     return joined(

@@ -52,7 +52,17 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
     rows = [{"service": "all"} | summary, *by_service]
     title = "{scenario}, {policy}, seed {seed}: {episodes} episode(s), {crashes} crash(es)"
     _print("service", rows, title.format(**summary))
+    if "link_handovers" in summary:
+        print(links_in_words(summary))
     print(summary["run_dir"])
+
+
+def links_in_words(summary: dict[str, Any]) -> str:
+    """Return what happened to links, and what was delivered, of the summary of a run."""
+    return (
+        "{link_handovers} handover(s) between drones, {ping_pongs} of them ping-pong(s); "
+        "{outages} outage(s) of {outage_s:.1f} s in all; {delivered_mbit:.1f} Mbit delivered"
+    ).format(**summary)
 
 
 def print_training(summary: dict[str, Any]) -> None:

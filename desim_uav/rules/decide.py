@@ -33,6 +33,9 @@ def observe(world: Constants, state: State) -> None:
         observation.battery_us = battery_now(world, state, drone)
         observation.attached_users = drone.attached_users
         observation.used_hz = drone.used_hz
+        observation.link_quality = 0.0
+        if not world.radios[drone.radio].flat:
+            observation.link_quality = _link_quality(world, state, drone)
         observation.served_requests = 0
         for k in range(services):
             observation.served_requests += drone.served[k]
@@ -40,6 +43,18 @@ def observe(world: Constants, state: State) -> None:
             state.counts[2 * services * d + services + k] = drone.asking[k]
     for k in range(services):
         state.asked[k] = state.open_requests[k]
+
+
+@rule
+def _link_quality(world: Constants, state: State, drone: Drone) -> float:
+    """Return the mean efficiency of links to attached users, as a share of the best class's."""
+    radio, carried = world.radios[drone.radio], 0
+    for u in range(len(state.users)):
+        user = state.users[u]
+        if user.holder == drone.index:
+            carried += radio.efficiencies[user.classes[drone.index]]
+    most = drone.attached_users * radio.efficiencies[radio.classes]
+    return carried / most if most > 0 else 0.0
 
 
 @rule

@@ -39,7 +39,8 @@ class Position(RowObservation):
 class Local(RowObservation):
     """The drone's surroundings as numbers from 0 to 1 (the bearing: from -1 to 1).
 
-    These are the believed position, the attached users, the requests served and the open requests
+    These are the believed position, the attached users, if links have classes their mean
+    efficiency (over that of the best class), the requests served and the open requests
     in the footprint, by service (all over the number of users), the free bandwidth and the time
     left. With a battery they also include its charge and n_B, and the bearing (sine and cosine
     from north) and flight time of the nearest charging station; charge and times are divided by
@@ -49,6 +50,7 @@ class Local(RowObservation):
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """Return the features, all real numbers."""
         names = ["x", "y"] + ["altitude"] * facts.three_d + ["attached"]
+        names += ["link_quality"] * facts.graded
         names += [f"served_{name}" for name in facts.services]
         names += [f"asking_{name}" for name in facts.services]
         names += ["bandwidth_left", "time_left"]
@@ -69,6 +71,9 @@ class Local(RowObservation):
             k += 1
         out[k] = observation.attached_users / users
         k += 1
+        if not world.radios[0].flat:
+            out[k] = observation.link_quality
+            k += 1
         counts = 2 * world.services
         for count in range(counts):
             out[k + count] = state.counts[counts * drone.index + count] / users

@@ -343,7 +343,9 @@ class Drone(Row):
 class Observation(Row):
     """The observation of a drone at a decision epoch (see ``model.state.Observation``).
 
-    ``believed`` is the number of the place at which it believes itself to be.
+    ``believed`` is the number of the place at which it believes itself to be. ``link_quality`` is
+    the mean efficiency of its links to attached users, as a share of that of the best class; it is
+    0 without any, and for the paper's disc.
     """
 
     mode: int
@@ -355,6 +357,7 @@ class Observation(Row):
     attached_users: int
     used_hz: int
     served_requests: int
+    link_quality: float
 
 
 @row

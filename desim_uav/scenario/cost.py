@@ -30,6 +30,11 @@ _WALKS = ("users.count", "episode.steps", "episode.step_s", "users.mobility")
 _REQUESTS = ("users.count", "episode.steps", "episode.step_s", "demand")
 _STEPS = ("episode.steps", "drones.count")
 _PAIRS = ("users.count", "drones.count")
+_LINKS = ("users.count", "drones.count", "access_points", "episode.steps", "drones.radio")
+
+SEARCH = 10.0
+"""A search for the changes of one link in a step takes about as long as so many events, and as many
+again for each drone or access point that interferes."""
 
 
 class Part(NamedTuple):
@@ -71,6 +76,8 @@ class _Counts:
     draws: float
     requests: float
     crossings: float
+    senders: int
+    searches: float
 
 
 def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> Cost:
@@ -81,12 +88,13 @@ def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> 
         Part("requests that begin, are served and end", 4.0 * n.requests, _REQUESTS),
         Part(
             "users who enter or leave a footprint",
-            2.0 * n.crossings,
+            n.crossings,
             ("users.count", "drones.count", "episode.steps", "episode.step_s"),
         ),
     )
     events = (
         *logged,
+        *([Part("searches for changes of links", n.searches, _LINKS)] if n.searches else []),
         Part("legs of users", n.legs, _WALKS),
         Part("draws of requests", n.draws, _REQUESTS),
     )
@@ -96,6 +104,7 @@ def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> 
         Part("the walks of users", 210.0 * n.legs, _WALKS),
         Part("requests", 32.0 * max(16.0 * n.users, n.draws) + 600.0 * n.requests, _REQUESTS),
         Part("the log of steps", 900.0 * n.drones * n.steps, _STEPS),
+        *([Part("links", 250.0 * n.users * n.senders, _LINKS)] if n.searches else []),
         *(_of_batch(scenario, n) if engine == "batch" else _of_des(n)),
         *([_event_log(logged, n)] if keep_events else []),
     )
@@ -146,6 +155,8 @@ def _counts(scenario: Scenario) -> _Counts:
         draws,
         asks * draws,
         _crossings(scenario, horizon_s),
+        drones + len(scenario.access_points),
+        _searches(scenario),
     )
 
 
@@ -196,7 +207,7 @@ def _required_s(scenario: Scenario) -> float:
 
 
 def _crossings(scenario: Scenario, horizon_s: float) -> float:
-    """How often users enter or leave footprints.
+    """How often users enter or leave footprints, or the rings of classes within them.
 
     A disc of radius R that moves at a speed v among users of an even density is entered at a rate
     of 2 R v times the density, and left as often. Drones move at the speed of a commanded hop.
@@ -205,9 +216,28 @@ def _crossings(scenario: Scenario, horizon_s: float) -> float:
     hop = max(scenario.map.cell_m) / scenario.episode.step_s
     walk = getattr(scenario.users.mobility, "speed_mps", 0.0)
     speed = math.hypot(min(hop, max(width, depth) / scenario.episode.step_s), walk)
-    across = min(2.0 * scenario.drones.footprint_radius_m, width + depth)
-    rate = 2.0 * across * speed * scenario.users.count / (width * depth)
-    return scenario.drones.count * (scenario.users.count + rate * horizon_s)
+    drones, lowest_m = scenario.drones, scenario.map.levels.min_altitude_m
+    senders = [(drones.count, drones.radio, lowest_m, speed)]
+    senders += [(1, point.radio, point.height_m, walk) for point in scenario.access_points]
+    total = 0.0
+    for count, radio, height_m, speed_mps in senders:
+        for radius_m in radio.radii_m(height_m, drones.footprint_radius_m):
+            across = min(2.0 * max(radius_m, 0.0), width + depth)
+            rate = 2.0 * across * speed_mps * scenario.users.count / (width * depth)
+            total += count * (2.0 * scenario.users.count * (across > 0.0) + rate * horizon_s)
+    return total
+
+
+def _searches(scenario: Scenario) -> float:
+    """How many events the searches for changes of links take as long as, if they are no rings'."""
+    radio, points = scenario.drones.radio, len(scenario.access_points)
+    marked = radio.marked or any(point.radio.marked for point in scenario.access_points)
+    if not (marked or radio.reuse or scenario.association.by_level):
+        return 0.0
+    senders = scenario.drones.count + points
+    others = (senders - 1) / radio.reuse if radio.reuse else 0.0
+    links = float(senders) * scenario.users.count * scenario.episode.steps
+    return SEARCH * links * (1.0 + others)
 
 
 def _named(parts: Iterable[Part], shown: Callable[[float], str]) -> str:

@@ -161,6 +161,7 @@ def scenario(seed: int, interference: Any = None) -> dict[str, Any]:
             {"kind": "poisson", "rate_per_hour": 90, "mix": dict.fromkeys(offered, 1)},
             {"kind": "dynamic", "think_time_s": 11, "mix": dict.fromkeys(offered, 1)},
         ),
+        "observation": {"kind": dice.of("local", "position")},
         "position_noise": dice.of(None, None, {"probability": 0.3, "sigma_cells": 1}),
         "episode": {
             "steps": dice.of(4, 8),

@@ -232,3 +232,26 @@ class TestByHand:
         )
         attached = seen(fly(world, path_of(world)), "attach")
         assert [event[3] for event in attached] == [0]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_a_learner_sees_how_good_links_are(engine: str) -> None:
+    """The mean efficiency of the links to attached users, over that of the best class."""
+    world = town(observation={"kind": "local"})
+    flying = make_engine(engine, world, told(world))
+    shown = flying.reset(draw(world, 1, 0))
+    names = [feature.name for feature in world.scenario.observation.features(world.facts)]
+    bits = [0.0, *(one.bit_s_hz for one in world.scenario.drones.radio.ladder)]  # type: ignore[attr-defined]
+    found = []
+    for _ in range(5):
+        shown = flying.step([0, 0, 0])
+        for drone, observation in enumerate(shown.observations):
+            own = [u for u in flying.state.users if u.holder == drone]  # type: ignore[attr-defined]
+            mean = np.mean([bits[int(u.classes[drone])] for u in own]) / bits[-1] if own else 0.0
+            found.append(observation.features[names.index("link_quality")])
+            assert found[-1] == pytest.approx(mean, abs=1e-12)
+    assert len(set(found)) > 5
+    assert "link_quality" not in [
+        feature.name
+        for feature in world.scenario.observation.features(world.facts._replace(graded=False))
+    ]

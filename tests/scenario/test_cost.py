@@ -36,9 +36,9 @@ def case8(*overrides):
     return load(scenario_path("case8"), overrides)
 
 
-def played(scenario, engine, **options):
+def played(scenario, engine, policy="baseline", **options):
     world = build_world(scenario, 0)
-    return run(world, load_policy("baseline"), "baseline", 0, engine=engine, **options)
+    return run(world, load_policy(policy), policy, 0, engine=engine, **options)
 
 
 @pytest.mark.thorough
@@ -199,3 +199,56 @@ def test_a_number_has_bounds(key, value, problem):
     with pytest.raises(ScenarioError) as caught:
         loads("name: x", overrides=[f"{key}={value}"])
     assert str(caught.value) == f"override {key}={value}: {problem}"
+
+
+RINGS = {
+    "map.cells": "[5, 5]",
+    "map.size_m": "[1200, 1200]",
+    "map.dimensions": "2",
+    "drones.count": "3",
+    "drones.battery": "null",
+    "stations.count": "0",
+    "users.count": "60",
+}
+"""Three drones whose links have 15 classes, with radii of 34 to 188 m."""
+
+
+def with_rings(**radio):
+    links = {"kind": "link_classes", "power_dbm": -4, **radio}
+    text = ", ".join(f"{key}: {value}" for key, value in links.items())
+    return loads(
+        "name: rings",
+        overrides=[*(f"{k}={v}" for k, v in RINGS.items()), f"drones.radio={{{text}}}"],
+    )
+
+
+class TestLinks:
+    def test_changes_of_class(self):
+        scenario = with_rings()
+        results = played(scenario, "des", policy="random", episodes=2, keep_events=True)
+        changes = results.events["kind"].isin(["enter", "exit", "class"]).sum() / 2
+        (foreseen,) = (p for p in cost(scenario).events if "footprint" in p.what)
+        assert changes / FACTOR < foreseen.amount < changes * FACTOR, (changes, foreseen)
+
+    def test_searches_are_counted_where_classes_are_no_rings(self):
+        searches = [
+            sum(part.amount for part in cost(scenario).events if "searches" in part.what)
+            for scenario in (
+                with_rings(),
+                with_rings(line_of_sight="drawn"),
+                with_rings(interference="co_channel"),
+                with_rings(interference="{reuse: 3}"),
+            )
+        ]
+        links = 3 * 60 * 30
+        assert searches == [0, *(costs.SEARCH * links * n for n in (1, 3, 1 + 2 / 3))]
+
+    def test_what_would_take_too_long_is_refused(self):
+        scenario = with_rings(interference="co_channel")
+        users = scenario.users.model_copy(update={"count": 20_000})
+        drones = scenario.drones.model_copy(update={"count": 200})
+        with pytest.raises(ScenarioError, match="searches for changes of links") as caught:
+            check_cost(scenario.model_copy(update={"users": users, "drones": drones}), "batch")
+        assert "users.count, drones.count, access_points, episode.steps, drones.radio" in str(
+            caught.value
+        )
