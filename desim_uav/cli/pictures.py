@@ -104,7 +104,7 @@ def plot(
         typer.Argument(
             metavar="KIND",
             help="The kind of figure: training, compare, sweep, visits, policy, battery, "
-            "episodes, services or snapshot.",
+            "episodes, services, radio or snapshot.",
         ),
     ],
     runs: Annotated[
@@ -112,7 +112,7 @@ def plot(
         typer.Argument(
             metavar="RUN…",
             help="The folder of a run, a training or a sweep; for policy it may be the file of a "
-            "table.",
+            "table, and for radio a scenario file or the name of a shipped scenario.",
         ),
     ],
     out: Annotated[
@@ -121,7 +121,8 @@ def plot(
             "-o",
             "--out",
             metavar="FILE",
-            help="The file, which ends in .png, .pdf or .svg. By default it is RUN/KIND.png.",
+            help="The file, which ends in .png, .pdf or .svg. By default it is RUN/KIND.png, "
+            "or a file in the working folder if RUN is no folder.",
         ),
     ] = None,
     episode: Annotated[
@@ -168,7 +169,15 @@ def plot(
         typer.Option(
             metavar="K",
             callback=within(0, 10**9),
-            help="For policy: the level of altitude, counted from 0, the lowest.",
+            help="For policy and radio: the level of altitude, counted from 0, the lowest.",
+        ),
+    ] = None,
+    at: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X,Y",
+            help="For radio: the place of the drone, in metres. By default it is the middle of the "
+            "map.",
         ),
     ] = None,
     against: Annotated[
@@ -195,11 +204,11 @@ def plot(
         ),
     ] = None,
 ) -> None:
-    """Draw a figure of runs, of trainings, of a sweep or of a learned policy."""
+    """Draw a figure of runs, of trainings, of a sweep, of a learned policy or of a radio."""
     import desim_uav as du
 
     asked: dict[str, Any] = {"episode": episode, "minute": minute, "drone": drone, "window": window}
-    asked |= {"battery_min": battery_min, "level": level, "against": against}
+    asked |= {"battery_min": battery_min, "level": level, "at": at, "against": against}
     asked |= {"measure": measure or None, "key": key or None}
     print(du.plot(kind, runs, out, asked))
 

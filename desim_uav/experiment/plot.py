@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from desim_uav.errors import PolicyError, UsageError
+from desim_uav.errors import PolicyError, UsageError, located
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.policies.tabular import read_table
 from desim_uav.registry import did_you_mean
@@ -55,6 +55,32 @@ def _policy(source: Path, **options: Any) -> Figure:
     return policy_figure(read_table(file), str(source), **options)
 
 
+def _radio(source: Path, at: str | None = None, **options: Any) -> Figure:
+    """Draw the radio of a scenario file, of a shipped scenario, or of the folder of a run."""
+    from desim_uav.report.figures import radio_figure
+    from desim_uav.report.run import Run
+    from desim_uav.scenario.load import load
+    from desim_uav.world import build_world
+
+    if at is not None:
+        options["at_m"] = _point(at)
+    if source.is_dir():
+        return radio_figure(Run(source).world, **options)
+    scenario = load(source)
+    with located(source):
+        world = build_world(scenario, scenario.effective_world_seed)
+    return radio_figure(world, **options)
+
+
+def _point(text: str) -> tuple[float, float]:
+    """Return the numbers of a text such as ``1200,800``. Raises UsageError for any other text."""
+    try:
+        x_m, y_m = map(float, text.split(","))
+    except ValueError:
+        raise UsageError(f"--at {text}: write X,Y in metres, such as 1200,800") from None
+    return x_m, y_m
+
+
 def _of_run(kind: str) -> Callable[..., Figure]:
     """Return a function that draws a run, which is played again if it kept no events."""
 
@@ -77,6 +103,7 @@ KINDS: Mapping[str, Kind] = {
     "battery": Kind(_of_run("battery"), ("episode", "drone")),
     "episodes": Kind(_of_run("episodes")),
     "services": Kind(_of_run("services"), ("episode",)),
+    "radio": Kind(_radio, ("level", "at")),
     "snapshot": Kind(_of_run("snapshot"), ("episode", "minute")),
 }
 

@@ -1,10 +1,11 @@
-"""Figures of runs, trainings, policies and sweeps, each drawn from a folder or file alone."""
+"""Figures of runs, trainings, policies, sweeps and radios, each from a folder or file alone."""
 
 from desim_uav.report.figures.battery import battery_figure
 from desim_uav.report.figures.case import case_picture
 from desim_uav.report.figures.compare import compare_figure, intervals_figure
 from desim_uav.report.figures.episodes import episodes_figure
 from desim_uav.report.figures.policy import policy_figure
+from desim_uav.report.figures.radio import radio_figure
 from desim_uav.report.figures.services import services_figure
 from desim_uav.report.figures.snapshot import snapshot_figure
 from desim_uav.report.figures.style import to_bytes
@@ -19,6 +20,7 @@ __all__ = [
     "episodes_figure",
     "intervals_figure",
     "policy_figure",
+    "radio_figure",
     "services_figure",
     "snapshot_figure",
     "sweep_figure",
