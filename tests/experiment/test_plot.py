@@ -24,6 +24,8 @@ def folders(tmp_path_factory):
             "case1",
             ("users.count=4", "episode.steps=3", "learning.episodes=5", f"seed={seed}"),
         )
+    links = (*small, "drones.radio={kind: link_classes, power_dbm: 0}")
+    make_run(where / "links", "case8", "hover", links, events=False)
     make_run(where / "bare", "case8", "hover", small, events=False)
     gone = shutil.copytree(where / "bare", where / "gone")
     manifest = json.loads((gone / "manifest.json").read_text()) | {"policy": "gone.npz"}
@@ -50,7 +52,7 @@ def ask(folders, monkeypatch, capsys, tmp_path):
 
 @pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "sweep"])
 def test_every_kind_has_its_default_place(ask, folders, kind):
-    source = "trained0" if kind in ("training", "policy") else "run0"
+    source = {"training": "trained0", "policy": "trained0", "radio": "links"}.get(kind, "run0")
     code, out, err = ask("plot", kind, f"@{source}")
     place = folders / source / f"{kind}.png"
     assert (code, out, err) == (0, f"{place}\n", "")
@@ -64,6 +66,16 @@ def test_several_folders_go_to_the_working_one(ask, tmp_path):
     assert ask("plot", "policy", "case1.npz")[:2] == (0, "case1.png\n")
     found = sorted(path.name for path in tmp_path.iterdir())
     assert found == ["case1.png", "compare.png", "training.png"]
+
+
+def test_a_radio_is_that_of_a_scenario_or_of_a_run(ask, folders, tmp_path):
+    scenario = folders / "links" / "scenario.yaml"
+    assert ask("plot", "radio", scenario) == (0, "radio.png\n", "")
+    assert ask("plot", "radio", "@links", "-o", "run.png")[0] == 0
+    words = ("--level", 2, "--at", "300,2e3", "-o", "other.png")
+    assert ask("plot", "radio", scenario, *words)[0] == 0
+    drawn = [(tmp_path / f"{name}.png").read_bytes() for name in ("radio", "run", "other")]
+    assert drawn[0] == drawn[1] != drawn[2]
 
 
 @pytest.mark.parametrize(
@@ -101,6 +113,15 @@ def test_the_ending_says_the_format(ask, tmp_path, name, begins):
         (("plot", "snapshot", "@gone"), 4, "cannot be played again: gone.npz"),
         (("plot", "visits", "@gone"), 4, "run it again with --events"),
         (("plot", "battery", "@gone"), 4, "the run kept no events, and it cannot be played again"),
+        (("plot", "radio", "case8"), 2, "case8: the radio of its drones is disc"),
+        (("plot", "radio", "@run0"), 2, "write drones.radio: {kind: link_classes} in the scen"),
+        (("plot", "radio", "@links", "--level", 3), 2, "--level 3: case8 has the levels 0 to 2"),
+        (("plot", "radio", "@links", "--at", "1,2,3"), 2, "--at 1,2,3: write X,Y in metres"),
+        (("plot", "radio", "@links", "--at", "1,x"), 2, "--at 1,x: write X,Y in metres"),
+        (("plot", "radio", "@links", "--at", "1,2401"), 2, "--at 1,2401: the map of case8 goes"),
+        (("plot", "radio", "@links", "--drone", 0), 2, "--drone is an option of visits, policy, b"),
+        (("plot", "radio", "case88"), 3, "case88: neither a file nor a shipped scenario"),
+        (("plot", "radio", "."), 4, "world.json: not a readable JSON file"),
         (("video", "@run0"), 2, "name the file to write: --gif FILE.gif or --mp4 FILE.mp4"),
         (("video", "@run0", "--gif", "a.mp4"), 2, "--gif a.mp4: the file's name must end in .gif"),
         (("video", "@run0", "--mp4", "a"), 2, "--mp4 a: the file's name must end in .mp4"),

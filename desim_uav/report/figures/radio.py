@@ -27,10 +27,10 @@ from desim_uav.scenario.components import described
 from desim_uav.world import World
 
 SHADES = LinearSegmentedColormap.from_list(
-    "level", ["#FCFBE3", "#D5E3A8", "#8CC7A1", "#4BA3A8", "#3C7BA6", "#3D5596"]
+    "level", ["#FCFBE3", "#D5E3A8", "#8CC7A1", "#54A9AE", "#5590B8", "#5B78B5"]
 )
-"""Darker where the level is higher, in colours that are not told apart by red and green alone; a
-black line can be seen on each of them."""
+"""Darker where the level is higher, so that the colour-blind can read it; a black line can be seen
+on each of them."""
 
 POINTS = 241
 """The number of points along the longer side of the map, and along distances and heights."""
@@ -38,7 +38,12 @@ POINTS = 241
 BEYOND = 1.15
 """How far distances go, relative to the widest class."""
 
+WRITTEN = 0.88
+"""How high the numbers of classes are written, relative to the largest height shown."""
+
 MOST_TEXT = 120
+"""The length of a line of the heading, in characters."""
+
 FEW_KM = 10
 """From this many km on, distances are in km."""
 
@@ -284,15 +289,16 @@ def _draw_side(axes: Axes, shown: Shown) -> None:
             axes.contour(distances_m / scale, heights_m, dbm, levels=[threshold], **line)
     axes.axhline(shown.altitude_m, color=INK, ls="--", linewidth=1.0)
     top_m = heights_m[-1] + heights_m[0]
-    written_m = 0.88 * top_m
-    row = dbm[np.searchsorted(heights_m, written_m)]
-    crossed = [
-        (number, np.interp(-threshold, -row, distances_m))
-        for number, threshold in enumerate(shown.thresholds_dbm, 1)
-        if np.nanmin(row) < threshold < np.nanmax(row)
-    ]
-    for number, distance_m in _apart(crossed, 0.05 * shown.farthest_m):
-        _write_class(axes, number, distance_m / scale, written_m)
+    defined = np.flatnonzero(np.isfinite(dbm).all(axis=1) & (heights_m < WRITTEN * top_m))
+    if len(defined):
+        row = dbm[defined[-1]]
+        crossed = [
+            (number, float(np.interp(-threshold, -row, distances_m)))
+            for number, threshold in enumerate(shown.thresholds_dbm, 1)
+            if row.min() < threshold < row.max()
+        ]
+        for number, distance_m in _apart(crossed, 0.05 * shown.farthest_m):
+            _write_class(axes, number, distance_m / scale, heights_m[defined[-1]])
     axes.set(xlabel=f"horizontal distance, {unit}", ylabel="height above the user, m")
     axes.set(ylim=(0, top_m), xlim=(0, shown.farthest_m / scale))
     axes.set_title("By distance and height")
