@@ -167,15 +167,16 @@ def test_the_kinds_of_figures_are_those_there_are() -> None:
 
 
 @pytest.mark.parametrize(
-    ("file", "command"),
+    ("page", "file", "command"),
     [
-        ("case8.png", "python analysis/case_picture.py runs/picture docs/case8.png 0 20"),
-        ("policy.png", "desim-uav plot policy case8.npz -o docs/policy.png"),
-        ("replay.gif", "desim-uav video runs/learned --gif docs/replay.gif --speed 240"),
+        ("report", "case8.png", "python analysis/case_picture.py runs/picture docs/case8.png 0 20"),
+        ("report", "policy.png", "desim-uav plot policy case8.npz -o docs/policy.png"),
+        ("report", "replay.gif", "desim-uav video runs/learned --gif docs/replay.gif --speed 240"),
+        ("radio", "radio.png", "desim-uav plot radio town.yaml -o docs/radio.png"),
     ],
 )
-def test_pictures_stand_beside_their_commands(file: str, command: str) -> None:
-    assert command in PAGES["docs/howto/report.md"].read_text(encoding="utf-8")
+def test_pictures_stand_beside_their_commands(page: str, file: str, command: str) -> None:
+    assert command in PAGES[f"docs/howto/{page}.md"].read_text(encoding="utf-8")
     assert (ROOT / "docs" / file).stat().st_size < 1.5e6
 
 

@@ -52,9 +52,9 @@ EDGE, INNER = 1.7, 0.6
 """The widths of lines at the edge of class 1, and of higher classes."""
 
 HALO = [withStroke(linewidth=2.2, foreground="white")]
-DRONE: dict[str, Any] = {"color": drone_colour(1), "marker": "X", "markersize": 10, "ls": ""}
+DRONE: dict[str, Any] = {"color": drone_colour(1), "marker": "X", "markersize": 8, "ls": ""}
 DRONE |= {"markeredgecolor": INK, "label": "drone"}
-MAST: dict[str, Any] = {"color": "white", "marker": "^", "markersize": 8, "ls": ""}
+MAST: dict[str, Any] = {"color": "white", "marker": "^", "markersize": 14, "ls": ""}
 MAST |= {"markeredgecolor": INK, "markeredgewidth": 1.3, "label": "access point"}
 
 
@@ -275,7 +275,7 @@ def _draw_steps(axes: Axes, shown: Shown, values: Sequence[float], label: str) -
     edges = np.array([0.0, *radii_m, shown.farthest_m]) / scale
     axes.stairs(values[: len(radii_m) + 1][::-1], edges, color=INK, linewidth=1.6)
     axes.set(ylabel=label, ylim=(0, 1.06 * values[-1]), xlim=(0, edges[-1]))
-    axes.yaxis.set_major_locator(MaxNLocator(4, integer=True))
+    axes.yaxis.set_major_locator(MaxNLocator(4, integer=isinstance(values, range)))
 
 
 def _draw_side(axes: Axes, shown: Shown) -> None:

@@ -176,6 +176,13 @@ class TestDistance:
         assert shown.contours == []
         assert to_bytes(shown.figure, ".png")
 
+    def test_small_rates_can_be_read(self):
+        shown = drawn(world_of(OWN | {"bandwidth_mhz": 0.1}))
+        highest = shown.steps(shown.rate).values[0]
+        assert highest == pytest.approx(0.3)
+        assert sum(0 < tick <= highest for tick in shown.rate.get_yticks()) > 1
+        assert all(float(tick).is_integer() for tick in shown.classes.get_yticks())
+
     def test_long_distances_are_in_km(self):
         world = world_of({"power_dbm": 60})
         shown = drawn(world)
