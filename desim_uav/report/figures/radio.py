@@ -80,7 +80,7 @@ def radio_figure(
     side = figure.add_subplot(grid[2, 1], sharex=rate)
     seen = _draw_map(above, shown)
     _draw_steps(rate, shown, shown.rates_mbit_s, "rate, Mbit/s")
-    _draw_steps(steps, shown, range(len(shown.rates_mbit_s)), "class")
+    _draw_steps(steps, shown, range(len(shown.rates_mbit_s)), "class", whole=True)
     _draw_side(side, shown)
     for axes in (rate, steps):
         axes.tick_params(labelbottom=False)
@@ -268,14 +268,16 @@ def _draw_map(axes: Axes, shown: Shown) -> Any:
     return image
 
 
-def _draw_steps(axes: Axes, shown: Shown, values: Sequence[float], label: str) -> None:
-    """Draw a value of each class, from class 0 on, over the distance."""
+def _draw_steps(
+    axes: Axes, shown: Shown, values: Sequence[float], label: str, whole: bool = False
+) -> None:
+    """Draw a value of each class, from class 0 on, over the distance; it may be ``whole``."""
     scale, _ = shown.unit
     radii_m = [radius for radius in reversed(shown.rings_m) if radius > 0.0]
     edges = np.array([0.0, *radii_m, shown.farthest_m]) / scale
     axes.stairs(values[: len(radii_m) + 1][::-1], edges, color=INK, linewidth=1.6)
     axes.set(ylabel=label, ylim=(0, 1.06 * values[-1]), xlim=(0, edges[-1]))
-    axes.yaxis.set_major_locator(MaxNLocator(4, integer=isinstance(values, range)))
+    axes.yaxis.set_major_locator(MaxNLocator(4, integer=whole))
 
 
 def _draw_side(axes: Axes, shown: Shown) -> None:

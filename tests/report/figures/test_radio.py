@@ -243,6 +243,19 @@ class TestWords:
         heading = drawn(world_of(OWN)).figure.get_suptitle()
         assert heading == "town: -15 dBm, 4 MHz at 3.5 GHz\nmean loss of free_space"
 
+    def test_numbers_stand_on_the_lines_of_their_classes(self):
+        world = world_of({"power_dbm": 10})
+        shown, radio = drawn(world, at_m=(500, 300)), world.scenario.drones.radio
+        for text in shown.above.texts:
+            x, y = text.get_position()
+            ring_m = shown.rings_m[int(text.get_text()) - 1]
+            assert hypot(x - 500, y - 300) == pytest.approx(ring_m)
+        _, _, dbm = shown.levels_dbm(shown.side)
+        for text in shown.side.texts:
+            least_db = radio.ladder[int(text.get_text()) - 1].snr_db
+            assert snr_db(radio, dbm(text.get_position())) == pytest.approx(least_db, abs=1e-6)
+        assert len(shown.above.texts) > 2 and len(shown.side.texts) > 5
+
     @pytest.mark.parametrize("radio", [{}, {"classes": "mcs"}, {"power_dbm": 20}, OWN])
     def test_numbers_of_classes_do_not_hide_each_other(self, radio):
         shown = drawn(world_of(radio), level=1)
