@@ -174,7 +174,9 @@ def find_optimum(
         world_seed: What the world alone is drawn from.
 
     Raises:
-        UsageError: the scenario is none that can be solved; the message names the key.
+        ScenarioError: the scenario is invalid, or its model is not the paper's: it has link
+            classes, access points, an association by level or services that ask for a volume.
+        UsageError: the scenario cannot be solved for another reason; the message names the key.
     """
     found = arguments.opened(scenario, overrides, seed, world_seed)
     with found.located():

@@ -19,6 +19,7 @@ from desim_uav.optimum.itinerary import (
     in_the_long_run,
     without_battery,
 )
+from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.optimum.process import DroneProcess
 from desim_uav.rules.rewards import Coverage
 from desim_uav.scenario.schema import Scenario
@@ -35,8 +36,10 @@ LARGEST = 2 * 10**7
 def optimum(scenario: Scenario) -> dict[str, Any]:
     """Return everything that can be computed about the best policies, as one JSON object.
 
-    Raises UsageError, with the key, if the scenario cannot be solved.
+    Raises ScenarioError, with all keys that prevent it, if the model is not the paper's, and
+    UsageError, with the key, if the scenario cannot be solved for another reason.
     """
+    refuse_other_models(scenario)
     world = build_world(scenario, scenario.effective_world_seed)
     lone = scenario.drones.count == 1
     process = DroneProcess(world) if lone else None

@@ -12,6 +12,7 @@ from desim_uav.model.mobility import Static
 from desim_uav.model.motion import REST, Leg
 from desim_uav.model.planner import Node
 from desim_uav.model.rules import MOVES, Action
+from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.world import World
 
 LARGEST = 2 * 10**8
@@ -21,10 +22,11 @@ LARGEST = 2 * 10**8
 class Footprints:
     """The footprint of a drone over users who never move, by the engine's own test.
 
-    Raises UsageError if users move.
+    Raises ScenarioError if the model is not the paper's, and UsageError if users move.
     """
 
     def __init__(self, world: World) -> None:
+        refuse_other_models(world.scenario)
         refuse_walks(world)
         self.world = world
         users = len(world.homes)

@@ -16,6 +16,7 @@ from desim_uav.model.planner import Node
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.optimum.footprints import refuse_walks
 from desim_uav.optimum.lone_drone import LoneDrone, State, Step
+from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.rules.admission import FirstCome
 from desim_uav.rules.flight import can_enter
 from desim_uav.rules.rewards import Coverage, CoverageBattery
@@ -47,10 +48,12 @@ class Outcome(NamedTuple):
 class DroneProcess:
     """The decisions of the one drone of a world, under the ceiling.
 
-    Raises UsageError, with the key, if the scenario cannot be solved exactly.
+    Raises UsageError, with the key, if the scenario cannot be solved exactly, and ScenarioError if
+    its model is not the paper's.
     """
 
     def __init__(self, world: World) -> None:
+        refuse_other_models(world.scenario)
         refuse_what_is_random(world)
         refuse_walks(world)
         self.world = world

@@ -2,10 +2,21 @@
 
 import json
 import sys
+from dataclasses import dataclass
 
 import pytest
 
+import desim_uav as du
 from desim_uav import cli
+from desim_uav.errors import ScenarioError
+from desim_uav.experiment import optimum
+from desim_uav.model.association import Strongest
+from desim_uav.model.radio.radio import Disc
+from desim_uav.model.services import Transfer
+from desim_uav.optimum.cover import Places
+from desim_uav.optimum.process import DroneProcess
+from desim_uav.scenario.load import from_mapping
+from desim_uav.world import build_world
 
 LONE = ("case4", "-S", "drones.count=1")
 
@@ -152,3 +163,139 @@ def test_what_is_not_known(told, arguments, key):
 def test_a_scenario_that_is_wrong(told):
     code, out, err = told("case1", "-S", "drones.count=0")
     assert (code, out) == (3, "") and "drones.count" in err
+
+
+# ---- links that are not the paper's
+
+SOLVED = {
+    "drones": {"count": 1, "battery": None},
+    "stations": {"count": 0},
+    "users": {"count": 5, "mobility": {"kind": "static"}},
+    "demand": {"kind": "continuous"},
+    "reward": {"kind": "coverage"},
+}
+CLASSES = {"drones.radio": {"kind": "link_classes"}}
+ONLY = "the optimum can be computed only"
+NO_CLASSES = (
+    f"drones.radio.kind: link_classes: {ONLY} with disc, where a user is covered within "
+    "drones.footprint_radius_m"
+)
+HOLD = {"kind": "hold", "duration_min": [1], "bandwidth_kbps": [100]}
+FILM = {"kind": "transfer", "volume_mbit": [1], "bandwidth_kbps": [100]}
+MAST = {"at_m": [100, 100], "height_m": 30}
+
+
+@dataclass(frozen=True)
+class Wide(Disc):
+    """A disc twice as wide."""
+
+    def radii_m(self, height_m: float, disc_m: float) -> tuple[float, ...]:
+        return (2.0 * disc_m,)
+
+
+@dataclass(frozen=True)
+class Best(Strongest):
+    """An association of one's own that compares levels."""
+
+
+@dataclass(frozen=True)
+class Film(Transfer):
+    """A service of one's own that asks for a volume."""
+
+
+NOT_THE_PAPERS = {
+    "classes": (CLASSES, [NO_CLASSES]),
+    "a radio of one's own": (
+        {"drones.radio": {"kind": f"{__name__}:Wide"}},
+        [NO_CLASSES.replace("link_classes", f"{__name__}:Wide")],
+    ),
+    "strongest": (
+        CLASSES | {"association": "strongest"},
+        [
+            NO_CLASSES,
+            f"association.kind: strongest: {ONLY} with entered_first, which compares no levels",
+        ],
+    ),
+    "a3": (
+        CLASSES | {"association": {"kind": "a3"}},
+        [NO_CLASSES, f"association.kind: a3: {ONLY} with entered_first, which compares no levels"],
+    ),
+    "access points": (
+        {"access_points": [MAST, MAST]},
+        [f"access_points: 2 given: {ONLY} without access points ([])"],
+    ),
+    "transfers": (
+        {"services": {"call": HOLD, "film": FILM}},
+        [
+            f"services.film.kind: transfer: {ONLY} with services that ask for a time (hold), not "
+            "for a volume"
+        ],
+    ),
+    "all": (
+        CLASSES
+        | {
+            "association": {"kind": f"{__name__}:Best"},
+            "access_points": [MAST],
+            "services": {"film": FILM, "own": FILM | {"kind": f"{__name__}:Film"}, "call": HOLD},
+            "demand": {"kind": "static", "mix": {"call": 1}},
+            "users.mobility": {"kind": "random_walk"},
+        },
+        [
+            NO_CLASSES,
+            f"association.kind: {__name__}:Best: {ONLY} with entered_first, which compares no "
+            "levels",
+            f"access_points: 1 given: {ONLY} without access points ([])",
+            f"services.film.kind: transfer: {ONLY} with services that ask for a time (hold), not "
+            "for a volume",
+            f"services.own.kind: {__name__}:Film: {ONLY} with services that ask for a time "
+            "(hold), not for a volume",
+        ],
+    ),
+}
+each_of_them = pytest.mark.parametrize(
+    ("keys", "problems"), NOT_THE_PAPERS.values(), ids=list(NOT_THE_PAPERS)
+)
+
+
+def settings(keys):
+    return [f"{key}={json.dumps(value)}" for key, value in keys.items()]
+
+
+@pytest.fixture
+def nothing_is_computed(monkeypatch):
+    """Not even the world may be drawn."""
+    monkeypatch.setattr(optimum, "build_world", lambda *_: pytest.fail("a world was drawn"))
+
+
+@each_of_them
+@pytest.mark.usefixtures("nothing_is_computed")
+def test_the_command_refuses_other_models(told, tmp_path, keys, problems):
+    file = tmp_path / "mine.yaml"
+    file.write_text(json.dumps(SOLVED))
+    given = [word for setting in settings(keys) for word in ("-S", setting)]
+    code, out, err = told(file, *given, "--json")
+    assert (code, out) == (3, "")
+    assert err == "".join(f"desim-uav: {file}: {problem}\n" for problem in problems)
+
+
+@each_of_them
+@pytest.mark.usefixtures("nothing_is_computed")
+def test_the_function_refuses_other_models(keys, problems):
+    with pytest.raises(ScenarioError) as caught:
+        du.find_optimum(SOLVED, keys)
+    assert str(caught.value) == "\n".join(problems)
+
+
+@each_of_them
+@pytest.mark.parametrize("solver", [Places, DroneProcess])
+def test_what_it_calls_refuses_other_models(keys, problems, solver):
+    """Nobody else who uses it gets a wrong figure, as the best covers of ``reproduce``."""
+    scenario = from_mapping(SOLVED, overrides=settings(keys))
+    with pytest.raises(ScenarioError) as caught:
+        solver(build_world(scenario, 0))
+    assert caught.value.problems == tuple(problems)
+
+
+def test_the_paper_s_model_is_not_refused():
+    found = du.find_optimum(SOLVED, {"services": {"call": HOLD}, "association": "entered_first"})
+    assert found["one_drone"]["best_qoe3"]["qoe3_percent"] <= found["instant_at_most_percent"]

@@ -1,0 +1,54 @@
+"""The model whose optimum is known: the paper's, with a disc around each drone and times to serve.
+
+Bounds and best policies depend on which users are in a footprint, and on nothing else about links.
+In other models they would be wrong, so scenarios with one are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from desim_uav.errors import ScenarioError
+from desim_uav.model.radio.radio import Disc
+from desim_uav.model.services import Volume
+from desim_uav.scenario.components import described
+from desim_uav.scenario.schema import Scenario
+
+ONLY = "the optimum can be computed only"
+
+
+def refuse_other_models(scenario: Scenario) -> None:
+    """Raise ScenarioError, with all keys that prevent it, unless the model is the paper's."""
+    problems = tuple(_problems(scenario))
+    if problems:
+        raise ScenarioError(*problems)
+
+
+def _problems(scenario: Scenario) -> Iterator[str]:
+    """Yield what is not the paper's model: the key, its value, and what is allowed."""
+    radio: Any = scenario.drones.radio
+    association = scenario.association
+    if type(radio) is not Disc:
+        yield (
+            f"drones.radio.kind: {_kind(radio)}: {ONLY} with disc, where a user is covered within "
+            "drones.footprint_radius_m"
+        )
+    if association.by_level:
+        yield (
+            f"association.kind: {_kind(association)}: {ONLY} with entered_first, which compares no "
+            "levels"
+        )
+    if scenario.access_points:
+        count = len(scenario.access_points)
+        yield f"access_points: {count} given: {ONLY} without access points ([])"
+    for name, service in scenario.services.items():
+        if isinstance(service, Volume):
+            yield (
+                f"services.{name}.kind: {_kind(service)}: {ONLY} with services that ask for a time "
+                "(hold), not for a volume"
+            )
+
+
+def _kind(component: Any) -> str:
+    return str(described(component)["kind"])
