@@ -116,6 +116,8 @@ class Training:
         self.fuses = update != 0
         self.episode_row: Any = self._episode_row(update or algorithm.update)
         if self.fuses:
+            assert isinstance(self.engine, BatchSimulation)
+            self.engine.make_room_for_rings()
             self.memory = packed(self.episode_row)
             self.episode_row = View(self.memory, Episode)
         self.learners = self.episode_row.learners

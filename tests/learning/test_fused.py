@@ -215,6 +215,22 @@ def test_a_state_that_a_table_does_not_have_is_told(engine: str):
             crowded.play()
 
 
+def test_there_is_room_for_users_who_cross_many_rings_in_a_leg():
+    """All users stand together, so that each ring passes all of them at about the same time."""
+    homes = ", ".join(["[1200, 1200]"] * 40)
+    changes = [
+        f"users={{positions_m: [{homes}], mobility: {{kind: static}}}}",
+        "drones={count: 1, start_cells: [[4, 4]], radio: {kind: link_classes, power_dbm: 7}}",
+        *("reward={kind: coverage}", "demand.think_time_s=30"),
+    ]
+    world = build_world(load(scenario_path("case8"), changes), 0)
+    one, other = Training(world, 0, "des"), Training(world, 0, "batch")
+    assert other.fuses
+    for _ in range(5):
+        assert one.play() == other.play()
+        assert_same(one, other)
+
+
 def test_a_leg_with_more_crossings_than_there_is_room_for_is_told(monkeypatch: pytest.MonkeyPatch):
     """Nothing is learned from an episode that was not simulated whole."""
     monkeypatch.setattr(simulation, "CROSSINGS_A_USER", 0)

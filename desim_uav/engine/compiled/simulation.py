@@ -75,6 +75,17 @@ class BatchSimulation(Engine):
         self.memory = owned(self.memory)
         self._name_parts()
 
+    def make_room_for_rings(self) -> None:
+        """Enlarge the buffers by the number of classes of links, for who cannot repeat an episode.
+
+        It must be called before the first episode.
+        """
+        rings = max(len(links.efficiencies) - 1 for links in self.world.links)
+        if rings > 1:
+            self.buffers = Buffers(self.buffers.log, rings * self.buffers.crossings)
+            self.leg_buffer *= 2
+            self._make_room()
+
     def _make_room(self) -> None:
         """Make a new state in memory."""
         self.memory = pack_state(self.world, self.settings, self.buffers, self.leg_buffer)
