@@ -22,6 +22,10 @@ from tests.command_line import START, elsewhere, runner, with_plug_ins
 from tests.selection import by_default
 
 ROOT = Path(__file__).parents[1]
+SHIPPED = [
+    *(f"case{k}" for k in range(1, 10)),
+    *("interference", "street_canyon", "tiny", "urban_downlink"),
+]
 SMALL = ("-S", "users.count=12", "-S", "episode.steps=8")
 CONTRACT = (
     *("scenario", "policy", "seed", "episodes", "requests", "suppressed", "qoe1_percent"),
@@ -245,12 +249,12 @@ class TestScenarios:
         ended = cli_run("scenarios")
         assert (ended.code, ended.err) == (0, "")
         names = [line.split()[0] for line in ended.out.splitlines()]
-        assert names == [*(f"case{k}" for k in range(1, 10)), "tiny"]
+        assert names == SHIPPED
 
     def test_json(self, cli_run):
         found = cli_run("scenarios", "--json").json
-        assert next(iter(found)) == "case1"
-        assert all(found.values())
+        assert list(found) == SHIPPED
+        assert all(re.fullmatch(r"[A-Z].*\.", about) for about in found.values())
 
     def test_show_prints_a_file_that_can_be_run(self, cli_run):
         ended = cli_run("scenarios", "--show", "tiny")
@@ -268,10 +272,9 @@ class TestScenarios:
 
 class TestValidate:
     def test_all_shipped(self, cli_run):
-        names = [*(f"case{k}" for k in range(1, 10)), "tiny"]
-        ended = cli_run("validate", *names)
+        ended = cli_run("validate", *SHIPPED)
         assert (ended.code, ended.err) == (0, "")
-        assert ended.out.splitlines() == [f"{name}: valid" for name in names]
+        assert ended.out.splitlines() == [f"{name}: valid" for name in SHIPPED]
 
     def test_every_error_of_every_file(self, cli_run):
         Path("one.yaml").write_text("name: one\nsede: 1\ndrones: {count: 0}\n")

@@ -28,8 +28,9 @@ def scenarios(
     if as_json:
         print(json.dumps(dict(found), indent=1))
         return
+    width = max(map(len, names))
     for name, about in found:
-        print(f"{name:8s} {about}")
+        print(f"{name:{width}s} {about}")
 
 
 def validate(

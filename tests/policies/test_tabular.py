@@ -22,7 +22,7 @@ from desim_uav.policies.tabular import Greedy, QTable, read_table
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.scenario.schema import Scenario
-from desim_uav.shipped import find_table
+from desim_uav.shipped import find_table, table_names
 from desim_uav.world import World, build_world
 
 SMALL: dict[str, Any] = {
@@ -200,15 +200,15 @@ def test_shipped_tables_are_found_by_name(tmp_path: Path, monkeypatch: pytest.Mo
     assert find_table("./none.npz") == Path("none.npz")
 
 
-@pytest.mark.parametrize("case", range(1, 10))
-def test_shipped_tables_fit_their_cases(case: int):
+@pytest.mark.parametrize("name", table_names())
+def test_shipped_tables_fit_their_scenarios(name: str):
     from desim_uav.scenario.load import load, scenario_hash
     from desim_uav.shipped import scenario_path
 
-    policy = Greedy(f"case{case}.npz")
+    policy = Greedy(name)
     about = policy.about
     assert (about["seed"], about["world_seed"], about["algorithm"]) == (0, 0, "q_learning")
-    scenario = load(scenario_path(f"case{case}"))
+    scenario = load(scenario_path(name.removesuffix(".npz")))
     assert about["scenario_hash"] == scenario_hash(scenario), "train it again"
     world = build_world(scenario, 0)
     assert policy.notice(world) == ""

@@ -121,8 +121,11 @@ def test_a_station_off_the_map_is_clipped() -> None:
 # Shipped scenarios
 
 
-def test_all_cases_are_shipped() -> None:
-    assert shipped.scenario_names() == [f"case{k}" for k in range(1, 10)] + ["tiny"]
+def test_all_scenarios_are_shipped() -> None:
+    assert shipped.scenario_names() == [
+        *(f"case{k}" for k in range(1, 10)),
+        *("interference", "street_canyon", "tiny", "urban_downlink"),
+    ]
 
 
 @pytest.mark.parametrize("name", shipped.scenario_names())
