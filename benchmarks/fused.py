@@ -26,7 +26,7 @@ import subprocess
 import sys
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from itertools import cycle
@@ -36,6 +36,8 @@ from peers import Steps, mobile_env, simple_spread
 
 Block = Callable[[], int]
 """Takes some steps; their number."""
+Runner = Callable[[], tuple[Block, list[str]]]
+"""Prepares what is measured; with the packages that it has imported."""
 Rates = dict[str, list[float]]
 """Steps a second, round by round."""
 
@@ -70,7 +72,7 @@ def main() -> None:
     if args.work == TOGETHER:
         work_in_threads(args.seconds)
     elif args.work:
-        work(args.work, args.seconds)
+        work(RUNNERS[args.work], args.seconds)
     else:
         pythons = {"mobile-env": args.peer_python, "simple_spread": args.peer_python}
         compare({**pythons, "VMAS": args.vmas_python}, args.rounds, args.seconds)
@@ -78,10 +80,24 @@ def main() -> None:
 
 
 def compare(pythons: dict[str, str], rounds: int, seconds: float) -> None:
-    """Ask a process for each, in turn, how fast it is; print what they say."""
+    """Print how fast each is, and the ratios."""
+    medians = measured(list(RUNNERS), pythons, rounds, seconds)
+    for ours, theirs, aim in AIMS:
+        print(f"{ours} / {theirs}: {medians[ours] / medians[theirs]:.3g} (aim: {aim})")
+
+
+def measured(
+    names: list[str],
+    pythons: dict[str, str],
+    rounds: int,
+    seconds: float,
+    file: str = __file__,
+    width: int = 15,
+) -> dict[str, float]:
+    """Ask a process for each, in turn, how fast it is; print what they say; the medians."""
     workers, described = {}, {}
-    for name in RUNNERS:
-        workers[name] = started(pythons.get(name, sys.executable), name, seconds)
+    for name in names:
+        workers[name] = started(pythons.get(name, sys.executable), name, seconds, file)
         described[name] = answer(workers[name])
     rates: Rates = {name: [] for name in workers}
     for _ in range(rounds):
@@ -90,9 +106,7 @@ def compare(pythons: dict[str, str], rounds: int, seconds: float) -> None:
             rates[name].append(answer(worker))
     for worker in workers.values():
         worker.communicate()
-    medians = told(rates, described)
-    for ours, theirs, aim in AIMS:
-        print(f"{ours} / {theirs}: {medians[ours] / medians[theirs]:.3g} (aim: {aim})")
+    return told(rates, described, width)
 
 
 def compare_threads(rounds: int, seconds: float) -> None:
@@ -117,22 +131,24 @@ def compare_threads(rounds: int, seconds: float) -> None:
     print(f"two processes / one: {processes / one:.2f}; near 2 on a machine that is free")
 
 
-def told(rates: Rates, described: dict[str, str] | None = None) -> dict[str, float]:
+def told(
+    rates: Rates, described: dict[str, str] | None = None, width: int = 15
+) -> dict[str, float]:
     """Print a table, with what each is; the medians."""
     described = described or dict.fromkeys(rates, "")
     medians = {name: statistics.median(rates[name]) for name in rates}
-    print(f"{'':15}{'steps/s':>10}{'lowest':>10}{'highest':>10}")
+    print(f"{'':{width}}{'steps/s':>10}{'lowest':>10}{'highest':>10}")
     for name, median in medians.items():
         low, high = min(rates[name]), max(rates[name])
-        print(f"{name:15}{median:10.0f}{low:10.0f}{high:10.0f}   {described[name]}".rstrip())
+        print(f"{name:{width}}{median:10.0f}{low:10.0f}{high:10.0f}   {described[name]}".rstrip())
     return medians
 
 
 # ---- processes
 
 
-def started(python: str, name: str, seconds: float) -> subprocess.Popen[str]:
-    command = [python, __file__, "--work", name, "--seconds", str(seconds)]
+def started(python: str, name: str, seconds: float, file: str = __file__) -> subprocess.Popen[str]:
+    command = [python, file, "--work", name, "--seconds", str(seconds)]
     variables = {**os.environ, **PINNED, "PYGAME_HIDE_SUPPORT_PROMPT": "1"}
     return subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=variables
@@ -150,10 +166,10 @@ def answer(worker: subprocess.Popen[str]) -> Any:
     return json.loads(line)
 
 
-def work(name: str, seconds: float) -> None:
+def work(runner: Runner, seconds: float) -> None:
     """Say what was imported; then a number of steps a second for each line that is read."""
     warnings.filterwarnings("ignore")
-    block, packages = RUNNERS[name]()
+    block, packages = runner()
     rate(block, seconds / 4, time.process_time)
     versions = ", ".join(f"{package} {version(package)}" for package in packages)
     print(json.dumps(f"{versions}, Python {platform.python_version()}"), flush=True)
@@ -186,13 +202,15 @@ def rate(block: Block, seconds: float, clock: Callable[[], float]) -> float:
 # ---- what is measured
 
 
-def training(case: str, engine: str, seed: int = 0) -> tuple[Block, list[str]]:
+def training(
+    case: str, engine: str, seed: int = 0, changes: Sequence[str] = ()
+) -> tuple[Block, list[str]]:
     from desim_uav.learning.training import Training
     from desim_uav.scenario.load import load
     from desim_uav.shipped import scenario_path
     from desim_uav.world import build_world
 
-    world = build_world(load(scenario_path(case)), 0)
+    world = build_world(load(scenario_path(case), changes), 0)
     learned = Training(world, seed, "batch")
     while learned.episode < FIRST:
         learned.play(FIRST - learned.episode)
@@ -240,7 +258,7 @@ def vmas() -> tuple[Block, list[str]]:
     return block, ["vmas", "torch"]
 
 
-RUNNERS: dict[str, Callable[[], tuple[Block, list[str]]]] = {
+RUNNERS: dict[str, Runner] = {
     "case 1": lambda: training("case1", "batch"),
     "case 8": lambda: training("case8", "batch"),
     "case 1 SimPy": lambda: training("case1", "des"),

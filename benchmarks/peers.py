@@ -176,11 +176,11 @@ def compiled(case: str) -> tuple[Steps, list[str]]:
     return steps, ["desim-uav", "numpy", "numba"]
 
 
-def mobile_env() -> tuple[Steps, list[str]]:
+def mobile_env(scenario: str = "mobile-medium-central-v0") -> tuple[Steps, list[str]]:
     import gymnasium
     import mobile_env  # noqa: F401
 
-    env = gymnasium.make("mobile-medium-central-v0").unwrapped  # no checks at each step
+    env = gymnasium.make(scenario).unwrapped  # no checks at each step
     env.reset(seed=0)
     env.action_space.seed(0)
     actions = cycle([env.action_space.sample() for _ in range(1000)])
