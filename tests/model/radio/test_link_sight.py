@@ -16,7 +16,7 @@ from tests.model.radio.looking import Seen, claimed, finer, grid, moving
 from tests.model.radio.making import START_US, Leg, absolute, flying, hovering, rows_of
 from tests.model.sampler import Walk
 
-pytestmark = pytest.mark.thorough  # it is long to compile, and no engine uses it yet
+pytestmark = pytest.mark.thorough  # it is long to compile; test_marks.py runs it too
 
 # ---- the ray caster
 
