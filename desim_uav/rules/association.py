@@ -23,7 +23,7 @@ def settle_levels(world: Constants, path: Path, state: State, phase: int) -> Non
     for k in range(len(state.loose)):
         user = state.users[state.loose[k]]
         if user.holder < 0 and user.covered > 0:
-            _take(world, state, strongest(world, path, state, user, -1), user, phase)
+            _take(world, state, strongest(world, path, state, user, False), user, phase)
     for k in range(len(state.unsettled)):
         user = state.users[state.unsettled[k]]
         await_better(world, path, state, user, phase)
@@ -32,20 +32,28 @@ def settle_levels(world: Constants, path: Path, state: State, phase: int) -> Non
 
 
 @rule
-def strongest(world: Constants, path: Path, state: State, user: User, but: int) -> int:
+def strongest(world: Constants, path: Path, state: State, user: User, rivals: bool) -> int:
     """Return the covering drone with the highest level now (ties: the lowest index), or -1.
 
-    Drone ``but`` is left out; -1 leaves none out.
+    Of ``rivals``, only those count that have been better for long enough to take the user over.
     """
     best = -1
     for d in range(len(state.senders)):
         if (
             user.covering[d] >= 0
-            and d != but
+            and (not rivals or _may_take(world, state, user, d))
             and (best < 0 or passes_us(world, path, state, user, best, d, 0, 0.0) > state.now_us)
         ):
             best = d
     return best
+
+
+@rule
+def _may_take(world: Constants, state: State, user: User, rival: int) -> bool:
+    """Return whether a drone may take a user over now, if it is as good as one that does."""
+    since_us = user.better_since[rival]
+    long = since_us >= 0 and since_us + world.trigger_us <= state.now_us
+    return rival != user.holder and (world.trigger_us == 0 or long)
 
 
 @rule
@@ -114,8 +122,7 @@ def _foresee(world: Constants, path: Path, state: State, user: User) -> int:
 def turn(world: Constants, path: Path, state: State, user: User, phase: int) -> None:
     """Let a user's rival become better now, cease to be, or take the user over.
 
-    Of several that may take it over now it is the one with the lowest index, or the strongest if
-    the user is always attached to that one.
+    Of several that may take it over now, the strongest does.
     """
     rival, lasts = user.rival, world.margin_db > 0.0 or world.trigger_us > 0
     since_us = user.better_since[rival]
@@ -124,8 +131,7 @@ def turn(world: Constants, path: Path, state: State, user: User, phase: int) -> 
     elif lasts and state.now_us < since_us + world.trigger_us:
         user.better_since[rival] = -1
     else:
-        if not lasts:
-            rival = strongest(world, path, state, user, user.holder)
+        rival = strongest(world, path, state, user, True)
         detach(state, state.senders[user.holder], user, phase)
         _take(world, state, rival, user, phase)
 

@@ -53,7 +53,7 @@ class Attachments:
     def _after_a3(self, t_us: int, level_dbm: np.ndarray, holder: np.ndarray) -> np.ndarray:
         """Leave holders that another has exceeded for long enough; then the timers start anew.
 
-        Of several that have, the lowest takes the user.
+        Of several that have, the strongest takes the user.
         """
         for _ in range(len(level_dbm)):
             wanted_dbm = level_dbm[holder, self.users] + self.rule.margin_db
@@ -65,6 +65,7 @@ class Attachments:
             leaves = due.any(axis=0)
             if not leaves.any():
                 break
-            holder = np.where(leaves, due.argmax(axis=0), holder)
+            best = np.where(due, level_dbm, -np.inf).argmax(axis=0)
+            holder = np.where(leaves, best, holder)
             self.exceeds_us[:, leaves] = NEVER
         return holder
