@@ -190,6 +190,88 @@ def _roots(
     return total
 
 
+@part
+def cross_rings(
+    leg: DroneLeg,
+    users: Users,
+    user: int,
+    radii: NDArray[np.float64],
+    first: int,
+    stop: int,
+    out: NDArray[np.int64],
+    total: int,
+) -> int:
+    """Write the crossings of a user with the circles ``first`` … ``stop`` - 1; return the total.
+
+    The times are those of ``cross`` for each circle alone. But the rows are not in order of time,
+    and an entry and an exit in the same microsecond do not cancel. There are at most 64 circles,
+    the widest first.
+    """
+    profile, legs = leg.profile, users.legs
+    start_us, end_us = leg.span_us
+    duration = (end_us - start_us) * 1e-6
+    x, y = leg.route[0] - users.seen[AT_X, user], leg.route[1] - users.seen[AT_Y, user]
+    inside = 0
+    for k in range(first, stop):
+        if beyond(x, y, radii[k]) <= 0.0:
+            inside |= 1 << (k - first)
+            if leg.fresh:
+                total = _write(out, total, start_us, user, True)
+    end_walk = users.offsets[user + 1]
+    walk = begin_walk = users.offsets[user] + int(users.seen[LEG, user])
+    phase = 0
+    at = 0.0
+    while at < duration:
+        while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
+            phase += 1
+        while walk + 1 < end_walk and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
+            walk += 1
+        end = duration
+        if phase + 1 < len(profile):
+            end = min(end, profile[phase + 1, START])
+        if walk + 1 < end_walk:
+            end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
+        piece = _relative(leg, legs, phase, walk, at)
+        moved, apart = _moved(piece, end - at)
+        low, high = first, stop
+        while low < high and _is_within(radii[low], moved, apart):
+            low += 1
+        while low < high and _is_beyond(radii[high - 1], moved, apart):
+            high -= 1
+        if low == high:
+            at = end
+            continue
+        turning, points = _turning_points(piece, end - at)
+        before = 0.0
+        for j in range(turning + 1):
+            after = end - at
+            if j < turning:
+                after = points[j]
+            is_last = j == turning and end >= duration
+            if is_last:
+                last = walk
+                if walk + 1 < end_walk and legs[walk + 1, T0_US] <= end_us:
+                    last = leg_near(legs, begin_walk, end_walk, end_us, walk)
+                x, y = walked(legs, last, end_us)
+                x, y = leg.route[2] - x, leg.route[3] - y
+            else:
+                x, y = _at(piece, after)
+            for k in range(low, high):
+                bit = 1 << (k - first)
+                was_inside = inside & bit != 0
+                excess = beyond(x, y, radii[k])
+                grazes = j < turning and abs(excess) <= 2.0 * GRAZE_M * radii[k]
+                now_inside = was_inside if grazes else excess <= 0.0
+                if now_inside != was_inside:
+                    root = _root(piece, radii[k], before, after, now_inside)
+                    t_us = start_us + int(np.rint((at + root) * 1e6))
+                    total = _write(out, total, t_us, user, now_inside)
+                    inside ^= bit
+            before = after
+        at = end
+    return total
+
+
 @kernel
 def _write(out: NDArray[np.int64], total: int, t_us: int, user: int, enters: bool) -> int:
     if total < len(out):
@@ -250,11 +332,29 @@ def _sign(x: float) -> float:
 @part
 def _stays_away(piece: Relative, radius: float, span_s: float) -> bool:
     """Return whether a piece is too short for the user to reach the edge of the footprint."""
+    moved, apart = _moved(piece, span_s)
+    return _is_beyond(radius, moved, apart) or _is_within(radius, moved, apart)
+
+
+@part
+def _moved(piece: Relative, span_s: float) -> tuple[float, float]:
+    """Return how far drone and user move at most, and the square of how far apart they begin."""
     px, py, wx, wy, ax, ay = piece
     moved = (abs(wx) + abs(wy) + 0.5 * (abs(ax) + abs(ay)) * span_s) * span_s + MARGIN_M
-    apart = px * px + py * py
+    return moved, px * px + py * py
+
+
+@part
+def _is_beyond(radius: float, moved: float, apart: float) -> bool:
+    """Return whether a user who is this far apart stays outside the circle."""
+    return apart > (radius + moved) * (radius + moved)
+
+
+@part
+def _is_within(radius: float, moved: float, apart: float) -> bool:
+    """Return whether a user who is this far apart stays inside the circle."""
     within = max(radius - moved, 0.0)
-    return apart > (radius + moved) * (radius + moved) or apart < within * within
+    return apart < within * within
 
 
 @kernel

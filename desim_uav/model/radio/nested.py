@@ -21,7 +21,7 @@ from desim_uav.model.coverage import (
     Way,
     ways_of,
 )
-from desim_uav.model.crossings import ENTERS, TIME_US, USER, beyond, cross, crossings
+from desim_uav.model.crossings import ENTERS, TIME_US, USER, beyond, cross_rings, crossings
 from desim_uav.model.kernels import kernel, part
 
 CHANGE = ENTERS
@@ -63,7 +63,7 @@ def class_changes(
             near, far = min(near, nearer), max(far, farther)
         if leg.fresh:
             far = np.inf
-        held, total = 0, kept
+        held, first, stop = 0, 0, 0
         for k in range(radii_m.shape[1]):
             radius = radii_m[group, k]
             if radius < max(near, 0.0) and (leg.fresh or radius < 0.0):
@@ -71,8 +71,10 @@ def class_changes(
             if not leg.fresh and beyond(x, y, radius) <= 0.0:
                 held += 1
             if near <= radius <= far:
-                ring = DroneLeg(leg.profile, leg.route, leg.span_us, radius, leg.fresh)
-                total = cross(ring, users, user, out, total)
+                first, stop = k if stop == 0 else first, k + 1
+        if stop == 0:
+            continue
+        total = cross_rings(leg, users, user, radii_m[group], first, stop, out, kept)
         most = max(most, total)
         kept = total if total > len(out) else _classes(out, kept, total, held)
     return max(kept, most) if most > len(out) else kept
@@ -119,7 +121,7 @@ def _bounds(way: Way, seen: NDArray[np.float64], user: int) -> tuple[float, floa
 def _classes(out: NDArray[np.int64], first: int, last: int, held: int) -> int:
     """Turn the crossings of a user into changes of class, and return the row after the last one.
 
-    The crossings are the rows ``first`` … ``last`` - 1, circle by circle.
+    The crossings are the rows ``first`` … ``last`` - 1, in any order.
     """
     for k in range(first + 1, last):
         t_us, user, enters = out[k, TIME_US], out[k, USER], out[k, ENTERS]
