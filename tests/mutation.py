@@ -76,8 +76,8 @@ MUTATIONS = (
     Mutation(
         "crossing times rounded half up instead of half to even",
         "model/crossings.py",
-        "int(np.rint((at + root) * 1e6))",
-        "int(np.floor((at + root) * 1e6 + 0.5))",
+        "int(np.rint(since_s * 1e6))",
+        "int(np.floor(since_s * 1e6 + 0.5))",
         ("model/test_coverage.py",),
     ),
     Mutation(

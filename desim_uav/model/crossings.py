@@ -177,7 +177,7 @@ def _roots(
                 now_inside = inside if grazes else excess <= 0.0
             if now_inside != inside:
                 root = _root(piece, radius, before, after, now_inside)
-                t_us = start_us + int(np.rint((at + root) * 1e6))
+                t_us = _rounded_us(start_us, at + root)
                 if t_us == latest:
                     total -= 1
                     latest = -1
@@ -264,12 +264,18 @@ def cross_rings(
                 now_inside = was_inside if grazes else excess <= 0.0
                 if now_inside != was_inside:
                     root = _root(piece, radii[k], before, after, now_inside)
-                    t_us = start_us + int(np.rint((at + root) * 1e6))
+                    t_us = _rounded_us(start_us, at + root)
                     total = _write(out, total, t_us, user, now_inside)
                     inside ^= bit
             before = after
         at = end
     return total
+
+
+@part
+def _rounded_us(start_us: int, since_s: float) -> int:
+    """Return the time this many seconds after the start, in whole microseconds."""
+    return start_us + int(np.rint(since_s * 1e6))
 
 
 @kernel
