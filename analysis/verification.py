@@ -23,7 +23,7 @@ from desim_uav.experiment.progress import progress
 
 PARTS = (
     *("transit", "crossings", "planning", "queueing", "demand", "placement", "streams"),
-    *("determinism", "conservation", "identities", "convergence", "engines", "optimality"),
+    *("determinism", "conservation", "identities", "convergence", "links", "engines", "optimality"),
 )
 COLUMNS = ("", "ours", "theory", "difference", "limit", "n", "holds")
 PACKAGES = ("desim-uav", "numpy", "numba", "simpy", "scipy", "networkx")
