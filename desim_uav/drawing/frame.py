@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from typing import Protocol
 
@@ -18,6 +19,7 @@ from desim_uav.drawing.sprites import (
     dot,
     drone,
     font,
+    mast,
     ring,
     station,
     stick,
@@ -60,6 +62,10 @@ class Scene(Protocol):
         """Return the quality of experience so far."""
 
 
+FARTHEST = 1.5
+"""The largest footprint that is drawn, in diagonals of the map; larger ones look the same."""
+
+
 class Painter:
     """Draws the frames of one world. The parts that never change are drawn once."""
 
@@ -69,9 +75,9 @@ class Painter:
         self.scale = min((WIDTH - PANEL) / grid.width_m, HEIGHT / grid.depth_m)
         size = (round(grid.width_m * self.scale), round(grid.depth_m * self.scale))
         self.corner = ((WIDTH - PANEL - size[0]) // 2, (HEIGHT - size[1]) // 2)
+        self.radius_px = min(world.reach_m * self.scale, FARTHEST * math.hypot(*size))
         self.map = self._drawn_map(size)
         self.background = self._drawn_background()
-        self.radius_px = world.reach_m * self.scale
 
     def frame(self, scene: Scene, shown: Snapshot, title: str) -> NDArray[np.uint8]:
         """Return the frame, uint8 (600, 800, 3). ``title`` appears below the scenario's name."""
@@ -105,7 +111,7 @@ class Painter:
     # ---- what does not change
 
     def _drawn_map(self, size: tuple[int, int]) -> Image.Image:
-        """Draw the cells, the buildings by height, and the stations."""
+        """Draw the cells, the buildings by height, the stations and the access points."""
         grid = self.world.grid
         picture = Image.new("RGB", size, "#FBFBF8")
         draw = ImageDraw.Draw(picture)
@@ -119,6 +125,8 @@ class Painter:
                 draw.rectangle((left, top, right, bottom), fill=fill, outline="#E6E6E2")
         for cell in self.world.stations:
             stick(picture, station(), *self._pixel(*grid.centre(*cell)))
+        for point in self.world.scenario.access_points:
+            stick(picture, mast(), *self._pixel(*point.at_m))
         return picture
 
     def _shade(self, height_m: float) -> str:
@@ -148,6 +156,10 @@ class Painter:
         if self.world.stations:
             stick(picture, station().reduce(2), LEFT + 6, y)
             draw.text((LEFT + 20, y), "charging station", INK, font(12), anchor="lm")
+            y -= 20
+        if self.world.scenario.access_points:
+            stick(picture, mast().reduce(2), LEFT + 6, y)
+            draw.text((LEFT + 20, y), "access point", INK, font(12), anchor="lm")
             y -= 20
         heights_m = self.world.grid.height_m
         if heights_m.any():

@@ -71,6 +71,17 @@ def drone(colour: str, hollow: bool = False) -> Image.Image:
 
 
 @lru_cache(maxsize=1)
+def mast() -> Image.Image:
+    """Draw an access point: a triangle with a white rim."""
+    size = 20
+    sprite, draw = _canvas(size)
+    for rim, colour in ((0, WHITE), (2 * FINE, INK)):
+        top, left = (size * FINE / 2, 1.5 * rim), (rim, size * FINE - rim)
+        draw.polygon((top, left, (size * FINE - rim, left[1])), fill=colour)
+    return sprite.reduce(FINE)
+
+
+@lru_cache(maxsize=1)
 def wreck() -> Image.Image:
     """Draw the cross over a drone that has crashed."""
     size = 30

@@ -23,12 +23,13 @@ T0_US, X0, Y0, VX, VY = range(5)
 MARGIN_M = 1e-6
 """The distance in metres from a footprint's edge beyond which rounding makes no crossing."""
 
-LEG, AT_X, AT_Y, TO_X, TO_Y, STRAY, NEAR = range(7)
-SEEN_ROWS = 7
+LEG, AT_X, AT_Y, TO_X, TO_Y, STRAY, NEAR, FAR = range(8)
+SEEN_ROWS = 8
 """The rows of a table of users in a span, and their number: the leg on which a user begins the span
 (LEG), its position then (AT_X, AT_Y) and at the end (TO_X, TO_Y), how far it strays from a straight
 walk between them at an even speed (STRAY), all in metres, and whether it comes near the leg of the
-drone for which crossings were computed last (NEAR)."""
+drone for which crossings were computed last (NEAR); with rings, bounds of its distance from that
+drone (NEAR, FAR)."""
 
 FEWEST_BUCKETS = 48
 """With fewer buckets than this, a drone reaches a good part of the map, and they save no time."""

@@ -12,7 +12,9 @@ from numpy.typing import NDArray
 from desim_uav.model.coverage import (
     AT_X,
     AT_Y,
+    FAR,
     MARGIN_M,
+    NEAR,
     STRAY,
     TO_X,
     TO_Y,
@@ -53,27 +55,30 @@ def class_changes(
     """
     x0, y0 = leg.route[0], leg.route[1]
     flight, stay = ways_of(DroneLeg(leg.profile, leg.route, leg.span_us, 0.0, leg.fresh))
+    seen, classes, fresh = users.seen, radii_m.shape[1], leg.fresh
+    for user in range(len(users.offsets) - 1):  # a loop of its own, so that it can be vectorised
+        seen[NEAR, user], seen[FAR, user] = _bounds(flight, seen, user)
+    if stay.end > stay.begin:
+        for user in range(len(users.offsets) - 1):
+            near, far = _bounds(stay, seen, user)
+            seen[NEAR, user] = min(seen[NEAR, user], near)
+            seen[FAR, user] = max(seen[FAR, user], far)
     kept = most = 0
     for user in range(len(users.offsets) - 1):
-        group = groups[user]
-        x, y = x0 - users.seen[AT_X, user], y0 - users.seen[AT_Y, user]
-        near, far = _bounds(flight, users.seen, user)
-        if stay.end > stay.begin:
-            nearer, farther = _bounds(stay, users.seen, user)
-            near, far = min(near, nearer), max(far, farther)
-        if leg.fresh:
-            far = np.inf
-        held, first, stop = 0, 0, 0
-        for k in range(radii_m.shape[1]):
-            radius = radii_m[group, k]
-            if radius < max(near, 0.0) and (leg.fresh or radius < 0.0):
-                break
-            if not leg.fresh and beyond(x, y, radius) <= 0.0:
-                held += 1
-            if near <= radius <= far:
-                first, stop = k if stop == 0 else first, k + 1
-        if stop == 0:
+        group, near, far = groups[user], max(seen[NEAR, user], 0.0), seen[FAR, user]
+        first = 0
+        while first < classes and radii_m[group, first] > far and not fresh:
+            first += 1
+        stop = first
+        while stop < classes and radii_m[group, stop] >= near:
+            stop += 1
+        if first == stop:
             continue
+        held = first  # for the user stays within the wider circles
+        if not fresh:
+            x, y = x0 - seen[AT_X, user], y0 - seen[AT_Y, user]
+            while held < stop and beyond(x, y, radii_m[group, held]) <= 0.0:
+                held += 1
         total = cross_rings(leg, users, user, radii_m[group], first, stop, out, kept)
         most = max(most, total)
         kept = total if total > len(out) else _classes(out, kept, total, held)
@@ -110,9 +115,9 @@ def _bounds(way: Way, seen: NDArray[np.float64], user: int) -> tuple[float, floa
     wx, wy = qx - px, qy - py
     first, last = px * px + py * py, qx * qx + qy * qy
     along, way_2 = -(px * wx + py * wy), wx * wx + wy * wy
-    nearest = min(first, last)
-    if 0.0 < along < way_2:
-        nearest = max(first - along * along / way_2, 0.0)
+    passes = (along > 0.0) & (along < way_2)  # then the nearest point is on the way
+    dip = max(first - along * along / way_2, 0.0)
+    nearest = dip if passes else min(first, last)
     slack = way.out_m + seen[STRAY, user] + MARGIN_M
     return np.sqrt(nearest) - slack, np.sqrt(max(first, last)) + slack
 
