@@ -665,6 +665,7 @@ class TestInterrupted:
         flags = ("--policy", "plugged:HungUp", "--episodes", 4, "--json")
         assert cli_run("run", "tiny", *flags).json["episodes"] == 4
 
+    @pytest.mark.thorough
     def test_killed_for_good(self, cli_run):
         """Nothing that looks like a run, and nothing in the way of the next one."""
         ended = elsewhere("run", "tiny", "--policy", "plugged:Killed", "--episodes", 9)

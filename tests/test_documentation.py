@@ -76,11 +76,15 @@ def tell_what_was_left_out(name: str, *, thorough: bool) -> None:
 
 QUICK = [name for name in PAGES if any_block(name, thorough=False)]
 SLOWEST = [
-    *(name for name in QUICK if "howto/own_" in name and name != "docs/howto/own_reward.md"),
+    *(name for name in QUICK if "howto/own_" in name),
     *(
         f"docs/howto/{name}.md"
-        for name in ("environments", "policies", "python", "run", "scenario")
+        for name in (
+            *("engine", "environments", "policies", "python"),
+            *("radio", "run", "scenario", "tensorboard"),
+        )
     ),
+    "docs/explanation/line_of_sight.md",
 ]
 """Pages with components of one's own, each of which is compiled, and the longest other ones."""
 

@@ -308,11 +308,16 @@ POLICIES: list[tuple[str, Damage, str]] = [
     ("talkative", said(b" " * (2**24 + 1)), "its description is larger than 16 MiB"),
 ]
 
+LARGE = ("a bomb", "a header of any length")
+"""The policy files that take seconds to make and to refuse."""
+
 
 @pytest.mark.parametrize(
     ("damage", "part"),
-    [row[1:] for row in POLICIES],
-    ids=[row[0] for row in POLICIES],
+    [
+        pytest.param(*row[1:], id=row[0], marks=[pytest.mark.thorough] if row[0] in LARGE else [])
+        for row in POLICIES
+    ],
 )
 def test_a_policy_file(damage: Damage, part: str, table: QTable, told, tmp_path: Path):
     file = tmp_path / "policy.npz"

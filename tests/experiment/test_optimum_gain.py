@@ -200,6 +200,7 @@ def by_value_iteration(process, measure):
     return change.min(), change.max()
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(lone_drones())
 def test_against_value_iteration(scenario):
@@ -219,6 +220,7 @@ def test_against_value_iteration(scenario):
         assert best.low <= best.gain <= best.high <= best.low + 1e-9
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(lone_drones(), st.integers(0, 2**20))
 def test_no_policy_beats_the_bound(scenario, seed):
@@ -278,7 +280,7 @@ def flown(world, rows):
     "kind", by_default(["multi_service"], ["coverage", "coverage_battery", "multi_service"])
 )
 @pytest.mark.parametrize("timing", ["fill_epoch", "minimum_time"])
-@pytest.mark.parametrize("dimensions", [2, 3])
+@pytest.mark.parametrize("dimensions", by_default([3], [2, 3]))
 def test_as_the_engine_pays(kind, timing, dimensions):
     """Row by row; and a second round of the cycle brings the promised averages once more."""
     scenario = {
@@ -338,7 +340,9 @@ class Tireless(Endurance):
         return 10**15 if flight.duration_us == 0 else battery_us
 
 
-@pytest.mark.parametrize("kind", ["endurance", f"{__name__}:Thirsty"])
+@pytest.mark.parametrize(
+    "kind", by_default([f"{__name__}:Thirsty"], ["endurance", f"{__name__}:Thirsty"])
+)
 @pytest.mark.parametrize("after_min", by_default([2], [0, 2]))
 def test_the_best_episode(kind, after_min):
     """Every sequence of five commands flown on the engine."""

@@ -13,6 +13,10 @@ from tests.report.helpers import make_run, make_training
 from tests.selection import by_default
 
 
+OF_FOLDERS = [kind for kind in KINDS if kind != "sweep"]
+"""The kinds of figures of runs and trainings."""
+
+
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     where = tmp_path_factory.mktemp("plotted")
@@ -50,7 +54,7 @@ def ask(folders, monkeypatch, capsys, tmp_path):
     return asked
 
 
-@pytest.mark.parametrize("kind", [kind for kind in KINDS if kind != "sweep"])
+@pytest.mark.parametrize("kind", by_default(["battery", "training", "radio"], OF_FOLDERS))
 def test_every_kind_has_its_default_place(ask, folders, kind):
     source = {"training": "trained0", "policy": "trained0", "radio": "links"}.get(kind, "run0")
     code, out, err = ask("plot", kind, f"@{source}")
@@ -60,6 +64,7 @@ def test_every_kind_has_its_default_place(ask, folders, kind):
         assert min(picture.size) > 300
 
 
+@pytest.mark.thorough
 def test_several_folders_go_to_the_working_one(ask, tmp_path):
     assert ask("plot", "compare", "@run0", "@run1")[:2] == (0, "compare.png\n")
     assert ask("plot", "training", "@trained0", "@trained1")[:2] == (0, "training.png\n")
@@ -68,6 +73,7 @@ def test_several_folders_go_to_the_working_one(ask, tmp_path):
     assert found == ["case1.png", "compare.png", "training.png"]
 
 
+@pytest.mark.thorough
 def test_a_radio_is_that_of_a_scenario_or_of_a_run(ask, folders, tmp_path):
     scenario = folders / "links" / "scenario.yaml"
     assert ask("plot", "radio", scenario) == (0, "radio.png\n", "")

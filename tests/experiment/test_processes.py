@@ -61,6 +61,7 @@ def test_a_process_that_dies():
         list(run_each(os._exit, [(0,), (0,), (0,)], 2))
 
 
+@pytest.mark.thorough
 def test_the_others_go_on_where_somebody_hears_of_the_dead():
     tasks = [(0.0,), (-1.0,), (0.1,), (-2.0,), (0.2,)]
     ended = dict(run_each(exit_if_below_zero, tasks, 2, lambda reason: reason))

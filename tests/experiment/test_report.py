@@ -27,6 +27,7 @@ from desim_uav.run_folder import parquet
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from tests.report.helpers import read_counted
+from tests.selection import by_default
 
 SMALL = ("users.count=12", "episode.steps=10")
 HOSTILE = "</style><script>alert(1)</script>\u202e$\\frac$ \"'onload=x " + "w" * 300
@@ -304,6 +305,7 @@ class TestSeveral:
         (shown,) = page.of("paired-differences")
         assert [row[0] for row in shown[1:]] == ["baseline", "random"]
 
+    @pytest.mark.thorough
     def test_of_one_seed_has_no_intervals(self, runs):
         page = Page(report([runs[0], runs[3]], None, None, None))
         assert "Values of one seed, which allows no interval." in page.text
@@ -349,6 +351,7 @@ class TestPlace:
         assert Path("old.html").read_text() == "old"
         assert sorted(p.name for p in Path().iterdir()) == ["old.html", "runs"]
 
+    @pytest.mark.thorough
     def test_twice_is_the_same(self, runs):
         first = report(runs[:4], Path("a.html"), None, None).read_bytes()
         assert report(runs[:4], Path("b.html"), None, None).read_bytes() == first
@@ -425,7 +428,7 @@ class TestHostile:
             (folder / "SHA256SUMS").unlink()
         return [runs[0], runs[3]]
 
-    @pytest.mark.parametrize("several", [False, True])
+    @pytest.mark.parametrize("several", by_default([False], [False, True]))
     def test_is_text(self, hostile, several):
         out = Path("page.html")
         page = Page(report(hostile if several else hostile[:1], out, HOSTILE, None))

@@ -89,6 +89,7 @@ def test_excludes_zero(values, excludes):
     assert estimate(values).excludes_zero is excludes
 
 
+@pytest.mark.thorough
 def test_scipy_is_imported_when_an_interval_is_made():
     code = "import sys, desim_uav.experiment.compare; print('scipy.stats' in sys.modules)"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -239,6 +239,7 @@ class TestReport:
         assert "1 job of 12 have no row, and 1 of them failed" in page
         assert "&lt;b&gt;boom" in page and "<b>boom" not in page
 
+    @pytest.mark.thorough
     def test_of_three_keys_the_last_is_held(self, tmp_path):
         page = sweep_report(make_sweep(tmp_path / "s", [COUNTS, RADII, "stations.pads=1,2"]), None)
         assert "with stations.pads = 1." in page and "--key KEY=VALUE" in page

@@ -113,6 +113,7 @@ def test_a_training_goes_on(command, jumps):
     same_training(Path("one"), Path("other"))
 
 
+@pytest.mark.thorough
 def test_a_sweep_goes_on(command, jumps):
     words = ("sweep", "tiny", "--policies", "hover,random", *SWEPT)
     one, other = twice(command, jumps, *words)

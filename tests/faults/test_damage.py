@@ -85,7 +85,7 @@ def test_a_file_of_a_run(name, damage, flown, tmp_path):
 
 
 @pytest.mark.parametrize("damage", [flipped, cut])
-@pytest.mark.parametrize("name", RUN_FILES)
+@pytest.mark.parametrize("name", by_default(["requests.parquet", "manifest.json"], RUN_FILES))
 @pytest.mark.parametrize("times", by_default([100], [100, FLIPS]))
 def test_a_file_of_a_run_without_checksums(name, damage, times, flown, tmp_path):
     """A table is refused or as it was, wherever the bit is: in a page, a footer, a name."""

@@ -109,6 +109,7 @@ def test_a_sweep_keeps_its_rows(disk, command, monkeypatch):
     same_sweep(disk / "s", Path("whole"))
 
 
+@pytest.mark.thorough
 def test_a_comparison_a_report_and_a_replay(disk, command):
     command("run", "tiny", "--events", "-q", "--out", "mine")
     fill(disk, 0)
@@ -143,6 +144,7 @@ def test_a_limit_on_the_size_of_files(here, words, file):
     assert ended.err.count("\n") == 1 and not hidden(here)
 
 
+@pytest.mark.thorough
 def test_nobody_takes_what_is_printed(here):
     """The disk that stdout goes to is full; the run is kept."""
     with Path("/dev/full").open("w") as full:

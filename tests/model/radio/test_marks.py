@@ -46,7 +46,7 @@ def check(seen):
 
 class TestDrawn:
     def test_a_sampler_sees_the_same(self):
-        check(survey(30, 1))
+        check(survey(10, 1))
 
     @pytest.mark.thorough
     def test_a_sampler_sees_the_same_on_2000_legs(self):
