@@ -12,7 +12,6 @@ from desim_uav.experiment.plot import KINDS
 from tests.report.helpers import make_run, make_training
 from tests.selection import by_default
 
-
 OF_FOLDERS = [kind for kind in KINDS if kind != "sweep"]
 """The kinds of figures of runs and trainings."""
 
