@@ -13,3 +13,8 @@ def by_default(chosen: Iterable[Any], values: Iterable[Any]) -> list[Any]:
         value if value in chosen else pytest.param(value, marks=pytest.mark.thorough)
         for value in values
     ]
+
+
+def at_length(brief: Any, long: Any) -> list[Any]:
+    """A value that runs by default, and one so long that it is only run by hand."""
+    return [brief, pytest.param(long, marks=pytest.mark.slow)]

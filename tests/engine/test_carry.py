@@ -41,7 +41,7 @@ from tests.engine.helpers import (
     some_command,
     strip,
 )
-from tests.selection import by_default
+from tests.selection import at_length, by_default
 from tests.verification.engines import row
 
 CROWDED = (
@@ -169,7 +169,7 @@ def crowd(scenario: dict[str, Any], places: list[Any], steps: int) -> dict[str, 
     )
 
 
-@pytest.mark.parametrize("examples", by_default([25], [25, MANY]))
+@pytest.mark.parametrize("examples", at_length(25, MANY))
 def test_another_engine_goes_on_in_random_scenarios(examples: int):
     met: Counter[str] = Counter()
 

@@ -48,7 +48,7 @@ def test_handovers_are_as_many() -> None:
     assert len(unlike) <= 2
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_converges_with_slope_one() -> None:
     check(slopes(SEEDS, 0.35, DTS_S[1:], linked_scenario_of, MEASURES))
 

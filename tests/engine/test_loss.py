@@ -11,7 +11,7 @@ from scipy import stats
 
 from desim_uav.model.rules import Outcome
 from tests.engine.helpers import US, events, fly, path_of, seen, strip
-from tests.selection import by_default
+from tests.selection import at_length
 from tests.verification.demand import (
     LOSS,
     blocking,
@@ -129,7 +129,7 @@ def test_a_draw_of_nothing_is_another_think_time():
     assert stats.kstest(gaps_s, stats.expon(scale=600).cdf).pvalue > 1e-4
 
 
-@pytest.mark.parametrize("users", by_default([20], [20, 200]))
+@pytest.mark.parametrize("users", at_length(20, 200))
 def test_arrivals_are_poisson_whether_asked_or_suppressed(users: int):
     demand = {"kind": "poisson", "rate_per_hour": 30, "mix": {"unit": 1}}
     world = under_one_drone(users, demand, hours=4, drones={"bandwidth_kbps": None})

@@ -144,7 +144,7 @@ def test_a_ray_caster_sees_the_same():
     check(survey(60, 1))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_ray_caster_sees_the_same_on_a_thousand_maps():
     check(survey(1000, 2))
 

@@ -48,7 +48,7 @@ class TestDrawn:
     def test_a_sampler_sees_the_same(self):
         check(survey(10, 1))
 
-    @pytest.mark.thorough
+    @pytest.mark.slow
     def test_a_sampler_sees_the_same_on_2000_legs(self):
         check(survey(2000, 2))
 
@@ -265,7 +265,7 @@ class TestBuildings:
     def test_a_ray_caster_sees_the_same(self):
         check(self.survey(6, 3))
 
-    @pytest.mark.thorough
+    @pytest.mark.slow
     def test_a_ray_caster_sees_the_same_on_200_maps(self):
         check(self.survey(200, 4))
 
