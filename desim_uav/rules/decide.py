@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rule
+from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.model.rules import Action, Mode
 from desim_uav.rules import words
 from desim_uav.rules.battery import battery_now
@@ -45,7 +45,7 @@ def observe(world: Constants, state: State) -> None:
         state.asked[k] = state.open_requests[k]
 
 
-@rule
+@rare_rule
 def _link_quality(world: Constants, state: State, drone: Drone) -> float:
     """Return the mean efficiency of links to attached users, as a share of the best class's."""
     radio, carried = world.radios[drone.radio], 0
