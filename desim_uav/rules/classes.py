@@ -29,12 +29,20 @@ def foresee(
     call(world.foresee, (world, path, state, drone, span_us))
     drone.serving = 1
     ahead = drone.ahead
-    while len(ahead) > 0 and ahead[len(ahead) - 1].t_us == state.now_us:
-        change = ahead.pop()
-        change_class(world, state, drone, state.users[change.user], change.change, phase)
+    if len(ahead) > 0 and ahead[len(ahead) - 1].t_us == state.now_us:
+        _change_now(world, state, drone, phase)
     await_next(state, drone)
     if state.by_level:
         unsettle_covered(state, drone)
+
+
+@rare_rule
+def _change_now(world: Constants, state: State, drone: Drone, phase: int) -> None:
+    """Let all changes of class that are due at this instant happen."""
+    ahead = drone.ahead
+    while len(ahead) > 0 and ahead[len(ahead) - 1].t_us == state.now_us:
+        change = ahead.pop()
+        change_class(world, state, drone, state.users[change.user], change.change, phase)
 
 
 @rare_rule

@@ -20,19 +20,12 @@ def settle_after(world: Constants, path: Path, state: State, phase: int) -> None
     It is called at once if no other event of the instant comes before. After ``phase`` 7, nothing
     is scheduled: commands are followed by a call of their own (see ``rules.episode.command``).
     """
-    users = len(state.loose) > 0 or state.to_scan > 0
-    if phase <= ATTACHMENT and (users or (state.keeps_links and _links_change(state))):
+    if phase <= ATTACHMENT and _is_unsettled(state):
         place = key(ATTACHMENT, -1, -1)
         if nothing_before(state, place):
-            settle(world, path, state, ATTACHMENT, ATTACHMENT)
+            _settle_all(world, path, state, ATTACHMENT, ATTACHMENT)
         else:
             due(state, settle_slot(state), state.now_us, place)
-
-
-@rare_rule
-def _links_change(state: State) -> bool:
-    """Return whether there are links whose levels or classes have to be looked at."""
-    return bool(len(state.unsettled) > 0 or state.retunes)
 
 
 @rule
@@ -43,6 +36,29 @@ def settle(world: Constants, path: Path, state: State, attachment: int, admissio
     whose interference has changed pass to new classes; users who have changed drones, or whose
     drones have, are handed over to others that they receive better.
     """
+    if _is_unsettled(state):
+        _settle_all(world, path, state, attachment, admission)
+
+
+@rule
+def _is_unsettled(state: State) -> bool:
+    """Return whether there is anything to settle."""
+    if len(state.loose) > 0 or state.to_scan > 0:
+        return True
+    return bool(state.keeps_links and _links_change(state))
+
+
+@rare_rule
+def _links_change(state: State) -> bool:
+    """Return whether there are links whose levels or classes have to be looked at."""
+    return bool(len(state.unsettled) > 0 or state.retunes)
+
+
+@rare_rule
+def _settle_all(
+    world: Constants, path: Path, state: State, attachment: int, admission: int
+) -> None:
+    """Settle what there is to settle (see ``settle``)."""
     if state.keeps_links:
         _settle_links(world, path, state, attachment)
     loose = state.loose
