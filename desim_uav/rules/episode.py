@@ -30,7 +30,7 @@ def start_afresh(world: Constants, state: State) -> None:
         state.stations[k].queue.clear()
 
 
-@rule
+@rare_rule
 def begin(world: Constants, path: Path, state: State) -> None:
     """Begin an episode at time 0 with the drones in their present state, and the users anew."""
     for d in range(len(state.senders)):
@@ -129,9 +129,15 @@ def _serve_from_points(
 def show_first(world: Constants, path: Path, state: State) -> None:
     """Prepare the snapshot of the first decision epoch: observations and masks."""
     observe(world, state)
+    _replace_crashed(world, path, state)
+    allow(world, state)
+
+
+@rare_rule
+def _replace_crashed(world: Constants, path: Path, state: State) -> None:
+    """Replace crashed drones whose downtime is over, and observe them."""
     if respawn(world, path, state):
         observe(world, state)
-    allow(world, state)
 
 
 @rule
@@ -182,12 +188,12 @@ def end_step(world: Constants, path: Path, state: State) -> None:
         allow(world, state)
         _end_episode(world, path, state)
         return
-    if any_crashed and respawn(world, path, state):
-        observe(world, state)
+    if any_crashed:
+        _replace_crashed(world, path, state)
     allow(world, state)
 
 
-@rule
+@rare_rule
 def _end_episode(world: Constants, path: Path, state: State) -> None:
     """Close all requests, detach all users, and complete the totals of the episode."""
     for u in range(len(state.users)):
