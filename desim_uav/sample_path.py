@@ -110,13 +110,15 @@ def draw_all(world: World, seed: int, episodes: Sequence[int]) -> SamplePaths:
         [requests] * count if requests else world.requests_of(seed, episodes),
         _position_errors(world, seed, episodes),
         _respawns(world, seed, episodes),
-        np.array([_link_key(world, seed, episode) for episode in episodes], np.uint64),
+        _link_keys(world, seed, episodes),
     )
 
 
-def _link_key(world: World, seed: int, episode: int) -> NDArray[np.uint64]:
-    """Return the key of the draws of links; it is (0, 0) if there are none."""
-    return key_of(seed, Purpose.LINK, episode) if world.marked else np.zeros(2, np.uint64)
+def _link_keys(world: World, seed: int, episodes: Sequence[int]) -> NDArray[np.uint64]:
+    """Return the keys (episodes, 2) of the draws of links; they are (0, 0) if there are none."""
+    if not world.marked:
+        return np.zeros((len(episodes), 2), np.uint64)
+    return np.array([key_of(seed, Purpose.LINK, episode) for episode in episodes], np.uint64)
 
 
 def _position_errors(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from desim_uav.model.kernels import rule
-from desim_uav.rules.links import count_handover
+from desim_uav.rules.links import count_handover, unsettle
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, State, User
 from desim_uav.rules.service import count_attached, scan_if_used, stop, wait
@@ -21,7 +21,7 @@ def attach(world: Constants, state: State, drone: Drone, user: User, phase: int)
     note(state, phase, ON_ATTACH, drone.index, user.index, -1, -1)
     if state.keeps_links:
         count_handover(state, drone, user, phase)
-    unsettle(state, user)
+        unsettle(state, user)
     if user.request.number >= 0:
         wait(world, state, drone, user)
 
@@ -46,8 +46,9 @@ def detach(state: State, drone: Drone, user: User, phase: int) -> None:
     state.attached_us += state.now_us - user.held_since_us
     state.attached_from_us -= user.held_since_us
     user.holder = -1
-    user.left, user.left_us = drone.index, state.now_us
-    unsettle(state, user)
+    if state.keeps_links:
+        user.left, user.left_us = drone.index, state.now_us
+        unsettle(state, user)
     drone.attached_users -= 1
     note(state, phase, ON_DETACH, drone.index, user.index, -1, -1)
     if user.covered > 0:
@@ -66,11 +67,3 @@ def entered_first(user: User) -> int:
                 first, first_us = d, entered_us
         d += 1
     return first
-
-
-@rule
-def unsettle(state: State, user: User) -> None:
-    """Let the levels that a user receives be looked at when this instant is settled."""
-    if state.by_level and not user.unsettled:
-        user.unsettled = 1
-        state.unsettled.append(user.index)

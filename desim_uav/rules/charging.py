@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from desim_uav.model.battery import time_to_full_us
-from desim_uav.model.kernels import rule
+from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode
 from desim_uav.rules.coverage import silence
@@ -15,7 +15,7 @@ from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, State
 
 
-@rule
+@rare_rule
 def land(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
     """Land a drone on the station beneath it, whose queue it joins."""
     silence(world, path, state, drone, words.COVERAGE)
@@ -67,7 +67,7 @@ def end_charging(world: Constants, state: State, drone: Drone, station: int, pha
     drone.waits = 1
 
 
-@rule
+@rare_rule
 def on_full(world: Constants, state: State, drone: Drone) -> None:
     """End a charge when it is due, and give the pad to the next drone in the queue."""
     station = station_under(world, drone)

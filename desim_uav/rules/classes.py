@@ -7,9 +7,9 @@ from __future__ import annotations
 
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import rare_rule, rule
-from desim_uav.rules.attachment import detach, unsettle
+from desim_uav.rules.attachment import detach
 from desim_uav.rules.due import crossing_slot, due, key, undo
-from desim_uav.rules.links import begin_outage, end_outage
+from desim_uav.rules.links import begin_outage, end_outage, unsettle, unsettle_covered
 from desim_uav.rules.note import note_class
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.service import regrade
@@ -29,14 +29,20 @@ def foresee(
     call(world.foresee, (world, path, state, drone, span_us))
     drone.serving = 1
     ahead = drone.ahead
+    if len(ahead) > 0 and ahead[len(ahead) - 1].t_us == state.now_us:
+        _change_now(world, state, drone, phase)
+    await_next(state, drone)
+    if state.by_level:
+        unsettle_covered(state, drone)
+
+
+@rare_rule
+def _change_now(world: Constants, state: State, drone: Drone, phase: int) -> None:
+    """Let all changes of class that are due at this instant happen."""
+    ahead = drone.ahead
     while len(ahead) > 0 and ahead[len(ahead) - 1].t_us == state.now_us:
         change = ahead.pop()
         change_class(world, state, drone, state.users[change.user], change.change, phase)
-    await_next(state, drone)
-    if state.by_level:
-        for u in range(len(state.users)):
-            if state.users[u].covering[drone.index] >= 0:
-                unsettle(state, state.users[u])
 
 
 @rare_rule
@@ -66,30 +72,37 @@ def change_class(
     world: Constants, state: State, drone: Drone, user: User, change: int, phase: int
 ) -> None:
     """Let the link between a drone and a user rise or fall to a class (see ``Change``)."""
-    before, after = user.classes[drone.index], abs(change)
-    user.classes[drone.index] = after
-    if after == 0:
+    if change == 0:
         leave(state, drone, user, phase)
-    elif before == 0:
+        return
+    before = user.classes[drone.index]
+    user.classes[drone.index] = abs(change)
+    if before == 0:
         _enter(state, drone, user, phase)
     else:
-        note_class(state, phase, ON_CLASS, drone, user)
-        if user.holder == drone.index and user.request.number >= 0:
-            regrade(world, state, drone, user, phase)
+        _pass(world, state, drone, user, phase)
+
+
+@rare_rule
+def _pass(world: Constants, state: State, drone: Drone, user: User, phase: int) -> None:
+    """Log that a link has passed to another class, and adapt the user's request to it."""
+    note_class(state, phase, ON_CLASS, drone, user)
+    if user.holder == drone.index and user.request.number >= 0:
+        regrade(world, state, drone, user, phase)
 
 
 @rule
 def _enter(state: State, drone: Drone, user: User, phase: int) -> None:
     """Let a user enter a footprint; a user who is not attached to a drone becomes loose."""
-    if state.keeps_links:
-        end_outage(state, user)
     if user.covering[drone.index] < 0:
         user.covered += 1
     user.covering[drone.index] = state.now_us
     note_class(state, phase, ON_ENTER, drone, user)
     if user.request.number >= 0:
         drone.asking[user.request.service] += 1
-    unsettle(state, user)
+    if state.keeps_links:
+        end_outage(state, user)
+        unsettle(state, user)
     if user.holder < 0:
         state.loose.append(user.index)
 
@@ -106,6 +119,6 @@ def leave(state: State, drone: Drone, user: User, phase: int) -> None:
         drone.asking[user.request.service] -= 1
     if user.holder == drone.index:
         detach(state, drone, user, phase)
-    unsettle(state, user)
     if state.keeps_links:
+        unsettle(state, user)
         begin_outage(state, user, phase)

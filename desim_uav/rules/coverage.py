@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.model.kernels import rule
+from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules.classes import await_next, change_class, foresee, leave
 from desim_uav.rules.due import crossing_slot, undo
 from desim_uav.rules.rows import Constants, Drone, Path, State
@@ -47,7 +47,7 @@ def on_crossing(world: Constants, path: Path, state: State, drone: Drone) -> Non
     settle_after(world, path, state, ENTRY)
 
 
-@rule
+@rare_rule
 def silence(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
     """End the service of a drone: all users leave its footprint, which no longer exists."""
     if not drone.serving:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from desim_uav.model.grid import cell_index
-from desim_uav.model.kernels import rule
+from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.battery import change_mode
 from desim_uav.rules.coverage import silence
@@ -13,7 +13,7 @@ from desim_uav.rules.note import note, note_drone, note_leg
 from desim_uav.rules.rows import Constants, Drone, Path, State
 
 
-@rule
+@rare_rule
 def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
     """Let a drone whose battery is empty fall to the ground beneath it, and detach its users."""
     note_drone(state, words.DEPLETION, words.ON_DEPLETE, drone)

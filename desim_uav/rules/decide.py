@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rule
+from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.model.rules import Action, Mode
 from desim_uav.rules import words
 from desim_uav.rules.battery import battery_now
@@ -45,7 +45,7 @@ def observe(world: Constants, state: State) -> None:
         state.asked[k] = state.open_requests[k]
 
 
-@rule
+@rare_rule
 def _link_quality(world: Constants, state: State, drone: Drone) -> float:
     """Return the mean efficiency of links to attached users, as a share of the best class's."""
     radio, carried = world.radios[drone.radio], 0
@@ -57,7 +57,7 @@ def _link_quality(world: Constants, state: State, drone: Drone) -> float:
     return carried / most if most > 0 else 0.0
 
 
-@rule
+@rare_rule
 def record(world: Constants, state: State) -> None:
     """Write the records of all drones and access points at the end of a step, after the rewards."""
     for d in range(len(state.drones)):
@@ -159,7 +159,7 @@ def obey(world: Constants, path: Path, state: State, drone: Drone) -> None:
         fly(world, path, state, drone, drone.taken)
 
 
-@rule
+@rare_rule
 def go_home(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
     """Begin the next hop of a drone's return, or land if it has reached a station."""
     if not fly_home(world, state, drone, phase):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from desim_uav.model.compiled_rows import call
-from desim_uav.model.kernels import rule
+from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.charging import await_full, count_queueing, hand_on_pads
 from desim_uav.rules.coverage import leave_all, look_anew, track
@@ -11,6 +11,7 @@ from desim_uav.rules.crash import respawn
 from desim_uav.rules.decide import allow, go_home, obey, observe, record, taken
 from desim_uav.rules.due import nothing_due
 from desim_uav.rules.flight import appear, await_hop, count_distance, orient
+from desim_uav.rules.links import forget_links
 from desim_uav.rules.note import note_drone, note_leg
 from desim_uav.rules.requests import close_all, doing, foresee_asking
 from desim_uav.rules.rows import Constants, Drone, Path, State
@@ -29,7 +30,7 @@ def start_afresh(world: Constants, state: State) -> None:
         state.stations[k].queue.clear()
 
 
-@rule
+@rare_rule
 def begin(world: Constants, path: Path, state: State) -> None:
     """Begin an episode at time 0 with the drones in their present state, and the users anew."""
     for d in range(len(state.senders)):
@@ -40,7 +41,8 @@ def begin(world: Constants, path: Path, state: State) -> None:
         if state.drones[d].mode == words.FLYING:
             track(world, path, state, state.drones[d], 0, words.ENTRY)
         orient(world, path, state, state.drones[d], 0)
-    _serve_from_points(world, path, state, 0, words.ENTRY)
+    if len(world.points) > 0:
+        _serve_from_points(world, path, state, 0, words.ENTRY)
     settle_after(world, path, state, words.ENTRY)
     for u in range(len(state.users)):
         foresee_asking(world, path, state, state.users[u])
@@ -86,12 +88,14 @@ def _forget(state: State) -> None:
     for u in range(len(state.users)):
         user = state.users[u]
         user.holder = user.request.number = user.request.server = -1
-        user.left = user.left_us = user.came_from = user.outage_since_us = -1
-        user.covered, user.share, user.unsettled = 0, 0.0, 0
-        for d in range(len(state.senders)):
-            user.covering[d] = -1
-            user.classes[d] = 0
-            user.better_since[d] = -1
+        user.share = 0.0
+        d = 0
+        while user.covered > 0:  # the previous episode was not played to its end
+            user.covered -= int(user.covering[d] >= 0)
+            user.covering[d], user.classes[d] = -1, 0
+            d += 1
+        if state.keeps_links:
+            forget_links(state, user)
     nothing_due(state)
 
 
@@ -112,7 +116,7 @@ def _go_on(world: Constants, path: Path, state: State, drone: Drone) -> None:
         drone.waits = 1
 
 
-@rule
+@rare_rule
 def _serve_from_points(
     world: Constants, path: Path, state: State, span_us: int, phase: int
 ) -> None:
@@ -125,9 +129,15 @@ def _serve_from_points(
 def show_first(world: Constants, path: Path, state: State) -> None:
     """Prepare the snapshot of the first decision epoch: observations and masks."""
     observe(world, state)
+    _replace_crashed(world, path, state)
+    allow(world, state)
+
+
+@rare_rule
+def _replace_crashed(world: Constants, path: Path, state: State) -> None:
+    """Replace crashed drones whose downtime is over, and observe them."""
     if respawn(world, path, state):
         observe(world, state)
-    allow(world, state)
 
 
 @rule
@@ -143,7 +153,8 @@ def hear(world: Constants, path: Path, state: State) -> None:
         drone.taken = taken(world, state, drone)
         if drone.waits:
             note_drone(state, words.COMMAND, words.ON_DECIDE, drone)
-    _serve_from_points(world, path, state, world.step_us, words.COVERAGE)
+    if len(world.points) > 0:
+        _serve_from_points(world, path, state, world.step_us, words.COVERAGE)
 
 
 @rule
@@ -177,12 +188,12 @@ def end_step(world: Constants, path: Path, state: State) -> None:
         allow(world, state)
         _end_episode(world, path, state)
         return
-    if any_crashed and respawn(world, path, state):
-        observe(world, state)
+    if any_crashed:
+        _replace_crashed(world, path, state)
     allow(world, state)
 
 
-@rule
+@rare_rule
 def _end_episode(world: Constants, path: Path, state: State) -> None:
     """Close all requests, detach all users, and complete the totals of the episode."""
     for u in range(len(state.users)):

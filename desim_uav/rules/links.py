@@ -1,6 +1,6 @@
-"""The log of links: handovers from drone to drone, ping-pongs and outages.
+"""What is known of users' links: handovers, ping-pongs and outages, and whose levels may change.
 
-They are counted only if the drones' radio has classes of links (``state.keeps_links``).
+It is known only if the drones' radio has classes of links (``state.keeps_links``).
 """
 
 from __future__ import annotations
@@ -28,6 +28,31 @@ def count_handover(state: State, drone: Drone, user: User, phase: int) -> None:
             state.ping_pongs += 1
             note(state, phase, ON_PING_PONG, drone.index, user.index, -1, -1)
         user.came_from, user.came_us = user.left, state.now_us
+
+
+@rare_rule
+def forget_links(state: State, user: User) -> None:
+    """Forget what is known of a user's links from the previous episode."""
+    user.left = user.left_us = user.came_from = user.outage_since_us = -1
+    user.unsettled = 0
+    for d in range(len(state.senders)):
+        user.better_since[d] = -1
+
+
+@rare_rule
+def unsettle(state: State, user: User) -> None:
+    """Let the levels that a user receives be looked at when this instant is settled."""
+    if state.by_level and not user.unsettled:
+        user.unsettled = 1
+        state.unsettled.append(user.index)
+
+
+@rare_rule
+def unsettle_covered(state: State, drone: Drone) -> None:
+    """Let the levels of all users in a drone's footprint be looked at."""
+    for u in range(len(state.users)):
+        if state.users[u].covering[drone.index] >= 0:
+            unsettle(state, state.users[u])
 
 
 @rare_rule

@@ -261,7 +261,8 @@ class Path(Row):
     compiled engine has the initial states of their random streams (four words each) instead of
     legs. ``respawns`` holds ``respawns_drawn`` stations per drone, and ``errors`` the position
     errors in x and y, in cells, per drone and decision epoch, or nothing without noise.
-    ``link_key`` holds the key of the draws of links (``model.philox``).
+    ``link_key`` holds the key of the draws of links (``model.philox``); the compiled engine has
+    nothing there if there are no such draws.
     """
 
     after_previous: int

@@ -63,6 +63,8 @@ def scan_if_used(state: State, drone: Drone) -> None:
 def needed_hz(world: Constants, drone: Drone, user: User, bps: int) -> int:
     """Return the bandwidth in Hz that a rate needs in the class of a user's link, rounded up."""
     efficiency = efficiency_of(world, drone, user)
+    if efficiency == MILLION:
+        return bps
     return (bps * MILLION + efficiency - 1) // efficiency
 
 

@@ -5,9 +5,10 @@ from __future__ import annotations
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules.association import settle_levels, turn
-from desim_uav.rules.attachment import attach, entered_first, unsettle
+from desim_uav.rules.attachment import attach, entered_first
 from desim_uav.rules.classes import retune
 from desim_uav.rules.due import due, key, nothing_before, settle_slot
+from desim_uav.rules.links import unsettle
 from desim_uav.rules.rows import Constants, Path, State, User
 from desim_uav.rules.words import ATTACHMENT
 
@@ -19,11 +20,10 @@ def settle_after(world: Constants, path: Path, state: State, phase: int) -> None
     It is called at once if no other event of the instant comes before. After ``phase`` 7, nothing
     is scheduled: commands are followed by a call of their own (see ``rules.episode.command``).
     """
-    users = len(state.loose) > 0 or len(state.unsettled) > 0
-    if phase <= ATTACHMENT and (users or state.to_scan > 0 or state.retunes):
+    if phase <= ATTACHMENT and _is_unsettled(state):
         place = key(ATTACHMENT, -1, -1)
         if nothing_before(state, place):
-            settle(world, path, state, ATTACHMENT, ATTACHMENT)
+            _settle_all(world, path, state, ATTACHMENT, ATTACHMENT)
         else:
             due(state, settle_slot(state), state.now_us, place)
 
@@ -36,10 +36,31 @@ def settle(world: Constants, path: Path, state: State, attachment: int, admissio
     whose interference has changed pass to new classes; users who have changed drones, or whose
     drones have, are handed over to others that they receive better.
     """
-    if state.retunes:
-        retune(world, path, state, attachment)
-    if state.by_level:
-        settle_levels(world, path, state, attachment)
+    if _is_unsettled(state):
+        _settle_all(world, path, state, attachment, admission)
+
+
+@rule
+def _is_unsettled(state: State) -> bool:
+    """Return whether there is anything to settle."""
+    if len(state.loose) > 0 or state.to_scan > 0:
+        return True
+    return bool(state.keeps_links and _links_change(state))
+
+
+@rare_rule
+def _links_change(state: State) -> bool:
+    """Return whether there are links whose levels or classes have to be looked at."""
+    return bool(len(state.unsettled) > 0 or state.retunes)
+
+
+@rare_rule
+def _settle_all(
+    world: Constants, path: Path, state: State, attachment: int, admission: int
+) -> None:
+    """Settle what there is to settle (see ``settle``)."""
+    if state.keeps_links:
+        _settle_links(world, path, state, attachment)
     loose = state.loose
     for k in range(len(loose)):
         user = state.users[loose[k]]
@@ -59,6 +80,15 @@ def settle(world: Constants, path: Path, state: State, attachment: int, admissio
                 divide = world.radios[drone.radio].divide
                 call(divide, (world, state, drone, admission))
         d += 1
+
+
+@rare_rule
+def _settle_links(world: Constants, path: Path, state: State, phase: int) -> None:
+    """Find the classes of drones anew whose interference has changed, and compare levels."""
+    if state.retunes:
+        retune(world, path, state, phase)
+    if state.by_level:
+        settle_levels(world, path, state, phase)
 
 
 @rare_rule

@@ -35,7 +35,8 @@ class Schedule(Section):
 
     def at(self, episode: int) -> float:
         """Its value in an episode, counted from 0."""
-        return max(self.end, self.start * self.decay**episode)
+        value = self.start * self.decay**episode
+        return value if value > self.end else self.end
 
 
 def _schedule(value: Any) -> Any:

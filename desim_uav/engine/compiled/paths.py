@@ -43,8 +43,11 @@ def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
     respawns, keys = _block(paths.respawn), _keys(paths.link_keys)
     sections = (asks, asks_at, legs, legs_at, streams, respawns, _errors(paths), keys)
     for columns, section in zip((4, 1, 1, 1, 1, 1, 1, 1), sections, strict=True):
-        rows[:, place] = 8 * (at + section.begins - starts)
-        rows[:, place + 1] = section.counts // columns
+        if section is NOTHING:
+            rows[:, place : place + 2] = 0
+        else:
+            rows[:, place] = 8 * (at + section.begins - starts)
+            rows[:, place + 1] = section.counts // columns
         place += 2
         for part in section.parts:
             parts.append(part.view(np.int64) if part.dtype == np.float64 else part)
@@ -104,8 +107,8 @@ def _after_previous(requests: Sequence[Requests]) -> Sequence[bool]:
 
 
 def _keys(keys: NDArray[np.uint64]) -> Section:
-    """Return the section of the keys of links' draws, which stands once without any."""
-    return _block(keys.view(np.int64)) if keys.any() else Section([np.zeros(2, np.int64)], 0, 2)
+    """Return the section of the keys of links' draws, which is empty without any."""
+    return _block(keys.view(np.int64)) if keys.any() else NOTHING
 
 
 def _errors(paths: SamplePaths) -> Section:
