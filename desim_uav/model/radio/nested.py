@@ -15,6 +15,10 @@ from desim_uav.model.coverage import (
     FAR,
     MARGIN_M,
     NEAR,
+    START_FAR,
+    START_NEAR,
+    STOP_FAR,
+    STOP_NEAR,
     STRAY,
     TO_X,
     TO_Y,
@@ -22,8 +26,10 @@ from desim_uav.model.coverage import (
     Users,
     Way,
     ways_of,
+    ways_of_ends,
 )
-from desim_uav.model.crossings import ENTERS, TIME_US, USER, beyond, cross_rings, crossings
+from desim_uav.model.crossings import ENTERS, MOST_REST, cross_rings, crossings
+from desim_uav.model.compiled_registers import either
 from desim_uav.model.kernels import kernel, part
 
 CHANGE = ENTERS
@@ -53,7 +59,6 @@ def class_changes(
     are those of ``crossings``. If ``out`` is too short, the number is larger than its length, and
     with that many rows it is long enough.
     """
-    x0, y0 = leg.route[0], leg.route[1]
     flight, stay = ways_of(DroneLeg(leg.profile, leg.route, leg.span_us, 0.0, leg.fresh))
     seen, classes, fresh = users.seen, radii_m.shape[1], leg.fresh
     for user in range(len(users.offsets) - 1):  # a loop of its own, so that it can be vectorised
@@ -63,26 +68,24 @@ def class_changes(
             near, far = _bounds(stay, seen, user)
             seen[NEAR, user] = min(seen[NEAR, user], near)
             seen[FAR, user] = max(seen[FAR, user], far)
-    kept = most = 0
+    if len(leg.profile) > MOST_REST:
+        start, halt = ways_of_ends(leg)
+        for user in range(len(users.offsets) - 1):
+            seen[START_NEAR, user], seen[START_FAR, user] = _bounds(start, seen, user)
+        for user in range(len(users.offsets) - 1):
+            seen[STOP_NEAR, user], seen[STOP_FAR, user] = _bounds(halt, seen, user)
+    total = 0
     for user in range(len(users.offsets) - 1):
-        group, near, far = groups[user], max(seen[NEAR, user], 0.0), seen[FAR, user]
-        first = 0
-        while first < classes and radii_m[group, first] > far and not fresh:
-            first += 1
-        stop = first
-        while stop < classes and radii_m[group, stop] >= near:
-            stop += 1
-        if first == stop:
+        own, near = radii_m[groups[user]], seen[NEAR, user]
+        if own[0] < near and not fresh:
             continue
-        held = first  # for the user stays within the wider circles
-        if not fresh:
-            x, y = x0 - seen[AT_X, user], y0 - seen[AT_Y, user]
-            while held < stop and beyond(x, y, radii_m[group, held]) <= 0.0:
-                held += 1
-        total = cross_rings(leg, users, user, radii_m[group], first, stop, out, kept)
-        most = max(most, total)
-        kept = total if total > len(out) else _classes(out, kept, total, held)
-    return max(kept, most) if most > len(out) else kept
+        first = 0 if fresh else _wider(own, seen[FAR, user])
+        stop, near = first, max(near, 0.0)
+        while stop < classes and own[stop] >= near:
+            stop += 1
+        if first < stop:
+            total = cross_rings(leg, users, user, own, first, stop, out, total)
+    return total
 
 
 def changes_on(
@@ -103,6 +106,20 @@ def changes_on(
 
 
 @part
+def _wider(radii_m: NDArray[np.float64], distance_m: float) -> int:
+    """Return how many circles, the widest first, are wider than a distance.
+
+    The code has no branches, which could not be predicted.
+    """
+    first, count = 0, len(radii_m)
+    while count > 1:
+        half = count >> 1
+        first = either(radii_m[first + half - 1] > distance_m, first + half, first)
+        count -= half
+    return first + int(radii_m[first] > distance_m)
+
+
+@part
 def _bounds(way: Way, seen: NDArray[np.float64], user: int) -> tuple[float, float]:
     """Return two distances, beyond which a user's distance from the drone does not get.
 
@@ -120,28 +137,3 @@ def _bounds(way: Way, seen: NDArray[np.float64], user: int) -> tuple[float, floa
     nearest = dip if passes else min(first, last)
     slack = way.out_m + seen[STRAY, user] + MARGIN_M
     return np.sqrt(nearest) - slack, np.sqrt(max(first, last)) + slack
-
-
-@part
-def _classes(out: NDArray[np.int64], first: int, last: int, held: int) -> int:
-    """Turn the crossings of a user into changes of class, and return the row after the last one.
-
-    The crossings are the rows ``first`` … ``last`` - 1, in any order.
-    """
-    for k in range(first + 1, last):
-        t_us, user, enters = out[k, TIME_US], out[k, USER], out[k, ENTERS]
-        i = k
-        while i > first and out[i - 1, TIME_US] > t_us:
-            out[i, TIME_US], out[i, ENTERS] = out[i - 1, TIME_US], out[i - 1, ENTERS]
-            i -= 1
-        out[i, TIME_US], out[i, USER], out[i, ENTERS] = t_us, user, enters
-    kept, now = first, held
-    for k in range(first, last):
-        now += 1 if out[k, ENTERS] else -1
-        if k + 1 == last or out[k + 1, TIME_US] > out[k, TIME_US]:
-            if now != held:
-                out[kept, TIME_US], out[kept, USER] = out[k, TIME_US], out[k, USER]
-                out[kept, CHANGE] = now if now > held else -now
-                kept += 1
-            held = now
-    return kept
