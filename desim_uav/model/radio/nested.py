@@ -62,24 +62,24 @@ def class_changes(
     flight, stay = ways_of(DroneLeg(leg.profile, leg.route, leg.span_us, 0.0, leg.fresh))
     seen, classes, fresh = users.seen, radii_m.shape[1], leg.fresh
     for user in range(len(users.offsets) - 1):  # a loop of its own, so that it can be vectorised
-        seen[NEAR, user], seen[FAR, user] = _bounds(flight, seen, user)
+        seen[NEAR, user], seen[FAR, user] = bounds_of(flight, seen, user)
     if stay.end > stay.begin:
         for user in range(len(users.offsets) - 1):
-            near, far = _bounds(stay, seen, user)
+            near, far = bounds_of(stay, seen, user)
             seen[NEAR, user] = min(seen[NEAR, user], near)
             seen[FAR, user] = max(seen[FAR, user], far)
     if len(leg.profile) > MOST_REST:
         start, halt = ways_of_ends(leg)
         for user in range(len(users.offsets) - 1):
-            seen[START_NEAR, user], seen[START_FAR, user] = _bounds(start, seen, user)
+            seen[START_NEAR, user], seen[START_FAR, user] = bounds_of(start, seen, user)
         for user in range(len(users.offsets) - 1):
-            seen[STOP_NEAR, user], seen[STOP_FAR, user] = _bounds(halt, seen, user)
+            seen[STOP_NEAR, user], seen[STOP_FAR, user] = bounds_of(halt, seen, user)
     total = 0
     for user in range(len(users.offsets) - 1):
         own, near = radii_m[groups[user]], seen[NEAR, user]
         if own[0] < near and not fresh:
             continue
-        first = 0 if fresh else _wider(own, seen[FAR, user])
+        first = 0 if fresh else wider(own, seen[FAR, user])
         stop, near = first, max(near, 0.0)
         while stop < classes and own[stop] >= near:
             stop += 1
@@ -106,7 +106,7 @@ def changes_on(
 
 
 @part
-def _wider(radii_m: NDArray[np.float64], distance_m: float) -> int:
+def wider(radii_m: NDArray[np.float64], distance_m: float) -> int:
     """Return how many circles, the widest first, are wider than a distance.
 
     The code has no branches, which could not be predicted.
@@ -120,7 +120,7 @@ def _wider(radii_m: NDArray[np.float64], distance_m: float) -> int:
 
 
 @part
-def _bounds(way: Way, seen: NDArray[np.float64], user: int) -> tuple[float, float]:
+def bounds_of(way: Way, seen: NDArray[np.float64], user: int) -> tuple[float, float]:
     """Return two distances, beyond which a user's distance from the drone does not get.
 
     ``way`` is that of a circle of no radius (see ``coverage.comes_near``).
