@@ -243,7 +243,10 @@ def cross_rings(
         if walk + 1 < end_walk:
             end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
         if bounded and (phase == 0 or phase == len(profile) - 2):
-            near, far = START_NEAR if phase == 0 else STOP_NEAR, START_FAR if phase == 0 else STOP_FAR
+            near, far = (
+                START_NEAR if phase == 0 else STOP_NEAR,
+                START_FAR if phase == 0 else STOP_FAR,
+            )
             stays_in = now == first or radii[now - 1] > users.seen[far, user]
             if stays_in and (now == stop or radii[now] < users.seen[near, user]):
                 at = end

@@ -16,6 +16,8 @@ from desim_uav.model.coverage import (
 )
 from desim_uav.model.crossings import TIME_US, USER, crossings, crossings_near
 from desim_uav.model.kernels import kernel, rule, stands_in_for
+from desim_uav.model.radio.between import WINDOW_COLUMNS, Climb, class_changes_between
+from desim_uav.model.radio.fits import TERMS
 from desim_uav.model.radio.nested import CHANGE, class_changes
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import coverage as seam
@@ -49,7 +51,18 @@ def foresee(world: Constants, path: Path, state: State, drone: Drone, span_us: i
         set_word(ahead, 3, 1)
         count = ahead.buffer
     set_word(ahead, 1, count)
-    sort_last_first(as_array(ahead, (count, CHANGE_COLUMNS)))
+    rows = as_array(ahead, (count, CHANGE_COLUMNS))
+    if world.radios[drone.radio].classes == 1:
+        sort_last_first(rows)
+        return
+    found = as_array(state.look.found, (count, CHANGE_COLUMNS))
+    if count <= MOST_RANKED:
+        rank_last_first(found, as_array(state.look.order, (count,)), rows)
+    else:
+        for k in range(count):
+            for column in range(CHANGE_COLUMNS):
+                rows[k, column] = found[k, column]
+        sort_last_first(rows)
 
 
 @rule
@@ -65,7 +78,10 @@ def know_walks(world: Constants, path: Path, state: State, start_us: int, end_us
 
 @rule
 def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> int:
-    """Find the changes on a drone's leg; return their number, which may exceed the buffer."""
+    """Find the changes on a drone's leg; return their number, which may exceed the buffer.
+
+    They are written to ``drone.ahead``, or to ``state.look.found`` if links have several classes.
+    """
     look, count = state.look, len(state.users)
     start_us, end_us = state.now_us, state.now_us + span_us
     is_new = look.from_us != start_us or look.to_us != end_us
@@ -97,7 +113,8 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
     pieces, ahead = world.transits[drone.transit].pieces, drone.ahead
     radio = world.radios[drone.radio]
     groups = len(radio.rings) // (radio.levels * radio.classes)
-    rings = as_array(radio.rings, (radio.levels, groups, radio.classes))[drone.level]
+    levels = as_array(radio.rings, (radio.levels, groups, radio.classes))
+    rings = levels[drone.level]
     leg = DroneLeg(
         as_array(pieces, (len(pieces), PIECE_COLUMNS)),
         way_of(world, drone),
@@ -106,11 +123,48 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
         drone.serving == 0,
     )
     found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))
+    if radio.classes > 1:
+        found = as_array(look.found, (ahead.buffer, CHANGE_COLUMNS))
+    if drone.level != drone.to_level and len(radio.terms) > 0:
+        shape = (groups, radio.classes, radio.slabs, TERMS)
+        lower, rows = min(drone.level, drone.to_level), radio.slabs + 1
+        climb = Climb(
+            1.0 if drone.to_level > drone.level else 0.0,
+            (rings, levels[drone.to_level]),
+            as_array(radio.terms, (radio.levels - 1, *shape))[lower],
+            as_array(radio.ranges, (radio.levels - 1, groups, rows, 2, radio.classes))[lower],
+            as_array(look.windows, (len(look.windows) // WINDOW_COLUMNS, WINDOW_COLUMNS)),
+        )
+        return class_changes_between(leg, climb, users, as_array(world.groups, (count,)), found)
     if rings.size > 1 or rings[0, 0] < 0.0:
         return class_changes(leg, users, rings, as_array(world.groups, (count,)), found)
     if in_buckets:
         return crossings_near(leg, users, buckets, look.far_m, found)
     return crossings(leg, users, found)
+
+
+MOST_RANKED = 512
+"""The most changes that are sorted by counting, for each of them, which ones come after it."""
+
+
+@rule
+def rank_last_first(rows: Any, order: Any, out: Any) -> None:
+    """Write changes with the latest first. Rows must be in the order of their users.
+
+    The numbers in ``order`` are those by which times, and at the same time falls and rises, are
+    compared. There are no branches, which could not be predicted.
+    """
+    count = len(rows)
+    for k in range(count):
+        order[k] = 2 * rows[k, TIME_US] + int(rows[k, CHANGE] > 0)
+    for k in range(count):
+        own, rank = order[k], 0
+        for other in range(k):
+            rank += int(order[other] > own)
+        for other in range(k + 1, count):
+            rank += int(order[other] >= own)
+        for column in range(CHANGE_COLUMNS):
+            out[rank, column] = rows[k, column]
 
 
 GAPS = (1750, 701, 301, 132, 57, 23, 10, 4, 1)

@@ -44,8 +44,8 @@ WINDOW_COLUMNS = 5
 """The columns of a table of windows, and their number.
 
 A window is a time in which the drone stays in one slab and keeps its acceleration: when it begins,
-in seconds since the start of the leg; the slab, or -1 where the drone rests; and the drone's place
-in the slab as a polynomial of the time since then (see ``fits.Fits``)."""
+in seconds since the start of the leg; the slab; and the drone's place in it, as a polynomial of the
+time since then (see ``fits.Fits``). In the last one the drone rests at the end of its flight."""
 
 SHORTEST_S = 1e-7
 """Times are looked at that are at least so long: what comes and goes in one lasts no microsecond."""
@@ -76,7 +76,7 @@ class Stretch(NamedTuple):
     """A time in which the user walks straight, and the drone is in one window.
 
     ``near``, ``slope`` and ``speed`` are the coefficients of the user's squared distance, and the
-    others those of the drone's place in the slab. If the drone rests, ``slab`` is -1.
+    others those of the drone's place in the slab.
     """
 
     near: float
@@ -154,8 +154,12 @@ def _begin_windows(leg: DroneLeg, climb: Climb) -> int:
             at = ahead
             if ahead == lasts:
                 break
-    windows[count] = 0.0
-    windows[count, BEGINS], windows[count, SLAB] = profile[last, START], -1.0
+    windows[count, BEGINS] = profile[last, START]
+    windows[count, SLAB], windows[count, PLACE] = (
+        climb.upwards * (slabs - 1),
+        2.0 * climb.upwards - 1,
+    )
+    windows[count, RISE] = windows[count, BEND] = 0.0
     return count + 1
 
 
@@ -213,7 +217,11 @@ def _follow(
         since_walk = at - (legs[walk, T0_US] - start_us) * 1e-6
         x = centre_x - legs[walk, X0] - vx * since_walk
         y = centre_y - legs[walk, Y0] - vy * since_walk
-        since, rise, bend = at - windows[window, BEGINS], windows[window, RISE], windows[window, BEND]
+        since, rise, bend = (
+            at - windows[window, BEGINS],
+            windows[window, RISE],
+            windows[window, BEND],
+        )
         stretch = Stretch(
             x * x + y * y,
             -(x * vx + y * vy),
@@ -302,13 +310,6 @@ def _candidates(
         least = near - slope * slope / speed
     slack = 1e-9 + 1e-12 * most
     least, most = least - slack, most + slack
-    if slab < 0:
-        radii = climb.rings_m[1][group]
-        while low > first and most >= radii[low - 1] * radii[low - 1]:
-            low -= 1
-        while high < stop and least <= radii[high] * radii[high]:
-            high += 1
-        return low, high
     inner, outer = climb.ranges[group, slab, 0], climb.ranges[group, slab, 1]
     while low > first and most >= inner[low - 1]:
         low -= 1
@@ -318,15 +319,10 @@ def _candidates(
 
 
 @part
-def _excess(
-    climb: Climb, stretch: Stretch, group: int, ring: int, t: float
-) -> tuple[float, float]:
+def _excess(climb: Climb, stretch: Stretch, group: int, ring: int, t: float) -> tuple[float, float]:
     """Return the squared distance minus the squared radius at a time, and its derivative."""
     near, slope, speed, slab, place, rise, bend = stretch
     square, rate = near + t * (2.0 * slope + t * speed), 2.0 * (slope + t * speed)
-    if slab < 0:
-        radius = climb.rings_m[1][group, ring]
-        return square - radius * radius, rate
     u, du = place + t * (rise + t * bend), rise + 2.0 * t * bend
     terms = climb.terms[group, ring, slab]
     value = slant = 0.0
@@ -350,16 +346,15 @@ def _settles(
     for ring in range(circles[0], circles[1]):
         value, rate = _excess(climb, stretch, group, ring, begin + half)
         bent = 2.0 * stretch.speed
-        if stretch.slab >= 0:
-            terms = climb.terms[group, ring, stretch.slab]
-            steep = curved = 0.0
-            for k in range(1, TERMS):
-                size = abs(terms[k])
-                steep += k * size
-                curved += k * (k - 1) * size
-            one = abs(stretch.rise + 2.0 * begin * stretch.bend)
-            du = max(one, abs(stretch.rise + 2.0 * until * stretch.bend))
-            bent += curved * du * du + 2.0 * steep * abs(stretch.bend)
+        terms = climb.terms[group, ring, stretch.slab]
+        steep = curved = 0.0
+        for k in range(1, TERMS):
+            size = abs(terms[k])
+            steep += k * size
+            curved += k * (k - 1) * size
+        one = abs(stretch.rise + 2.0 * begin * stretch.bend)
+        du = max(one, abs(stretch.rise + 2.0 * until * stretch.bend))
+        bent += curved * du * du + 2.0 * steep * abs(stretch.bend)
         turns = bent * half
         if abs(rate) <= turns and abs(value) <= (abs(rate) + turns) * half:
             return False

@@ -3,8 +3,8 @@
 While a drone climbs or descends, each class holds within a circle whose radius changes with the
 height. The square of a radius is a smooth function of the height where the path loss is. Between
 two neighbouring levels it is therefore fitted by polynomials, on slabs of equal thickness, through
-radii that are computed to the last bits (``radii_at``). A fit is only used if it is within
-``FIT_M`` of the radii at heights between those through which it goes.
+radii that are computed to the last bits (``radii_at``). A fit is only used if it is close
+to the radii at heights between those through which it goes.
 """
 
 from __future__ import annotations
@@ -22,14 +22,15 @@ from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.path_loss import MEAN, RowPathLoss
 from desim_uav.model.radio.rings import FARTHEST_M
 
-TERMS = 8
+TERMS = 10
 """The number of terms of a polynomial."""
 
 SLABS = (4, 8, 16, 32)
 """The numbers of slabs that are tried, one after the other."""
 
-FIT_M = 1e-9
-"""How far a radius after a fit may be from the radius at a height, in metres."""
+FIT_M, FIT = 1e-10, 3e-13
+"""How far a radius after a fit may be from the radius at a height: in metres, and as a share of it,
+for levels are known to some bits only."""
 
 CHECKED = 9
 """The number of heights of a slab at which fits are checked."""
@@ -98,7 +99,9 @@ def radii_at(
                     near *= 0.5
                     if near < 1e-9:
                         break
-            out[i, k] = guess = _crossed(loss, carrier_ghz, height, largest, (low, below, high, above))
+            out[i, k] = guess = _crossed(
+                loss, carrier_ghz, height, largest, (low, below, high, above)
+            )
             guess *= 1.01
     return True
 
@@ -202,7 +205,8 @@ def _fitted(squares: Any, levels_m: Array, users_m: Array, slabs: int) -> Fits |
     terms = np.einsum("tn,pgsnk->pgkst", np.linalg.inv(np.vander(nodes, increasing=True)), through)
     terms[nowhere] = np.eye(TERMS)[0] * -1.0
     found = np.einsum("pgkst,ct->pgsck", terms, np.vander(checks, TERMS, increasing=True))
-    if not (np.abs(found - held_against) <= 2.0 * FIT_M * np.sqrt(np.abs(held_against))).all():
+    radii = np.sqrt(np.abs(held_against))
+    if not (np.abs(found - held_against) <= 2.0 * radii * (FIT_M + FIT * radii)).all():
         return None
     middle, spread = terms[..., 0], np.abs(terms[..., 1:]).sum(axis=-1)
     least, most = (np.moveaxis(middle + sign * spread, 2, 3) for sign in (-1.0, 1.0))
