@@ -54,6 +54,7 @@ def set_air(made: Constants, world: World) -> None:
         row.slabs = fits.terms.shape[3]
         row.terms = Table(fits.terms.reshape(-1).tolist())
         row.ranges = Table(fits.ranges.reshape(-1).tolist())
+        row.bounds_m = Table(fits.bounds_m.reshape(-1).tolist())
     if world.marked:
         buildings = buildings_of(world)
         made.corners_m = Table(buildings.corners_m.reshape(-1).tolist())

@@ -30,8 +30,8 @@ SEEN_ROWS = 12
 (LEG), its position then (AT_X, AT_Y) and at the end (TO_X, TO_Y), how far it strays from a straight
 walk between them at an even speed (STRAY), all in metres, and whether it comes near the leg of the
 drone for which crossings were computed last (NEAR); with rings, bounds of its distance from that
-drone (NEAR, FAR), and those while the drone speeds up (START_NEAR, START_FAR) and brakes (STOP_NEAR,
-STOP_FAR)."""
+drone (NEAR, FAR), and those while the drone speeds up (START_NEAR, START_FAR) and brakes
+(STOP_NEAR, STOP_FAR)."""
 
 FEWEST_BUCKETS = 48
 """With fewer buckets than this, a drone reaches a good part of the map, and they save no time."""

@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.compiled_registers import either
 from desim_uav.model.coverage import (
     AT_X,
     AT_Y,
@@ -220,9 +221,11 @@ def cross_rings(
     start_us, end_us = leg.span_us
     duration = (end_us - start_us) * 1e-6
     x, y = leg.route[0] - users.seen[AT_X, user], leg.route[1] - users.seen[AT_Y, user]
-    now = first
+    now = min(max(wider(radii, np.sqrt(x * x + y * y)), first), stop)
     while now < stop and beyond(x, y, radii[now]) <= 0.0:
         now += 1
+    while now > first and beyond(x, y, radii[now - 1]) > 0.0:
+        now -= 1
     held, latest, noted = now, start_us - 1, 0
     bounded = len(profile) > MOST_REST
     if leg.fresh:
@@ -292,6 +295,20 @@ def cross_rings(
             before = after
         at = end
     return total
+
+
+@part
+def wider(radii_m: NDArray[np.float64], distance_m: float) -> int:
+    """Return how many circles, the widest first, are wider than a distance.
+
+    The code has no branches, which could not be predicted.
+    """
+    first, count = 0, len(radii_m)
+    while count > 1:
+        half = count >> 1
+        first = either(radii_m[first + half - 1] > distance_m, first + half, first)
+        count -= half
+    return first + int(radii_m[first] > distance_m)
 
 
 @part

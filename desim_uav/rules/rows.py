@@ -98,9 +98,9 @@ class Radio(Row):
     ``bandwidth_hz`` is -1 if it is unlimited. ``efficiencies`` has the millionths of a bit/s that a
     link of each class carries per hertz, class 0 (none) first. ``rings`` has the radii of all
     classes from 1 on, by level and then by the ``groups`` into which users fall by their heights;
-    an access point has one level. If it is ``flat``, the radii are the same on all levels. ``terms``
-    and ``ranges`` are the fits between levels, with so many ``slabs`` between two of them
-    (``model.radio.fits.Fits``), or empty. If links
+    an access point has one level. If it is ``flat``, the radii are the same on all levels.
+    ``terms`` to ``bounds_m`` are the fits between levels, with so many ``slabs`` between two of
+    them (``model.radio.fits.Fits``), or empty. If links
     are ``marked``, ``sight`` is the kind of line of sight (``model.radio.marks``), and
     ``los_shadow_db`` and ``nlos_shadow_db`` are the standard deviations of the shadowing.
     The fields from ``divide`` on are functions, or in compiled code their addresses;
@@ -116,6 +116,7 @@ class Radio(Row):
     slabs: int
     terms: Table[float]
     ranges: Table[float]
+    bounds_m: Table[float]
     carrier_ghz: float
     power_dbm: float
     noise_dbm: float

@@ -32,11 +32,11 @@ from desim_uav.model.coverage import (
     leg_near,
     walked,
 )
-from desim_uav.model.crossings import beyond
+from desim_uav.model.crossings import beyond, wider
 from desim_uav.model.kernels import kernel, part
 from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
-from desim_uav.model.radio.fits import TERMS
-from desim_uav.model.radio.nested import bounds_of, wider
+from desim_uav.model.radio.fits import CURVED, STEEP, TERMS
+from desim_uav.model.radio.nested import bounds_of, sift, sifted
 from desim_uav.model.radio.tracks import rounded_us
 
 BEGINS, SLAB, PLACE, RISE, BEND = range(5)
@@ -48,10 +48,10 @@ in seconds since the start of the leg; the slab; and the drone's place in it, as
 time since then (see ``fits.Fits``). In the last one the drone rests at the end of its flight."""
 
 SHORTEST_S = 1e-7
-"""Times are looked at that are at least so long: what comes and goes in one lasts no microsecond."""
+"""The shortest time that is looked at: what comes and goes in it lasts no microsecond."""
 
 ROOT_S = 1e-10
-"""How small the last step of Newton's method is."""
+"""How far a root may be from where Newton's method ends."""
 
 Array = NDArray[np.float64]
 
@@ -61,12 +61,15 @@ class Climb(NamedTuple):
 
     ``upwards`` is 1.0 if the drone climbs, and 0.0 if it descends. ``rings_m`` (2, groups, classes)
     are the radii on the level at the start and on that at the end (see ``nested.class_changes``),
-    and ``terms`` and ``ranges`` the fits between them. ``windows`` (rows, WINDOW_COLUMNS) is memory
+    ``least_m`` and ``most_m`` (groups, classes) are bounds of the radii in between, and ``terms``
+    and ``ranges`` the fits. ``windows`` (rows, WINDOW_COLUMNS) is memory
     for ``window_rows`` rows.
     """
 
     upwards: float
     rings_m: tuple[Array, Array]
+    least_m: Array
+    most_m: Array
     terms: Array
     ranges: Array
     windows: Array
@@ -108,20 +111,11 @@ def class_changes_between(
     stay = Way(x, y, x, y, 0.0, 1.0, MARGIN_M, -MARGIN_M)
     for user in range(len(users.offsets) - 1):  # a loop of its own, so that it can be vectorised
         seen[NEAR, user], seen[FAR, user] = bounds_of(stay, seen, user)
-    whole, total = climb.ranges.shape[1] - 1, 0
-    for user in range(len(users.offsets) - 1):
-        group, far = groups[user], seen[FAR, user]
-        near = max(seen[NEAR, user], 0.0)
-        least, most = climb.ranges[group, whole, 0], climb.ranges[group, whole, 1]
-        near *= near
-        if most[0] < near and not leg.fresh:
-            continue
-        first = 0 if leg.fresh else wider(least, far * far)
-        stop = first
-        while stop < len(most) and most[stop] >= near:
-            stop += 1
-        if first < stop:
-            total = _follow(leg, climb, users, (user, group), (first, stop, windows), out, total)
+    total = 0
+    for k in range(sift(users, climb.least_m, climb.most_m, groups, leg.fresh)):
+        user, first, stop = sifted(seen, k)
+        of = user, groups[user]
+        total = _follow(leg, climb, users, of, (first, stop, windows), out, total)
     return total
 
 
@@ -193,9 +187,11 @@ def _follow(
     centre_x, centre_y = leg.route[0], leg.route[1]
     before, after = climb.rings_m[0][group], climb.rings_m[1][group]
     x, y = centre_x - users.seen[AT_X, user], centre_y - users.seen[AT_Y, user]
-    now = first
+    now = min(max(wider(before, np.sqrt(x * x + y * y)), first), stop)
     while now < stop and beyond(x, y, before[now]) <= 0.0:
         now += 1
+    while now > first and beyond(x, y, before[now - 1]) > 0.0:
+        now -= 1
     held, latest, noted = now, start_us - 1, 0
     if leg.fresh:
         held, latest, noted = 0, start_us, int(now > 0)
@@ -345,20 +341,24 @@ def _settles(
     half = 0.5 * (until - begin)
     for ring in range(circles[0], circles[1]):
         value, rate = _excess(climb, stretch, group, ring, begin + half)
-        bent = 2.0 * stretch.speed
-        terms = climb.terms[group, ring, stretch.slab]
-        steep = curved = 0.0
-        for k in range(1, TERMS):
-            size = abs(terms[k])
-            steep += k * size
-            curved += k * (k - 1) * size
-        one = abs(stretch.rise + 2.0 * begin * stretch.bend)
-        du = max(one, abs(stretch.rise + 2.0 * until * stretch.bend))
-        bent += curved * du * du + 2.0 * steep * abs(stretch.bend)
+        bent = _bent(climb, stretch, group, ring, begin, until)
         turns = bent * half
         if abs(rate) <= turns and abs(value) <= (abs(rate) + turns) * half:
             return False
     return True
+
+
+@part
+def _bent(
+    climb: Climb, stretch: Stretch, group: int, ring: int, begin: float, until: float
+) -> float:
+    """Return a bound of the second derivative of ``_excess`` in a time."""
+    terms = climb.terms[group, ring, stretch.slab]
+    one = abs(stretch.rise + 2.0 * begin * stretch.bend)
+    du = max(one, abs(stretch.rise + 2.0 * until * stretch.bend))
+    return float(
+        2.0 * stretch.speed + terms[CURVED] * du * du + 2.0 * terms[STEEP] * abs(stretch.bend)
+    )
 
 
 @part
@@ -372,6 +372,7 @@ def _root(
 ) -> float:
     """Return when the user crosses a circle, by Newton's method that bisection safeguards."""
     low, high = begin, until
+    bent = _bent(climb, stretch, of[0], of[1], begin, until)
     t = 0.5 * (low + high)
     for _ in range(80):
         value, rate = _excess(climb, stretch, of[0], of[1], t)
@@ -382,6 +383,8 @@ def _root(
         step = t - value / rate if rate != 0.0 else low
         if not low < step < high:
             step = 0.5 * (low + high)
+        elif bent * (step - t) * (step - t) <= ROOT_S * abs(rate):
+            return step
         if abs(step - t) <= ROOT_S or step <= low or step >= high:
             return step
         t = step

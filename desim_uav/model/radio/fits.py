@@ -25,6 +25,11 @@ from desim_uav.model.radio.rings import FARTHEST_M
 TERMS = 10
 """The number of terms of a polynomial."""
 
+STEEP, CURVED = TERMS, TERMS + 1
+TERM_COLUMNS = TERMS + 2
+"""The columns behind the coefficients of a polynomial, and the number of columns: bounds of the
+polynomial's first and second derivative in its slab."""
+
 SLABS = (4, 8, 16, 32)
 """The numbers of slabs that are tried, one after the other."""
 
@@ -44,18 +49,20 @@ Array = NDArray[np.float64]
 class Fits(NamedTuple):
     """The squared radii of classes between neighbouring levels, in square metres.
 
-    ``terms`` (pairs, groups, classes, slabs, TERMS) are polynomials of u, which rises from -1 to 1
-    from the lower end of a slab to its upper end; the first pair of levels is the lowest, and so is
-    the first slab. ``ranges`` (pairs, groups, slabs + 1, 2, classes) are the least and the most
-    squared radii in each slab, and after them those between both levels. A class that holds nowhere
-    between two levels has the squared radius -1.
+    ``terms`` (pairs, groups, classes, slabs, TERM_COLUMNS) are polynomials of u, which rises from
+    -1 to 1 from the lower end of a slab to its upper end; the first pair of levels is the lowest,
+    and so is the first slab. ``ranges`` (pairs, groups, slabs, 2, classes) are the least and the
+    most squared radii in each slab, and ``bounds_m`` (pairs, 2, groups, classes) the least and the
+    most radii between both levels. A class that holds nowhere between two levels has the squared
+    radius and the radius -1.
     """
 
     terms: Array
     ranges: Array
+    bounds_m: Array
 
 
-NONE = Fits(np.empty((0, 0, 0, 0, TERMS)), np.empty((0, 0, 0, 2, 0)))
+NONE = Fits(np.empty((0, 0, 0, 0, TERM_COLUMNS)), np.empty((0, 0, 0, 2, 0)), np.empty((0, 2, 0, 0)))
 """No fits: changes are then sought by a search for each user (``model.radio.air``)."""
 
 
@@ -211,5 +218,9 @@ def _fitted(squares: Any, levels_m: Array, users_m: Array, slabs: int) -> Fits |
     middle, spread = terms[..., 0], np.abs(terms[..., 1:]).sum(axis=-1)
     least, most = (np.moveaxis(middle + sign * spread, 2, 3) for sign in (-1.0, 1.0))
     ranges = np.stack([least, most], axis=3)
-    whole = np.stack([least.min(axis=2), most.max(axis=2)], axis=2)
-    return Fits(terms, np.concatenate([ranges, whole[:, :, None]], axis=2))
+    whole = np.stack([least.min(axis=2), most.max(axis=2)], axis=1)
+    bounds_m = np.where(whole < 0.0, -1.0, np.sqrt(np.abs(whole)))
+    powers, sizes = np.arange(TERMS), np.abs(terms)
+    bounds = [sizes @ powers, sizes @ (powers * (powers - 1))]
+    terms = np.concatenate([terms, np.stack(bounds, axis=-1)], axis=-1)
+    return Fits(terms, ranges, bounds_m)

@@ -28,13 +28,16 @@ from desim_uav.model.coverage import (
     ways_of,
     ways_of_ends,
 )
-from desim_uav.model.crossings import ENTERS, MOST_REST, cross_rings, crossings
-from desim_uav.model.compiled_registers import either
+from desim_uav.model.crossings import ENTERS, MOST_REST, cross_rings, crossings, wider
 from desim_uav.model.kernels import kernel, part
 
 CHANGE = ENTERS
 """The third column of a table of changes: the class to which a link rises, or minus the class to
 which it falls (0 for no link)."""
+
+
+CIRCLES = 256
+"""There are fewer circles around a drone than this."""
 
 
 @kernel
@@ -60,7 +63,7 @@ def class_changes(
     with that many rows it is long enough.
     """
     flight, stay = ways_of(DroneLeg(leg.profile, leg.route, leg.span_us, 0.0, leg.fresh))
-    seen, classes, fresh = users.seen, radii_m.shape[1], leg.fresh
+    seen = users.seen
     for user in range(len(users.offsets) - 1):  # a loop of its own, so that it can be vectorised
         seen[NEAR, user], seen[FAR, user] = bounds_of(flight, seen, user)
     if stay.end > stay.begin:
@@ -75,16 +78,9 @@ def class_changes(
         for user in range(len(users.offsets) - 1):
             seen[STOP_NEAR, user], seen[STOP_FAR, user] = bounds_of(halt, seen, user)
     total = 0
-    for user in range(len(users.offsets) - 1):
-        own, near = radii_m[groups[user]], seen[NEAR, user]
-        if own[0] < near and not fresh:
-            continue
-        first = 0 if fresh else wider(own, seen[FAR, user])
-        stop, near = first, max(near, 0.0)
-        while stop < classes and own[stop] >= near:
-            stop += 1
-        if first < stop:
-            total = cross_rings(leg, users, user, own, first, stop, out, total)
+    for k in range(sift(users, radii_m, radii_m, groups, leg.fresh)):
+        user, first, stop = sifted(seen, k)
+        total = cross_rings(leg, users, user, radii_m[groups[user]], first, stop, out, total)
     return total
 
 
@@ -106,17 +102,36 @@ def changes_on(
 
 
 @part
-def wider(radii_m: NDArray[np.float64], distance_m: float) -> int:
-    """Return how many circles, the widest first, are wider than a distance.
+def sift(
+    users: Users,
+    least_m: NDArray[np.float64],
+    most_m: NDArray[np.float64],
+    groups: NDArray[np.int64],
+    fresh: bool,
+) -> int:
+    """Find the users who may cross circles, and return their number (see ``sifted``).
 
-    The code has no branches, which could not be predicted.
+    ``least_m`` and ``most_m`` (groups, classes) are bounds of the radii. The bounds of distances in
+    ``users.seen`` (NEAR, FAR) are replaced. There are no branches, which could not be predicted.
     """
-    first, count = 0, len(radii_m)
-    while count > 1:
-        half = count >> 1
-        first = either(radii_m[first + half - 1] > distance_m, first + half, first)
-        count -= half
-    return first + int(radii_m[first] > distance_m)
+    seen, kept = users.seen, 0
+    for user in range(len(users.offsets) - 1):
+        group, near, far = groups[user], max(seen[NEAR, user], 0.0), seen[FAR, user]
+        first = 0 if fresh else wider(least_m[group], far)
+        stop = wider(most_m[group], near)
+        seen[NEAR, kept], seen[FAR, kept] = user, first * CIRCLES + stop
+        kept += int(first < stop)
+    return kept
+
+
+@part
+def sifted(seen: NDArray[np.float64], k: int) -> tuple[int, int, int]:
+    """Return the k-th user found by ``sift``, and the circles that the user may cross.
+
+    They are those from the first one, the second number, to the one before the third.
+    """
+    user, circles = int(seen[NEAR, k]), int(seen[FAR, k])
+    return user, circles // CIRCLES, circles % CIRCLES
 
 
 @part

@@ -10,17 +10,14 @@ from desim_uav.model.radio.between import (
     class_changes_between,
     window_rows,
 )
-from desim_uav.model.radio.fits import NONE, SLABS, TERMS, Fits, _fits
+from desim_uav.model.radio.fits import NONE, _fits
 from desim_uav.model.radio.rings import ring_m
 from tests.model.radio.airs import (
     RADIOS,
     USER_M,
-    TwoSlopes,
     class_rows,
     offsets,
-    plain,
     sky_of,
-    stroll,
 )
 from tests.model.radio.looking import Seen, hold_classes, moving
 from tests.model.radio.making import START_US, flying, walks
@@ -62,6 +59,7 @@ def rows_between(sky, fresh=True, room=3000):
     climb = Climb(
         float(leg.route[5] > leg.route[2]),
         ends,
+        *fits.bounds_m[0],
         fits.terms[0],
         fits.ranges[0],
         np.zeros((window_rows(slabs, len(leg.profile)), WINDOW_COLUMNS)),
