@@ -24,14 +24,14 @@ MARGIN_M = 1e-6
 """The distance in metres from a footprint's edge beyond which rounding makes no crossing."""
 
 LEG, AT_X, AT_Y, TO_X, TO_Y, STRAY, NEAR, FAR = range(8)
-START_NEAR, START_FAR, STOP_NEAR, STOP_FAR = range(8, 12)
-SEEN_ROWS = 12
+START_NEAR, START_FAR, STOP_NEAR, STOP_FAR, SIFTED = range(8, 13)
+SEEN_ROWS = 13
 """The rows of a table of users in a span, and their number: the leg on which a user begins the span
 (LEG), its position then (AT_X, AT_Y) and at the end (TO_X, TO_Y), how far it strays from a straight
 walk between them at an even speed (STRAY), all in metres, and whether it comes near the leg of the
 drone for which crossings were computed last (NEAR); with rings, bounds of its distance from that
 drone (NEAR, FAR), and those while the drone speeds up (START_NEAR, START_FAR) and brakes
-(STOP_NEAR, STOP_FAR)."""
+(STOP_NEAR, STOP_FAR), and the users who may cross rings (SIFTED)."""
 
 FEWEST_BUCKETS = 48
 """With fewer buckets than this, a drone reaches a good part of the map, and they save no time."""

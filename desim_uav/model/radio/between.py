@@ -113,8 +113,9 @@ def class_changes_between(
         seen[NEAR, user], seen[FAR, user] = bounds_of(stay, seen, user)
     total = 0
     for k in range(sift(users, climb.least_m, climb.most_m, groups, leg.fresh)):
-        user, first, stop = sifted(seen, k)
+        user, first = sifted(seen, k)
         of = user, groups[user]
+        stop = wider(climb.most_m[of[1]], max(seen[NEAR, user], 0.0))
         total = _follow(leg, climb, users, of, (first, stop, windows), out, total)
     return total
 

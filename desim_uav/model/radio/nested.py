@@ -15,6 +15,7 @@ from desim_uav.model.coverage import (
     FAR,
     MARGIN_M,
     NEAR,
+    SIFTED,
     START_FAR,
     START_NEAR,
     STOP_FAR,
@@ -79,7 +80,8 @@ def class_changes(
             seen[STOP_NEAR, user], seen[STOP_FAR, user] = bounds_of(halt, seen, user)
     total = 0
     for k in range(sift(users, radii_m, radii_m, groups, leg.fresh)):
-        user, first, stop = sifted(seen, k)
+        user, first = sifted(seen, k)
+        stop = wider(radii_m[groups[user]], max(seen[NEAR, user], 0.0))
         total = cross_rings(leg, users, user, radii_m[groups[user]], first, stop, out, total)
     return total
 
@@ -111,27 +113,29 @@ def sift(
 ) -> int:
     """Find the users who may cross circles, and return their number (see ``sifted``).
 
-    ``least_m`` and ``most_m`` (groups, classes) are bounds of the radii. The bounds of distances in
-    ``users.seen`` (NEAR, FAR) are replaced. There are no branches, which could not be predicted.
+    ``least_m`` and ``most_m`` (groups, classes) are bounds of the radii; those of distances are in
+    ``users.seen`` (NEAR, FAR). There are no branches, which could not be predicted.
     """
-    seen, kept = users.seen, 0
+    seen, near, kept = users.seen, 0, 0
     for user in range(len(users.offsets) - 1):
-        group, near, far = groups[user], max(seen[NEAR, user], 0.0), seen[FAR, user]
-        first = 0 if fresh else wider(least_m[group], far)
-        stop = wider(most_m[group], near)
-        seen[NEAR, kept], seen[FAR, kept] = user, first * CIRCLES + stop
-        kept += int(first < stop)
+        seen[SIFTED, near] = user
+        near += int(most_m[groups[user], 0] > seen[NEAR, user])
+    for k in range(near):
+        user = int(seen[SIFTED, k])
+        least, most = least_m[groups[user]], most_m[groups[user]]
+        first = 0 if fresh else wider(least, seen[FAR, user])
+        nearest = max(seen[NEAR, user], 0.0)
+        crosses = (first < len(most)) & (most[min(first, len(most) - 1)] > nearest)
+        seen[SIFTED, kept] = user * (CIRCLES + 0.0) + first
+        kept += int(crosses)
     return kept
 
 
 @part
-def sifted(seen: NDArray[np.float64], k: int) -> tuple[int, int, int]:
-    """Return the k-th user found by ``sift``, and the circles that the user may cross.
-
-    They are those from the first one, the second number, to the one before the third.
-    """
-    user, circles = int(seen[NEAR, k]), int(seen[FAR, k])
-    return user, circles // CIRCLES, circles % CIRCLES
+def sifted(seen: NDArray[np.float64], k: int) -> tuple[int, int]:
+    """Return the k-th user found by ``sift``, and the first circle that the user may cross."""
+    code = int(seen[SIFTED, k])
+    return code // CIRCLES, code % CIRCLES
 
 
 @part
