@@ -120,8 +120,9 @@ class Changes:
     def _between(self, leg: DroneLeg, level: int, to_level: int) -> NDArray[np.int64]:
         """Compute the changes on a leg between two levels."""
         lower, rings_m = min(level, to_level), (self.radii_m[level], self.radii_m[to_level])
-        terms, ranges, bounds_m = (array[lower] for array in self._fits)
-        climb = Climb(float(to_level > level), rings_m, *bounds_m, terms, ranges, self._windows)
+        terms, ranges, (least_m, most_m) = (array[lower] for array in self._fits)
+        upwards = float(to_level > level)
+        climb = Climb(upwards, rings_m, least_m, most_m, terms, ranges, self._windows)
         while True:
             out = self._buffer
             count = class_changes_between(leg, climb, self._users, self.groups, out)
