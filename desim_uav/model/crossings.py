@@ -238,6 +238,12 @@ def cross_rings(
     while at < duration:
         while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
             phase += 1
+        if bounded and (phase == 0 or phase == len(profile) - 2):
+            near, far = (START_NEAR, START_FAR) if phase == 0 else (STOP_NEAR, STOP_FAR)
+            stays_in = now == first or radii[now - 1] > users.seen[far, user]
+            if stays_in and (now == stop or radii[now] < users.seen[near, user]):
+                at = min(profile[phase + 1, START], duration)
+                continue
         while walk + 1 < end_walk and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
             walk += 1
         end = duration
@@ -245,15 +251,6 @@ def cross_rings(
             end = min(end, profile[phase + 1, START])
         if walk + 1 < end_walk:
             end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
-        if bounded and (phase == 0 or phase == len(profile) - 2):
-            near, far = (
-                START_NEAR if phase == 0 else STOP_NEAR,
-                START_FAR if phase == 0 else STOP_FAR,
-            )
-            stays_in = now == first or radii[now - 1] > users.seen[far, user]
-            if stays_in and (now == stop or radii[now] < users.seen[near, user]):
-                at = end
-                continue
         piece = _relative(leg, legs, phase, walk, at)
         moved, apart = _moved(piece, end - at)
         stays_in = now == first or _is_within(radii[now - 1], moved, apart)
