@@ -141,10 +141,20 @@ def test_the_general_search_finds_the_same():
 
 
 @pytest.mark.thorough
-def test_the_general_search_finds_the_same_on_two_thousand_legs():
-    survey(2000, 10, 2)
+def test_the_general_search_finds_the_same_on_more_legs():
+    survey(300, 10, 2)
 
 
 @pytest.mark.thorough
 def test_a_sampler_sees_the_same():
-    sampled(800, 3)
+    sampled(60, 3)
+
+
+@pytest.mark.slow
+def test_the_general_search_finds_the_same_on_two_thousand_legs():
+    survey(2000, 10, 4)
+
+
+@pytest.mark.slow
+def test_a_sampler_sees_the_same_on_two_thousand_legs():
+    sampled(2000, 5)
