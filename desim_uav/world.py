@@ -193,6 +193,11 @@ class World(Unchanging):
         """The group (users,) of each user: users of one height are a group, with the same rings."""
         return self._groups[1]
 
+    @property
+    def heights_m(self) -> list[float]:
+        """The height of each group of users, in metres."""
+        return self._groups[0]
+
     @cached_property
     def _groups(self) -> tuple[list[float], NDArray[np.int64]]:
         """The height of each group of users in metres, and the group of each user."""

@@ -5,8 +5,11 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from desim_uav.engine.constants import transits_of
+from desim_uav.model.radio.between import WINDOW_COLUMNS, window_rows
+from desim_uav.model.radio.fits import NONE, Fits, fits_of
 from desim_uav.model.radio.marks import MARK_COLUMNS, memory_for
 from desim_uav.model.radio.scene import (
     LOSS_COLUMNS,
@@ -18,7 +21,7 @@ from desim_uav.model.radio.scene import (
 from desim_uav.model.radio.sight import Buildings, cells_as_prisms
 from desim_uav.model.rows import Table
 from desim_uav.rules.rows import Constants
-from desim_uav.world import World
+from desim_uav.world import Links, World
 
 MOST_PASSED = 64
 """The most rows of a pair of levels that are kept; only the first of them counts."""
@@ -46,6 +49,12 @@ def set_air(made: Constants, world: World) -> None:
             Table(np.cumsum([0, *map(len, profiles)]).tolist()),
         )
     made.heights_m, made.profiles, made.profiles_at = tables
+    for row, links in zip(made.radios, world.links, strict=True):
+        fits = fits_between(world, links)
+        row.slabs = fits.terms.shape[3]
+        row.terms = Table(fits.terms.reshape(-1).tolist())
+        row.ranges = Table(fits.ranges.reshape(-1).tolist())
+        row.bounds_m = Table(fits.bounds_m.reshape(-1).tolist())
     if world.marked:
         buildings = buildings_of(world)
         made.corners_m = Table(buildings.corners_m.reshape(-1).tolist())
@@ -54,6 +63,20 @@ def set_air(made: Constants, world: World) -> None:
         made.built_at = Table(buildings.heads.tolist())
         made.built = Table(buildings.members.tolist())
         made.tallest_m = buildings.tallest_m
+
+
+def fits_between(world: World, links: Links) -> Fits:
+    """Return the radii of classes between the levels of a radio's links, if it needs them."""
+    radio, levels = links.radio, world.grid.levels_m
+    if not links.in_air or len(links.rings_m) != len(levels) or radio.marked or radio.reuse > 0:
+        return NONE
+    return fits_of(radio, levels, world.heights_m)
+
+
+def windows_for(world: World, fits: Fits) -> NDArray[np.float64]:
+    """Return memory for the windows of a leg between levels (``model.radio.between``)."""
+    longest = max(len(transit.profile) for transit in transits_of(world))
+    return np.zeros((window_rows(fits.terms.shape[3], longest), WINDOW_COLUMNS))
 
 
 def buildings_of(world: World) -> Buildings:

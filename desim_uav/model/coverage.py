@@ -24,12 +24,14 @@ MARGIN_M = 1e-6
 """The distance in metres from a footprint's edge beyond which rounding makes no crossing."""
 
 LEG, AT_X, AT_Y, TO_X, TO_Y, STRAY, NEAR, FAR = range(8)
-SEEN_ROWS = 8
+START_NEAR, START_FAR, STOP_NEAR, STOP_FAR, SIFTED = range(8, 13)
+SEEN_ROWS = 13
 """The rows of a table of users in a span, and their number: the leg on which a user begins the span
 (LEG), its position then (AT_X, AT_Y) and at the end (TO_X, TO_Y), how far it strays from a straight
 walk between them at an even speed (STRAY), all in metres, and whether it comes near the leg of the
 drone for which crossings were computed last (NEAR); with rings, bounds of its distance from that
-drone (NEAR, FAR)."""
+drone (NEAR, FAR), and those while the drone speeds up (START_NEAR, START_FAR) and brakes
+(STOP_NEAR, STOP_FAR), and the users who may cross rings (SIFTED)."""
 
 FEWEST_BUCKETS = 48
 """With fewer buckets than this, a drone reaches a good part of the map, and they save no time."""
@@ -188,6 +190,37 @@ def ways_of(leg: DroneLeg) -> tuple[Way, Way]:
     landed = min(arrival / duration, 1.0) if last > 0 else 1.0
     flight = Way(x0, y0, x1, y1, 0.0, landed, radius + stray, radius - stray)
     return flight, Way(x1, y1, x1, y1, landed, 1.0, radius + MARGIN_M, radius - MARGIN_M)
+
+
+@kernel
+def ways_of_ends(leg: DroneLeg) -> tuple[Way, Way]:
+    """Return the first and the last phase of a drone's flight as straight ways (see ``ways_of``).
+
+    The flight must have at least two phases. The distances of the ways are for no radius.
+    """
+    first = _way_of(leg, 0)
+    return first, _way_of(leg, len(leg.profile) - 2)
+
+
+@part
+def _way_of(leg: DroneLeg, phase: int) -> Way:
+    """Return a phase of a drone's flight as a straight way at an even speed, for no radius."""
+    x0, y0, x1, y1 = leg.route
+    profile, last = leg.profile, len(leg.profile) - 1
+    duration, length = (leg.span_us[1] - leg.span_us[0]) * 1e-6, profile[last, DISTANCE]
+    begins, ends = profile[phase, START], profile[phase + 1, START]
+    one, other = profile[phase, DISTANCE] / length, profile[phase + 1, DISTANCE] / length
+    bow = abs(profile[phase, ACCELERATION]) * (ends - begins) * (ends - begins) / 8.0 + MARGIN_M
+    return Way(
+        x0 + one * (x1 - x0),
+        y0 + one * (y1 - y0),
+        x0 + other * (x1 - x0),
+        y0 + other * (y1 - y0),
+        min(begins / duration, 1.0),
+        min(ends / duration, 1.0),
+        bow,
+        -bow,
+    )
 
 
 @kernel

@@ -14,12 +14,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.compiled_registers import either
 from desim_uav.model.coverage import (
     AT_X,
     AT_Y,
     LEG,
     MARGIN_M,
     NEAR,
+    START_FAR,
+    START_NEAR,
+    STOP_FAR,
+    STOP_NEAR,
     T0_US,
     VX,
     VY,
@@ -42,6 +47,9 @@ GRAZE_M = 1e-13
 
 TIME_US, USER, ENTERS = range(3)
 """The columns of a table of crossings: time in µs, user, and 1 for an entry or 0 for an exit."""
+
+MOST_REST = 2
+"""A profile with more rows than this has at least two phases before the rest."""
 
 Points = tuple[float, float, float]
 
@@ -201,22 +209,28 @@ def cross_rings(
     out: NDArray[np.int64],
     total: int,
 ) -> int:
-    """Write the crossings of a user with the circles ``first`` … ``stop`` - 1; return the total.
+    """Write when a user passes into another ring, in order of time; return the new total.
 
-    The times are those of ``cross`` for each circle alone. But the rows are not in order of time,
-    and an entry and an exit in the same microsecond do not cancel. There are at most 64 circles,
-    the widest first.
+    The circles ``first`` … ``stop`` - 1, the widest first, may be crossed; the user stays within
+    the wider ones and outside the narrower ones. Rows are (time, user, change): the change is the
+    number of circles around the user if it rises, and minus this number if it falls. The times are
+    those of ``cross`` for each circle alone, and crossings in the same microsecond are one change,
+    or cancel.
     """
     profile, legs = leg.profile, users.legs
     start_us, end_us = leg.span_us
     duration = (end_us - start_us) * 1e-6
     x, y = leg.route[0] - users.seen[AT_X, user], leg.route[1] - users.seen[AT_Y, user]
-    inside = 0
-    for k in range(first, stop):
-        if beyond(x, y, radii[k]) <= 0.0:
-            inside |= 1 << (k - first)
-            if leg.fresh:
-                total = _write(out, total, start_us, user, True)
+    now = min(max(wider(radii, np.sqrt(x * x + y * y)), first), stop)
+    while now < stop and beyond(x, y, radii[now]) <= 0.0:
+        now += 1
+    while now > first and beyond(x, y, radii[now - 1]) > 0.0:
+        now -= 1
+    held, latest, noted = now, start_us - 1, 0
+    bounded = len(profile) > MOST_REST
+    if leg.fresh:
+        held, latest, noted = 0, start_us, int(now > 0)
+        total = _write(out, total, start_us, user, now) if noted else total
     end_walk = users.offsets[user + 1]
     walk = begin_walk = users.offsets[user] + int(users.seen[LEG, user])
     phase = 0
@@ -224,6 +238,12 @@ def cross_rings(
     while at < duration:
         while phase + 1 < len(profile) and profile[phase + 1, START] <= at:
             phase += 1
+        if bounded and (phase == 0 or phase == len(profile) - 2):
+            near, far = (START_NEAR, START_FAR) if phase == 0 else (STOP_NEAR, STOP_FAR)
+            stays_in = now == first or radii[now - 1] > users.seen[far, user]
+            if stays_in and (now == stop or radii[now] < users.seen[near, user]):
+                at = min(profile[phase + 1, START], duration)
+                continue
         while walk + 1 < end_walk and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
             walk += 1
         end = duration
@@ -233,22 +253,18 @@ def cross_rings(
             end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
         piece = _relative(leg, legs, phase, walk, at)
         moved, apart = _moved(piece, end - at)
-        low, high = first, stop
-        while low < high and _is_within(radii[low], moved, apart):
-            low += 1
-        while low < high and _is_beyond(radii[high - 1], moved, apart):
-            high -= 1
-        if low == high:
+        stays_in = now == first or _is_within(radii[now - 1], moved, apart)
+        if stays_in and (now == stop or _is_beyond(radii[now], moved, apart)):
             at = end
             continue
+        coast = _coast(piece)
         turning, points = _turning_points(piece, end - at)
         before = 0.0
         for j in range(turning + 1):
-            after = end - at
+            after, graze = end - at, -1.0
             if j < turning:
-                after = points[j]
-            is_last = j == turning and end >= duration
-            if is_last:
+                after, graze = points[j], 2.0 * GRAZE_M
+            if j == turning and end >= duration:
                 last = walk
                 if walk + 1 < end_walk and legs[walk + 1, T0_US] <= end_us:
                     last = leg_near(legs, begin_walk, end_walk, end_us, walk)
@@ -256,20 +272,46 @@ def cross_rings(
                 x, y = leg.route[2] - x, leg.route[3] - y
             else:
                 x, y = _at(piece, after)
-            for k in range(low, high):
-                bit = 1 << (k - first)
-                was_inside = inside & bit != 0
-                excess = beyond(x, y, radii[k])
-                grazes = j < turning and abs(excess) <= 2.0 * GRAZE_M * radii[k]
-                now_inside = was_inside if grazes else excess <= 0.0
-                if now_inside != was_inside:
-                    root = _root(piece, radii[k], before, after, now_inside)
-                    t_us = _rounded_us(start_us, at + root)
-                    total = _write(out, total, t_us, user, now_inside)
-                    inside ^= bit
+            while True:
+                enters = now < stop and _passes(beyond(x, y, radii[now]), radii[now], graze, True)
+                if not enters and (
+                    now == first
+                    or not _passes(beyond(x, y, radii[now - 1]), radii[now - 1], graze, False)
+                ):
+                    break
+                ring = now if enters else now - 1
+                root = _root_of(piece, coast, radii[ring], before, after, enters)
+                t_us = _rounded_us(start_us, at + root)
+                if t_us > latest:
+                    held, latest, noted = now, t_us, 0
+                now = ring + 1 if enters else ring
+                total -= noted
+                noted = int(now != held)
+                if noted:
+                    total = _write(out, total, latest, user, now if now > held else -now)
             before = after
         at = end
     return total
+
+
+@part
+def wider(radii_m: NDArray[np.float64], distance_m: float) -> int:
+    """Return how many circles, the widest first, are wider than a distance.
+
+    The code has no branches, which could not be predicted.
+    """
+    first, count = 0, len(radii_m)
+    while count > 1:
+        half = count >> 1
+        first = either(radii_m[first + half - 1] > distance_m, first + half, first)
+        count -= half
+    return first + int(radii_m[first] > distance_m)
+
+
+@part
+def _passes(excess: float, radius: float, graze: float, enters: bool) -> bool:
+    """Return whether an excess is inside, or outside, and more than a touch of the circle."""
+    return (excess <= 0.0) == enters and abs(excess) > graze * radius
 
 
 @part
@@ -279,7 +321,7 @@ def _rounded_us(start_us: int, since_s: float) -> int:
 
 
 @kernel
-def _write(out: NDArray[np.int64], total: int, t_us: int, user: int, enters: bool) -> int:
+def _write(out: NDArray[np.int64], total: int, t_us: int, user: int, enters: int) -> int:
     if total < len(out):
         out[total, TIME_US] = t_us
         out[total, USER] = user
@@ -452,18 +494,48 @@ def _slope_root(piece: Relative, low: float, high: float, rising: bool) -> float
     return t  # pragma: no cover
 
 
+class Coast(NamedTuple):
+    """Numbers of a piece without acceleration, of which the times of crossings are computed.
+
+    Half the derivative of the squared distance at the start, the distance then, the square of the
+    speed, the speed, and the cross product of position and velocity.
+    """
+
+    slope: float
+    distance: float
+    square: float
+    speed: float
+    cross: float
+
+
+@part
+def _coast(piece: Relative) -> Coast:
+    px, py, wx, wy, _, _ = piece
+    square = wx * wx + wy * wy
+    return Coast(
+        px * wx + py * wy,
+        np.sqrt(px * px + py * py),
+        square,
+        np.sqrt(square),
+        px * wy - py * wx,
+    )
+
+
 @kernel
 def _root(piece: Relative, radius: float, low: float, high: float, enters: bool) -> float:
     """Return the time in [low, high] at which the distance, which is monotone there, is R."""
-    px, py, wx, wy, ax, ay = piece
-    if ax == 0.0 and ay == 0.0:
+    return _root_of(piece, _coast(piece), radius, low, high, enters)
+
+
+@part
+def _root_of(
+    piece: Relative, coast: Coast, radius: float, low: float, high: float, enters: bool
+) -> float:
+    """Return the same time as ``_root``."""
+    if piece.ax == 0.0 and piece.ay == 0.0:
         # Quadratic: |w|² t² + 2 (p·w) t + |p|² - R² = 0, without cancellation in either term.
-        a = wx * wx + wy * wy
-        b = px * wx + py * wy
-        distance = np.sqrt(px * px + py * py)
+        b, distance, a, speed, cross = coast
         c = (distance - radius) * (distance + radius)
-        cross = px * wy - py * wx
-        speed = np.sqrt(a)
         discriminant = (speed * radius - cross) * (speed * radius + cross)
         if a == 0.0:
             return low
@@ -473,6 +545,14 @@ def _root(piece: Relative, radius: float, low: float, high: float, enters: bool)
         r2 = c / q if q != 0.0 else r1
         t = min(r1, r2) if enters else max(r1, r2)
         return float(min(max(t, low), high))
+    return _accelerated_root(piece, radius, low, high, enters)
+
+
+@kernel
+def _accelerated_root(
+    piece: Relative, radius: float, low: float, high: float, enters: bool
+) -> float:
+    """Return the same time as ``_root``, by Newton's method that is safeguarded by bisection."""
     t = 0.5 * (low + high)
     for _ in range(80):
         value = _excess(piece, radius, t)

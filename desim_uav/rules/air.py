@@ -35,12 +35,19 @@ from desim_uav.rules.rows import Constants, Drone, State
 def keeps_rings(world: Constants, drone: Drone) -> bool:
     """Return whether the changes of class on a drone's leg are those of rings.
 
-    They are if the drone keeps its altitude, or rings are the same at all altitudes, if nothing
-    interferes, and if all links have the mean loss.
+    They are if the drone keeps its altitude, or rings are the same at all altitudes or known
+    between two levels, if nothing interferes, and if all links have the mean loss.
     """
     radio = world.radios[drone.radio]
-    level = world.reuse == 0 and drone.level == drone.to_level
-    return bool(radio.flat) or (level and not radio.marked)
+    known = drone.level == drone.to_level or goes_between(world, drone)
+    return bool(radio.flat) or (world.reuse == 0 and known and not radio.marked)
+
+
+@rule
+def goes_between(world: Constants, drone: Drone) -> bool:
+    """Return whether a drone passes between neighbouring levels, where the rings are known."""
+    known = len(world.radios[drone.radio].terms) > 0
+    return known and abs(drone.to_level - drone.level) == 1
 
 
 @rule

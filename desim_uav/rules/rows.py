@@ -98,7 +98,9 @@ class Radio(Row):
     ``bandwidth_hz`` is -1 if it is unlimited. ``efficiencies`` has the millionths of a bit/s that a
     link of each class carries per hertz, class 0 (none) first. ``rings`` has the radii of all
     classes from 1 on, by level and then by the ``groups`` into which users fall by their heights;
-    an access point has one level. If it is ``flat``, the radii are the same on all levels. If links
+    an access point has one level. If it is ``flat``, the radii are the same on all levels.
+    ``terms`` to ``bounds_m`` are the fits between levels, with so many ``slabs`` between two of
+    them (``model.radio.fits.Fits``), or empty. If links
     are ``marked``, ``sight`` is the kind of line of sight (``model.radio.marks``), and
     ``los_shadow_db`` and ``nlos_shadow_db`` are the standard deviations of the shadowing.
     The fields from ``divide`` on are functions, or in compiled code their addresses;
@@ -111,6 +113,10 @@ class Radio(Row):
     flat: int
     efficiencies: Table[int]
     rings: Table[float]
+    slabs: int
+    terms: Table[float]
+    ranges: Table[float]
+    bounds_m: Table[float]
     carrier_ghz: float
     power_dbm: float
     noise_dbm: float
@@ -552,7 +558,8 @@ class AirTables(Row):
 class Look(Row):
     """The users' walks in the present span of time (only in ``engine.compiled.looking``).
 
-    They are known until ``walked_us`` if users walk step by step.
+    They are known until ``walked_us`` if users walk step by step. ``windows``, ``found`` and
+    ``order`` are memory for the changes on a leg.
     """
 
     from_us: int
@@ -563,6 +570,9 @@ class Look(Row):
     users: Table[float]
     heads: Table[int]
     following: Table[int]
+    windows: Table[float]
+    found: Table[int]
+    order: Table[int]
     walking: Walking
     air: AirTables
 

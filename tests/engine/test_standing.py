@@ -38,7 +38,7 @@ def test_every_leg_is_as_the_simpy_engine_finds_it(case: str):
                 continue
             at = (x * ny + y) * 5 + standing.COURSES.index((dx, dy))
             way = (*grid.centre(x, y), *grid.centre(x + dx, y + dy))
-            found = finder.of((transit, way, 0), 0, world.step_us, False)
+            found = finder.of((transit, way, (0, 0)), 0, world.step_us, False)
             rows = array_of_rows[known[at] : known[at + 1]].tolist()
             assert rows == [list(change) for change in found]
             legs += len(found) > 0

@@ -16,6 +16,8 @@ from desim_uav.model.coverage import (
 )
 from desim_uav.model.crossings import TIME_US, USER, crossings, crossings_near
 from desim_uav.model.kernels import kernel, rule, stands_in_for
+from desim_uav.model.radio.between import WINDOW_COLUMNS, Climb, class_changes_between
+from desim_uav.model.radio.fits import TERM_COLUMNS
 from desim_uav.model.radio.nested import CHANGE, class_changes
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import coverage as seam
@@ -49,7 +51,12 @@ def foresee(world: Constants, path: Path, state: State, drone: Drone, span_us: i
         set_word(ahead, 3, 1)
         count = ahead.buffer
     set_word(ahead, 1, count)
-    sort_last_first(as_array(ahead, (count, CHANGE_COLUMNS)))
+    rows = as_array(ahead, (count, CHANGE_COLUMNS))
+    if world.radios[drone.radio].classes == 1:
+        sort_last_first(rows)
+        return
+    found = as_array(state.look.found, (count, CHANGE_COLUMNS))
+    spread_last_first(found, as_array(state.look.order, (count,)), rows)
 
 
 @rule
@@ -65,7 +72,10 @@ def know_walks(world: Constants, path: Path, state: State, start_us: int, end_us
 
 @rule
 def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> int:
-    """Find the changes on a drone's leg; return their number, which may exceed the buffer."""
+    """Find the changes on a drone's leg; return their number, which may exceed the buffer.
+
+    They are written to ``drone.ahead``, or to ``state.look.found`` if links have several classes.
+    """
     look, count = state.look, len(state.users)
     start_us, end_us = state.now_us, state.now_us + span_us
     is_new = look.from_us != start_us or look.to_us != end_us
@@ -97,7 +107,8 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
     pieces, ahead = world.transits[drone.transit].pieces, drone.ahead
     radio = world.radios[drone.radio]
     groups = len(radio.rings) // (radio.levels * radio.classes)
-    rings = as_array(radio.rings, (radio.levels, groups, radio.classes))[drone.level]
+    levels = as_array(radio.rings, (radio.levels, groups, radio.classes))
+    rings = levels[drone.level]
     leg = DroneLeg(
         as_array(pieces, (len(pieces), PIECE_COLUMNS)),
         way_of(world, drone),
@@ -106,11 +117,64 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
         drone.serving == 0,
     )
     found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))
+    if radio.classes > 1:
+        found = as_array(look.found, (ahead.buffer, CHANGE_COLUMNS))
+    if drone.level != drone.to_level and len(radio.terms) > 0:
+        shape = (groups, radio.classes, radio.slabs, TERM_COLUMNS)
+        lower = min(drone.level, drone.to_level)
+        bounds_m = as_array(radio.bounds_m, (radio.levels - 1, 2, groups, radio.classes))[lower]
+        climb = Climb(
+            1.0 if drone.to_level > drone.level else 0.0,
+            (rings, levels[drone.to_level]),
+            bounds_m[0],
+            bounds_m[1],
+            as_array(radio.terms, (radio.levels - 1, *shape))[lower],
+            as_array(radio.ranges, (radio.levels - 1, groups, radio.slabs, 2, radio.classes))[
+                lower
+            ],
+            as_array(look.windows, (len(look.windows) // WINDOW_COLUMNS, WINDOW_COLUMNS)),
+        )
+        return class_changes_between(leg, climb, users, as_array(world.groups, (count,)), found)
     if rings.size > 1 or rings[0, 0] < 0.0:
         return class_changes(leg, users, rings, as_array(world.groups, (count,)), found)
     if in_buckets:
         return crossings_near(leg, users, buckets, look.far_m, found)
     return crossings(leg, users, found)
+
+
+@rule
+def spread_last_first(rows: Any, places: Any, out: Any) -> None:
+    """Write changes with the latest first. Rows should be in the order of their users.
+
+    They are spread over as many stretches of time as there are rows, and then sorted. ``places``
+    (rows,) is memory: the number of rows in each stretch, and then where its next row is written.
+    """
+    count = len(rows)
+    if count == 0:
+        return
+    earliest = latest = rows[0, TIME_US]
+    for k in range(count):
+        earliest, latest = min(earliest, rows[k, TIME_US]), max(latest, rows[k, TIME_US])
+        places[k] = 0
+    scale = (count - 1) / (latest - earliest + 1)
+    for k in range(count):
+        places[int((latest - rows[k, TIME_US]) * scale)] += 1
+    begins = 0
+    for k in range(count):
+        begins, places[k] = begins + places[k], begins
+    for k in range(count - 1, -1, -1):
+        at = int((latest - rows[k, TIME_US]) * scale)
+        for column in range(CHANGE_COLUMNS):
+            out[places[at], column] = rows[k, column]
+        places[at] += 1
+    if count > MANY:
+        sort_last_first(out)
+    else:
+        _sort_by_gap(out, 1)
+
+
+MANY = 256
+"""So many changes are sorted by Shellsort even if they have been spread, for they may be uneven."""
 
 
 GAPS = (1750, 701, 301, 132, 57, 23, 10, 4, 1)
@@ -121,14 +185,20 @@ GAPS = (1750, 701, 301, 132, 57, 23, 10, 4, 1)
 def sort_last_first(rows: Any) -> None:
     """Sort changes with the latest first, by Shellsort."""
     for gap in GAPS:
-        for k in range(gap, len(rows)):
-            at = k
-            t_us, user, change = rows[k, TIME_US], rows[k, USER], rows[k, CHANGE]
-            while at >= gap and _is_later(t_us, user, change, rows, at - gap):
-                for column in range(CHANGE_COLUMNS):
-                    rows[at, column] = rows[at - gap, column]
-                at -= gap
-            rows[at, TIME_US], rows[at, USER], rows[at, CHANGE] = t_us, user, change
+        _sort_by_gap(rows, gap)
+
+
+@rule
+def _sort_by_gap(rows: Any, gap: int) -> None:
+    """Sort all changes that are so far apart in a table with the latest first, by insertion."""
+    for k in range(gap, len(rows)):
+        at = k
+        t_us, user, change = rows[k, TIME_US], rows[k, USER], rows[k, CHANGE]
+        while at >= gap and _is_later(t_us, user, change, rows, at - gap):
+            for column in range(CHANGE_COLUMNS):
+                rows[at, column] = rows[at - gap, column]
+            at -= gap
+        rows[at, TIME_US], rows[at, USER], rows[at, CHANGE] = t_us, user, change
 
 
 @rule

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from desim_uav.copies import Unchanging, owned
-from desim_uav.engine.air import Room, set_air, set_memory, set_room
+from desim_uav.engine.air import Room, fits_between, set_air, set_memory, set_room, windows_for
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled.calls import set_functions
 from desim_uav.engine.compiled.components import (
@@ -183,6 +183,9 @@ def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int)
     set_memory(look.air, world)
     set_room(look.air, world, room_for(users, buffers, legs))
     look.users = np.zeros(SEEN_ROWS * users)
+    if world.graded:
+        look.windows = windows_for(world, fits_between(world, world.links[0])).reshape(-1)
+        look.found, look.order = _whole(3 * buffers.crossings), _whole(buffers.crossings)
     look.heads, look.following = _whole(nx * ny), _whole(users if nx * ny else 0)
     if world.row_mobility:
         model: Any = type(world.row_mobility)

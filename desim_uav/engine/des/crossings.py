@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.engine.air import fits_between, windows_for
 from desim_uav.model.coverage import (
     SEEN_ROWS,
     VX,
@@ -20,6 +21,7 @@ from desim_uav.model.coverage import (
 )
 from desim_uav.model.crossings import TIME_US, USER, crossings_near
 from desim_uav.model.motion import Transit
+from desim_uav.model.radio.between import Climb, class_changes_between
 from desim_uav.model.radio.nested import CHANGE, changes_on
 from desim_uav.model.rows import named
 from desim_uav.model.walking import Walks
@@ -28,6 +30,9 @@ from desim_uav.world import Links, World
 
 Change: Any = named(rows.Change)
 """The change of a link's class: a tuple, which takes less time than a row."""
+
+Course = tuple[Transit, "Way", tuple[int, int]]
+"""A transit along a way, and the levels at its start and at its end."""
 
 Way = tuple[float, float, float, float]
 """The start and the end of a leg: x0, y0, x1 and y1, in metres."""
@@ -43,7 +48,7 @@ class Changes:
     """Computes the changes of class on a leg of a radio with these links.
 
     If users stand still, the changes on a leg are the same whenever it is flown. They are kept, by
-    the leg's ends, level and span and by whether the drone begins to serve, for as long as the
+    the leg's ends, levels and span and by whether the drone begins to serve, for as long as the
     users' positions do not change, which may be for many episodes.
     """
 
@@ -52,6 +57,8 @@ class Changes:
         self._shape = bucket_grid(*area, max(float(self.radii_m.max()), 1e-6))
         one = self.radii_m[0].size == 1 and float(self.radii_m.min()) >= 0.0
         self._by_buckets = self._shape[0] > 0 and one
+        self._fits = fits_between(world, links)
+        self._windows = windows_for(world, self._fits)
         nx, ny = self._shape
         self._side_m = (area.width_m / max(nx, 1), area.depth_m / max(ny, 1))
         self._heads = np.empty(nx * ny, np.int64)
@@ -77,10 +84,8 @@ class Changes:
         self._buckets = Buckets(self._shape, self._side_m, self._heads, following)
         self._span = (-1, -1)
 
-    def of(
-        self, flight: tuple[Transit, Way, int], start_us: int, span_us: int, fresh: bool
-    ) -> list[Change]:
-        """Return the changes on a leg, a transit along a way at a level, from ``start_us`` on.
+    def of(self, flight: Course, start_us: int, span_us: int, fresh: bool) -> list[Change]:
+        """Return the changes on a leg, from ``start_us`` on.
 
         The last one is first; at the same time, falls are before rises, and then the order is by
         user. If the drone begins to serve (``fresh``), users rise to their classes at ``start_us``.
@@ -93,11 +98,9 @@ class Changes:
             kept = self._kept[key] = self._find(flight, 0, span_us, fresh)
         return [Change(start_us + t_us, user, change) for t_us, user, change in kept]
 
-    def _find(
-        self, flight: tuple[Transit, Way, int], start_us: int, span_us: int, fresh: bool
-    ) -> list[Change]:
+    def _find(self, flight: Course, start_us: int, span_us: int, fresh: bool) -> list[Change]:
         """Compute the changes that ``of`` returns."""
-        transit, way, level = flight
+        transit, way, (level, to_level) = flight
         users, buckets, span = self._users, self._buckets, (start_us, start_us + span_us)
         if self._span != span:
             look_around(users, *span)
@@ -108,9 +111,24 @@ class Changes:
         leg = DroneLeg(transit.profile, way, span, float(radii_m[0, 0]), fresh)
         if self._by_buckets:
             found = self._near(leg)
+        elif level != to_level and self._fits.terms.size:
+            found = self._between(leg, level, to_level)
         else:
             found = changes_on(leg, users, radii_m, self.groups)
         return last_first(found.tolist())
+
+    def _between(self, leg: DroneLeg, level: int, to_level: int) -> NDArray[np.int64]:
+        """Compute the changes on a leg between two levels."""
+        lower, rings_m = min(level, to_level), (self.radii_m[level], self.radii_m[to_level])
+        terms, ranges, (least_m, most_m) = (array[lower] for array in self._fits)
+        upwards = float(to_level > level)
+        climb = Climb(upwards, rings_m, least_m, most_m, terms, ranges, self._windows)
+        while True:
+            out = self._buffer
+            count = class_changes_between(leg, climb, self._users, self.groups, out)
+            if count <= len(out):
+                return out[:count]
+            self._buffer = np.empty((2 * count, 3), np.int64)
 
     def _near(self, leg: DroneLeg) -> NDArray[np.int64]:
         """Compute the changes of users in buckets near a leg."""

@@ -160,7 +160,7 @@ class Simulation(Engine):
             rows = self._in_air.changes(drone, (state.now_us, state.now_us + span_us))
             drone.ahead[:] = last_first(rows)
             return
-        flight = self.transits[drone.transit], way_of(world, drone), drone.level
+        flight = self.transits[drone.transit], way_of(world, drone), (drone.level, drone.to_level)
         changes = self._changes[drone.radio]
         drone.ahead[:] = changes.of(flight, state.now_us, span_us, not drone.serving)
 

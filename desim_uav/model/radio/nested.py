@@ -15,6 +15,11 @@ from desim_uav.model.coverage import (
     FAR,
     MARGIN_M,
     NEAR,
+    SIFTED,
+    START_FAR,
+    START_NEAR,
+    STOP_FAR,
+    STOP_NEAR,
     STRAY,
     TO_X,
     TO_Y,
@@ -22,13 +27,18 @@ from desim_uav.model.coverage import (
     Users,
     Way,
     ways_of,
+    ways_of_ends,
 )
-from desim_uav.model.crossings import ENTERS, TIME_US, USER, beyond, cross_rings, crossings
+from desim_uav.model.crossings import ENTERS, MOST_REST, cross_rings, crossings, wider
 from desim_uav.model.kernels import kernel, part
 
 CHANGE = ENTERS
 """The third column of a table of changes: the class to which a link rises, or minus the class to
 which it falls (0 for no link)."""
+
+
+CIRCLES = 256
+"""There are fewer circles around a drone than this."""
 
 
 @kernel
@@ -53,36 +63,27 @@ def class_changes(
     are those of ``crossings``. If ``out`` is too short, the number is larger than its length, and
     with that many rows it is long enough.
     """
-    x0, y0 = leg.route[0], leg.route[1]
     flight, stay = ways_of(DroneLeg(leg.profile, leg.route, leg.span_us, 0.0, leg.fresh))
-    seen, classes, fresh = users.seen, radii_m.shape[1], leg.fresh
+    seen = users.seen
     for user in range(len(users.offsets) - 1):  # a loop of its own, so that it can be vectorised
-        seen[NEAR, user], seen[FAR, user] = _bounds(flight, seen, user)
+        seen[NEAR, user], seen[FAR, user] = bounds_of(flight, seen, user)
     if stay.end > stay.begin:
         for user in range(len(users.offsets) - 1):
-            near, far = _bounds(stay, seen, user)
+            near, far = bounds_of(stay, seen, user)
             seen[NEAR, user] = min(seen[NEAR, user], near)
             seen[FAR, user] = max(seen[FAR, user], far)
-    kept = most = 0
-    for user in range(len(users.offsets) - 1):
-        group, near, far = groups[user], max(seen[NEAR, user], 0.0), seen[FAR, user]
-        first = 0
-        while first < classes and radii_m[group, first] > far and not fresh:
-            first += 1
-        stop = first
-        while stop < classes and radii_m[group, stop] >= near:
-            stop += 1
-        if first == stop:
-            continue
-        held = first  # for the user stays within the wider circles
-        if not fresh:
-            x, y = x0 - seen[AT_X, user], y0 - seen[AT_Y, user]
-            while held < stop and beyond(x, y, radii_m[group, held]) <= 0.0:
-                held += 1
-        total = cross_rings(leg, users, user, radii_m[group], first, stop, out, kept)
-        most = max(most, total)
-        kept = total if total > len(out) else _classes(out, kept, total, held)
-    return max(kept, most) if most > len(out) else kept
+    if len(leg.profile) > MOST_REST:
+        start, halt = ways_of_ends(leg)
+        for user in range(len(users.offsets) - 1):
+            seen[START_NEAR, user], seen[START_FAR, user] = bounds_of(start, seen, user)
+        for user in range(len(users.offsets) - 1):
+            seen[STOP_NEAR, user], seen[STOP_FAR, user] = bounds_of(halt, seen, user)
+    total = 0
+    for k in range(sift(users, radii_m, radii_m, groups, leg.fresh)):
+        user, first = sifted(seen, k)
+        stop = wider(radii_m[groups[user]], max(seen[NEAR, user], 0.0))
+        total = cross_rings(leg, users, user, radii_m[groups[user]], first, stop, out, total)
+    return total
 
 
 def changes_on(
@@ -103,7 +104,42 @@ def changes_on(
 
 
 @part
-def _bounds(way: Way, seen: NDArray[np.float64], user: int) -> tuple[float, float]:
+def sift(
+    users: Users,
+    least_m: NDArray[np.float64],
+    most_m: NDArray[np.float64],
+    groups: NDArray[np.int64],
+    fresh: bool,
+) -> int:
+    """Find the users who may cross circles, and return their number (see ``sifted``).
+
+    ``least_m`` and ``most_m`` (groups, classes) are bounds of the radii; those of distances are in
+    ``users.seen`` (NEAR, FAR). There are no branches, which could not be predicted.
+    """
+    seen, near, kept = users.seen, 0, 0
+    for user in range(len(users.offsets) - 1):
+        seen[SIFTED, near] = user
+        near += int(most_m[groups[user], 0] > seen[NEAR, user])
+    for k in range(near):
+        user = int(seen[SIFTED, k])
+        least, most = least_m[groups[user]], most_m[groups[user]]
+        first = 0 if fresh else wider(least, seen[FAR, user])
+        nearest = max(seen[NEAR, user], 0.0)
+        crosses = (first < len(most)) & (most[min(first, len(most) - 1)] > nearest)
+        seen[SIFTED, kept] = user * (CIRCLES + 0.0) + first
+        kept += int(crosses)
+    return kept
+
+
+@part
+def sifted(seen: NDArray[np.float64], k: int) -> tuple[int, int]:
+    """Return the k-th user found by ``sift``, and the first circle that the user may cross."""
+    code = int(seen[SIFTED, k])
+    return code // CIRCLES, code % CIRCLES
+
+
+@part
+def bounds_of(way: Way, seen: NDArray[np.float64], user: int) -> tuple[float, float]:
     """Return two distances, beyond which a user's distance from the drone does not get.
 
     ``way`` is that of a circle of no radius (see ``coverage.comes_near``).
@@ -120,28 +156,3 @@ def _bounds(way: Way, seen: NDArray[np.float64], user: int) -> tuple[float, floa
     nearest = dip if passes else min(first, last)
     slack = way.out_m + seen[STRAY, user] + MARGIN_M
     return np.sqrt(nearest) - slack, np.sqrt(max(first, last)) + slack
-
-
-@part
-def _classes(out: NDArray[np.int64], first: int, last: int, held: int) -> int:
-    """Turn the crossings of a user into changes of class, and return the row after the last one.
-
-    The crossings are the rows ``first`` … ``last`` - 1, in any order.
-    """
-    for k in range(first + 1, last):
-        t_us, user, enters = out[k, TIME_US], out[k, USER], out[k, ENTERS]
-        i = k
-        while i > first and out[i - 1, TIME_US] > t_us:
-            out[i, TIME_US], out[i, ENTERS] = out[i - 1, TIME_US], out[i - 1, ENTERS]
-            i -= 1
-        out[i, TIME_US], out[i, USER], out[i, ENTERS] = t_us, user, enters
-    kept, now = first, held
-    for k in range(first, last):
-        now += 1 if out[k, ENTERS] else -1
-        if k + 1 == last or out[k + 1, TIME_US] > out[k, TIME_US]:
-            if now != held:
-                out[kept, TIME_US], out[kept, USER] = out[k, TIME_US], out[k, USER]
-                out[kept, CHANGE] = now if now > held else -now
-                kept += 1
-            held = now
-    return kept

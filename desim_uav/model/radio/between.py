@@ -1,0 +1,392 @@
+"""When a user passes from one class of a link to another while the drone climbs or descends.
+
+Between two neighbouring levels, each class holds within a circle whose squared radius is a
+polynomial of the height in each of some slabs (``model.radio.fits``). The drone stays above one
+place, so the squared distance of a user who walks straight is quadratic in time. The difference of
+the two is therefore smooth. Bounds of its second derivative show where it has no zero, or where it
+is monotone and has at most one; elsewhere, shorter and shorter times are looked at.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.coverage import (
+    AT_X,
+    AT_Y,
+    FAR,
+    LEG,
+    MARGIN_M,
+    NEAR,
+    T0_US,
+    VX,
+    VY,
+    X0,
+    Y0,
+    DroneLeg,
+    Users,
+    Way,
+    leg_near,
+    walked,
+)
+from desim_uav.model.crossings import beyond, wider
+from desim_uav.model.kernels import kernel, part
+from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
+from desim_uav.model.radio.fits import CURVED, STEEP, TERMS
+from desim_uav.model.radio.nested import bounds_of, sift, sifted
+from desim_uav.model.radio.tracks import rounded_us
+
+BEGINS, SLAB, PLACE, RISE, BEND = range(5)
+WINDOW_COLUMNS = 5
+"""The columns of a table of windows, and their number.
+
+A window is a time in which the drone stays in one slab and keeps its acceleration: when it begins,
+in seconds since the start of the leg; the slab; and the drone's place in it, as a polynomial of the
+time since then (see ``fits.Fits``). In the last one the drone rests at the end of its flight."""
+
+SHORTEST_S = 1e-7
+"""The shortest time that is looked at: what comes and goes in it lasts no microsecond."""
+
+ROOT_S = 1e-10
+"""How far a root may be from where Newton's method ends."""
+
+Array = NDArray[np.float64]
+
+
+class Climb(NamedTuple):
+    """What is known of a leg between two neighbouring levels.
+
+    ``upwards`` is 1.0 if the drone climbs, and 0.0 if it descends. ``rings_m`` (2, groups, classes)
+    are the radii on the level at the start and on that at the end (see ``nested.class_changes``),
+    ``least_m`` and ``most_m`` (groups, classes) are bounds of the radii in between, and ``terms``
+    and ``ranges`` the fits. ``windows`` (rows, WINDOW_COLUMNS) is memory
+    for ``window_rows`` rows.
+    """
+
+    upwards: float
+    rings_m: tuple[Array, Array]
+    least_m: Array
+    most_m: Array
+    terms: Array
+    ranges: Array
+    windows: Array
+
+
+class Stretch(NamedTuple):
+    """A time in which the user walks straight, and the drone is in one window.
+
+    ``near``, ``slope`` and ``speed`` are the coefficients of the user's squared distance, and the
+    others those of the drone's place in the slab.
+    """
+
+    near: float
+    slope: float
+    speed: float
+    slab: int
+    place: float
+    rise: float
+    bend: float
+
+
+def window_rows(slabs: int, longest: int) -> int:
+    """Return how many windows there are at most, if no profile has more rows than ``longest``."""
+    return slabs + longest + 1
+
+
+@kernel
+def class_changes_between(
+    leg: DroneLeg, climb: Climb, users: Users, groups: NDArray[np.int64], out: NDArray[np.int64]
+) -> int:
+    """Write all changes of class while a drone climbs or descends, and return their number.
+
+    The drone begins its flight at the start of the leg. For the rest, see
+    ``nested.class_changes``, which does the same while a drone keeps its level.
+    """
+    seen = users.seen
+    windows = _begin_windows(leg, climb)
+    x, y = leg.route[0], leg.route[1]
+    stay = Way(x, y, x, y, 0.0, 1.0, MARGIN_M, -MARGIN_M)
+    for user in range(len(users.offsets) - 1):  # a loop of its own, so that it can be vectorised
+        seen[NEAR, user], seen[FAR, user] = bounds_of(stay, seen, user)
+    total = 0
+    for k in range(sift(users, climb.least_m, climb.most_m, groups, leg.fresh)):
+        user, first = sifted(seen, k)
+        of = user, groups[user]
+        stop = wider(climb.most_m[of[1]], max(seen[NEAR, user], 0.0))
+        total = _follow(leg, climb, users, of, (first, stop, windows), out, total)
+    return total
+
+
+@kernel
+def _begin_windows(leg: DroneLeg, climb: Climb) -> int:
+    """Write the windows of a leg, and return their number."""
+    profile, windows, slabs = leg.profile, climb.windows, climb.terms.shape[2]
+    last, count = len(profile) - 1, 0
+    scale = slabs / profile[last, DISTANCE]
+    for phase in range(last):
+        begins = profile[phase, START]
+        lasts, at = profile[phase + 1, START] - begins, 0.0
+        # The way so far in slabs, as a polynomial of the time since the phase began.
+        way = profile[phase, DISTANCE] * scale
+        speed, bend = profile[phase, SPEED] * scale, 0.5 * profile[phase, ACCELERATION] * scale
+        passed = min(int(way + 1e-9), slabs - 1)
+        while at < lasts:
+            ahead = lasts
+            if passed + 1 < slabs and way + lasts * (speed + lasts * bend) > passed + 1:
+                ahead = min(max(_reaches(way - (passed + 1), speed, bend), at), lasts)
+            here, rate = way + at * (speed + at * bend), speed + 2.0 * at * bend
+            slab, sign = passed, 2.0
+            if climb.upwards == 0.0:
+                slab, sign = slabs - 1 - passed, -2.0
+            windows[count, BEGINS], windows[count, SLAB] = begins + at, slab
+            windows[count, PLACE] = sign * (here - passed - 0.5)
+            windows[count, RISE], windows[count, BEND] = sign * rate, sign * bend
+            count += 1
+            passed += 1
+            at = ahead
+            if ahead == lasts:
+                break
+    windows[count, BEGINS] = profile[last, START]
+    windows[count, SLAB], windows[count, PLACE] = (
+        climb.upwards * (slabs - 1),
+        2.0 * climb.upwards - 1,
+    )
+    windows[count, RISE] = windows[count, BEND] = 0.0
+    return count + 1
+
+
+@part
+def _reaches(way: float, speed: float, bend: float) -> float:
+    """Return when a way that begins below 0 reaches 0."""
+    root = np.sqrt(max(speed * speed - 4.0 * bend * way, 0.0))
+    return float(-2.0 * way / (speed + root))
+
+
+@kernel
+def _follow(
+    leg: DroneLeg,
+    climb: Climb,
+    users: Users,
+    of: tuple[int, int],
+    span: tuple[int, int, int],
+    out: NDArray[np.int64],
+    total: int,
+) -> int:
+    """Write the changes of a user in a group (``of``), and return the new number of rows.
+
+    ``span`` holds the circles that may be crossed (from the first one to the one before the
+    second), and the number of windows.
+    """
+    user, group = of
+    first, stop, count = span
+    windows, legs = climb.windows, users.legs
+    start_us, end_us = leg.span_us
+    duration = (end_us - start_us) * 1e-6
+    centre_x, centre_y = leg.route[0], leg.route[1]
+    before, after = climb.rings_m[0][group], climb.rings_m[1][group]
+    x, y = centre_x - users.seen[AT_X, user], centre_y - users.seen[AT_Y, user]
+    now = min(max(wider(before, np.sqrt(x * x + y * y)), first), stop)
+    while now < stop and beyond(x, y, before[now]) <= 0.0:
+        now += 1
+    while now > first and beyond(x, y, before[now - 1]) > 0.0:
+        now -= 1
+    held, latest, noted = now, start_us - 1, 0
+    if leg.fresh:
+        held, latest, noted = 0, start_us, int(now > 0)
+        total = _write(out, total, start_us, user, now) if noted else total
+    end_walk = users.offsets[user + 1]
+    walk = begin_walk = users.offsets[user] + int(users.seen[LEG, user])
+    window, at = 0, 0.0
+    while at < duration:
+        while window + 1 < count and windows[window + 1, BEGINS] <= at:
+            window += 1
+        while walk + 1 < end_walk and (legs[walk + 1, T0_US] - start_us) * 1e-6 <= at:
+            walk += 1
+        end = duration
+        if window + 1 < count:
+            end = min(end, windows[window + 1, BEGINS])
+        if walk + 1 < end_walk:
+            end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
+        vx, vy = legs[walk, VX], legs[walk, VY]
+        since_walk = at - (legs[walk, T0_US] - start_us) * 1e-6
+        x = centre_x - legs[walk, X0] - vx * since_walk
+        y = centre_y - legs[walk, Y0] - vy * since_walk
+        since, rise, bend = (
+            at - windows[window, BEGINS],
+            windows[window, RISE],
+            windows[window, BEND],
+        )
+        stretch = Stretch(
+            x * x + y * y,
+            -(x * vx + y * vy),
+            vx * vx + vy * vy,
+            int(windows[window, SLAB]),
+            windows[window, PLACE] + since * (rise + since * bend),
+            rise + 2.0 * since * bend,
+            bend,
+        )
+        begin, width = 0.0, end - at
+        while begin < end - at:
+            until = min(begin + width, end - at)
+            low, high = _candidates(climb, stretch, group, (first, now, stop), begin, until)
+            if low == high:
+                begin = until
+                continue
+            if until - begin > SHORTEST_S and not _settles(
+                climb, stretch, group, (low, high), begin, until
+            ):
+                width = 0.5 * (until - begin)
+                continue
+            while True:
+                enters = now < high and _excess(climb, stretch, group, now, until)[0] <= 0.0
+                if not enters and (
+                    now == low or _excess(climb, stretch, group, now - 1, until)[0] <= 0.0
+                ):
+                    break
+                ring = now if enters else now - 1
+                root = _root(climb, stretch, (group, ring), begin, until, enters)
+                t_us = rounded_us(start_us, at + root)
+                if t_us > latest:
+                    held, latest, noted = now, t_us, 0
+                now = ring + 1 if enters else ring
+                total -= noted
+                noted = int(now != held)
+                if noted:
+                    total = _write(out, total, latest, user, now if now > held else -now)
+            width, begin = 2.0 * (until - begin), until
+        at = end
+    # The class at the end is that with which a leg on the level there begins.
+    last = leg_near(legs, begin_walk, end_walk, end_us, walk)
+    x, y = walked(legs, last, end_us)
+    x, y = centre_x - x, centre_y - y
+    reached = now
+    while reached < stop and beyond(x, y, after[reached]) <= 0.0:
+        reached += 1
+    while reached > first and beyond(x, y, after[reached - 1]) > 0.0:
+        reached -= 1
+    if reached != now:
+        if latest < end_us:
+            held, noted = now, 0
+        total -= noted
+        if reached != held:
+            total = _write(out, total, end_us, user, reached if reached > held else -reached)
+    return total
+
+
+@part
+def _write(out: NDArray[np.int64], total: int, t_us: int, user: int, change: int) -> int:
+    if total < len(out):
+        out[total, 0], out[total, 1], out[total, 2] = t_us, user, change
+    return total + 1
+
+
+@part
+def _candidates(
+    climb: Climb,
+    stretch: Stretch,
+    group: int,
+    circles: tuple[int, int, int],
+    begin: float,
+    until: float,
+) -> tuple[int, int]:
+    """Return the first circle that may be crossed in a time, and the one after the last one.
+
+    ``circles`` are the first one in the whole leg, how many surround the user now, and the one
+    after the last one.
+    """
+    first, low, stop = circles
+    high = low
+    near, slope, speed, slab = stretch.near, stretch.slope, stretch.speed, stretch.slab
+    one = near + begin * (2.0 * slope + begin * speed)
+    other = near + until * (2.0 * slope + until * speed)
+    least, most = min(one, other), max(one, other)
+    if speed > 0.0 and begin * speed < -slope < until * speed:
+        least = near - slope * slope / speed
+    slack = 1e-9 + 1e-12 * most
+    least, most = least - slack, most + slack
+    inner, outer = climb.ranges[group, slab, 0], climb.ranges[group, slab, 1]
+    while low > first and most >= inner[low - 1]:
+        low -= 1
+    while high < stop and least <= outer[high]:
+        high += 1
+    return low, high
+
+
+@part
+def _excess(climb: Climb, stretch: Stretch, group: int, ring: int, t: float) -> tuple[float, float]:
+    """Return the squared distance minus the squared radius at a time, and its derivative."""
+    near, slope, speed, slab, place, rise, bend = stretch
+    square, rate = near + t * (2.0 * slope + t * speed), 2.0 * (slope + t * speed)
+    u, du = place + t * (rise + t * bend), rise + 2.0 * t * bend
+    terms = climb.terms[group, ring, slab]
+    value = slant = 0.0
+    for k in range(TERMS - 1, -1, -1):
+        slant = slant * u + value
+        value = value * u + terms[k]
+    return square - value, rate - slant * du
+
+
+@part
+def _settles(
+    climb: Climb,
+    stretch: Stretch,
+    group: int,
+    circles: tuple[int, int],
+    begin: float,
+    until: float,
+) -> bool:
+    """Return whether the user crosses each of some circles at most once in a time."""
+    half = 0.5 * (until - begin)
+    for ring in range(circles[0], circles[1]):
+        value, rate = _excess(climb, stretch, group, ring, begin + half)
+        bent = _bent(climb, stretch, group, ring, begin, until)
+        turns = bent * half
+        if abs(rate) <= turns and abs(value) <= (abs(rate) + turns) * half:
+            return False
+    return True
+
+
+@part
+def _bent(
+    climb: Climb, stretch: Stretch, group: int, ring: int, begin: float, until: float
+) -> float:
+    """Return a bound of the second derivative of ``_excess`` in a time."""
+    terms = climb.terms[group, ring, stretch.slab]
+    one = abs(stretch.rise + 2.0 * begin * stretch.bend)
+    du = max(one, abs(stretch.rise + 2.0 * until * stretch.bend))
+    return float(
+        2.0 * stretch.speed + terms[CURVED] * du * du + 2.0 * terms[STEEP] * abs(stretch.bend)
+    )
+
+
+@part
+def _root(
+    climb: Climb,
+    stretch: Stretch,
+    of: tuple[int, int],
+    begin: float,
+    until: float,
+    enters: bool,
+) -> float:
+    """Return when the user crosses a circle, by Newton's method that bisection safeguards."""
+    low, high = begin, until
+    bent = _bent(climb, stretch, of[0], of[1], begin, until)
+    t = 0.5 * (low + high)
+    for _ in range(80):
+        value, rate = _excess(climb, stretch, of[0], of[1], t)
+        if (value <= 0.0) != enters:
+            low = t
+        else:
+            high = t
+        step = t - value / rate if rate != 0.0 else low
+        if not low < step < high:
+            step = 0.5 * (low + high)
+        elif bent * (step - t) * (step - t) <= ROOT_S * abs(rate):
+            return step
+        if abs(step - t) <= ROOT_S or step <= low or step >= high:
+            return step
+        t = step
+    return t
