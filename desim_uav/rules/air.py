@@ -11,7 +11,7 @@ from desim_uav.model.radio.scene import (
     LEVEL_AT,
     LOSS_COLUMNS,
     MARKED_US,
-    NOISE_DBM,
+    BAND_NOISE_DBM,
     PLACE_COLUMNS,
     POWER_DBM,
     RADIO,
@@ -69,7 +69,7 @@ def place_drones(world: Constants, state: State) -> None:
         air.losses[at + LEVEL_AT], air.losses[at + BOUNDS_AT] = radio.level, radio.rates
         air.losses[at + VALUES_AT] = radio.loss_values
         air.radios[r * RADIO_COLUMNS + CARRIER_GHZ] = radio.carrier_ghz
-        air.radios[r * RADIO_COLUMNS + NOISE_DBM] = radio.noise_dbm
+        air.radios[r * RADIO_COLUMNS + BAND_NOISE_DBM] = radio.noise_dbm
     for d in range(len(state.senders)):
         drone, at, own = state.senders[d], d * PLACE_COLUMNS, d * SENDER_COLUMNS
         air.ways[at + X0], air.ways[at + Y0], air.ways[at + X1], air.ways[at + Y1] = way_of(
