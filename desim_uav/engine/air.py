@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from desim_uav.engine.constants import transits_of
+from desim_uav.model.radio.air import FOUND_COLUMNS
 from desim_uav.model.radio.marks import MARK_COLUMNS, memory_for
 from desim_uav.model.radio.scene import (
     LOSS_COLUMNS,
@@ -74,7 +75,8 @@ def set_memory(tables: Any, world: World) -> None:
         tables.senders = np.zeros(senders * SENDER_COLUMNS, np.int64)
         tables.losses = np.zeros(len(world.links) * LOSS_COLUMNS, np.int64)
         tables.radios = np.zeros(len(world.links) * RADIO_COLUMNS)
-        tables.held = np.zeros(len(world.homes), np.int64)
+        tables.held = np.zeros(senders * len(world.homes), np.int64)
+        tables.found = np.zeros(senders * FOUND_COLUMNS, np.int64)
         tables.passed = np.zeros(2 * MOST_PASSED, np.int64)
 
 

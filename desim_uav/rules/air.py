@@ -86,6 +86,6 @@ def place_drones(world: Constants, state: State) -> None:
 @rule
 def note_classes(state: State, drone: Drone) -> None:
     """Write the classes of all users' links to a drone into ``state.look.air``."""
-    held = state.look.air.held
+    held, first = state.look.air.held, drone.index * len(state.users)
     for u in range(len(state.users)):
-        held[u] = state.users[u].classes[drone.index]
+        held[first + u] = state.users[u].classes[drone.index]

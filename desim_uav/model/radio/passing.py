@@ -22,14 +22,16 @@ ROOT_S = 1e-9
 """How far a time may be from where the ratio passes a threshold, before it is rounded."""
 
 
+Slopes = tuple[float, float]
+
+
 @kernel
 def pass_thresholds(
-    links: Links, k: int, left: int, right: int, begin: float, reached: int, slope: float
+    links: Links, k: int, left: int, right: int, begin: float, reached: int, slopes: Slopes
 ) -> None:
     """Write when a signal passes all thresholds between its class and another one.
 
     It passes each of them once between two looks, in a stretch that begins ``begin`` seconds after
-    the span. It rises or falls by at least ``slope`` in dB/s, or 0 if that is not known.
 
     The time is in an interval, the ends of which are moved to inverse interpolations of up to four
     of the last looks, and sometimes to the middle. This ends when both ends are in one microsecond,
@@ -73,9 +75,11 @@ def pass_thresholds(
                 later, beyond, high, after = high, after, found, value
             else:
                 first, last, low, before = low, before, found, value
-            if slope > 0.0:
-                off = abs(value - threshold) / slope
-                if _meet(start_us, begin, found - off, found + off):
+            if slopes[0] > 0.0:  # the root is between two times on one side
+                gap = threshold - value if rises else value - threshold
+                one, other = found + gap / slopes[0], found + gap / slopes[1]
+                if _meet(start_us, begin, min(one, other), max(one, other)):
+                    found = one
                     break
             found = high
         since = max(since, found)

@@ -130,7 +130,8 @@ def _settle(links: Links, k: int, left: int, begin: float, shortest: bool) -> bo
             if reached != state or not _stays(links, k, state, low, high):
                 return False
     if reached != state:
-        pass_thresholds(links, k, left, left - 1, begin, reached, max(least, -most, 0.0))
+        slopes = (least, most) if reached > state else (-most, -least)
+        pass_thresholds(links, k, left, left - 1, begin, reached, slopes)
     return True
 
 

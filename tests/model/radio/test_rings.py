@@ -16,7 +16,7 @@ from desim_uav.model.radio.rings import (
     ring_m,
     rings,
 )
-from desim_uav.model.radio.search import class_of
+from desim_uav.model.radio.links import class_of
 
 URBAN = AlHourani("urban")
 BUDGET = LinkBudget(30.0, 1.0)
