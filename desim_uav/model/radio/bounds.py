@@ -17,17 +17,21 @@ from desim_uav.model.radio.links import (
     AZ,
     BOUND,
     BRANCH,
+    HIGH_MW,
     LEAST,
+    LEVEL_DBM,
     LINK_COLUMNS,
     LOOKED,
     LOOKED_COLUMNS,
+    LOW_MW,
     MOST,
-    OTHERS_MW,
+    NOISE_MW,
     POWER_MW,
     PX,
     PY,
     PZ,
     RATES_AT,
+    TIME_S,
     VALUES,
     VX,
     VY,
@@ -137,42 +141,73 @@ def _add(
 
 
 @kernel
-def bound_levels(links: Links, since: float, until: float) -> None:
-    """Write the least and the most that each level changes between two times, in dB/s."""
+def bound_levels(links: Links, left: int) -> None:
+    """Write bounds of all levels for the time from a look to the one in the row before it.
+
+    They are the least and the most that a level changes in dB/s and, if there is interference, the
+    least and the most power.
+    """
+    table, looks = links.table, links.looks
+    since, until = looks[left, TIME_S], looks[left - 1, TIME_S]
+    powers = links.used > 1 and not are_a_pair(links)
     for k in range(links.used):
         bound_level(links, k, since, until)
+        if powers:
+            at = LOOKED + LOOKED_COLUMNS * k
+            one, other = looks[left, at + POWER_MW], looks[left - 1, at + POWER_MW]
+            table[k, LOW_MW], table[k, HIGH_MW] = min(one, other), max(one, other)
+            least, most = table[k, LEAST], table[k, MOST]
+            if least < 0.0 < most:
+                rise = looks[left - 1, at + LEVEL_DBM] - looks[left, at + LEVEL_DBM]
+                factor = np.exp(max(turns_back(until - since, rise, least, most), 0.0) / DB)
+                table[k, LOW_MW] /= factor
+                table[k, HIGH_MW] *= factor
+
+
+@rule
+def turns_back(width: float, rise: float, least: float, most: float) -> float:
+    """Return the most by which a level or a ratio turns back in a time in which it rises by ``rise`` in all.
+
+    It changes by no less than ``least`` < 0 and no more than ``most`` > 0 dB/s.
+    """
+    if least == -np.inf or most == np.inf:
+        return np.inf
+    # It falls by most if it first rises, or last, for as short a time as possible.
+    if rise < 0.0:
+        return most * (rise - least * width) / (most - least)
+    return -least * (most * width - rise) / (most - least)
 
 
 @kernel
-def bound_ratio(links: Links, k: int, row: int, lasts: float) -> tuple[float, float]:
+def bound_ratio(links: Links, k: int) -> tuple[float, float]:
     """Return the least and the most that a signal's ratio changes in a time, in dB/s.
 
-    The time begins with a look, and the bounds of all levels are known for it (``bound_levels``).
-    The interference in dB changes by a mean of its levels' changes, weighted with their shares of
-    the sum of all powers and the noise. If no level changes by more than a number of decibels, then
-    no share is multiplied or divided by more than twice that.
+    The bounds of all levels are known for it (``bound_levels``). The interference in dB changes by
+    a mean of its levels' changes, weighted with their shares of the sum of all powers and the
+    noise. A share is between what it is if its own power is least and all others are most, and what
+    it is if its own power is most and all others are least.
     """
-    table, looks, used = links.table, links.looks, links.used
+    table, used = links.table, links.used
     if used == 1:
         return float(table[0, LEAST]), float(table[0, MOST])
     if are_a_pair(links):
         one, other = table[k], table[1 - k]
         return float(one[LEAST] - other[MOST]), float(one[MOST] - other[LEAST])
-    lowest = highest = largest = 0.0
+    least = most = 0.0
+    low = high = table[k, NOISE_MW]
     for i in range(used):
         if i != k:
-            lowest, highest = min(lowest, table[i, LEAST]), max(highest, table[i, MOST])
-    largest = max(-lowest, highest)
-    least, most = lowest, highest
-    if largest < np.inf:
-        factor = np.exp(min(2.0 * largest * lasts / DB, 700.0))
-        total = looks[row, LOOKED + LOOKED_COLUMNS * k + OTHERS_MW]
+            least, most = min(least, table[i, LEAST]), max(most, table[i, MOST])
+            low += table[i, LOW_MW]
+            high += table[i, HIGH_MW]
+    if high < np.inf and -least < np.inf and most < np.inf:
         falls = rises = 0.0
         for i in range(used):
             if i != k:
-                share = looks[row, LOOKED + LOOKED_COLUMNS * i + POWER_MW] / total
-                low, high = share / factor, min(share * factor, 1.0)
-                falls += table[i, LEAST] * (low if table[i, LEAST] > 0.0 else high)
-                rises += table[i, MOST] * (high if table[i, MOST] > 0.0 else low)
+                own_low, own_high = table[i, LOW_MW], table[i, HIGH_MW]
+                share_low = own_low / (own_low + (high - own_high))
+                share_high = own_high / (own_high + (low - own_low))
+                falls += table[i, LEAST] * (share_low if table[i, LEAST] > 0.0 else share_high)
+                rises += table[i, MOST] * (share_high if table[i, MOST] > 0.0 else share_low)
         least, most = max(least, falls), min(most, rises)
     return float(table[k, LEAST] - most), float(table[k, MOST] - least)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from desim_uav.model.kernels import kernel, rule
-from desim_uav.model.radio.bounds import bound_levels, bound_ratio
+from desim_uav.model.radio.bounds import bound_levels, bound_ratio, turns_back
 from desim_uav.model.radio.links import (
     AX,
     AY,
@@ -70,7 +70,7 @@ def search(links: Links, begin: float, lasts: float) -> None:
         for k in range(links.used):
             if words[k, SOUGHT] and table[k, SETTLED_S] <= since:
                 if not bounded:
-                    bound_levels(links, since, until)
+                    bound_levels(links, left)
                     bounded = True
                 if _settle(links, k, left, begin, shortest):
                     table[k, SETTLED_S] = until
@@ -114,7 +114,7 @@ def _settle(links: Links, k: int, left: int, begin: float, shortest: bool) -> bo
     looks, words, at = links.looks, links.words, LOOKED + LOOKED_COLUMNS * k + RATIO_DB
     width = looks[left - 1, TIME_S] - looks[left, TIME_S]
     before, after, state = looks[left, at], looks[left - 1, at], words[k, STATE]
-    least, most = bound_ratio(links, k, left, width)
+    least, most = bound_ratio(links, k)
     lowest, top = words[k, LOWEST], words[k, TOP]
     reached = state
     while lowest + reached < top and after >= links.thresholds_db[lowest + reached]:
@@ -133,20 +133,6 @@ def _settle(links: Links, k: int, left: int, begin: float, shortest: bool) -> bo
         slopes = (least, most) if reached > state else (-most, -least)
         pass_thresholds(links, k, left, left - 1, begin, reached, slopes)
     return True
-
-
-@rule
-def turns_back(width: float, rise: float, least: float, most: float) -> float:
-    """Return the most by which a ratio turns back in a time in which it rises by ``rise`` in all.
-
-    It changes by no less than ``least`` < 0 and no more than ``most`` > 0 dB/s.
-    """
-    if least == -np.inf or most == np.inf:
-        return np.inf
-    # It falls by most if it first rises, or last, for as short a time as possible.
-    if rise < 0.0:
-        return most * (rise - least * width) / (most - least)
-    return -least * (most * width - rise) / (most - least)
 
 
 @rule
