@@ -5,13 +5,13 @@ from __future__ import annotations
 from desim_uav.model.kernels import rule
 from desim_uav.model.radio.scene import (
     BAND,
+    BAND_NOISE_DBM,
     BEGUN_US,
     BOUNDS_AT,
     CARRIER_GHZ,
     LEVEL_AT,
     LOSS_COLUMNS,
     MARKED_US,
-    BAND_NOISE_DBM,
     PLACE_COLUMNS,
     POWER_DBM,
     RADIO,

@@ -519,11 +519,12 @@ class Handover(Row):
 class AirTables(Row):
     """What ``model.radio.air`` knows of drones, and the memory in which it works.
 
-    For ``ways`` (places) to ``looks`` see ``model.radio.scene.Air``. ``held`` are the classes of the
-    links to each sender before a span, ``found`` says where their changes are written
-    (``model.radio.air.FOUND_COLUMNS``), and ``passed`` are the rows of a pair of levels. ``marks`` has
-    ``mark_rows`` rows for each sender; ``marks_lost`` says that they were too few, or the memory in
-    which marks are made (``model.radio.marks.Memory``), from ``flown`` (tracks) to ``visited``.
+    For ``ways`` (places) to ``looks`` see ``model.radio.scene.Air``. ``held`` are the classes of
+    the links to each sender before a span, ``found`` says where their changes are written
+    (``model.radio.air.FOUND_COLUMNS``), and ``passed`` are the rows of a pair of levels. ``marks``
+    has ``mark_rows`` rows for each sender; ``marks_lost`` says that they were too few, or the
+    memory in which marks are made (``model.radio.marks.Memory``), from ``flown`` (tracks) to
+    ``visited``.
     """
 
     ways: Table[float]

@@ -166,9 +166,10 @@ def bound_levels(links: Links, left: int) -> None:
 
 @rule
 def turns_back(width: float, rise: float, least: float, most: float) -> float:
-    """Return the most by which a level or a ratio turns back in a time in which it rises by ``rise`` in all.
+    """Return the most by which a level or a ratio turns back in a time.
 
-    It changes by no less than ``least`` < 0 and no more than ``most`` > 0 dB/s.
+    It rises by ``rise`` in all, and changes by at least ``least`` < 0 and at most ``most`` > 0, in
+    dB/s.
     """
     if least == -np.inf or most == np.inf:
         return np.inf

@@ -25,8 +25,9 @@ LINK_COLUMNS = BOUND + RATES
 First, the place, velocity and acceleration of the drone relative to the user at the start of the
 stretch, the carrier in GHz, the level before the path loss in dBm, and the noise in dBm and in mW.
 Then, the least and the most that the level changes in dB/s; the lowest and the highest level in the
-span in dBm; the lowest and the highest power in the span, or in the time that is looked at, in mW; until when the class of a signal is settled, in seconds since the start of
-the stretch; and a row of rates (see ``levels``)."""
+span in dBm; the lowest and the highest power in the span, or in the time that is looked at, in mW;
+until when the class of a signal is settled, in seconds since the start of the stretch; and a row of
+rates (see ``levels``)."""
 
 LEVEL, RATES_AT, VALUES, BRANCH, FIRST, AFTER, ROW, MARK, LAST_MARK, MARKED, SENDER = range(11)
 LOWEST, TOP, SOUGHT, STATE, OUT, ROOM, WIDTH, ROWS, BEGAN, HELD = range(11, 21)
@@ -51,7 +52,8 @@ TIME_S, LOOKED = range(2)
 LEVEL_DBM, POWER_MW, RATIO_DB = range(3)
 LOOKED_COLUMNS = 3
 """The columns of a look: the seconds since the start of the stretch and, from LOOKED on, for each
-link its level, its power, and its ratio to noise and interference. Ratios are known of signals whose class was not settled before the look."""
+link its level, its power, and its ratio to noise and interference. Ratios are known of signals
+whose class was not settled before the look."""
 
 LOOKS = 64
 """The most looks that are kept at a time: each is a half of the time to the next one."""

@@ -32,6 +32,8 @@ def pass_thresholds(
     """Write when a signal passes all thresholds between its class and another one.
 
     It passes each of them once between two looks, in a stretch that begins ``begin`` seconds after
+    the span. It rises or falls by ``slopes`` in dB/s, the least and the most; if the least is not
+    above 0, it may turn.
 
     The time is in an interval, the ends of which are moved to inverse interpolations of up to four
     of the last looks, and sometimes to the middle. This ends when both ends are in one microsecond,
@@ -115,15 +117,14 @@ def _share(t: Four, values: Four) -> float:
         if early:
             x = (t[0] - t[1]) / w
             # Neville's scheme for the times, in shares of the interval, at the value 0.
-            a = (f0 * 0.0 - f1 * x) / (f0 - f1)
+            a = -f1 * x / (f0 - f1)
             a = (f0 * share - f2 * a) / (f0 - f2)
         b = 0.0
         if late:
             x = (t[3] - t[1]) / w
             b = (f2 * x - f3) / (f2 - f3)
             b = (f1 * b - f3 * share) / (f1 - f3)
+        share = a if early else b
         if early and late:
             share = (f0 * b - f3 * a) / (f0 - f3)
-        else:
-            share = a if early else b
     return share if 0.0 <= share <= 1.0 else 0.5

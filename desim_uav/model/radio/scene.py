@@ -15,7 +15,6 @@ from desim_uav.model.coverage import T0_US, leg_at
 from desim_uav.model.coverage import VX as WALK_X
 from desim_uav.model.coverage import VY as WALK_Y
 from desim_uav.model.kernels import kernel, rule
-from desim_uav.model.radio.path_loss import MEAN
 from desim_uav.model.radio.links import (
     AFTER,
     AX,
@@ -50,6 +49,7 @@ from desim_uav.model.radio.links import (
     Links,
     look_columns,
 )
+from desim_uav.model.radio.path_loss import MEAN
 from desim_uav.model.radio.slopes import DB
 from desim_uav.model.radio.tracks import (
     BEGIN,

@@ -8,8 +8,6 @@ until one of the two settles the classes. docs/explanation/sinr.md proves it.
 
 from __future__ import annotations
 
-import numpy as np
-
 from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.radio.bounds import bound_levels, bound_ratio, turns_back
 from desim_uav.model.radio.links import (

@@ -8,12 +8,12 @@ import pytest
 from desim_uav.errors import ScenarioError
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import kernel
+from desim_uav.model.radio.bounds import bound_levels, bound_ratio
 from desim_uav.model.radio.functions import log10
 from desim_uav.model.radio.levels import RATES, compiled_loss
+from desim_uav.model.radio.links import SENDER, Links, look
 from desim_uav.model.radio.path_loss import AlHourani, FreeSpace
 from desim_uav.model.radio.scene import begin_links, relate, take_first_rows, take_rows
-from desim_uav.model.radio.bounds import bound_levels, bound_ratio
-from desim_uav.model.radio.links import SENDER, Links, look
 from tests.model.radio.airs import RADIOS, USER_M, TwoSlopes, kept_loss, random_sky, stroll
 
 
