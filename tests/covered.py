@@ -37,6 +37,9 @@ COMPILED_ONLY = (
     "model/compiled_queues.py",
     "model/compiled_registers.py",
     "model/radio/air.py",
+    "model/radio/bounds.py",
+    "model/radio/links.py",
+    "model/radio/passing.py",
     "model/radio/scene.py",
     "model/radio/search.py",
 )

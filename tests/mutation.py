@@ -82,14 +82,14 @@ MUTATIONS = (
     ),
     Mutation(
         "interference changes half as fast as it can",
-        "model/radio/search.py",
-        "return float(table[0, LEAST] - most), float(table[0, MOST] - least)",
-        "return float(table[0, LEAST] - 0.5 * most), float(table[0, MOST] - 0.5 * least)",
+        "model/radio/bounds.py",
+        "return float(table[k, LEAST] - most), float(table[k, MOST] - least)",
+        "return float(table[k, LEAST] - 0.5 * most), float(table[k, MOST] - 0.5 * least)",
         ("model/radio/test_air_bounds.py", "model/radio/test_air.py"),
     ),
     Mutation(
         "a level is taken to change as fast all the time as in the middle of it",
-        "model/radio/search.py",
+        "model/radio/bounds.py",
         "bound_rates(links, k, np.sqrt(x * x + y * y), z, speed * half)",
         "bound_rates(links, k, np.sqrt(x * x + y * y), z, 0.0)",
         ("model/radio/test_air_bounds.py", "model/radio/test_air.py"),

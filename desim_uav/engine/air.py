@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.constants import transits_of
+from desim_uav.model.radio.air import FOUND_COLUMNS
 from desim_uav.model.radio.between import WINDOW_COLUMNS, window_rows
 from desim_uav.model.radio.fits import NONE, Fits, fits_of
 from desim_uav.model.radio.marks import MARK_COLUMNS, memory_for
@@ -97,7 +98,8 @@ def set_memory(tables: Any, world: World) -> None:
         tables.senders = np.zeros(senders * SENDER_COLUMNS, np.int64)
         tables.losses = np.zeros(len(world.links) * LOSS_COLUMNS, np.int64)
         tables.radios = np.zeros(len(world.links) * RADIO_COLUMNS)
-        tables.held = np.zeros(len(world.homes), np.int64)
+        tables.held = np.zeros(senders * len(world.homes), np.int64)
+        tables.found = np.zeros(senders * FOUND_COLUMNS, np.int64)
         tables.passed = np.zeros(2 * MOST_PASSED, np.int64)
 
 

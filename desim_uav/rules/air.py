@@ -5,13 +5,13 @@ from __future__ import annotations
 from desim_uav.model.kernels import rule
 from desim_uav.model.radio.scene import (
     BAND,
+    BAND_NOISE_DBM,
     BEGUN_US,
     BOUNDS_AT,
     CARRIER_GHZ,
     LEVEL_AT,
     LOSS_COLUMNS,
     MARKED_US,
-    NOISE_DBM,
     PLACE_COLUMNS,
     POWER_DBM,
     RADIO,
@@ -76,7 +76,7 @@ def place_drones(world: Constants, state: State) -> None:
         air.losses[at + LEVEL_AT], air.losses[at + BOUNDS_AT] = radio.level, radio.rates
         air.losses[at + VALUES_AT] = radio.loss_values
         air.radios[r * RADIO_COLUMNS + CARRIER_GHZ] = radio.carrier_ghz
-        air.radios[r * RADIO_COLUMNS + NOISE_DBM] = radio.noise_dbm
+        air.radios[r * RADIO_COLUMNS + BAND_NOISE_DBM] = radio.noise_dbm
     for d in range(len(state.senders)):
         drone, at, own = state.senders[d], d * PLACE_COLUMNS, d * SENDER_COLUMNS
         air.ways[at + X0], air.ways[at + Y0], air.ways[at + X1], air.ways[at + Y1] = way_of(
@@ -93,6 +93,6 @@ def place_drones(world: Constants, state: State) -> None:
 @rule
 def note_classes(state: State, drone: Drone) -> None:
     """Write the classes of all users' links to a drone into ``state.look.air``."""
-    held = state.look.air.held
+    held, first = state.look.air.held, drone.index * len(state.users)
     for u in range(len(state.users)):
-        held[u] = state.users[u].classes[drone.index]
+        held[first + u] = state.users[u].classes[drone.index]

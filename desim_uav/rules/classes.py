@@ -27,6 +27,12 @@ def foresee(
     Changes at this very instant happen immediately and are logged under ``phase``.
     """
     call(world.foresee, (world, path, state, drone, span_us))
+    _begin_changes(world, state, drone, phase)
+
+
+@rule
+def _begin_changes(world: Constants, state: State, drone: Drone, phase: int) -> None:
+    """Let changes at this very instant happen, and schedule the next one (see ``foresee``)."""
     drone.serving = 1
     ahead = drone.ahead
     if len(ahead) > 0 and ahead[len(ahead) - 1].t_us == state.now_us:
@@ -49,10 +55,10 @@ def _change_now(world: Constants, state: State, drone: Drone, phase: int) -> Non
 def retune(world: Constants, path: Path, state: State, phase: int) -> None:
     """Foresee the classes of all drones anew, because others interfere with them than before."""
     state.retunes = 0
+    call(world.foresee_all, (world, path, state, state.known_until_us - state.now_us))
     for d in range(len(state.senders)):
-        drone = state.senders[d]
-        if drone.serving:
-            foresee(world, path, state, drone, state.known_until_us - state.now_us, phase)
+        if state.senders[d].serving:
+            _begin_changes(world, state, state.senders[d], phase)
 
 
 @rule

@@ -235,6 +235,7 @@ class Constants(Row):
     known_at: Table[int]
     known: Table[Change]
     foresee: int
+    foresee_all: int
     foresee_rings: int
     scan: int
     passes_us: int
@@ -525,10 +526,12 @@ class Handover(Row):
 class AirTables(Row):
     """What ``model.radio.air`` knows of drones, and the memory in which it works.
 
-    For ``ways`` (places) to ``link_words`` (words) see ``model.radio.scene.Air``. ``held`` are the
-    classes of links before a span, and ``passed`` the rows of a pair of levels. ``marks`` has
-    ``mark_rows`` rows for each sender; ``marks_lost`` says that they were too few, or the memory in
-    which marks are made (``model.radio.marks.Memory``), from ``flown`` (tracks) to ``visited``.
+    For ``ways`` (places) to ``looks`` see ``model.radio.scene.Air``. ``held`` are the classes of
+    the links to each sender before a span, ``found`` says where their changes are written
+    (``model.radio.air.FOUND_COLUMNS``), and ``passed`` are the rows of a pair of levels. ``marks``
+    has ``mark_rows`` rows for each sender; ``marks_lost`` says that they were too few, or the
+    memory in which marks are made (``model.radio.marks.Memory``), from ``flown`` (tracks) to
+    ``visited``.
     """
 
     ways: Table[float]
@@ -541,7 +544,9 @@ class AirTables(Row):
     table: Table[float]
     bound_db: Table[float]
     link_words: Table[int]
+    looks: Table[float]
     held: Table[int]
+    found: Table[int]
     passed: Table[int]
     mark_rows: int
     marks_lost: int

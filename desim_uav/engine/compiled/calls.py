@@ -34,6 +34,7 @@ def set_functions(constants: Any, in_air: bool) -> None:
         constants.foresee_rings = constants.foresee
         leg, pair = (Constants, Path, State, Drone, int), (Constants, Path, State, User)
         constants.foresee = address_of(sought.foresee_in_air, *leg)
+        constants.foresee_all = address_of(sought.foresee_all, *leg[:3], int)
         constants.passes_us = address_of(sought.passes_us, *pair, int, int, int, float)
     constants.run = address_of(loop.run, Constants, Path, State, int)
 

@@ -10,7 +10,16 @@ from desim_uav.engine.air import MOST_PASSED
 from desim_uav.engine.compiled.looking import CHANGE_COLUMNS, know_walks, sort_last_first
 from desim_uav.model.compiled_rows import as_array, call, set_word
 from desim_uav.model.kernels import kernel, rule
-from desim_uav.model.radio.air import class_changes_in_air, pair_changes
+from desim_uav.model.radio.air import (
+    FOUND,
+    FOUND_AT,
+    FOUND_COLUMNS,
+    FOUND_ROOM,
+    class_changes_in_air,
+    class_changes_of_all,
+    pair_changes,
+)
+from desim_uav.model.radio.links import LINK_COLUMNS, LINK_WORDS, LOOKED, LOOKED_COLUMNS, LOOKS
 from desim_uav.model.radio.marks import (
     CHANGE_COLUMNS as SEEN_COLUMNS,
 )
@@ -28,7 +37,6 @@ from desim_uav.model.radio.scene import (
     SENDER_COLUMNS,
     Air,
 )
-from desim_uav.model.radio.search import LINK_COLUMNS, LINK_WORDS
 from desim_uav.model.radio.sight import Buffers, Buildings
 from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight
 from desim_uav.model.walking import LEG_COLUMNS
@@ -59,15 +67,45 @@ def foresee_in_air(world: Constants, path: Path, state: State, drone: Drone, spa
     if not _knows_walks(world, path, state, end_us):
         ahead.clear()
         return
-    if world.radios[drone.radio].marked or world.reuse > 0:
-        for d in range(len(state.senders)):
-            if lacks_marks(world, state, drone, state.senders[d], end_us):
-                _mark(world, path, state, state.senders[d], end_us)
+    _mark_all(world, path, state, drone, end_us)
     note_classes(state, drone)
-    found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))
-    held = as_array(state.look.air.held, (len(state.users),))
+    users, found = len(state.users), as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))
+    held = as_array(state.look.air.held, (len(state.senders), users))[drone.index]
     air = _air_of(world, path, state)
     count = class_changes_in_air(air, drone.index, (start_us, end_us), held, False, found)
+    _keep(drone, count)
+
+
+@kernel
+def foresee_all(world: Constants, path: Path, state: State, span_us: int) -> None:
+    """Foresee the changes of class of all drones that serve (see ``rules.classes.retune``)."""
+    own, users, senders = state.look.air, len(state.users), len(state.senders)
+    span = (state.now_us, state.now_us + span_us)
+    known = _knows_walks(world, path, state, span[1])
+    found = as_array(own.found, (senders, FOUND_COLUMNS))
+    for d in range(senders):
+        drone = state.senders[d]
+        found[d, FOUND_AT] = 0
+        if drone.serving and keeps_rings(world, drone):
+            call(world.foresee_rings, (world, path, state, drone, span_us))
+        elif drone.serving:
+            drone.ahead.clear()
+            _mark_all(world, path, state, drone, span[1])
+            note_classes(state, drone)
+            changes = as_array(drone.ahead, (drone.ahead.buffer, CHANGE_COLUMNS))
+            found[d, FOUND_AT], found[d, FOUND_ROOM] = changes.ctypes.data, len(changes)
+    if known:
+        held = as_array(own.held, (senders, users))
+        class_changes_of_all(_air_of(world, path, state), span, held, found)
+        for d in range(senders):
+            if found[d, FOUND_AT] != 0:
+                _keep(state.senders[d], found[d, FOUND])
+
+
+@rule
+def _keep(drone: Drone, count: int) -> None:
+    """Keep the changes that have been written to ``drone.ahead``, the next one last."""
+    ahead = drone.ahead
     if count > ahead.buffer:
         set_word(ahead, 3, 1)
         count = ahead.buffer
@@ -104,6 +142,15 @@ def _knows_walks(world: Constants, path: Path, state: State, end_us: int) -> boo
         state.faults |= LOST
         return False
     return True
+
+
+@rule
+def _mark_all(world: Constants, path: Path, state: State, drone: Drone, end_us: int) -> None:
+    """Make all marks on which the classes of links to a drone depend until a time."""
+    if world.radios[drone.radio].marked or world.reuse > 0:
+        for d in range(len(state.senders)):
+            if lacks_marks(world, state, drone, state.senders[d], end_us):
+                _mark(world, path, state, state.senders[d], end_us)
 
 
 @rule
@@ -204,5 +251,6 @@ def _air_of(world: Constants, path: Path, state: State) -> Any:
         as_array(own.tracks, (len(own.tracks) // TRACK_COLUMNS, TRACK_COLUMNS)),
         as_array(own.table, (senders, LINK_COLUMNS)),
         as_array(own.link_words, (senders, LINK_WORDS)),
+        as_array(own.looks, (LOOKS, LOOKED + LOOKED_COLUMNS * senders)),
         as_array(own.bound_db, (1,)),
     )

@@ -8,7 +8,15 @@ import numpy as np
 
 from desim_uav.engine.air import Room, buildings_of, set_memory, set_room
 from desim_uav.engine.constants import transits_of
-from desim_uav.model.radio.air import class_changes_in_air, pair_changes
+from desim_uav.model.radio.air import (
+    FOUND,
+    FOUND_AT,
+    FOUND_COLUMNS,
+    FOUND_ROOM,
+    class_changes_in_air,
+    class_changes_of_all,
+    pair_changes,
+)
 from desim_uav.model.radio.levels import compiled_loss
 from desim_uav.model.radio.marks import (
     CHANGE_COLUMNS,
@@ -64,7 +72,7 @@ class InAir:
         self._memory = memory(len(state.senders), max(map(len, profiles)))
         self._thresholds = np.array(constants.thresholds_db), np.array(constants.thresholds_at)
         self._heights = np.array(constants.heights_m)
-        self._found = np.empty((256, 3), np.int64)
+        self._found = np.empty((len(state.senders), 256, 3), np.int64)
         self._buildings = buildings_of(world)
         self._room = Room(MARKS_A_USER * len(self._heights), 0, STRETCHES)
 
@@ -77,18 +85,53 @@ class InAir:
 
     def changes(self, drone: Any, span_us: Span) -> Rows:
         """Return the changes of class on a drone's leg, in no order."""
+        self._mark_all(drone, span_us)
+        note_classes(self.state, drone)
+        air, held = self._air(), self._held()[drone.index]
+        while True:
+            found = self._found[drone.index]
+            count = class_changes_in_air(air, drone.index, span_us, held, False, found)
+            if count <= len(found):
+                rows: Rows = found[:count].tolist()
+                return rows
+            self._find_more(count)
+
+    def changes_of_all(self, drones: list[Any], span_us: Span) -> list[Rows]:
+        """Return the changes of class on the legs of drones that interfere, each in no order."""
+        for drone in drones:
+            self._mark_all(drone, span_us)
+            note_classes(self.state, drone)
+        air, held = self._air(), self._held()
+        table = self.state.look.air.found.reshape(-1, FOUND_COLUMNS)
+        while True:
+            table[:] = 0
+            for drone in drones:
+                found = self._found[drone.index]
+                table[drone.index, FOUND_AT], table[drone.index, FOUND_ROOM] = (
+                    found.ctypes.data,
+                    len(found),
+                )
+            class_changes_of_all(air, span_us, held, table)
+            most = int(table[:, FOUND].max())
+            if most <= self._found.shape[1]:
+                counts = table[:, FOUND].tolist()
+                return [self._found[d.index, : counts[d.index]].tolist() for d in drones]
+            self._find_more(most)
+
+    def _held(self) -> Any:
+        """Return the table of the classes of all links before a span."""
+        return self.state.look.air.held.reshape(-1, len(self._heights))
+
+    def _find_more(self, count: int) -> None:
+        """Make room for at least so many changes of each drone."""
+        self._found = np.empty((len(self._found), 2 * count, 3), np.int64)
+
+    def _mark_all(self, drone: Any, span_us: Span) -> None:
+        """Make all marks on which the classes of links to a drone depend in a span."""
         if self.world.marked:
             for other in self.state.senders:
                 if lacks_marks(self.constants, self.state, drone, other, span_us[1]):
                     self._mark(other, span_us)
-        note_classes(self.state, drone)
-        air, held = self._air(), self.state.look.air.held
-        while True:
-            count = class_changes_in_air(air, drone.index, span_us, held, False, self._found)
-            if count <= len(self._found):
-                rows: Rows = self._found[:count].tolist()
-                return rows
-            self._found = np.empty((2 * count, 3), np.int64)
 
     def passes_us(
         self,

@@ -91,6 +91,7 @@ class Simulation(Engine):
         made.plans = Plans(world.planner, world.grid)
         made.hops = made.plans.hops
         made.foresee = self._foresee
+        made.foresee_all = self._foresee_all
         set_components(made, world)
         constants: Constants = made
         return constants
@@ -163,6 +164,19 @@ class Simulation(Engine):
         flight = self.transits[drone.transit], way_of(world, drone), (drone.level, drone.to_level)
         changes = self._changes[drone.radio]
         drone.ahead[:] = changes.of(flight, state.now_us, span_us, not drone.serving)
+
+    def _foresee_all(self, world: Any, path: Any, state: Any, span_us: int) -> None:
+        """Write the changes of all drones that serve and may interfere to their ``ahead``."""
+        assert self._in_air is not None
+        sought = []
+        for drone in state.senders:
+            if drone.serving and keeps_rings(world, drone):
+                self._foresee(world, path, state, drone, span_us)
+            elif drone.serving:
+                sought.append(drone)
+        found = self._in_air.changes_of_all(sought, (state.now_us, state.now_us + span_us))
+        for drone, rows in zip(sought, found, strict=True):
+            drone.ahead[:] = last_first(rows)
 
     def _path(self, path: SamplePath) -> Path:
         """Return a sample path as a row."""

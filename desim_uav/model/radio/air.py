@@ -14,11 +14,55 @@ from desim_uav.model.coverage import T0_US, leg_at, walked
 from desim_uav.model.coverage import VX as WALK_X
 from desim_uav.model.coverage import VY as WALK_Y
 from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.radio.bounds import bound_rates
 from desim_uav.model.radio.levels import H_LEAST, H_MOST, R_LEAST, R_MOST
+from desim_uav.model.radio.links import (
+    AFTER,
+    AX,
+    AY,
+    AZ,
+    BASE_DBM,
+    BEGAN,
+    BOUND,
+    BRANCH,
+    FIRST,
+    HELD,
+    HIGH_DBM,
+    HIGH_MW,
+    LAST_MARK,
+    LOW_DBM,
+    LOW_MW,
+    LOWEST,
+    MARK,
+    NOISE_DBM,
+    NOISE_MW,
+    OTHER,
+    OUT,
+    PX,
+    PY,
+    PZ,
+    ROOM,
+    ROWS,
+    SENDER,
+    SIGNAL,
+    SOUGHT,
+    STATE,
+    TOP,
+    VX,
+    VY,
+    VZ,
+    WIDTH,
+    Links,
+    class_at,
+    compare,
+    level_dbm,
+    look,
+    note,
+    sign,
+)
 from desim_uav.model.radio.polynomial import Coefficients, sign_changes
 from desim_uav.model.radio.scene import (
     BAND,
-    NOISE_DBM,
     RADIO,
     SERVES,
     Air,
@@ -29,41 +73,18 @@ from desim_uav.model.radio.scene import (
     take_rows,
     walk_ahead,
 )
-from desim_uav.model.radio.search import (
-    AFTER,
-    AX,
-    AY,
-    AZ,
-    BASE_DBM,
-    BOUND,
-    BRANCH,
-    FIRST,
-    LAST_MARK,
-    MARK,
-    OTHER,
-    PX,
-    PY,
-    PZ,
-    SENDER,
-    SIGNAL,
-    VX,
-    VY,
-    VZ,
-    Links,
-    Record,
-    bound_rates,
-    class_of,
-    keep_look,
-    level_dbm,
-    note,
-    ratio_db,
-    search,
-)
+from desim_uav.model.radio.search import search
+from desim_uav.model.radio.slopes import DB
 from desim_uav.model.radio.tracks import AT, BEGIN, SPEED_AT, place, rounded_us
 
 GRAZE = 1e-14
 """How close to zero an extremum of the difference of squared distances, relative to them, touches
 it without a change of sign."""
+
+FOUND_AT, FOUND_ROOM, FOUND = range(3)
+FOUND_COLUMNS = 3
+"""The columns of a table of what is found, and their number: the address of a table of rows (time,
+user, change), the number of its rows, and how many of them are written."""
 
 
 @kernel
@@ -90,24 +111,60 @@ def class_changes_in_air(
 
     Wherever a class is not the true one, the ratio is within ``TOLERANCE_DB`` of a threshold.
     """
-    band, radio = air.senders[transmitter, BAND], air.senders[transmitter, RADIO]
     air.words[SIGNAL, SENDER], count = transmitter, OTHER
     for other in range(len(air.senders)):
-        if other != transmitter and air.senders[other, SERVES] and air.senders[other, BAND] == band:
+        if other != transmitter and _interferes(air, other, air.senders[transmitter, BAND]):
             air.words[count, SENDER] = other
             count += 1
     end = begin_links(air, count, span_us)
     if end > len(air.tracks):
         return -end
-    links = Links(air.table, air.words, count, air.radios[radio, NOISE_DBM])
-    thresholds = air.thresholds_db[air.thresholds_at[radio] : air.thresholds_at[radio + 1]]
-    rows = 0
+    _write_to(air, SIGNAL, out.ctypes.data, len(out), 3)
+    links = Links(air.table, air.words, air.looks, count, air.thresholds_db, span_us[0])
     for user in range(len(air.heights_m)):
-        before = 0 if fresh else held[user]
-        record = Record(out, rows, user, before, span_us[0])
-        if before != 0 or not _stays_below(air, links, span_us, user, thresholds[0]):
-            rows = _follow(air, links, span_us, thresholds, False, record)
-    return rows
+        _begin_user(links, SIGNAL, 0 if fresh else held[user])
+        _find_classes(air, links, span_us, user)
+    return int(air.words[SIGNAL, ROWS])
+
+
+@kernel
+def class_changes_of_all(
+    air: Air,
+    span_us: tuple[int, int],
+    held: NDArray[np.int64],
+    found: NDArray[np.int64],
+) -> int:
+    """Write the changes of classes of links to all transmitters that serve, as above.
+
+    ``held`` (transmitters, users) are the classes before the span. ``found`` (transmitters,
+    FOUND_COLUMNS) says where to write the changes, and the numbers of them are written to it. Those
+    of transmitters without a table (address 0) are not sought. If ``air.tracks`` is too short,
+    minus the number of its rows is returned, and else 0.
+
+    Transmitters of one band share the levels and the bounds that are computed for a user.
+    """
+    for one in range(len(air.senders)):
+        band, count = air.senders[one, BAND], SIGNAL
+        for other in range(len(air.senders)):
+            if _interferes(air, other, band):
+                air.words[count, SENDER] = other
+                count += 1
+        if count == 0 or air.words[SIGNAL, SENDER] != one:
+            continue
+        end = begin_links(air, count, span_us)
+        if end > len(air.tracks):
+            return -end
+        links = Links(air.table, air.words, air.looks, count, air.thresholds_db, span_us[0])
+        for k in range(count):
+            own = found[air.words[k, SENDER]]
+            _write_to(air, k, own[FOUND_AT], own[FOUND_ROOM], 3)
+        for user in range(len(air.heights_m)):
+            for k in range(count):
+                _begin_user(links, k, held[air.words[k, SENDER], user])
+            _find_classes(air, links, span_us, user)
+        for k in range(count):
+            found[air.words[k, SENDER], FOUND] = air.words[k, ROWS]
+    return 0
 
 
 @kernel
@@ -134,54 +191,95 @@ def pair_changes(
     end = begin_links(air, OTHER + 1, span_us)
     if end > len(air.tracks):
         return -end
-    links = Links(air.table, air.words, 2, -np.inf)
-    exact = threshold_db == 0.0 and _are_alike(air, links, user)
-    record = Record(out, 0, user, held, span_us[0])
-    state = -1 if exact else _stays_apart(air, links, span_us, user, threshold_db)
-    if state >= 0:
-        return note(record, 0, span_us[0], state)
-    air.bound_db[0] = threshold_db
-    return _follow(air, links, span_us, air.bound_db, exact, record)
+    air.table[SIGNAL, NOISE_DBM], air.bound_db[0] = -np.inf, threshold_db
+    air.words[SIGNAL, LOWEST], air.words[SIGNAL, TOP] = 0, 1
+    _write_to(air, SIGNAL, out.ctypes.data, len(out), 2)
+    links = Links(air.table, air.words, air.looks, OTHER + 1, air.bound_db, span_us[0])
+    _begin_user(links, SIGNAL, held)
+    air.words[OTHER, SOUGHT] = 0
+    if threshold_db == 0.0 and _are_alike(air, links, user):
+        _follow(air, links, span_us, user, True)
+    else:
+        state = _stays_apart(air, links, span_us, user, threshold_db)
+        if state >= 0:
+            note(links, SIGNAL, span_us[0], state)
+        else:
+            _follow(air, links, span_us, user, False)
+    return int(air.words[SIGNAL, ROWS])
+
+
+@rule
+def _interferes(air: Air, sender: int, band: int) -> bool:
+    """Return whether a transmitter interferes with others in a band."""
+    return bool(air.senders[sender, SERVES] and air.senders[sender, BAND] == band)
+
+
+@rule
+def _write_to(air: Air, k: int, address: int, room: int, width: int) -> None:
+    """Have the changes of a signal written to a table."""
+    words = air.words
+    words[k, OUT], words[k, ROOM], words[k, WIDTH] = address, room, width
+    words[k, ROWS] = 0
+
+
+@rule
+def _begin_user(links: Links, k: int, held: int) -> None:
+    """Begin with the next user, whose class has been ``held`` before the span."""
+    words = links.words
+    words[k, BEGAN], words[k, HELD], words[k, STATE] = words[k, ROWS], held, -1
+    words[k, SOUGHT] = int(words[k, OUT] != 0)
 
 
 @kernel
-def _follow(
-    air: Air,
-    links: Links,
-    span_us: tuple[int, int],
-    thresholds: NDArray[np.float64],
-    exact: bool,
-    record: Record,
-) -> int:
-    """Write the changes of a user's class in a span, and return the number of rows.
+def _find_classes(air: Air, links: Links, span_us: tuple[int, int], user: int) -> None:
+    """Write all changes of a user's classes in a span."""
+    words, sought = links.words, 0
+    _bound_span(air, links, span_us, user)
+    for k in range(links.used):
+        if words[k, OUT] != 0:
+            state = _stays_in(links, k)
+            if state >= 0:
+                note(links, k, span_us[0], state)
+                words[k, SOUGHT] = 0
+            sought += words[k, SOUGHT]
+        else:
+            words[k, SOUGHT] = 0
+    if sought > 0:
+        _follow(air, links, span_us, user, False)
+    for k in range(links.used):
+        if words[k, OUT] != 0:
+            sign(links, k, user)
+
+
+@kernel
+def _follow(air: Air, links: Links, span_us: tuple[int, int], user: int, exact: bool) -> None:
+    """Write the changes of a user's classes in a span, of those signals that are sought.
 
     If ``exact``, the ratio is that of two levels, and passes 0 dB where distances are equal.
     """
-    user, legs = record.user, air.legs
+    legs = air.legs
     start_us, end_us = span_us
     end = (end_us - start_us) * 1e-6
     after = air.legs_at[user + 1]
     leg = leg_at(legs, air.legs_at[user], after, start_us)
-    t, now_us, rows, state, value = 0.0, float(start_us), record.first, -1, 0.0
+    t, now_us, begun = 0.0, float(start_us), False
     take_first_rows(air, links, user)
     while True:
         begins, marked = take_rows(air, links, t)
         turn = np.inf if leg + 1 == after else (legs[leg + 1, T0_US] - start_us) * 1e-6
         x, y = walked(legs, leg, now_us)
         relate(air, links, t, (x, y, air.heights_m[user]), (legs[leg, WALK_X], legs[leg, WALK_Y]))
-        if state < 0 or marked or t >= end:
-            value = _closer(links) if exact else ratio_db(links, 0.0)
-            keep_look(links)
-            before, state = state, class_of(value, thresholds)
-            if state != before:
-                rows = note(record, rows, rounded_us(start_us, t), state)
+        if marked or not begun or t >= end:
+            _note_classes(links, t, exact)
+            begun = True
         if t >= end:
-            return rows
+            return
         until = min(end, begins, turn)
-        if until > t and exact:
-            rows, state = _pass(links, (t, until - t), state, record, rows)
-        elif until > t:
-            rows, state, value = search(links, thresholds, (t, until - t), value, record, rows)
+        if until > t:
+            if exact:
+                _pass(links, (t, until - t))
+            else:
+                search(links, t, until - t)
         t, now_us = until, float(end_us) if until == end else start_us + until * 1e6
         if turn <= t:
             leg += 1
@@ -189,17 +287,47 @@ def _follow(
                 now_us = legs[leg, T0_US]
 
 
+@kernel
+def _note_classes(links: Links, t: float, exact: bool) -> None:
+    """Look at the start of a stretch, and write the classes that have changed."""
+    words = links.words
+    if not exact:
+        look(links, 0, 0.0)
+    for k in range(links.used):
+        if words[k, SOUGHT]:
+            value = _closer(links) if exact else compare(links, 0, k)
+            state = class_at(links, k, value)
+            if state != words[k, STATE]:
+                note(links, k, rounded_us(links.start_us, t), state)
+            words[k, STATE] = state
+
+
 # ---- bounds for a whole span
 
 
-@kernel
-def _stays_below(
-    air: Air, links: Links, span_us: tuple[int, int], user: int, threshold: float
-) -> bool:
-    """Return whether bounds show that the signal never reaches a threshold above the noise."""
-    own = Links(links.table, links.words, OTHER, links.noise_dbm)
-    walks = _look_from(air, own, span_us, user)
-    return bool(_reach_dbm(air, own, SIGNAL, walks)[1] - links.noise_dbm < threshold)
+@rule
+def _bound_span(air: Air, links: Links, span_us: tuple[int, int], user: int) -> None:
+    """Write bounds of all levels in a span."""
+    table, walks = links.table, _look_from(air, links, span_us, user)
+    for k in range(links.used):
+        table[k, LOW_DBM], table[k, HIGH_DBM] = _reach_dbm(air, links, k, walks)
+        if links.used > 1:
+            table[k, LOW_MW] = np.exp(table[k, LOW_DBM] / DB)
+            table[k, HIGH_MW] = np.exp(table[k, HIGH_DBM] / DB)
+
+
+@rule
+def _stays_in(links: Links, k: int) -> int:
+    """Return the class of a signal if bounds show that it is always the same, or else -1."""
+    table = links.table
+    least = most = table[k, NOISE_MW]
+    for i in range(links.used):
+        if i != k:
+            least += table[i, LOW_MW]
+            most += table[i, HIGH_MW]
+    state = class_at(links, k, table[k, HIGH_DBM] - DB * np.log(least))
+    low = class_at(links, k, table[k, LOW_DBM] - DB * np.log(most))
+    return state if low == state else -1
 
 
 @kernel
@@ -291,9 +419,7 @@ def _square(table: NDArray[np.float64], k: int) -> Coefficients:
 
 
 @kernel
-def _pass(
-    links: Links, stretch: tuple[float, float], state: int, record: Record, rows: int
-) -> tuple[int, int]:
+def _pass(links: Links, stretch: tuple[float, float]) -> None:
     """Write when the first of two transmitters becomes or ceases to be the closer one."""
     begin, lasts = stretch
     near, far = _square(links.table, SIGNAL), _square(links.table, OTHER)
@@ -304,8 +430,9 @@ def _pass(
         near[3] - far[3],
         near[4] - far[4],
     )
+    state = links.words[SIGNAL, STATE]
     count, roots = sign_changes(c, state == 0, lasts, GRAZE * (near[0] + far[0]))
     for i in range(count):
         state = 1 - state
-        rows = note(record, rows, rounded_us(record.start_us, begin + roots[i]), state)
-    return rows, state
+        note(links, SIGNAL, rounded_us(links.start_us, begin + roots[i]), state)
+    links.words[SIGNAL, STATE] = state

@@ -1,6 +1,6 @@
 """Transmitters and users in a span of time, and the links between them.
 
-The kernels here make the tables of links (``model.radio.search``) of one user after another, which
+The kernels here make the tables of links (``model.radio.links``) of one user after another, which
 hold as long as all those who take part keep their accelerations, and no line of sight changes.
 """
 
@@ -15,8 +15,7 @@ from desim_uav.model.coverage import T0_US, leg_at
 from desim_uav.model.coverage import VX as WALK_X
 from desim_uav.model.coverage import VY as WALK_Y
 from desim_uav.model.kernels import kernel, rule
-from desim_uav.model.radio.path_loss import MEAN
-from desim_uav.model.radio.search import (
+from desim_uav.model.radio.links import (
     AFTER,
     AX,
     AY,
@@ -29,20 +28,29 @@ from desim_uav.model.radio.search import (
     LEVEL,
     LINK_COLUMNS,
     LINK_WORDS,
+    LOOKS,
+    LOWEST,
     MARK,
     MARKED,
+    NOISE_DBM,
+    NOISE_MW,
+    OUT,
     PX,
     PY,
     PZ,
     RATES_AT,
     ROW,
     SENDER,
+    TOP,
     VALUES,
     VX,
     VY,
     VZ,
     Links,
+    look_columns,
 )
+from desim_uav.model.radio.path_loss import MEAN
+from desim_uav.model.radio.slopes import DB
 from desim_uav.model.radio.tracks import (
     BEGIN,
     PULL_AT,
@@ -64,7 +72,7 @@ SENDER_COLUMNS = 6
 of its transit, whether the transmitter serves users (1) or not (0), the numbers of its band and of
 its radio, and the time since which its marks count."""
 
-CARRIER_GHZ, NOISE_DBM = range(2)
+CARRIER_GHZ, BAND_NOISE_DBM = range(2)
 RADIO_COLUMNS = 2
 """The columns of ``Air.radios``, and their number: the carrier, and the noise in the band."""
 
@@ -98,7 +106,8 @@ class Air(NamedTuple):
     without rows has the mean loss, and so do all if ``marks_at`` is empty.
 
     ``tracks`` (rows, TRACK_COLUMNS), ``table`` (transmitters, LINK_COLUMNS), ``words``
-    (transmitters, LINK_WORDS) and ``bound_db`` (1,) are memory in which kernels work (``memory``).
+    (transmitters, LINK_WORDS), ``looks`` (LOOKS, look_columns(transmitters)) and ``bound_db`` (1,)
+    are memory in which kernels work (``memory``).
     """
 
     places: NDArray[np.float64]
@@ -117,6 +126,7 @@ class Air(NamedTuple):
     tracks: NDArray[np.float64]
     table: NDArray[np.float64]
     words: NDArray[np.int64]
+    looks: NDArray[np.float64]
     bound_db: NDArray[np.float64]
 
 
@@ -131,6 +141,7 @@ def memory(transmitters: int, longest: int) -> dict[str, NDArray[Any]]:
         "tracks": np.zeros((track_rows(transmitters, longest), TRACK_COLUMNS)),
         "table": np.zeros((transmitters, LINK_COLUMNS)),
         "words": np.zeros((transmitters, LINK_WORDS), np.int64),
+        "looks": np.zeros((LOOKS, look_columns(transmitters))),
         "bound_db": np.zeros(1),
     }
 
@@ -160,7 +171,11 @@ def begin_links(air: Air, used: int, span_us: tuple[int, int]) -> int:
         )
         words[k, RATES_AT] = air.losses[radio, BOUNDS_AT]
         words[k, MARKED] = air.senders[sender, MARKED_US] - span_us[0]
+        words[k, LOWEST], words[k, TOP] = air.thresholds_at[radio], air.thresholds_at[radio + 1]
+        words[k, OUT] = 0
         table[k, CARRIER] = air.radios[radio, CARRIER_GHZ]
+        table[k, NOISE_DBM] = air.radios[radio, BAND_NOISE_DBM]
+        table[k, NOISE_MW] = np.exp(table[k, NOISE_DBM] / DB)
     return int(end)
 
 

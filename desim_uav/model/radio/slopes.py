@@ -40,9 +40,10 @@ def logistic_rates(
     far = np.sqrt(distance_m * distance_m + height_m * height_m)
     if far <= within_m:
         return -np.inf, np.inf, -np.inf, np.inf
-    nearest, farthest, share = far - within_m, far + within_m, within_m / far
+    per_m, nearer_per_m, farther_per_m = 1.0 / far, 1.0 / (far - within_m), 1.0 / (far + within_m)
+    share = within_m * per_m
     rest = np.sqrt((1.0 - share) * (1.0 + share))
-    level, upright = distance_m / far, height_m / far
+    level, upright = distance_m * per_m, height_m * per_m
     # The cosines and sines of the lowest and the highest elevation, which differ by twice asin
     # (share). Behind the zenith and the nadir the drone is seen at a smaller elevation again.
     level_low, level_high = level * rest + upright * share, level * rest - upright * share
@@ -54,30 +55,32 @@ def logistic_rates(
     along, across_low, across_high = DB * exponent, 0.0, 0.0
     if fall_db > 0.0:
         apart = share + 0.571 * share * share * share  # no less than asin(share)
-        off = abs(np.arctan2(height_m, distance_m) - (a + np.log(a) / b) / DEGREES)
-        across_low = fall_db * _rise(b, off + apart)
-        across_high = fall_db * _rise(b, max(off - apart, 0.0))
+        # The probability rises as fast at odds as at their inverse, and fastest at odds of 1.
+        odds = a * np.exp(-b * (np.arctan2(height_m, distance_m) * DEGREES - a))
+        odds, away = min(odds, 1.0 / odds), np.exp(-b * DEGREES * apart)
+        most_db = fall_db * DEGREES * b
+        across_low = most_db * _rise(odds * away)
+        across_high = most_db * _rise(min(odds / away, 1.0))
     # With the distance the level falls by (along cos + across sin) / d, and with the height it
     # rises by (across cos - along sin) / d.
     falls_least = along * least + (across_low if low > 0.0 else across_high) * low
     falls_most = along * most + (across_high if high > 0.0 else across_low) * high
     rises_least, rises_most = across_low * least - along * high, across_high * most - along * low
     return (
-        -_over(falls_most, nearest, farthest),
-        -_over(falls_least, farthest, nearest),
-        _over(rises_least, farthest, nearest),
-        _over(rises_most, nearest, farthest),
+        -_times(falls_most, nearer_per_m, farther_per_m),
+        -_times(falls_least, farther_per_m, nearer_per_m),
+        _times(rises_least, farther_per_m, nearer_per_m),
+        _times(rises_most, nearer_per_m, farther_per_m),
     )
 
 
 @part
-def _rise(b: float, off: float) -> float:
-    """Return the rise, for each radian, of a probability at an angle from where it is 1/2."""
-    odds = np.exp(-b * off * DEGREES)
-    return float(DEGREES * b * odds / ((1.0 + odds) * (1.0 + odds)))
+def _rise(odds: float) -> float:
+    """Return the rise of a probability with the logarithm of its odds."""
+    return odds / ((1.0 + odds) * (1.0 + odds))
 
 
 @part
-def _over(number: float, by: float, otherwise: float) -> float:
-    """Return a number divided by one of two distances, depending on its sign."""
-    return number / by if number > 0.0 else number / otherwise
+def _times(number: float, by: float, otherwise: float) -> float:
+    """Return a number times one of two factors, depending on its sign."""
+    return number * by if number > 0.0 else number * otherwise

@@ -8,11 +8,12 @@ import pytest
 from desim_uav.errors import ScenarioError
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import kernel
+from desim_uav.model.radio.bounds import bound_levels, bound_ratio
 from desim_uav.model.radio.functions import log10
 from desim_uav.model.radio.levels import RATES, compiled_loss
+from desim_uav.model.radio.links import SENDER, Links, look
 from desim_uav.model.radio.path_loss import AlHourani, FreeSpace
 from desim_uav.model.radio.scene import begin_links, relate, take_first_rows, take_rows
-from desim_uav.model.radio.search import SENDER, Links, bound_ratio, keep_look, ratio_db
 from tests.model.radio.airs import RADIOS, USER_M, TwoSlopes, kept_loss, random_sky, stroll
 
 
@@ -65,15 +66,16 @@ def bounded(sky, rng):
     used = len(sky.legs)
     air.words[:, SENDER] = range(used)
     begin_links(air, used, sky.span_us)
-    links = Links(air.table, air.words, used, sky.noise_dbm)
+    links = Links(air.table, air.words, air.looks, used, air.thresholds_db, sky.span_us[0])
     take_first_rows(air, links, 0)
     until = min(take_rows(air, links, 0.0)[0], sky.span_s)
     relate(air, links, 0.0, (*sky.walks[0].points[0], USER_M), sky.walks[0].velocities[0])
     since = rng.uniform(0.0, until)
     until = min(until, since + 10 ** rng.uniform(-2.0, 1.5))
-    ratio_db(links, since)
-    keep_look(links)
-    return (since, until), bound_ratio(links, since, until)
+    look(links, 1, since)
+    look(links, 0, until)
+    bound_levels(links, 1)
+    return (since, until), bound_ratio(links, 0)
 
 
 def test_no_ratio_changes_faster_between_two_times():

@@ -11,7 +11,7 @@ from desim_uav.model.radio.link import (
     link_classes,
     thresholds_db,
 )
-from desim_uav.model.radio.search import class_of
+from desim_uav.model.radio.links import class_of
 
 THREE = [{"snr_db": 0, "bit_s_hz": 1}, {"snr_db": 5, "bit_s_hz": 2}, {"snr_db": 9, "bit_s_hz": 3}]
 

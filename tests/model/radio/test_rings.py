@@ -9,6 +9,7 @@ from hypothesis import strategies as st
 
 from desim_uav.model.radio.functions import elevation_deg
 from desim_uav.model.radio.link import LADDERS, LinkBudget, LinkClass, thresholds_db
+from desim_uav.model.radio.links import class_of
 from desim_uav.model.radio.path_loss import AlHourani, FreeSpace, LogDistance, RowPathLoss
 from desim_uav.model.radio.rings import (
     effective_ring_m,
@@ -16,7 +17,6 @@ from desim_uav.model.radio.rings import (
     ring_m,
     rings,
 )
-from desim_uav.model.radio.search import class_of
 
 URBAN = AlHourani("urban")
 BUDGET = LinkBudget(30.0, 1.0)

@@ -1,0 +1,130 @@
+"""When the ratio of a signal to noise and interference passes thresholds that it does pass."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from desim_uav.model.kernels import kernel, part, rule
+from desim_uav.model.radio.links import (
+    LOOKED,
+    LOOKED_COLUMNS,
+    LOWEST,
+    RATIO_DB,
+    STATE,
+    TIME_S,
+    Links,
+    note,
+    ratio_db,
+)
+from desim_uav.model.radio.tracks import rounded_us
+
+ROOT_S = 1e-9
+"""How far a time may be from where the ratio passes a threshold, before it is rounded."""
+
+
+Slopes = tuple[float, float]
+
+
+@kernel
+def pass_thresholds(
+    links: Links, k: int, left: int, right: int, begin: float, reached: int, slopes: Slopes
+) -> None:
+    """Write when a signal passes all thresholds between its class and another one.
+
+    It passes each of them once between two looks, in a stretch that begins ``begin`` seconds after
+    the span. It rises or falls by ``slopes`` in dB/s, the least and the most; if the least is not
+    above 0, it may turn.
+
+    The time is in an interval, the ends of which are moved to inverse interpolations of up to four
+    of the last looks, and sometimes to the middle. This ends when both ends are in one microsecond,
+    or when the slope shows that the last look was near enough.
+    """
+    words, looks, at = links.words, links.looks, LOOKED + LOOKED_COLUMNS * k + RATIO_DB
+    state, start_us = words[k, STATE], links.start_us
+    low, before = looks[left, TIME_S], looks[left, at]
+    until = high = looks[right, TIME_S]
+    end = after = looks[right, at]
+    first, last, since = low, before, -np.inf
+    later, beyond = high, after
+    if right > 0 and (looks[right - 1, at] > after) == (after > before):
+        later, beyond = looks[right - 1, TIME_S], looks[right - 1, at]
+    rises = reached > state
+    while state != reached:
+        threshold = links.thresholds_db[words[k, LOWEST] + (state if rises else state - 1)]
+        while (after >= threshold) != rises:
+            first, last, low, before, high, after = low, before, high, after, later, beyond
+            later, beyond = until, end
+            if high >= until:
+                high, after = until, end
+                break
+        found, width, tries = high, high - low, 0
+        while not _meet(start_us, begin, low, high):
+            tries += 1
+            share = 0.5
+            if tries % 4 > 0 or high - low < 0.1 * width:
+                share = _share(
+                    (first, low, high, later),
+                    (last - threshold, before - threshold, after - threshold, beyond - threshold),
+                )
+            if tries % 4 == 0:
+                width = high - low
+            least = 0.25 * ROOT_S
+            found = min(max(low + share * (high - low), low + least), high - least)
+            if not low < found < high:
+                break
+            value = ratio_db(links, k, found)
+            if (value >= threshold) == rises:
+                later, beyond, high, after = high, after, found, value
+            else:
+                first, last, low, before = low, before, found, value
+            if slopes[0] > 0.0:  # the root is between two times on one side
+                gap = threshold - value if rises else value - threshold
+                one, other = found + gap / slopes[0], found + gap / slopes[1]
+                if _meet(start_us, begin, min(one, other), max(one, other)):
+                    found = one
+                    break
+            found = high
+        since = max(since, found)
+        state += 1 if rises else -1
+        note(links, k, rounded_us(start_us, begin + since), state)
+    words[k, STATE] = state
+
+
+@part
+def _meet(start_us: int, begin: float, low: float, high: float) -> bool:
+    """Return whether two times are rounded to one microsecond, or are as near as they need be."""
+    return high - low <= ROOT_S or rounded_us(start_us, begin + low) == rounded_us(
+        start_us, begin + high
+    )
+
+
+Four = tuple[float, float, float, float]
+
+
+@rule
+def _share(t: Four, values: Four) -> float:
+    """Return where the inverse interpolation of values is 0, as a share of the middle interval.
+
+    The first two times are one if there is no earlier value, and so are the last two. The share is
+    one half where the interpolation is of no use.
+    """
+    w = t[2] - t[1]
+    f0, f1, f2, f3 = values
+    share = f1 / (f1 - f2)
+    early, late = t[0] != t[1], t[3] != t[2]
+    if early or late:
+        a = 0.0
+        if early:
+            x = (t[0] - t[1]) / w
+            # Neville's scheme for the times, in shares of the interval, at the value 0.
+            a = -f1 * x / (f0 - f1)
+            a = (f0 * share - f2 * a) / (f0 - f2)
+        b = 0.0
+        if late:
+            x = (t[3] - t[1]) / w
+            b = (f2 * x - f3) / (f2 - f3)
+            b = (f1 * b - f3 * share) / (f1 - f3)
+        share = a if early else b
+        if early and late:
+            share = (f0 * b - f3 * a) / (f0 - f3)
+    return share if 0.0 <= share <= 1.0 else 0.5
