@@ -19,7 +19,13 @@ if TYPE_CHECKING:
     from desim_uav.api.train import StopTraining, TrainingProgress, TrainingResult, train
     from desim_uav.engine.base import RunSettings
     from desim_uav.engine.des import Simulation
-    from desim_uav.env import UavEnv, UavParallelEnv, UavVecEnv, UavVectorEnv
+    from desim_uav.env import (
+        UavEnv,
+        UavParallelEnv,
+        UavParallelVectorEnv,
+        UavVecEnv,
+        UavVectorEnv,
+    )
     from desim_uav.errors import DesimError, DesimWarning, Interrupted
     from desim_uav.policies import Policy, load_policy
     from desim_uav.registry import register
@@ -45,6 +51,7 @@ _PUBLIC = {
     "TrainingResult": "desim_uav.api.train",
     "UavEnv": "desim_uav.env",
     "UavParallelEnv": "desim_uav.env",
+    "UavParallelVectorEnv": "desim_uav.env",
     "UavVecEnv": "desim_uav.env",
     "UavVectorEnv": "desim_uav.env",
     "World": "desim_uav.world",
@@ -84,6 +91,7 @@ __all__ = [
     "TrainingResult",
     "UavEnv",
     "UavParallelEnv",
+    "UavParallelVectorEnv",
     "UavVecEnv",
     "UavVectorEnv",
     "World",

@@ -139,6 +139,10 @@ class Engine(Independent, ABC):
         """Put drones in their states at the start of an episode, and begin its log."""
         if not self._goes_on:
             self.load(self._carried)
+        self.set_under_way(episode, walking)
+
+    def set_under_way(self, episode: int, walking: Walks | RowWalks) -> None:
+        """Note that an episode begins, with drones that are where they begin it."""
         self._carried = None
         self._under_way = True
         self.walking = walking

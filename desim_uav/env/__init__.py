@@ -12,6 +12,7 @@ from desim_uav.env.registration import register_envs
 
 if TYPE_CHECKING:
     from desim_uav.env.parallel import UavParallelEnv
+    from desim_uav.env.parallel_vector import UavParallelVectorEnv
     from desim_uav.env.single import UavEnv
     from desim_uav.env.stable_baselines import UavVecEnv
     from desim_uav.env.vector import UavVectorEnv
@@ -19,11 +20,12 @@ if TYPE_CHECKING:
 _PUBLIC = {
     "UavEnv": "desim_uav.env.single",
     "UavParallelEnv": "desim_uav.env.parallel",
+    "UavParallelVectorEnv": "desim_uav.env.parallel_vector",
     "UavVecEnv": "desim_uav.env.stable_baselines",
     "UavVectorEnv": "desim_uav.env.vector",
 }
 
-__all__ = ["UavEnv", "UavParallelEnv", "UavVecEnv", "UavVectorEnv"]
+__all__ = ["UavEnv", "UavParallelEnv", "UavParallelVectorEnv", "UavVecEnv", "UavVectorEnv"]
 
 register_envs()
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 import secrets
+from collections.abc import Sequence
 from functools import cache, cached_property
 from itertools import chain
 from typing import Any
@@ -96,13 +97,17 @@ class Session(Independent):
         If the scenario says so, drones continue from where the previous episode left them, unless
         that episode was ended early. Raises gymnasium's Error for a seed outside 0 … 2**63 - 1.
         """
+        self.start(seed)
+        self._begin(self._path(self.episode + 1))
+        self.episode += 1
+        self._over = False
+
+    def start(self, seed: int | None) -> None:
+        """Begin a new run if there is a ``seed``, or if none has begun (see ``reset``)."""
         if seed is not None:
             self._start_over(_checked(seed), self.world)
         elif not self._started:
             self._start_over(self.seed, self.world)
-        self._begin(self._path(self.episode + 1))
-        self.episode += 1
-        self._over = False
 
     def _path(self, episode: int) -> SamplePath:
         """Return the sample path of the next episode, which is drawn with some later ones."""
@@ -172,6 +177,14 @@ class Session(Independent):
         """Return the encoded observations of all drones, one after the other."""
         return np.array(list(chain.from_iterable(self.encoded())), self.dtype)
 
+    def observations(self) -> NDArray[Any]:
+        """Return the encoded observation of each drone, in a new array (drones, features)."""
+        return np.array(self.encoded(), self.dtype)
+
+    def rewards(self) -> Sequence[float]:
+        """Return the reward of each drone in the last step."""
+        return self._snapshot.rewards
+
     def mask(self) -> NDArray[np.int8]:
         """Return the masks of all drones, one after the other, in a new array."""
         return flat_mask(self._snapshot.masks)
@@ -199,19 +212,40 @@ class Session(Independent):
     def info(self) -> dict[str, Any]:
         """Return the info: time, quality of experience so far, seeds, counts, terms, and masks.
 
-        The terms of the reward are means over the drones, and counts are over all of them. A
+        The terms of the reward are means over the drones, and counts are over all of them. If at
+        least one drone has a choice, ``forced`` is 0, and ``elapsed_steps`` counts the steps since
+        the last earlier decision epoch at which it was 0 (see ``rules.rows.Observation``). A
         measure that does not exist yet is 0: QoE1 and QoE2, which are means over requests, while
         ``requests`` is 0, and QoE3, a mean over time, while ``sim_time_s`` is 0. No key is
         "episode", which Gymnasium and stable-baselines3 keep for their statistics.
         """
         info, drones = self.info_of_all(), self.reward_terms()
-        users = [observation.attached_users for observation in self._snapshot.observations]
-        info["attached_users"] = sum(users)
+        each = self.engine.entries("observations")
+        info["attached_users"] = sum(one.attached_users for one in each)
         info["crashes"] = self.engine.log.crashes
+        info["elapsed_steps"] = min(int(one.elapsed) for one in each)
+        info["forced"] = min(int(one.forced) for one in each)
         for name, key in self.terms.items():
             info[key] = in_order([float(terms[name]) for terms in drones]) / self.drones
         info["action_mask"] = self.mask()
         return info
+
+    def infos(self) -> list[dict[str, Any]]:
+        """Return the info of each drone: the counts OWN_COUNTS and the terms are its own.
+
+        The masks are not in it.
+        """
+        of_all, crashed, infos = self.info_of_all(), self.engine.log.crashed, []
+        each, keys = self.engine.entries("observations"), self.terms.items()
+        for drone, own in enumerate(self.reward_terms()):
+            info, one = of_all.copy(), each[drone]
+            info["attached_users"] = int(one.attached_users)
+            info["crashes"] = crashed.count(drone)
+            info["elapsed_steps"], info["forced"] = int(one.elapsed), int(one.forced)
+            for name, key in keys:
+                info[key] = float(own[name])
+            infos.append(info)
+        return infos
 
 
 @cache

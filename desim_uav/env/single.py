@@ -7,17 +7,13 @@ from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import error
 from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
-from desim_uav.env.compiled import CompiledSession
+from desim_uav.env.compiled import session_of
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
-from desim_uav.env.session import Session
 from desim_uav.spaces import action_space, features, observation_space
-
-SESSIONS = {"des": Session, "batch": CompiledSession}
 
 
 class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
@@ -57,9 +53,7 @@ class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
         ``config`` takes precedence. Raises ScenarioError with every problem of the scenario, and
         UnsupportedMode if ``render_mode`` is unknown, or "human" without a display.
         """
-        if engine not in SESSIONS:
-            raise error.Error(f"engine {engine!r}: must be 'des' or 'batch'")
-        self.session = SESSIONS[engine](configured(scenario, config, world_seed))
+        self.session = session_of(engine, configured(scenario, config, world_seed))
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode
         self.drones = self.session.drones

@@ -22,7 +22,7 @@ from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.code_digest import code_digest
 from desim_uav.model.rows import View, Words, array_of, held_by, is_row, named
 from desim_uav.model.state import Snapshot
-from desim_uav.model.walking import misstep, walking_of
+from desim_uav.model.walking import RowWalks, Walks, misstep, walking_of
 from desim_uav.rules.rows import Constants, Drone, Look, Plan, State
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY
 from desim_uav.sample_path import SamplePath, SamplePaths
@@ -159,10 +159,29 @@ class BatchSimulation(Engine):
     def begin(self, path: SamplePath) -> None:
         """Begin an episode without a snapshot."""
         self.latest = None
-        self._began = self._carried, self._standing() if self._goes_on else None
+        self._note_before()
         self.path, _ = self.prepare(SamplePaths.of(path))
         calls.run(*self.addresses(), RESET)
         self.drain()
+
+    def begin_on(self, path: Words, episode: int, walking: Walks | RowWalks) -> bool:
+        """Prepare for ``calls.begin_all``, which begins an episode on a path in memory.
+
+        Returns whether it has to put the drones at their starts.
+        """
+        self.latest = None
+        self._note_before()
+        self.path = path
+        afresh = not self._goes_on and self._carried is None
+        if afresh:
+            self.set_under_way(episode, walking)
+        else:
+            self.take_up(episode, walking)
+        return afresh
+
+    def _note_before(self) -> None:
+        """Keep the states in which drones begin an episode, which may have to be repeated."""
+        self._began = self._carried, self._standing() if self._goes_on else None
 
     def _standing(self) -> tuple[int, NDArray[Any], list[list[int]]]:
         """Return the time, the drones' rows as an array, and the queues at the stations."""
