@@ -124,9 +124,13 @@ class CompiledSession(Session):
         self._over = False
         return afresh
 
+    def addresses(self) -> tuple[int, int, int]:
+        """Return the addresses of constants, sample path (0 before the first) and state."""
+        return self.engine.addresses()
+
     def _look(self) -> None:
         """Write the outputs of the present epoch."""
-        self._row.addresses[0, :3] = self.engine.addresses()
+        self._row.addresses[0, :3] = self.addresses()
         calls.look_at_all(self._row.addresses, ONE)
 
     def _new_engine(self, settings: RunSettings) -> Engine:
@@ -168,6 +172,10 @@ class CompiledSession(Session):
         rewards: list[float] = self._row.paid.tolist()
         return rewards
 
+    def _whole_state(self) -> NDArray[np.float64]:
+        states: NDArray[np.float64] = states_of(self._row.addresses, self)
+        return states.reshape(-1)
+
     def mask(self) -> NDArray[np.int8]:
         """Return the masks of all drones, one after the other, in a new array."""
         return self._row.masks.copy()
@@ -195,6 +203,13 @@ class CompiledSession(Session):
             values = (*measures, *seeds, *counts, *own[OWN_COUNTED:])
             infos.append(dict(zip(self.keys, values, strict=True)))
         return infos
+
+
+def states_of(addresses: NDArray[np.int64], session: Session) -> NDArray[np.float64]:
+    """Return the whole states of environments like that of a session (n, numbers)."""
+    states = np.empty((len(addresses), len(session.state_names)))
+    calls.state_all(addresses, np.empty((len(session.world.homes), 2)), states)
+    return states
 
 
 SESSIONS = {"des": Session, "batch": CompiledSession}

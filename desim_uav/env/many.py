@@ -109,7 +109,9 @@ class Many(Independent):
         """Begin the next episode of the environments ``which``; with seeds, new runs."""
         numbers = np.flatnonzero(which).tolist()
         for k in numbers:
-            self.sessions[k].start(None if seeds is None else seeds[k])
+            session = self.sessions[k]
+            if session.start(None if seeds is None else seeds[k]):
+                self.outputs.addresses[k, :3] = session.addresses()
         afresh = np.zeros(self.num_envs, np.bool_)
         for group in self._drawn_together(numbers):
             afresh[group] = self._put_on_paths(group)
@@ -132,11 +134,13 @@ class Many(Independent):
         """Draw sample paths for the next episodes; return which environments begin afresh."""
         sessions = [self.sessions[k] for k in group]
         seeds, episodes = zip(*[(own.seed, own.episode + 1) for own in sessions], strict=True)
-        paths = draw_all(sessions[0].world, seeds, episodes)
-        blocks, table, afresh = blocks_of(paths), self.outputs.addresses, []
-        for k, own, block, walking in zip(group, sessions, blocks, paths.walking, strict=True):
-            afresh.append(own.begin_on(block, own.world.walks_here(walking)))
-            table[k, :3] = own.engine.addresses()
+        world = sessions[0].world
+        paths = draw_all(world, seeds, episodes)
+        blocks, self.outputs.addresses[group, 1] = blocks_of(paths)
+        afresh = []
+        for own, block, walking in zip(sessions, blocks, paths.walking, strict=True):
+            here = walking if own.world is world else own.world.walks_here(walking)
+            afresh.append(own.begin_on(block, here))
         return afresh
 
     def _reset_mask(self, options: dict[str, Any] | None) -> Flags:
@@ -160,13 +164,17 @@ class Many(Independent):
 
     def require_episodes(self, over: Flags) -> None:
         """Raise ResetNeeded if there is an environment that cannot be stepped."""
+        self.require_begun()
+        if self.autoreset_mode is AutoresetMode.DISABLED and over.any():
+            which = np.flatnonzero(over).tolist()
+            raise error.ResetNeeded(f"call reset first: the episode is over in {which}")
+
+    def require_begun(self) -> None:
+        """Raise ResetNeeded if there is an environment in which no episode has begun."""
         waiting = self._seeds[:, 2] < 0
         if waiting.any():
             which = np.flatnonzero(waiting).tolist()
             raise error.ResetNeeded(f"call reset first: no episode has begun in {which}")
-        if self.autoreset_mode is AutoresetMode.DISABLED and over.any():
-            which = np.flatnonzero(over).tolist()
-            raise error.ResetNeeded(f"call reset first: the episode is over in {which}")
 
     def advance(self, commands: NDArray[np.int64], which: Flags) -> None:
         """Give the environments ``which`` their commands, and run each to its next epoch.

@@ -15,7 +15,7 @@ from desim_uav.env.compiled import session_of
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError
-from desim_uav.spaces import features, observation_space
+from desim_uav.spaces import features, observation_space, state_space
 
 Parts = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
@@ -69,6 +69,7 @@ class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore
             for agent in self.possible_agents
         }
         self.action_spaces = {agent: Discrete(actions) for agent in self.possible_agents}
+        self.state_space = state_space(len(self.session.state_names))
 
     def observation_space(self, agent: str) -> Dict:
         """Return the observation space of an agent, always the same object."""
@@ -113,6 +114,10 @@ class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore
         for agent, reward in zip(infos, self.session.rewards(), strict=True):
             rewards[agent], ends[agent], cuts[agent] = reward, terminated, truncated
         return observations, rewards, ends, cuts, infos
+
+    def state(self) -> NDArray[np.float32]:
+        """Return the whole state, for learners that train centrally (see ``rules.whole_state``)."""
+        return self.session.state()
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the masks of all drones, one after the other: bool (drones * actions,)."""

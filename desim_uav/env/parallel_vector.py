@@ -13,11 +13,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, OWN_COUNTS
-from desim_uav.env.compiled import COUNTED, MEASURED, OWN_COUNTED
+from desim_uav.env.compiled import COUNTED, MEASURED, OWN_COUNTED, states_of
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.many import Flags, Many, Seed
 from desim_uav.env.session import whole_numbers
-from desim_uav.spaces import features, observation_space
+from desim_uav.spaces import features, observation_space, state_space
 
 Told = tuple[
     NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
@@ -38,6 +38,7 @@ class UavParallelVectorEnv(Many):
 
     ``single_observation_space`` and ``single_action_space`` are those of one drone, and
     ``observation_space`` and ``action_space`` those of all (num_envs, drones, …).
+    ``single_state_space`` is that of the whole state of an environment.
     Copies and pickles are independent environments (see ``UavEnv``) with threads of their own.
     """
 
@@ -68,6 +69,8 @@ class UavParallelVectorEnv(Many):
         self.single_action_space = Discrete(actions)
         of_one = batch_space(self.single_observation_space, self.drones)
         self.observation_space = batch_space(of_one, num_envs)
+        self.single_state_space = state_space(len(first.state_names))
+        self.state_space = batch_space(self.single_state_space, num_envs)
         self.action_space = MultiDiscrete(np.full((num_envs, self.drones), actions))
 
     def _set_up(self) -> None:
@@ -142,6 +145,21 @@ class UavParallelVectorEnv(Many):
         infos = dict(zip(self.sessions[0].keys, (*values, *own[OWN_COUNTED:].copy()), strict=True))
         infos["action_mask"] = self._masks.copy() if self.copy else self._masks
         return infos
+
+    def state(self) -> NDArray[np.float32]:
+        """Return the whole state of each environment, float32 (num_envs, numbers), a new array.
+
+        For the numbers see ``rules.whole_state``; ``state_names`` are their names. Raises
+        ResetNeeded before the first reset of an environment.
+        """
+        self.require_begun()
+        states = states_of(self.outputs.addresses, self.sessions[0])
+        return states.astype(np.float32)
+
+    @property
+    def state_names(self) -> list[str]:
+        """The names of the numbers of a state."""
+        return self.sessions[0].state_names
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the masks, bool (num_envs, drones, actions), in a new array."""

@@ -21,6 +21,7 @@ from desim_uav.engine.episode import Engine
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
 from desim_uav.model.sums import in_order
+from desim_uav.rules.whole_state import names_of
 from desim_uav.sample_path import SamplePath, SamplePaths, at_once, draw_all
 from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import features, flat_mask, observation_space
@@ -65,7 +66,7 @@ class Session(Independent):
         self._over = True
         self._draws_ahead = draws_ahead
         self._paths: SamplePaths | None = None
-        self._started = world is None
+        self._started = False
         if world is None:
             self._start_over(self.seed, None)
         else:
@@ -77,9 +78,12 @@ class Session(Independent):
         world_seed = seed if fixed is None else fixed
         if world is None or world.seed != world_seed:
             world = build_world(self.scenario, world_seed)
-        self.world = world
-        ceilings, carry_over = (True,) * self.drones, self.scenario.episode.carry_over
-        self.engine = self._new_engine(RunSettings(ceilings, carry_over, keep_steps=False))
+        if self._started and world is self.world:
+            self.engine.carry(None)
+        else:
+            self.world = world
+            ceilings, carry_over = (True,) * self.drones, self.scenario.episode.carry_over
+            self.engine = self._new_engine(RunSettings(ceilings, carry_over, keep_steps=False))
         self.seed, self.episode, self._paths, self._started = seed, -1, None, True
 
     def _new_engine(self, settings: RunSettings) -> Engine:
@@ -102,12 +106,15 @@ class Session(Independent):
         self.episode += 1
         self._over = False
 
-    def start(self, seed: int | None) -> None:
-        """Begin a new run if there is a ``seed``, or if none has begun (see ``reset``)."""
+    def start(self, seed: int | None) -> bool:
+        """Begin a new run if there is a ``seed``, or if none has begun; return whether it does."""
         if seed is not None:
             self._start_over(_checked(seed), self.world)
         elif not self._started:
             self._start_over(self.seed, self.world)
+        else:
+            return False
+        return True
 
     def _path(self, episode: int) -> SamplePath:
         """Return the sample path of the next episode, which is drawn with some later ones."""
@@ -184,6 +191,22 @@ class Session(Independent):
     def rewards(self) -> Sequence[float]:
         """Return the reward of each drone in the last step."""
         return self._snapshot.rewards
+
+    @cached_property
+    def state_names(self) -> list[str]:
+        """The names of the numbers of a state (see ``rules.whole_state``)."""
+        return names_of(self.drones, self.world.services.names, self.world.grid.cells)
+
+    def state(self) -> NDArray[np.float32]:
+        """Return the whole state, float32 (see ``rules.whole_state``).
+
+        Raises ResetNeeded before the first episode.
+        """
+        self.require_episode()
+        return self._whole_state().astype(np.float32)
+
+    def _whole_state(self) -> NDArray[np.float64]:
+        return self.engine.whole_state()
 
     def mask(self) -> NDArray[np.int8]:
         """Return the masks of all drones, one after the other, in a new array."""

@@ -271,3 +271,62 @@ def test_it_tells_what_the_joint_environments_tell():
         assert_same(told["crashes"].sum(axis=1), also["crashes"])
         for key in ("sim_time_s", "qoe1_percent", "requests", "seed", "episode_number"):
             assert_same(told[key], also[key])
+
+
+@pytest.mark.parametrize("name", SCENARIOS)
+def test_the_whole_state_is_that_of_simpy(name: str):
+    case, config = SCENARIOS[name]
+    both = [UavParallelEnv(case, config, engine=engine) for engine in ("des", "batch")]
+    many = UavParallelVectorEnv(case, 1, config)
+    rng = np.random.default_rng(1)
+    for seed in (3, None, None):
+        for env in (*both, many):
+            env.reset(seed=seed)
+        while both[0].agents:
+            state = both[0].state()
+            assert state in both[0].state_space and len(state) == len(many.state_names)
+            assert_same(both[1].state(), state)
+            assert_same(many.state()[0], state)
+            check_state(both[0], dict(zip(many.state_names, state.tolist(), strict=True)))
+            actions = random_actions(many.action_masks(), rng)
+            for env in both:
+                env.step(dict(zip(env.agents, actions[0].tolist(), strict=True)))
+            many.step(actions)
+        assert_same(both[1].state(), both[0].state())
+
+
+def check_state(env: UavParallelEnv, state: dict[str, float]) -> None:
+    """Each number is what the engine itself says."""
+    engine, world = env.session.engine, env.session.world
+    (drones_m, users_m), doing = engine.positions_m(), engine.user_states()
+    for d, (x_m, y_m, z_m) in enumerate(drones_m.tolist()):
+        seen = env.session.snapshot.observations[d]
+        assert state[f"drone_{d}_x"] == pytest.approx(x_m / world.grid.width_m)
+        assert state[f"drone_{d}_y"] == pytest.approx(y_m / world.grid.depth_m)
+        assert state[f"drone_{d}_z"] == pytest.approx(z_m / world.grid.levels_m[-1])
+        assert state[f"drone_{d}_mode_{seen.mode.name.lower()}"] == 1.0
+        if seen.capacity_s is not None:
+            assert state[f"drone_{d}_battery"] == pytest.approx(seen.battery_s / seen.capacity_s)
+    for k, name in enumerate(("idle", "attached", "waiting", "served")):
+        assert state[f"users_{name}"] == pytest.approx(doing.count(k) / len(doing))
+    x, y = (int(at * 10 // side) for at, side in zip(users_m[0, :2], world.area, strict=True))
+    assert state[f"users_{x}_{y}"] > 0
+    waiting = sum(value for name, value in state.items() if name.startswith("waiting_"))
+    assert waiting == pytest.approx(doing.count(2) / len(doing), abs=1e-6)
+
+
+def test_asking_for_the_state_changes_nothing():
+    envs = [UavParallelEnv("case8", BRITTLE, engine="batch") for _ in range(2)]
+    rng = np.random.default_rng(1)
+    for seed in (3, None):
+        for env in envs:
+            env.reset(seed=seed)
+        while envs[0].agents:
+            envs[0].state()
+            masks = envs[0].action_masks().reshape(3, -1)
+            actions = dict(zip(envs[0].agents, random_actions(masks, rng).tolist(), strict=True))
+            assert repr(envs[0].step(actions)) == repr(envs[1].step(actions))
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        UavParallelVectorEnv("case8", 1).state()
+    with pytest.raises(gymnasium.error.ResetNeeded):
+        UavParallelEnv("case8").state()

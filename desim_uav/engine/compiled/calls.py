@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled import looking, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
-from desim_uav.model.compiled_rows import address_of, call, entries_at, pointer_to
+from desim_uav.model.compiled_rows import address_of, as_array, call, entries_at, pointer_to
+from desim_uav.model.coverage import leg_at, walked
 from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import requests
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
+from desim_uav.rules.whole_state import write_state
 
 Ints = NDArray[np.int64]
 
@@ -139,6 +142,27 @@ def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
             )
             stopped += _look_at(constants_at(row[0]), state_at(row[2]), outputs)
     return stopped
+
+
+@kernel
+def state_all(environments: Ints, places: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    """Write the whole states of all environments into ``out`` (n, numbers).
+
+    ``places`` (users, 2) is memory for the places of the users of one environment.
+    """
+    for k in range(len(environments)):
+        row = environments[k]
+        world, path, own = constants_at(row[0]), path_at(row[1]), state_at(row[2])
+        now_us = own.now_us
+        looking.know_walks(world, path, own, now_us, now_us)
+        rows, begins = path.legs, path.legs_at
+        if path.stepwise:
+            rows, begins = own.look.walking.legs, own.look.walking.legs_at
+        legs = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS))
+        for user in range(len(own.users)):
+            leg = leg_at(legs, begins[user], begins[user + 1], now_us)
+            places[user, 0], places[user, 1] = walked(legs, leg, now_us)
+        write_state(world, own, places, out[k])
 
 
 @rule

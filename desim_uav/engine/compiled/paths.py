@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from desim_uav.model.asking import ManyRequests, Requests
 from desim_uav.model.kernels import kernel
 from desim_uav.model.rows import Words
+from desim_uav.model.rows import place as place_of
 from desim_uav.model.walking import ManyRowWalks, RowWalks, Walks
 from desim_uav.rules.rows import Path
 from desim_uav.sample_path import SamplePaths
@@ -50,10 +51,11 @@ def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
     return np.concatenate([rows.reshape(-1), *parts], dtype=np.int64), starts
 
 
-def blocks_of(paths: SamplePaths) -> list[Words]:
-    """Return sample paths in a block of memory each, which may be copied and kept on its own.
+def blocks_of(paths: SamplePaths) -> tuple[list[Words], NDArray[np.int64]]:
+    """Return sample paths in a block of memory each, and the addresses of these blocks.
 
-    The blocks are parts of one array, which exists as long as one of them does.
+    A block may be copied and kept on its own. All are parts of one array, which exists as long as
+    one of them does.
     """
     rows, sections = _rows_and_sections(paths)
     episodes = len(rows)
@@ -75,7 +77,8 @@ def blocks_of(paths: SamplePaths) -> list[Words]:
         block,
         starts,
     )
-    return [block[start:end] for start, end in zip(starts.tolist(), ends.tolist(), strict=True)]
+    bounds = zip(starts.tolist(), ends.tolist(), strict=True)
+    return [block[start:end] for start, end in bounds], place_of(block) + 8 * starts
 
 
 @kernel
