@@ -103,6 +103,8 @@ class CompiledSession(Session):
         """Make row k of these outputs the one of this session, from now on."""
         rows = (array[k] for array in outputs[: calls.OUTPUTS])
         self._row = Outputs._make([*rows, outputs.addresses[k : k + 1]])
+        if self._started:
+            self._row.addresses[0, :3] = self.addresses()
         if self.episode >= 0:
             self._look()
 

@@ -330,3 +330,12 @@ def test_asking_for_the_state_changes_nothing():
         UavParallelVectorEnv("case8", 1).state()
     with pytest.raises(gymnasium.error.ResetNeeded):
         UavParallelEnv("case8").state()
+
+
+def test_resets_without_a_seed():
+    """Before the first one there is an engine only in the first environment."""
+    env = UavParallelVectorEnv("case8", 2, world_seed=0)
+    for other in (env, copy.deepcopy(env)):
+        _, infos = other.reset()
+        assert infos["episode_number"].tolist() == [0, 0]
+        other.step(np.zeros((2, 3), int))
