@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from desim_uav.engine.base import RunSettings
     from desim_uav.engine.des import Simulation
     from desim_uav.env import (
+        Curriculum,
         UavEnv,
         UavParallelEnv,
         UavParallelVectorEnv,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 _PUBLIC = {
     "Comparison": "desim_uav.api.compare",
+    "Curriculum": "desim_uav.env",
     "DesimError": "desim_uav.errors",
     "DesimWarning": "desim_uav.errors",
     "Interrupted": "desim_uav.errors",
@@ -76,6 +78,7 @@ _PUBLIC = {
 
 __all__ = [
     "Comparison",
+    "Curriculum",
     "DesimError",
     "DesimWarning",
     "Interrupted",

@@ -15,9 +15,11 @@ if TYPE_CHECKING:
     from desim_uav.env.parallel_vector import UavParallelVectorEnv
     from desim_uav.env.single import UavEnv
     from desim_uav.env.stable_baselines import UavVecEnv
+    from desim_uav.env.tasks import Curriculum
     from desim_uav.env.vector import UavVectorEnv
 
 _PUBLIC = {
+    "Curriculum": "desim_uav.env.tasks",
     "UavEnv": "desim_uav.env.single",
     "UavParallelEnv": "desim_uav.env.parallel",
     "UavParallelVectorEnv": "desim_uav.env.parallel_vector",
@@ -25,7 +27,14 @@ _PUBLIC = {
     "UavVectorEnv": "desim_uav.env.vector",
 }
 
-__all__ = ["UavEnv", "UavParallelEnv", "UavParallelVectorEnv", "UavVecEnv", "UavVectorEnv"]
+__all__ = [
+    "Curriculum",
+    "UavEnv",
+    "UavParallelEnv",
+    "UavParallelVectorEnv",
+    "UavVecEnv",
+    "UavVectorEnv",
+]
 
 register_envs()
 

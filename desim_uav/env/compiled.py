@@ -13,11 +13,11 @@ from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.episode import Engine
 from desim_uav.env.session import Session, info_keys, out_of_range, whole_numbers
+from desim_uav.env.tasks import Tasks
 from desim_uav.model.rows import Words
 from desim_uav.model.state import Snapshot
 from desim_uav.model.walking import RowWalks, Walks
 from desim_uav.sample_path import SamplePath
-from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import features
 from desim_uav.world import World
 
@@ -81,10 +81,8 @@ class CompiledSession(Session):
 
     engine: BatchSimulation
 
-    def __init__(
-        self, scenario: Scenario, world: World | None = None, draws_ahead: bool = True
-    ) -> None:
-        super().__init__(scenario, world, draws_ahead)
+    def __init__(self, tasks: Tasks, world: World | None = None, draws_ahead: bool = True) -> None:
+        super().__init__(tasks, world, draws_ahead)
         self.keys = info_keys(term_names(self.world))
         self.write_to(Outputs.of(self, 1), 0)
 
@@ -136,6 +134,8 @@ class CompiledSession(Session):
         calls.look_at_all(self._row.addresses, ONE)
 
     def _new_engine(self, settings: RunSettings) -> Engine:
+        if self._started and self.engine.move_to(self.world, settings):
+            return self.engine
         engine = BatchSimulation(self.world, settings)
         engine.refuse_unseen()
         return engine
@@ -217,8 +217,8 @@ def states_of(addresses: NDArray[np.int64], session: Session) -> NDArray[np.floa
 SESSIONS = {"des": Session, "batch": CompiledSession}
 
 
-def session_of(engine: str, scenario: Scenario) -> Session:
-    """Return a session of a scenario in an engine, by its name. Raises gymnasium's Error."""
+def session_of(engine: str, tasks: Tasks) -> Session:
+    """Return a session in an engine, by its name. Raises gymnasium's Error."""
     if engine not in SESSIONS:
         raise error.Error(f"engine {engine!r}: must be 'des' or 'batch'")
-    return SESSIONS[engine](scenario)
+    return SESSIONS[engine](tasks)

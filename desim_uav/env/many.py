@@ -18,8 +18,8 @@ from desim_uav.engine.compiled.paths import blocks_of
 from desim_uav.env.compiled import CompiledSession, Outputs
 from desim_uav.env.render import Screen
 from desim_uav.env.session import out_of_range
+from desim_uav.env.tasks import Tasks
 from desim_uav.sample_path import draw_all
-from desim_uav.scenario.schema import Scenario
 
 Flags = NDArray[np.bool_]
 """One truth value for each environment."""
@@ -40,7 +40,7 @@ class Many(Independent):
 
     def make_sessions(
         self,
-        scenario: Scenario,
+        tasks: Tasks,
         num_envs: int,
         autoreset_mode: AutoresetMode | str,
         threads: int,
@@ -57,8 +57,8 @@ class Many(Independent):
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.autoreset_mode = _mode(autoreset_mode)
-        first = CompiledSession(scenario, draws_ahead=False)
-        others = [CompiledSession(scenario, first.world, False) for _ in range(num_envs - 1)]
+        first = CompiledSession(tasks, draws_ahead=False)
+        others = [CompiledSession(tasks, first.world, False) for _ in range(num_envs - 1)]
         self.sessions = [first, *others]
         self.threads = min(threads, num_envs)
         self.screens = [Screen(session, render_mode) for session in self.sessions if render_mode]

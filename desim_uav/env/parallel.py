@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,9 +12,10 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
 from desim_uav.copies import Independent
 from desim_uav.env.compiled import session_of
-from desim_uav.env.configure import Source, WorldSeed, configured
+from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.session import ActionError
+from desim_uav.env.tasks import Change, Curriculum, tasks_of
 from desim_uav.spaces import features, observation_space, state_space
 
 Parts = dict[str, NDArray[Any]]
@@ -45,15 +46,17 @@ class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
         engine: str = "des",
+        curriculum: Curriculum | Sequence[Change] | None = None,
     ) -> None:
         """Make the environment of a scenario.
 
         ``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it;
-        ``world_seed`` and ``engine``: as in ``UavEnv``. Raises ScenarioError with every problem of
-        the scenario, and for a component that the compiled engine cannot run; gymnasium's Error for
-        another engine; UnsupportedMode if ``render_mode`` is unknown, or "human" without a display.
+        ``world_seed``, ``engine`` and ``curriculum``: as in ``UavEnv``. Raises ScenarioError with
+        every problem of the scenario, and for a component that the compiled engine cannot run;
+        gymnasium's Error for another engine; UnsupportedMode if ``render_mode`` is unknown, or
+        "human" without a display.
         """
-        self.session = session_of(engine, configured(scenario, config, world_seed))
+        self.session = session_of(engine, tasks_of(scenario, config, world_seed, curriculum))
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode
         self.possible_agents = [f"drone_{d}" for d in range(self.session.drones)]

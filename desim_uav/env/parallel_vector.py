@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -14,9 +14,10 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, OWN_COUNTS
 from desim_uav.env.compiled import COUNTED, MEASURED, OWN_COUNTED, states_of
-from desim_uav.env.configure import Source, WorldSeed, configured
+from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Flags, Many, Seed
 from desim_uav.env.session import whole_numbers
+from desim_uav.env.tasks import Change, Curriculum, tasks_of
 from desim_uav.spaces import features, observation_space, state_space
 
 Told = tuple[
@@ -52,13 +53,14 @@ class UavParallelVectorEnv(Many):
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
         copy: bool = True,
+        curriculum: Curriculum | Sequence[Change] | None = None,
     ) -> None:
         """Make ``num_envs`` environments of a scenario.
 
         The parameters and errors are those of ``UavVectorEnv``. ``copy``: whether the arrays of a
         reset or step are new ones.
         """
-        chosen = configured(scenario, config, world_seed)
+        chosen = tasks_of(scenario, config, world_seed, curriculum)
         self.make_sessions(chosen, num_envs, autoreset_mode, threads, render_mode)
         first = self.sessions[0]
         self.drones = first.drones

@@ -18,14 +18,14 @@ from desim_uav.engine.base import COUNTS, MEASURES, RunSettings
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
+from desim_uav.env.tasks import Tasks
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
 from desim_uav.model.sums import in_order
 from desim_uav.rules.whole_state import names_of
 from desim_uav.sample_path import SamplePath, SamplePaths, at_once, draw_all
-from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import features, flat_mask, observation_space
-from desim_uav.world import World, build_world
+from desim_uav.world import World
 
 SEEDS = ("seed", "world_seed", "episode_number")
 MOST_SEEDS = 2**63
@@ -39,17 +39,17 @@ class Session(Independent):
     """A scenario that the SimPy engine simulates one decision epoch at a time.
 
     ``seed`` is the seed of the run. It also draws the world, unless the scenario has a
-    ``world_seed``. ``episode`` counts from 0; it is -1 before the first ``reset``. ``shape`` is
-    that of an action, and ``terms`` are the keys of the reward's terms in an info, by name.
+    ``world_seed``; ``tasks`` may give each episode another world, in which the drones begin afresh,
+    or change the scenario. ``episode`` counts from 0; it is -1 before the first ``reset``, and
+    ``steps`` counts the steps of earlier episodes. ``shape`` is that of an action, and ``terms``
+    are the keys of the reward's terms in an info, by name.
     """
 
     world: World
     engine: Engine
     terms: dict[str, str]
 
-    def __init__(
-        self, scenario: Scenario, world: World | None = None, draws_ahead: bool = True
-    ) -> None:
+    def __init__(self, tasks: Tasks, world: World | None = None, draws_ahead: bool = True) -> None:
         """Begin with the scenario's own seed if it has one, else with a random seed.
 
         With a ``world``, which may be of another seed, the run begins with the first ``reset``
@@ -57,34 +57,49 @@ class Session(Independent):
         are drawn at once, which is faster than one by one but takes more memory. Raises
         ScenarioError if the engine cannot run the scenario.
         """
-        self.scenario = scenario
+        self.tasks = tasks
+        self.scenario = scenario = tasks.stages[0][1]
         self.drones = scenario.drones.count
         self.shape = () if self.drones == 1 else (self.drones,)
         given = "seed" in scenario.model_fields_set
         self.seed = scenario.seed if given else secrets.randbits(32)
-        self.episode = -1
+        self.episode, self.steps = -1, 0
+        self._stage = 0
         self._over = True
-        self._draws_ahead = draws_ahead
+        self._draws_ahead = draws_ahead and tasks.worlds is None
         self._paths: SamplePaths | None = None
         self._started = False
         if world is None:
-            self._start_over(self.seed, None)
+            self.start(self.seed)
         else:
             self.world = world
 
-    def _start_over(self, seed: int, world: World | None) -> None:
-        """Begin a new run, in this world if it is the one of this seed, else in a new one."""
-        fixed = self.scenario.world_seed
-        world_seed = seed if fixed is None else fixed
-        if world is None or world.seed != world_seed:
-            world = build_world(self.scenario, world_seed)
-        if self._started and world is self.world:
-            self.engine.carry(None)
-        else:
-            self.world = world
-            ceilings, carry_over = (True,) * self.drones, self.scenario.episode.carry_over
-            self.engine = self._new_engine(RunSettings(ceilings, carry_over, keep_steps=False))
-        self.seed, self.episode, self._paths, self._started = seed, -1, None, True
+    def start(self, seed: int | None) -> bool:
+        """Prepare the next episode: its scenario, its world, and an engine for them.
+
+        With a ``seed``, or if no run has begun, a new run begins. Returns whether the engine may
+        have moved in memory.
+        """
+        if seed is not None or not self._started:
+            self.seed = self.seed if seed is None else _checked(seed)
+            self.episode, self.steps, self._paths = -1, 0, None
+            if self._started:
+                self.engine.carry(None)
+        elif self.episode >= 0:
+            self.steps += int(self.engine.state.step)
+        stage = self.tasks.stage(self.episode + 1, self.steps)
+        world_seed = self.tasks.world_seed(stage, self.seed, self.episode + 1)
+        if self._started and (stage, world_seed) == (self._stage, self.world.seed):
+            return False
+        fits = not self._started and stage == 0 and vars(self).get("world") is not None
+        if not (fits and self.world.seed == world_seed):
+            self.world = self.tasks.world(stage, world_seed)
+        self._stage, self.scenario, self._paths = stage, self.tasks.stages[stage][1], None
+        ceilings = (True,) * self.drones
+        carry_over = self.scenario.episode.carry_over and self.tasks.worlds is None
+        self.engine = self._new_engine(RunSettings(ceilings, carry_over, keep_steps=False))
+        self._started = True
+        return True
 
     def _new_engine(self, settings: RunSettings) -> Engine:
         return Simulation(self.world, settings)
@@ -105,16 +120,6 @@ class Session(Independent):
         self._begin(self._path(self.episode + 1))
         self.episode += 1
         self._over = False
-
-    def start(self, seed: int | None) -> bool:
-        """Begin a new run if there is a ``seed``, or if none has begun; return whether it does."""
-        if seed is not None:
-            self._start_over(_checked(seed), self.world)
-        elif not self._started:
-            self._start_over(self.seed, self.world)
-        else:
-            return False
-        return True
 
     def _path(self, episode: int) -> SamplePath:
         """Return the sample path of the next episode, which is drawn with some later ones."""

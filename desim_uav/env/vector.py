@@ -12,10 +12,11 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from desim_uav.env.compiled import COUNTED, MEASURED
-from desim_uav.env.configure import Source, WorldSeed, configured
+from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Many
 from desim_uav.env.render import RENDERING
 from desim_uav.env.session import whole_numbers
+from desim_uav.env.tasks import Change, Curriculum, tasks_of
 from desim_uav.spaces import action_space, features, observation_space
 
 
@@ -55,17 +56,19 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         threads: int = 1,
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
+        curriculum: Curriculum | Sequence[Change] | None = None,
     ) -> None:
         """Make ``num_envs`` environments of a scenario.
 
-        ``scenario``, ``config`` and ``world_seed`` are as in ``UavEnv``. ``render_mode``: None or
-        "rgb_array". ``threads``: the number of threads that share the environments.
+        ``scenario``, ``config``, ``world_seed`` and ``curriculum`` are as in ``UavEnv``.
+        ``render_mode``: None or "rgb_array". ``threads``: the number of threads that share the
+        environments.
 
         Raises ScenarioError with every problem of the scenario, and for a component that cannot be
         compiled; UnsupportedMode for another render mode; gymnasium's Error for another autoreset
         mode, or if ``num_envs`` or ``threads`` is below 1.
         """
-        chosen = configured(scenario, config, world_seed)
+        chosen = tasks_of(scenario, config, world_seed, curriculum)
         self.make_sessions(chosen, num_envs, autoreset_mode, threads, render_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
         first = self.sessions[0]

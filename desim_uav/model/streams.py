@@ -29,6 +29,7 @@ class Purpose(IntEnum):
     RESPAWN = 5
     LEARNER = 6
     LINK = 7
+    TASK = 8
 
 
 class Streams:

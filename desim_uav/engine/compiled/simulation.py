@@ -110,6 +110,21 @@ class BatchSimulation(Engine):
             name = type(self.world.scenario.observation).__name__
             raise ScenarioError(f"observation: {name!r} is not compiled; engine='des' runs it")
 
+    def move_to(self, world: World, settings: RunSettings) -> bool:
+        """Go to another world of the same scenario, where the drones begin afresh, if it fits.
+
+        Returns whether it does: whether the state of that world takes the same memory.
+        """
+        same = world.scenario is self.world.scenario and settings == self.settings
+        if not same or world.in_air or world.reach_m != self.world.reach_m:
+            return False
+        self.world, self.fixed = world, pack(world, settings)
+        self.constants = View(self.fixed.block, Constants)
+        self.all_plans = array_of(self.fixed.block, Constants, "plans")
+        self.all_hops = array_of(self.fixed.block, Constants, "hops")
+        self.carry(None)
+        return True
+
     # ---- access to the rows
 
     def addresses(self) -> tuple[int, int, int]:
