@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from desim_uav.engine.des import Simulation
     from desim_uav.env import (
         Curriculum,
+        SkipForced,
+        SkipForcedParallel,
         UavEnv,
         UavParallelEnv,
         UavParallelVectorEnv,
@@ -47,6 +49,8 @@ _PUBLIC = {
     "RunSettings": "desim_uav.engine.base",
     "Scenario": "desim_uav.scenario.schema",
     "Simulation": "desim_uav.engine.des",
+    "SkipForced": "desim_uav.env",
+    "SkipForcedParallel": "desim_uav.env",
     "StopTraining": "desim_uav.api.train",
     "TensorBoardCallback": "desim_uav.api.tensorboard",
     "TrainingProgress": "desim_uav.api.train",
@@ -88,6 +92,8 @@ __all__ = [
     "RunSettings",
     "Scenario",
     "Simulation",
+    "SkipForced",
+    "SkipForcedParallel",
     "StopTraining",
     "TensorBoardCallback",
     "TrainingProgress",

@@ -14,12 +14,15 @@ if TYPE_CHECKING:
     from desim_uav.env.parallel import UavParallelEnv
     from desim_uav.env.parallel_vector import UavParallelVectorEnv
     from desim_uav.env.single import UavEnv
+    from desim_uav.env.skipping import SkipForced, SkipForcedParallel
     from desim_uav.env.stable_baselines import UavVecEnv
     from desim_uav.env.tasks import Curriculum
     from desim_uav.env.vector import UavVectorEnv
 
 _PUBLIC = {
     "Curriculum": "desim_uav.env.tasks",
+    "SkipForced": "desim_uav.env.skipping",
+    "SkipForcedParallel": "desim_uav.env.skipping",
     "UavEnv": "desim_uav.env.single",
     "UavParallelEnv": "desim_uav.env.parallel",
     "UavParallelVectorEnv": "desim_uav.env.parallel_vector",
@@ -29,6 +32,8 @@ _PUBLIC = {
 
 __all__ = [
     "Curriculum",
+    "SkipForced",
+    "SkipForcedParallel",
     "UavEnv",
     "UavParallelEnv",
     "UavParallelVectorEnv",
