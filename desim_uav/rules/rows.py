@@ -345,7 +345,9 @@ class Observation(Row):
 
     ``believed`` is the number of the place at which it believes itself to be. ``link_quality`` is
     the mean efficiency of its links to attached users, as a share of that of the best class; it is
-    0 without any, and for the paper's disc.
+    0 without any, and for the paper's disc. ``forced`` is 1 if the mask allows one action only.
+    ``elapsed`` is the number of steps since the last earlier epoch at which it was 0, or since the
+    beginning of the episode if there was none.
     """
 
     mode: int
@@ -358,6 +360,8 @@ class Observation(Row):
     used_hz: int
     served_requests: int
     link_quality: float
+    forced: int
+    elapsed: int
 
 
 @row
