@@ -15,6 +15,7 @@ from desim_uav.rules.note import note_drone, note_leg
 from desim_uav.rules.requests import close_all, doing, foresee_asking
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.settle import settle, settle_after
+from desim_uav.rules.spots import locate
 
 
 @rule
@@ -127,6 +128,7 @@ def show_first(world: Constants, path: Path, state: State) -> None:
     observe(world, state)
     if respawn(world, path, state):
         observe(world, state)
+    locate(world, path, state)
     allow(world, state)
 
 
@@ -168,6 +170,7 @@ def end_step(world: Constants, path: Path, state: State) -> None:
         orient(world, path, state, state.drones[d], state.step)
         any_crashed = any_crashed or state.drones[d].mode == words.CRASHED
     observe(world, state)
+    locate(world, path, state)
     call(world.pay, (world, state))
     if state.keeps_requests:
         record(world, state)

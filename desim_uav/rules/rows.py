@@ -465,6 +465,24 @@ class User(Row):
 
 
 @row
+class Spot(Row):
+    """A user at a decision epoch: its exact place, and its cell.
+
+    ``following`` is the next user in this cell, ``holder`` the sender to which the user is attached
+    (-1: to none), ``doing`` its ``UserState``, and ``left`` the share of its open request that is
+    not done yet (0 without one).
+    """
+
+    x_m: float
+    y_m: float
+    cell: int
+    following: int
+    holder: int
+    doing: int
+    left: float
+
+
+@row
 class Station(Row):
     """A charging station: the drones that charge and queue there, in the order of their landing."""
 
@@ -626,6 +644,8 @@ class State(Row):
     records: Table[Record]
     point_records: Table[PointRecord]
     counts: Table[int]
+    spots: Table[Spot]
+    firsts: Table[int]
     masks: Table[int]
     rewards: Table[float]
     crashed: Queue[int]

@@ -130,9 +130,11 @@ def _look_at(world: Constants, state: State, outputs: OutputRow) -> int:
         outputs.mask[k] = state.masks[k]
     reward = 0.0
     call(world.describe, (world, state))
+    observations, features = outputs.observations, world.features
     for d in range(drones):
-        for k in range(world.features):
-            outputs.observations[d * world.features + k] = state.drones[d].features[k]
+        own, first = state.drones[d].features, d * features
+        for k in range(features):
+            observations[first + k] = own[k]
         numbers[4] += state.observations[d].attached_users
         if state.step > 0:
             reward += state.rewards[d]
