@@ -33,6 +33,7 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     senders = drones + len(scenario.access_points)
     services, steps = len(world.services.names), scenario.episode.steps
     state.keeps_links = int(world.graded)
+    state.keeps_credit = int(getattr(scenario.reward, "keeps_credit", False))
     state.keeps_events, state.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
     observation = scenario.observation
     features = len(observation.features(world.facts))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from desim_uav.model.kernels import rule
 from desim_uav.rules import words
+from desim_uav.rules.credit import served_share
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Path, State, User
 from desim_uav.rules.service import (
@@ -11,7 +12,6 @@ from desim_uav.rules.service import (
     foresee_request,
     open_request,
     scan_later,
-    served_share,
     stop,
     wait,
 )

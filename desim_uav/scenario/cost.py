@@ -135,6 +135,14 @@ def check_cost(scenario: Scenario, engine: str | None = None, keep_events: bool 
         raise ScenarioError(*problems)
 
 
+def expected_requests(scenario: Scenario) -> float:
+    """Return the expected number of requests of an episode if all are served at once; at least 1.
+
+    A demand of one's own that has no ``expected_draws`` counts as one request per user and step.
+    """
+    return max(1.0, _counts(scenario).requests)
+
+
 def _counts(scenario: Scenario) -> _Counts:
     users, drones = scenario.users.count, scenario.drones.count
     steps, horizon_s = scenario.episode.steps, scenario.episode.steps * scenario.episode.step_s
