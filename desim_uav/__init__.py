@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from desim_uav.api.train import StopTraining, TrainingProgress, TrainingResult, train
     from desim_uav.engine.base import RunSettings
     from desim_uav.engine.des import Simulation
-    from desim_uav.env import UavEnv, UavParallelEnv, UavVecEnv, UavVectorEnv
+    from desim_uav.env import UavEnv, UavMoEnv, UavParallelEnv, UavVecEnv, UavVectorEnv
     from desim_uav.errors import DesimError, DesimWarning, Interrupted
     from desim_uav.policies import Policy, load_policy
     from desim_uav.registry import register
@@ -44,6 +44,7 @@ _PUBLIC = {
     "TrainingProgress": "desim_uav.api.train",
     "TrainingResult": "desim_uav.api.train",
     "UavEnv": "desim_uav.env",
+    "UavMoEnv": "desim_uav.env",
     "UavParallelEnv": "desim_uav.env",
     "UavVecEnv": "desim_uav.env",
     "UavVectorEnv": "desim_uav.env",
@@ -83,6 +84,7 @@ __all__ = [
     "TrainingProgress",
     "TrainingResult",
     "UavEnv",
+    "UavMoEnv",
     "UavParallelEnv",
     "UavVecEnv",
     "UavVectorEnv",

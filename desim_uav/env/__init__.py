@@ -12,18 +12,20 @@ from desim_uav.env.registration import register_envs
 
 if TYPE_CHECKING:
     from desim_uav.env.parallel import UavParallelEnv
+    from desim_uav.env.reward_terms import UavMoEnv
     from desim_uav.env.single import UavEnv
     from desim_uav.env.stable_baselines import UavVecEnv
     from desim_uav.env.vector import UavVectorEnv
 
 _PUBLIC = {
     "UavEnv": "desim_uav.env.single",
+    "UavMoEnv": "desim_uav.env.reward_terms",
     "UavParallelEnv": "desim_uav.env.parallel",
     "UavVecEnv": "desim_uav.env.stable_baselines",
     "UavVectorEnv": "desim_uav.env.vector",
 }
 
-__all__ = ["UavEnv", "UavParallelEnv", "UavVecEnv", "UavVectorEnv"]
+__all__ = ["UavEnv", "UavMoEnv", "UavParallelEnv", "UavVecEnv", "UavVectorEnv"]
 
 register_envs()
 

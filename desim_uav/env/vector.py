@@ -18,6 +18,7 @@ from desim_uav.engine.compiled import calls
 from desim_uav.env.compiled import COUNTED, MEASURED, CompiledSession, Outputs
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
+from desim_uav.env.room import require_room
 from desim_uav.env.session import out_of_range, whole_numbers
 from desim_uav.spaces import action_space, features, observation_space
 
@@ -66,7 +67,8 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
 
         Raises ScenarioError with every problem of the scenario, and for a component that cannot be
         compiled; UnsupportedMode for another render mode; gymnasium's Error for another autoreset
-        mode, or if ``num_envs`` or ``threads`` is below 1.
+        mode, if ``num_envs`` or ``threads`` is below 1, or if the observations do not fit in
+        memory.
         """
         if num_envs < 1 or not threads >= 1:
             raise error.Error(f"num_envs {num_envs}, threads {threads}: must be 1 or more")
@@ -81,6 +83,7 @@ class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[An
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
         chosen = configured(scenario, config, world_seed)
         first = CompiledSession(chosen, draws_ahead=False)
+        require_room(first, num_envs)
         others = [CompiledSession(chosen, first.world, False) for _ in range(num_envs - 1)]
         self.sessions = [first, *others]
         self.threads = min(threads, num_envs)
