@@ -69,8 +69,14 @@ def line(case, name, found, kept):
     others = [[one[measure] for one in kept] for measure in MEASURES]
     cells = [case.removeprefix("case"), name]
     for column, other in zip(columns[:2], others[:2], strict=True):
-        cells += [f"{estimate(column).mean:.1f}", f"{paired(column, other):+.1f}"]
+        cells += [f"{estimate(column).mean:.1f}", difference(paired(column, other))]
     return row([*cells, f"{estimate(columns[2]).mean:.3f}"])
+
+
+def difference(found):
+    """Return a paired difference and its interval as text, the latter if there are two seeds."""
+    interval = "" if found.half_width is None else f" ± {found.half_width:.1f}"
+    return f"{found.mean:+.1f}{interval}"
 
 
 def row(cells):

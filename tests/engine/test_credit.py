@@ -143,7 +143,7 @@ def check_against_log(world: World, seed: int) -> None:
         assert steps >= len(paid)
 
 
-@pytest.mark.parametrize("seed", by_default([0, 1], range(12)))
+@pytest.mark.parametrize("seed", by_default([5], range(12)))
 def test_time_alone_is_that_of_the_events(seed: int):
     case = f"case{(seed + 7) % 9 + 1}"
     check_against_log(build_world(load(scenario_path(case), ["reward={kind: qoe}"]), seed), seed)

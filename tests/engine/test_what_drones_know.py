@@ -285,9 +285,9 @@ def random_world(seed: int) -> World:
     raise AssertionError(f"no scenario from seed {seed} on is accepted")
 
 
-@pytest.mark.parametrize("first", by_default([0], range(0, 100, 5)))
+@pytest.mark.parametrize("first", by_default([0], [0, *range(2, 102, 5)]))
 def test_both_engines_show_and_pay_the_same_over_any_radio(first: int):
-    for seed in range(first, first + 5):
+    for seed in range(first, first + (2 if first == 0 else 5)):
         world = random_world(seed)
         one, other = engines(world, (True,) * world.scenario.drones.count)
         for episode in range(2):
