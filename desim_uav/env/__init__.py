@@ -13,6 +13,7 @@ from desim_uav.env.registration import register_envs
 if TYPE_CHECKING:
     from desim_uav.env.parallel import UavParallelEnv
     from desim_uav.env.parallel_vector import UavParallelVectorEnv
+    from desim_uav.env.reward_terms import UavMoEnv
     from desim_uav.env.single import UavEnv
     from desim_uav.env.skipping import SkipForced, SkipForcedParallel
     from desim_uav.env.stable_baselines import UavVecEnv
@@ -24,6 +25,7 @@ _PUBLIC = {
     "SkipForced": "desim_uav.env.skipping",
     "SkipForcedParallel": "desim_uav.env.skipping",
     "UavEnv": "desim_uav.env.single",
+    "UavMoEnv": "desim_uav.env.reward_terms",
     "UavParallelEnv": "desim_uav.env.parallel",
     "UavParallelVectorEnv": "desim_uav.env.parallel_vector",
     "UavVecEnv": "desim_uav.env.stable_baselines",
@@ -35,6 +37,7 @@ __all__ = [
     "SkipForced",
     "SkipForcedParallel",
     "UavEnv",
+    "UavMoEnv",
     "UavParallelEnv",
     "UavParallelVectorEnv",
     "UavVecEnv",

@@ -17,6 +17,7 @@ from desim_uav.engine.compiled import calls
 from desim_uav.engine.compiled.paths import blocks_of
 from desim_uav.env.compiled import CompiledSession, Outputs
 from desim_uav.env.render import Screen
+from desim_uav.env.room import require_room
 from desim_uav.env.session import out_of_range
 from desim_uav.env.tasks import Tasks
 from desim_uav.sample_path import draw_all
@@ -58,6 +59,7 @@ class Many(Independent):
         self.render_mode = render_mode
         self.autoreset_mode = _mode(autoreset_mode)
         first = CompiledSession(tasks, draws_ahead=False)
+        require_room(first, num_envs)
         others = [CompiledSession(tasks, first.world, False) for _ in range(num_envs - 1)]
         self.sessions = [first, *others]
         self.threads = min(threads, num_envs)

@@ -66,7 +66,8 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
 
         Raises ScenarioError with every problem of the scenario, and for a component that cannot be
         compiled; UnsupportedMode for another render mode; gymnasium's Error for another autoreset
-        mode, or if ``num_envs`` or ``threads`` is below 1.
+        mode, if ``num_envs`` or ``threads`` is below 1, or if the observations do not fit in
+        memory.
         """
         chosen = tasks_of(scenario, config, world_seed, curriculum)
         self.make_sessions(chosen, num_envs, autoreset_mode, threads, render_mode)

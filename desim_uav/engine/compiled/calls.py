@@ -174,9 +174,11 @@ def _look_at(world: Constants, state: State, outputs: OutputRow) -> int:
     for k in range(len(state.masks)):
         outputs.mask[k] = state.masks[k]
     call(world.describe, (world, state))
+    observations, features = outputs.observations, world.features
     for d in range(len(state.drones)):
-        for k in range(world.features):
-            outputs.observations[d * world.features + k] = state.drones[d].features[k]
+        own, begins = state.drones[d].features, d * features
+        for k in range(features):
+            observations[begins + k] = own[k]
     _count(state, outputs)
     _pay(state, outputs)
     over = outputs.over
