@@ -30,7 +30,9 @@ REWARDS = {
     "qoe, QoE1 only": {"kind": "qoe", "w3": 0.0},
     "qoe, QoE3 only": {"kind": "qoe", "w1": 0.0},
     "qoe, no difference": {"kind": "qoe", "difference": False},
+    "qoe, crash 3": {"kind": "qoe", "crash": 3.0},
     "qoe, crash 10": {"kind": "qoe", "crash": 10.0},
+    "qoe, QoE3 only, crash 10": {"kind": "qoe", "w1": 0.0, "crash": 10.0},
 }
 MEASURES = ("qoe1_percent", "qoe3_percent", "crashes_per_drone_episode")
 HEADINGS = ("case", "reward", "QoE1 %", "difference", "QoE3 %", "difference", "crashes")
