@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.compiled.loop import RESET, STEP
-from desim_uav.engine.compiled.pack import pack
+from desim_uav.engine.compiled.pack import forget_packed
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
 from desim_uav.model import coverage, crossings
@@ -264,10 +264,10 @@ def print_buckets(size: Size, rounds: int) -> None:
     """How much longer the largest size takes where every drone looks at every user."""
     settings = RunSettings((True,) * size.drones, carry_over=False, keep_steps=False)
     fewest, coverage.FEWEST_BUCKETS = coverage.FEWEST_BUCKETS, 10**9
-    pack.cache_clear()
+    forget_packed()
     plain = BatchSimulation(size.world, settings)
     coverage.FEWEST_BUCKETS = fewest
-    pack.cache_clear()
+    forget_packed()
     assert not plain.fixed.block[Constants.places["buckets_x"]]
     engines = {"kernel": size.engines["kernel_us"], "plain": kernel_steps(plain)}
     path, told = size.episodes[0]

@@ -19,7 +19,17 @@ if TYPE_CHECKING:
     from desim_uav.api.train import StopTraining, TrainingProgress, TrainingResult, train
     from desim_uav.engine.base import RunSettings
     from desim_uav.engine.des import Simulation
-    from desim_uav.env import UavEnv, UavParallelEnv, UavVecEnv, UavVectorEnv
+    from desim_uav.env import (
+        Curriculum,
+        SkipForced,
+        SkipForcedParallel,
+        UavEnv,
+        UavMoEnv,
+        UavParallelEnv,
+        UavParallelVectorEnv,
+        UavVecEnv,
+        UavVectorEnv,
+    )
     from desim_uav.errors import DesimError, DesimWarning, Interrupted
     from desim_uav.policies import Policy, load_policy
     from desim_uav.registry import register
@@ -30,6 +40,7 @@ if TYPE_CHECKING:
 
 _PUBLIC = {
     "Comparison": "desim_uav.api.compare",
+    "Curriculum": "desim_uav.env",
     "DesimError": "desim_uav.errors",
     "DesimWarning": "desim_uav.errors",
     "Interrupted": "desim_uav.errors",
@@ -39,12 +50,16 @@ _PUBLIC = {
     "RunSettings": "desim_uav.engine.base",
     "Scenario": "desim_uav.scenario.schema",
     "Simulation": "desim_uav.engine.des",
+    "SkipForced": "desim_uav.env",
+    "SkipForcedParallel": "desim_uav.env",
     "StopTraining": "desim_uav.api.train",
     "TensorBoardCallback": "desim_uav.api.tensorboard",
     "TrainingProgress": "desim_uav.api.train",
     "TrainingResult": "desim_uav.api.train",
     "UavEnv": "desim_uav.env",
+    "UavMoEnv": "desim_uav.env",
     "UavParallelEnv": "desim_uav.env",
+    "UavParallelVectorEnv": "desim_uav.env",
     "UavVecEnv": "desim_uav.env",
     "UavVectorEnv": "desim_uav.env",
     "World": "desim_uav.world",
@@ -69,6 +84,7 @@ _PUBLIC = {
 
 __all__ = [
     "Comparison",
+    "Curriculum",
     "DesimError",
     "DesimWarning",
     "Interrupted",
@@ -78,12 +94,16 @@ __all__ = [
     "RunSettings",
     "Scenario",
     "Simulation",
+    "SkipForced",
+    "SkipForcedParallel",
     "StopTraining",
     "TensorBoardCallback",
     "TrainingProgress",
     "TrainingResult",
     "UavEnv",
+    "UavMoEnv",
     "UavParallelEnv",
+    "UavParallelVectorEnv",
     "UavVecEnv",
     "UavVectorEnv",
     "World",

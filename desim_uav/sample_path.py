@@ -12,7 +12,14 @@ from desim_uav.copies import Unchanging
 from desim_uav.model.asking import Requests
 from desim_uav.model.kernels import maker
 from desim_uav.model.philox import key_of
-from desim_uav.model.streams import Purpose, Streams, next_uniform, states_of
+from desim_uav.model.streams import (
+    Purpose,
+    Seeds,
+    Streams,
+    next_uniform,
+    seed_of_each,
+    states_of,
+)
 from desim_uav.model.walking import RowWalks, Walks
 from desim_uav.world import World
 
@@ -101,8 +108,11 @@ def at_once(world: World) -> int:
     return max(1, min(MOST_AT_ONCE, AT_ONCE_FOR // len(world.homes)))
 
 
-def draw_all(world: World, seed: int, episodes: Sequence[int]) -> SamplePaths:
-    """Draw the sample paths of several episodes, which is faster than one by one."""
+def draw_all(world: World, seed: Seeds, episodes: Sequence[int]) -> SamplePaths:
+    """Draw the sample paths of several episodes, which is faster than one by one.
+
+    ``seed`` is that of one run, or a sequence with the seed of each episode's run.
+    """
     count, walks, requests = len(episodes), world.fixed_walks, world.fixed_requests
     return SamplePaths(
         episodes,
@@ -114,23 +124,25 @@ def draw_all(world: World, seed: int, episodes: Sequence[int]) -> SamplePaths:
     )
 
 
-def _link_keys(world: World, seed: int, episodes: Sequence[int]) -> NDArray[np.uint64]:
-    """Return the keys (episodes, 2) of the draws of links; they are (0, 0) if there are none."""
+def _link_keys(world: World, seed: Seeds, episodes: Sequence[int]) -> NDArray[np.uint64]:
+    """Return the keys of the draws of links (episodes, 2); they are 0 if there are none."""
     if not world.marked:
         return np.zeros((len(episodes), 2), np.uint64)
-    return np.array([key_of(seed, Purpose.LINK, episode) for episode in episodes], np.uint64)
+    own = zip(seed_of_each(seed, episodes), episodes, strict=True)
+    return np.array([key_of(one, Purpose.LINK, episode) for one, episode in own], np.uint64)
 
 
 def _position_errors(
-    world: World, seed: int, episodes: Sequence[int]
+    world: World, seed: Seeds, episodes: Sequence[int]
 ) -> NDArray[np.float64] | None:
     noise = world.scenario.position_noise
     if noise is None:
         return None
     shape = (world.scenario.episode.steps + 1, 2)
     errors = np.empty((len(episodes), world.scenario.drones.count, *shape))
-    for k, episode in enumerate(episodes):
-        streams = Streams(seed, Purpose.POSITION_NOISE, episode)
+    own = zip(seed_of_each(seed, episodes), episodes, strict=True)
+    for k, (one, episode) in enumerate(own):
+        streams = Streams(one, Purpose.POSITION_NOISE, episode)
         for drone in range(world.scenario.drones.count):
             rng = streams.generator(drone)
             mistaken = rng.random(shape) < noise.probability
@@ -138,7 +150,7 @@ def _position_errors(
     return errors
 
 
-def _respawns(world: World, seed: int, episodes: Sequence[int]) -> NDArray[np.int64]:
+def _respawns(world: World, seed: Seeds, episodes: Sequence[int]) -> NDArray[np.int64]:
     drones, epochs = world.scenario.drones.count, world.scenario.episode.steps + 1
     if not world.stations or not world.scenario.limited_battery:
         return np.empty((len(episodes), drones, 0), np.int64)

@@ -60,6 +60,11 @@ def action_space(actions: int, drones: int) -> Discrete[Any] | MultiDiscrete[Any
     return Discrete(actions) if drones == 1 else MultiDiscrete([actions] * drones)
 
 
+def state_space(numbers: int) -> Box:
+    """Return the space of the whole state (see ``rules.whole_state``)."""
+    return Box(0.0, 1.0, (numbers,), np.float32)
+
+
 def flat_mask(masks: tuple[Mask, ...]) -> NDArray[np.int8]:
     """Return all drones' masks one after the other, 1 for allowed actions, in a new array."""
     return _array(masks).flatten()

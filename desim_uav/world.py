@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -24,7 +24,7 @@ from desim_uav.model.radio.link import thresholds_db
 from desim_uav.model.rules import MOVES, US, Action, actions
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
-from desim_uav.model.streams import Purpose, Streams, states_of
+from desim_uav.model.streams import Purpose, Seeds, Streams, states_of
 from desim_uav.model.walking import Area, RowMobility, RowWalks, Walks, compiled_walk
 from desim_uav.registry import naming_plug_ins
 from desim_uav.scenario import cost, layout
@@ -95,11 +95,20 @@ class World(Unchanging):
         """Draw the users' walks in an episode."""
         return self.walks_of(seed, [episode])[0].drawn()
 
-    def walks_of(self, seed: int, episodes: Sequence[int]) -> Sequence[Walks | RowWalks]:
-        """Draw the users' walks in several episodes; compiled ones over rows are drawn later."""
+    def walks_of(self, seed: Seeds, episodes: Sequence[int]) -> Sequence[Walks | RowWalks]:
+        """Draw the users' walks in several episodes; compiled ones over rows are drawn later.
+
+        ``seed`` is that of all episodes, or a sequence with that of each.
+        """
         mobility, homes = self.scenario.users.mobility, self._homes_on_map
         walking = walks_of(mobility, homes, seed, episodes, self.area, self.horizon_us)
         return walking if self.row_mobility else [own.drawn() for own in walking]
+
+    def walks_here(self, walking: Walks | RowWalks) -> Walks | RowWalks:
+        """Return walks in this world; those over rows may have been drawn for another one."""
+        if isinstance(walking, RowWalks):
+            return replace(walking, homes=self._homes_on_map)
+        return walking
 
     @cached_property
     def row_mobility(self) -> RowMobility | None:
@@ -111,7 +120,7 @@ class World(Unchanging):
         """Draw the users' requests in an episode."""
         return self.requests_of(seed, [episode])[0]
 
-    def requests_of(self, seed: int, episodes: Sequence[int]) -> Sequence[Requests]:
+    def requests_of(self, seed: Seeds, episodes: Sequence[int]) -> Sequence[Requests]:
         """Draw the users' requests in several episodes at once."""
         demand, users = self.scenario.demand, len(self.homes)
         if self._row_draws:

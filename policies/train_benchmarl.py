@@ -110,7 +110,7 @@ def experiment(scenario, folder, seed, iterations, config=None):
     settings.save_folder = str(folder)
     changes = {"observation.kind": "local", "world_seed": 0, **(config or {})}
     return Experiment(
-        task=DronesTask("DRONES", {"scenario": scenario, "config": changes}),
+        task=DronesTask("DRONES", {"scenario": scenario, "config": changes, "engine": "batch"}),
         algorithm_config=MappoConfig.get_from_yaml(),
         model_config=MlpConfig.get_from_yaml(),
         critic_model_config=MlpConfig.get_from_yaml(),

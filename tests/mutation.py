@@ -133,8 +133,8 @@ MUTATIONS = (
     Mutation(
         "users' walks drawn from the random stream of the demand",
         "model/mobility.py",
-        "states = states_of(seed, Purpose.MOBILITY, episodes, len(homes))",
-        "states = states_of(seed, Purpose.DEMAND, episodes, len(homes))",
+        "states = states_of(seeds, Purpose.MOBILITY, episodes, len(homes))",
+        "states = states_of(seeds, Purpose.DEMAND, episodes, len(homes))",
         ("model/test_streams.py",),
     ),
     Mutation(

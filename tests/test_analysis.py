@@ -45,6 +45,22 @@ def test_other_readings_of_the_paper_are_those_of_the_page(ask):
         assert all(row in table.splitlines() for row in rows)
 
 
+def test_rewards_are_compared_seed_by_seed():
+    script = runpy.run_path(str(SCRIPTS / "rewards.py"), run_name="rewards")
+
+    def of(qoe: list[float], crashes: float) -> list[dict[str, float]]:
+        names = script["MEASURES"]
+        return [dict(zip(names, (one, one - 10, crashes), strict=True)) for one in qoe]
+
+    kept = of([80.0, 82.0, 84.0], 0.0)
+    line = script["line"]("case8", "qoe", of([81.0, 84.0, 87.0], 0.05), kept)
+    half = stats.t.ppf(0.975, 2) / math.sqrt(3)
+    gain = f"+2.0 ± {half:.1f}"
+    assert line == f"| 8 | qoe | 84.0 | {gain} | 74.0 | {gain} | 0.050 |"
+    lone = script["line"]("case8", "qoe", of([81.0], 0.0), kept[:1])
+    assert lone == "| 8 | qoe | 81.0 | +1.0 | 71.0 | +1.0 | 0.000 |"
+
+
 SMALL = ["users.count=16", "episode.steps=20"]
 SEEDS = (0, 1, 2)
 QUESTIONS = ("waiting", "distance", "interruptions", "fairness", "paired_difference")

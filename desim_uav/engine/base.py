@@ -178,5 +178,9 @@ class Measures(NamedTuple):
 MEASURES = ("sim_time_s", *Measures._fields)
 """The names of the measures of an episode under way: the simulated time and QoE1 to QoE3."""
 
-COUNTS = ("attached_users", "crashes", "requests")
-"""The names of the counts of an episode under way: users attached now, crashes and requests."""
+COUNTS = ("attached_users", "crashes", "requests", "elapsed_steps", "forced")
+"""The names of the counts of an episode under way: users attached now, crashes, requests, the steps
+since the last free decision, and whether there is no choice now."""
+
+OWN_COUNTS = ("attached_users", "crashes", "elapsed_steps", "forced")
+"""The names of those counts that each drone has of its own."""

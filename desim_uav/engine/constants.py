@@ -18,6 +18,7 @@ from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import MOVES
 from desim_uav.rules.rows import Cell, Constants, Move, Piece, Place, Point, Radio, TransitRow
 from desim_uav.rules.words import CRASHES
+from desim_uav.scenario.cost import expected_requests
 from desim_uav.world import Links, World
 
 AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
@@ -57,6 +58,7 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants.starts = Table(fill(Cell, cell) for cell in world.starts)
     constants.ceilings = Table(map(int, settings.ceilings))
     constants.homes = Table(fill(Place, home) for home in world.homes[:, :2].tolist())
+    constants.expected_requests = expected_requests(scenario)
     constants.features = len(scenario.observation.features(world.facts))
     buckets = bucket_grid(*world.area, world.reach_m)
     constants.buckets_x, constants.buckets_y = buckets

@@ -24,6 +24,7 @@ from desim_uav.rules import requests
 from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
 from desim_uav.rules.rows import Closed
+from desim_uav.rules.whole_state import names_of, write_state
 from desim_uav.rules.words import EVENT_KINDS, NEVER, ON_LEG, OVERBOOKED, TOO_LARGE
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
@@ -139,6 +140,10 @@ class Engine(Independent, ABC):
         """Put drones in their states at the start of an episode, and begin its log."""
         if not self._goes_on:
             self.load(self._carried)
+        self.set_under_way(episode, walking)
+
+    def set_under_way(self, episode: int, walking: Walks | RowWalks) -> None:
+        """Note that an episode begins, with drones that are where they begin it."""
         self._carried = None
         self._under_way = True
         self.walking = walking
@@ -398,6 +403,17 @@ class Engine(Independent, ABC):
         users = self.world.homes.copy()
         users[:, :2] = all_walked(*self.walking.drawn(), int(self.state.now_us))
         return np.array(list(map(self.position_m, range(len(self.drones))))), users
+
+    def whole_state(self) -> NDArray[np.float64]:
+        """Return the whole state now, as numbers (see ``rules.whole_state``)."""
+        scenario, cells = self.world.scenario, self.world.grid.cells
+        names = names_of(scenario.drones.count, self.world.services.names, cells)
+        out, places = (
+            np.zeros(len(names)),
+            all_walked(*self.walking.drawn(), int(self.state.now_us)),
+        )
+        write_state(self.constants, self.state, places, out)
+        return out
 
     def user_states(self) -> list[base.UserState]:
         """Return the state of each user now, or at the end of the episode if it is over."""

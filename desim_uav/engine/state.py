@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, TypeVar
 
 from desim_uav.engine.base import RunSettings
@@ -27,25 +28,32 @@ S = TypeVar("S", bound=rows.State)
 def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S]) -> S:
     """Return a new state, whose queues have buffers for this many entries in compiled code."""
     state = blank(kind)
-    drones, users = world.scenario.drones.count, len(world.homes)
-    senders = drones + len(world.scenario.access_points)
-    services, steps = len(world.services.names), world.scenario.episode.steps
+    scenario = world.scenario
+    drones, users = scenario.drones.count, len(world.homes)
+    senders = drones + len(scenario.access_points)
+    services, steps = len(world.services.names), scenario.episode.steps
     state.keeps_links = int(world.graded)
+    state.keeps_credit = int(getattr(scenario.reward, "keeps_credit", False))
     state.keeps_events, state.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
-    state.senders = Table(_sender(world, index, buffers) for index in range(senders))
+    observation = scenario.observation
+    features = len(observation.features(world.facts))
+    state.senders = Table(_sender(world, index, buffers, features) for index in range(senders))
     state.drones = Table(state.senders[:drones])
     state.users = Table(_user(index, senders) for index in range(users))
     state.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in state.stations:
         station.queue.buffer = drones
     state.loose.buffer = users * (2 * senders + 2)
-    state.by_level = int(world.scenario.association.by_level)
+    state.by_level = int(scenario.association.by_level)
     state.unsettled.buffer = users
     state.open_requests, state.asked = _zeros(services), _zeros(services)
     state.observations = Table(blank(rows.Observation) for _ in range(drones))
     state.records = Table(blank(rows.Record) for _ in range(drones))
     state.point_records = Table(blank(rows.PointRecord) for _ in range(senders - drones))
     state.counts = _zeros(2 * services * drones)
+    if getattr(observation, "maps_users", False):
+        state.spots = Table(blank(rows.Spot) for _ in range(users))
+        state.firsts = _zeros(math.prod(world.grid.cells))
     state.masks = _zeros(drones * len(world.actions))
     state.rewards = Table([0.0] * drones)
     state.crashed.buffer = drones * (steps + 2)
@@ -61,7 +69,7 @@ def _zeros(count: int) -> Table[int]:
     return Table([0] * count)
 
 
-def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
+def _sender(world: World, index: int, buffers: Buffers, features: int) -> rows.Drone:
     """Return a blank drone with this index, or an access point if no drone has it."""
     drone = blank(rows.Drone)
     drone.index = index
@@ -72,7 +80,7 @@ def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
     services = len(world.services.names)
     drone.served, drone.asking = _zeros(services), _zeros(services)
     drone.terms = Table([0.0] * len(term_names(world)))
-    drone.features = Table([0.0] * len(world.scenario.observation.features(world.facts)))
+    drone.features = Table([0.0] * features)
     return drone
 
 

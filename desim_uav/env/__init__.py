@@ -12,18 +12,37 @@ from desim_uav.env.registration import register_envs
 
 if TYPE_CHECKING:
     from desim_uav.env.parallel import UavParallelEnv
+    from desim_uav.env.parallel_vector import UavParallelVectorEnv
+    from desim_uav.env.reward_terms import UavMoEnv
     from desim_uav.env.single import UavEnv
+    from desim_uav.env.skipping import SkipForced, SkipForcedParallel
     from desim_uav.env.stable_baselines import UavVecEnv
+    from desim_uav.env.tasks import Curriculum
     from desim_uav.env.vector import UavVectorEnv
 
 _PUBLIC = {
+    "Curriculum": "desim_uav.env.tasks",
+    "SkipForced": "desim_uav.env.skipping",
+    "SkipForcedParallel": "desim_uav.env.skipping",
     "UavEnv": "desim_uav.env.single",
+    "UavMoEnv": "desim_uav.env.reward_terms",
     "UavParallelEnv": "desim_uav.env.parallel",
+    "UavParallelVectorEnv": "desim_uav.env.parallel_vector",
     "UavVecEnv": "desim_uav.env.stable_baselines",
     "UavVectorEnv": "desim_uav.env.vector",
 }
 
-__all__ = ["UavEnv", "UavParallelEnv", "UavVecEnv", "UavVectorEnv"]
+__all__ = [
+    "Curriculum",
+    "SkipForced",
+    "SkipForcedParallel",
+    "UavEnv",
+    "UavMoEnv",
+    "UavParallelEnv",
+    "UavParallelVectorEnv",
+    "UavVecEnv",
+    "UavVectorEnv",
+]
 
 register_envs()
 

@@ -5,22 +5,31 @@ from __future__ import annotations
 from typing import Any, NamedTuple
 
 import numpy as np
+from gymnasium import error
 from numpy.typing import NDArray
 
-from desim_uav.engine.base import COUNTS, MEASURES, RunSettings
+from desim_uav.engine.base import COUNTS, MEASURES, OWN_COUNTS, RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.episode import Engine
 from desim_uav.env.session import Session, info_keys, out_of_range, whole_numbers
+from desim_uav.env.tasks import Tasks
+from desim_uav.model.rows import Words
 from desim_uav.model.state import Snapshot
+from desim_uav.model.walking import RowWalks, Walks
 from desim_uav.sample_path import SamplePath
-from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import features
 from desim_uav.world import World
 
 MEASURED = len(MEASURES)
 COUNTED = MEASURED + len(COUNTS)
 """Where the MEASURES and the COUNTS end in a row of ``Outputs.numbers``."""
+
+OWN_COUNTED = len(OWN_COUNTS)
+"""Where the OWN_COUNTS end in the row of a drone in ``Outputs.own``."""
+
+REQUESTS = MEASURED + COUNTS.index("requests")
+"""The place of the number of requests in such a row."""
 
 ONE = np.ones(1, np.bool_)
 
@@ -30,8 +39,9 @@ class Outputs(NamedTuple):
 
     ``observations`` (n, drones * features); ``masks`` int8 (n, drones * actions); ``rewards``
     (n, 1), means over the drones; ``numbers``, the MEASURES, the COUNTS and the mean terms of the
-    reward; ``over`` bool (n, 3): terminated, truncated, stopped by a fault. ``addresses`` (n,
-    ADDRESSES) tells kernels where the environments and these rows are.
+    reward; ``over`` bool (n, 3): terminated, truncated, stopped by a fault. ``paid`` (n, drones)
+    are the rewards of the drones, and ``own`` (n, drones * (OWN_COUNTED + terms)) their OWN_COUNTS
+    and terms. ``addresses`` (n, ADDRESSES) tells kernels where the environments and these rows are.
     """
 
     observations: NDArray[np.float64]
@@ -39,22 +49,27 @@ class Outputs(NamedTuple):
     rewards: NDArray[np.float64]
     numbers: NDArray[np.float64]
     over: NDArray[np.bool_]
+    paid: NDArray[np.float64]
+    own: NDArray[np.float64]
     addresses: NDArray[np.int64]
 
     @classmethod
     def of(cls, session: Session, count: int) -> Outputs:
         """Return arrays for ``count`` sessions like this one, of which none has begun."""
         world, drones = session.world, session.drones
+        terms = len(term_names(world))
         outputs = cls(
             np.zeros((count, drones * len(features(world)))),
             np.zeros((count, drones * len(world.actions)), np.int8),
             np.zeros((count, 1)),
-            np.zeros((count, COUNTED + len(term_names(world)))),
+            np.zeros((count, COUNTED + terms)),
             np.zeros((count, 3), np.bool_),
+            np.zeros((count, drones)),
+            np.zeros((count, drones * (OWN_COUNTED + terms))),
             np.zeros((count, calls.ADDRESSES), np.int64),
         )
         for k, addresses in enumerate(outputs.addresses):
-            addresses[3:] = [array[k:].ctypes.data for array in outputs[:5]]
+            addresses[3:] = [array[k:].ctypes.data for array in outputs[: calls.OUTPUTS]]
         return outputs
 
 
@@ -66,10 +81,8 @@ class CompiledSession(Session):
 
     engine: BatchSimulation
 
-    def __init__(
-        self, scenario: Scenario, world: World | None = None, draws_ahead: bool = True
-    ) -> None:
-        super().__init__(scenario, world, draws_ahead)
+    def __init__(self, tasks: Tasks, world: World | None = None, draws_ahead: bool = True) -> None:
+        super().__init__(tasks, world, draws_ahead)
         self.keys = info_keys(term_names(self.world))
         self.write_to(Outputs.of(self, 1), 0)
 
@@ -86,8 +99,10 @@ class CompiledSession(Session):
 
     def write_to(self, outputs: Outputs, k: int) -> None:
         """Make row k of these outputs the one of this session, from now on."""
-        rows = (array[k] for array in outputs[:5])
+        rows = (array[k] for array in outputs[: calls.OUTPUTS])
         self._row = Outputs._make([*rows, outputs.addresses[k : k + 1]])
+        if self._started:
+            self._row.addresses[0, :3] = self.addresses()
         if self.episode >= 0:
             self._look()
 
@@ -99,12 +114,28 @@ class CompiledSession(Session):
         self.engine.drain()
         self._look()
 
+    def begin_on(self, path: Words, walking: Walks | RowWalks) -> bool:
+        """Prepare the next episode on a path in memory for ``calls.begin_all``.
+
+        Returns whether that has to put the drones at their starts.
+        """
+        afresh = self.engine.begin_on(path, self.episode + 1, walking)
+        self.episode += 1
+        self._over = False
+        return afresh
+
+    def addresses(self) -> tuple[int, int, int]:
+        """Return the addresses of constants, sample path (0 before the first) and state."""
+        return self.engine.addresses()
+
     def _look(self) -> None:
         """Write the outputs of the present epoch."""
-        self._row.addresses[0, :3] = self.engine.addresses()
+        self._row.addresses[0, :3] = self.addresses()
         calls.look_at_all(self._row.addresses, ONE)
 
     def _new_engine(self, settings: RunSettings) -> Engine:
+        if self._started and self.engine.move_to(self.world, settings):
+            return self.engine
         engine = BatchSimulation(self.world, settings)
         engine.refuse_unseen()
         return engine
@@ -134,6 +165,19 @@ class CompiledSession(Session):
         observation: NDArray[Any] = self._row.observations.astype(self.dtype)
         return observation
 
+    def observations(self) -> NDArray[Any]:
+        """Return the encoded observation of each drone, in a new array (drones, features)."""
+        return self.observation().reshape(self.drones, -1)
+
+    def rewards(self) -> list[float]:
+        """Return the reward of each drone in the last step."""
+        rewards: list[float] = self._row.paid.tolist()
+        return rewards
+
+    def _whole_state(self) -> NDArray[np.float64]:
+        states: NDArray[np.float64] = states_of(self._row.addresses, self)
+        return states.reshape(-1)
+
     def mask(self) -> NDArray[np.int8]:
         """Return the masks of all drones, one after the other, in a new array."""
         return self._row.masks.copy()
@@ -150,3 +194,31 @@ class CompiledSession(Session):
         info: dict[str, Any] = dict(zip(self.keys, values, strict=True))
         info["action_mask"] = self.mask()
         return info
+
+    def infos(self) -> list[dict[str, Any]]:
+        """Return the info of each drone (see ``Session.infos``)."""
+        row, infos = self._row.numbers.tolist(), []
+        measures, seeds, requests = row[:MEASURED], self.seeds(), int(row[REQUESTS])
+        for own in self._row.own.reshape(self.drones, -1).tolist():
+            users, crashes, *times = map(int, own[:OWN_COUNTED])
+            counts = users, crashes, requests, *times
+            values = (*measures, *seeds, *counts, *own[OWN_COUNTED:])
+            infos.append(dict(zip(self.keys, values, strict=True)))
+        return infos
+
+
+def states_of(addresses: NDArray[np.int64], session: Session) -> NDArray[np.float64]:
+    """Return the whole states of environments like that of a session (n, numbers)."""
+    states = np.empty((len(addresses), len(session.state_names)))
+    calls.state_all(addresses, np.empty((len(session.world.homes), 2)), states)
+    return states
+
+
+SESSIONS = {"des": Session, "batch": CompiledSession}
+
+
+def session_of(engine: str, tasks: Tasks) -> Session:
+    """Return a session in an engine, by its name. Raises gymnasium's Error."""
+    if engine not in SESSIONS:
+        raise error.Error(f"engine {engine!r}: must be 'des' or 'batch'")
+    return SESSIONS[engine](tasks)

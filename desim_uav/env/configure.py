@@ -13,9 +13,10 @@ from desim_uav.shipped import find_scenario
 
 Source = str | PathLike[str] | Mapping[str, Any] | Scenario
 
-WorldSeed = int | Literal["scenario"] | None
+WorldSeed = int | Literal["scenario", "train", "validation", "test"] | range | None
 """The seed of the world that an environment flies in. None: each seed draws a world of its own.
-"scenario": the world seed of the scenario."""
+"scenario": the world seed of the scenario. A range, or the name of one (``tasks.WORLDS``): each
+episode draws a world of it."""
 
 
 def configured(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -11,10 +11,12 @@ from numpy.typing import NDArray
 from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 
 from desim_uav.copies import Independent
-from desim_uav.env.configure import Source, WorldSeed, configured
+from desim_uav.env.compiled import session_of
+from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
-from desim_uav.env.session import ActionError, Session
-from desim_uav.spaces import features, observation_space
+from desim_uav.env.session import ActionError
+from desim_uav.env.tasks import Change, Curriculum, tasks_of
+from desim_uav.spaces import features, observation_space, state_space
 
 Parts = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
@@ -43,14 +45,18 @@ class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore
         config: Mapping[str, Any] | None = None,
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
+        engine: str = "des",
+        curriculum: Curriculum | Sequence[Change] | None = None,
     ) -> None:
         """Make the environment of a scenario.
 
         ``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it;
-        ``world_seed``: as in ``UavEnv``. Raises ScenarioError with every problem of the scenario,
-        and UnsupportedMode if ``render_mode`` is unknown, or "human" without a display.
+        ``world_seed``, ``engine`` and ``curriculum``: as in ``UavEnv``. Raises ScenarioError with
+        every problem of the scenario, and for a component that the compiled engine cannot run;
+        gymnasium's Error for another engine; UnsupportedMode if ``render_mode`` is unknown, or
+        "human" without a display.
         """
-        self.session = Session(configured(scenario, config, world_seed))
+        self.session = session_of(engine, tasks_of(scenario, config, world_seed, curriculum))
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode
         self.possible_agents = [f"drone_{d}" for d in range(self.session.drones)]
@@ -66,6 +72,7 @@ class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore
             for agent in self.possible_agents
         }
         self.action_spaces = {agent: Discrete(actions) for agent in self.possible_agents}
+        self.state_space = state_space(len(self.session.state_names))
 
     def observation_space(self, agent: str) -> Dict:
         """Return the observation space of an agent, always the same object."""
@@ -107,9 +114,13 @@ class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore
         self.screen.refresh()
         observations, infos = self._observations_and_infos()
         rewards, ends, cuts = {}, {}, {}
-        for agent, reward in zip(infos, self.session.snapshot.rewards, strict=True):
+        for agent, reward in zip(infos, self.session.rewards(), strict=True):
             rewards[agent], ends[agent], cuts[agent] = reward, terminated, truncated
         return observations, rewards, ends, cuts, infos
+
+    def state(self) -> NDArray[np.float32]:
+        """Return the whole state, for learners that train centrally (see ``rules.whole_state``)."""
+        return self.session.state()
 
     def action_masks(self) -> NDArray[np.bool_]:
         """Return the masks of all drones, one after the other: bool (drones * actions,)."""
@@ -124,17 +135,10 @@ class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore
         self.screen.close()
 
     def _observations_and_infos(self) -> tuple[dict[str, Parts], Infos]:
-        session, crashed = self.session, self.session.engine.log.crashed
-        of_all, terms, every = session.info_of_all(), session.reward_terms(), session.encoded()
+        session, observations = self.session, {}
         masks = session.mask().reshape(session.drones, -1)
-        snapshot, keys, dtype = session.snapshot, session.terms.items(), session.dtype
-        observations, infos = {}, {}
-        for drone, agent in enumerate(self.possible_agents):
-            encoded, own = np.array(every[drone], dtype), terms[drone]
-            observations[agent] = {"observation": encoded, "action_mask": masks[drone]}
-            info = infos[agent] = of_all.copy()
-            info["attached_users"] = snapshot.observations[drone].attached_users
-            info["crashes"] = crashed.count(drone)
-            for name, key in keys:
-                info[key] = float(own[name])
-        return observations, infos
+        for agent, encoded, mask in zip(
+            self.possible_agents, session.observations(), masks, strict=True
+        ):
+            observations[agent] = {"observation": encoded, "action_mask": mask}
+        return observations, dict(zip(self.possible_agents, session.infos(), strict=True))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import operator
 import secrets
+from collections.abc import Sequence
 from functools import cache, cached_property
 from itertools import chain
 from typing import Any
@@ -17,13 +18,14 @@ from desim_uav.engine.base import COUNTS, MEASURES, RunSettings
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
+from desim_uav.env.tasks import Tasks
 from desim_uav.model.rules import US
 from desim_uav.model.state import Snapshot
 from desim_uav.model.sums import in_order
+from desim_uav.rules.whole_state import names_of
 from desim_uav.sample_path import SamplePath, SamplePaths, at_once, draw_all
-from desim_uav.scenario.schema import Scenario
 from desim_uav.spaces import features, flat_mask, observation_space
-from desim_uav.world import World, build_world
+from desim_uav.world import World
 
 SEEDS = ("seed", "world_seed", "episode_number")
 MOST_SEEDS = 2**63
@@ -37,17 +39,17 @@ class Session(Independent):
     """A scenario that the SimPy engine simulates one decision epoch at a time.
 
     ``seed`` is the seed of the run. It also draws the world, unless the scenario has a
-    ``world_seed``. ``episode`` counts from 0; it is -1 before the first ``reset``. ``shape`` is
-    that of an action, and ``terms`` are the keys of the reward's terms in an info, by name.
+    ``world_seed``; ``tasks`` may give each episode another world, in which the drones begin afresh,
+    or change the scenario. ``episode`` counts from 0; it is -1 before the first ``reset``, and
+    ``steps`` counts the steps of earlier episodes. ``shape`` is that of an action, and ``terms``
+    are the keys of the reward's terms in an info, by name.
     """
 
     world: World
     engine: Engine
     terms: dict[str, str]
 
-    def __init__(
-        self, scenario: Scenario, world: World | None = None, draws_ahead: bool = True
-    ) -> None:
+    def __init__(self, tasks: Tasks, world: World | None = None, draws_ahead: bool = True) -> None:
         """Begin with the scenario's own seed if it has one, else with a random seed.
 
         With a ``world``, which may be of another seed, the run begins with the first ``reset``
@@ -55,31 +57,49 @@ class Session(Independent):
         are drawn at once, which is faster than one by one but takes more memory. Raises
         ScenarioError if the engine cannot run the scenario.
         """
-        self.scenario = scenario
+        self.tasks = tasks
+        self.scenario = scenario = tasks.stages[0][1]
         self.drones = scenario.drones.count
         self.shape = () if self.drones == 1 else (self.drones,)
         given = "seed" in scenario.model_fields_set
         self.seed = scenario.seed if given else secrets.randbits(32)
-        self.episode = -1
+        self.episode, self.steps = -1, 0
+        self._stage = 0
         self._over = True
-        self._draws_ahead = draws_ahead
+        self._draws_ahead = draws_ahead and tasks.worlds is None
         self._paths: SamplePaths | None = None
-        self._started = world is None
+        self._started = False
         if world is None:
-            self._start_over(self.seed, None)
+            self.start(self.seed)
         else:
             self.world = world
 
-    def _start_over(self, seed: int, world: World | None) -> None:
-        """Begin a new run, in this world if it is the one of this seed, else in a new one."""
-        fixed = self.scenario.world_seed
-        world_seed = seed if fixed is None else fixed
-        if world is None or world.seed != world_seed:
-            world = build_world(self.scenario, world_seed)
-        self.world = world
-        ceilings, carry_over = (True,) * self.drones, self.scenario.episode.carry_over
+    def start(self, seed: int | None) -> bool:
+        """Prepare the next episode: its scenario, its world, and an engine for them.
+
+        With a ``seed``, or if no run has begun, a new run begins. Returns whether the engine may
+        have moved in memory.
+        """
+        if seed is not None or not self._started:
+            self.seed = self.seed if seed is None else _checked(seed)
+            self.episode, self.steps, self._paths = -1, 0, None
+            if self._started:
+                self.engine.carry(None)
+        elif self.episode >= 0:
+            self.steps += int(self.engine.state.step)
+        stage = self.tasks.stage(self.episode + 1, self.steps)
+        world_seed = self.tasks.world_seed(stage, self.seed, self.episode + 1)
+        if self._started and (stage, world_seed) == (self._stage, self.world.seed):
+            return False
+        fits = not self._started and stage == 0 and vars(self).get("world") is not None
+        if not (fits and self.world.seed == world_seed):
+            self.world = self.tasks.world(stage, world_seed)
+        self._stage, self.scenario, self._paths = stage, self.tasks.stages[stage][1], None
+        ceilings = (True,) * self.drones
+        carry_over = self.scenario.episode.carry_over and self.tasks.worlds is None
         self.engine = self._new_engine(RunSettings(ceilings, carry_over, keep_steps=False))
-        self.seed, self.episode, self._paths, self._started = seed, -1, None, True
+        self._started = True
+        return True
 
     def _new_engine(self, settings: RunSettings) -> Engine:
         return Simulation(self.world, settings)
@@ -96,10 +116,7 @@ class Session(Independent):
         If the scenario says so, drones continue from where the previous episode left them, unless
         that episode was ended early. Raises gymnasium's Error for a seed outside 0 … 2**63 - 1.
         """
-        if seed is not None:
-            self._start_over(_checked(seed), self.world)
-        elif not self._started:
-            self._start_over(self.seed, self.world)
+        self.start(seed)
         self._begin(self._path(self.episode + 1))
         self.episode += 1
         self._over = False
@@ -172,6 +189,30 @@ class Session(Independent):
         """Return the encoded observations of all drones, one after the other."""
         return np.array(list(chain.from_iterable(self.encoded())), self.dtype)
 
+    def observations(self) -> NDArray[Any]:
+        """Return the encoded observation of each drone, in a new array (drones, features)."""
+        return np.array(self.encoded(), self.dtype)
+
+    def rewards(self) -> Sequence[float]:
+        """Return the reward of each drone in the last step."""
+        return self._snapshot.rewards
+
+    @cached_property
+    def state_names(self) -> list[str]:
+        """The names of the numbers of a state (see ``rules.whole_state``)."""
+        return names_of(self.drones, self.world.services.names, self.world.grid.cells)
+
+    def state(self) -> NDArray[np.float32]:
+        """Return the whole state, float32 (see ``rules.whole_state``).
+
+        Raises ResetNeeded before the first episode.
+        """
+        self.require_episode()
+        return self._whole_state().astype(np.float32)
+
+    def _whole_state(self) -> NDArray[np.float64]:
+        return self.engine.whole_state()
+
     def mask(self) -> NDArray[np.int8]:
         """Return the masks of all drones, one after the other, in a new array."""
         return flat_mask(self._snapshot.masks)
@@ -199,19 +240,40 @@ class Session(Independent):
     def info(self) -> dict[str, Any]:
         """Return the info: time, quality of experience so far, seeds, counts, terms, and masks.
 
-        The terms of the reward are means over the drones, and counts are over all of them. A
+        The terms of the reward are means over the drones, and counts are over all of them. If at
+        least one drone has a choice, ``forced`` is 0, and ``elapsed_steps`` counts the steps since
+        the last earlier decision epoch at which it was 0 (see ``rules.rows.Observation``). A
         measure that does not exist yet is 0: QoE1 and QoE2, which are means over requests, while
         ``requests`` is 0, and QoE3, a mean over time, while ``sim_time_s`` is 0. No key is
         "episode", which Gymnasium and stable-baselines3 keep for their statistics.
         """
         info, drones = self.info_of_all(), self.reward_terms()
-        users = [observation.attached_users for observation in self._snapshot.observations]
-        info["attached_users"] = sum(users)
+        each = self.engine.entries("observations")
+        info["attached_users"] = sum(one.attached_users for one in each)
         info["crashes"] = self.engine.log.crashes
+        info["elapsed_steps"] = min(int(one.elapsed) for one in each)
+        info["forced"] = min(int(one.forced) for one in each)
         for name, key in self.terms.items():
             info[key] = in_order([float(terms[name]) for terms in drones]) / self.drones
         info["action_mask"] = self.mask()
         return info
+
+    def infos(self) -> list[dict[str, Any]]:
+        """Return the info of each drone: the counts OWN_COUNTS and the terms are its own.
+
+        The masks are not in it.
+        """
+        of_all, crashed, infos = self.info_of_all(), self.engine.log.crashed, []
+        each, keys = self.engine.entries("observations"), self.terms.items()
+        for drone, own in enumerate(self.reward_terms()):
+            info, one = of_all.copy(), each[drone]
+            info["attached_users"] = int(one.attached_users)
+            info["crashes"] = crashed.count(drone)
+            info["elapsed_steps"], info["forced"] = int(one.elapsed), int(one.forced)
+            for name, key in keys:
+                info[key] = float(own[name])
+            infos.append(info)
+        return infos
 
 
 @cache

@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import gymnasium
 import numpy as np
-from gymnasium import error
 from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
-from desim_uav.env.compiled import CompiledSession
-from desim_uav.env.configure import Source, WorldSeed, configured
+from desim_uav.env.compiled import session_of
+from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
-from desim_uav.env.session import Session
+from desim_uav.env.tasks import Change, Curriculum, tasks_of
 from desim_uav.spaces import action_space, features, observation_space
-
-SESSIONS = {"des": Session, "batch": CompiledSession}
 
 
 class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
@@ -47,19 +44,22 @@ class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
         render_mode: str | None = None,
         engine: str = "des",
         world_seed: WorldSeed = "scenario",
+        curriculum: Curriculum | Sequence[Change] | None = None,
     ) -> None:
         """Make the environment of a scenario.
 
         ``scenario``: a file, a shipped name, a mapping or a Scenario; ``config``: changes to it.
         ``engine``: "des" (SimPy), or "batch" (compiled), which gives the same numbers faster.
         ``world_seed``: the seed of the world to fly in; None: each seed draws a world of its own;
-        "scenario": the scenario's own, which for the shipped cases is None. A ``world_seed`` in
-        ``config`` takes precedence. Raises ScenarioError with every problem of the scenario, and
-        UnsupportedMode if ``render_mode`` is unknown, or "human" without a display.
+        "scenario": the scenario's own, which for the shipped cases is None; "train", "validation",
+        "test" or a range of world seeds: each episode draws one of these worlds and begins with
+        all drones at their starts. A ``world_seed`` in ``config`` takes precedence.
+        ``curriculum``: a schedule over keys of the scenario (see ``Curriculum``), or its stages.
+
+        Raises ScenarioError with every problem of the scenario or curriculum, and UnsupportedMode
+        if ``render_mode`` is unknown, or "human" without a display.
         """
-        if engine not in SESSIONS:
-            raise error.Error(f"engine {engine!r}: must be 'des' or 'batch'")
-        self.session = SESSIONS[engine](configured(scenario, config, world_seed))
+        self.session = session_of(engine, tasks_of(scenario, config, world_seed, curriculum))
         self.screen = Screen(self.session, render_mode)
         self.render_mode = render_mode
         self.drones = self.session.drones

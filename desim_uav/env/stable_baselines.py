@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
 from desim_uav.env.configure import Source, WorldSeed
+from desim_uav.env.tasks import Change, Curriculum
 from desim_uav.env.vector import UavVectorEnv
 from desim_uav.errors import MissingExtraError
 
@@ -42,10 +43,12 @@ class UavVecEnv(Independent, VecEnv):
         threads: int = 1,
         render_mode: str | None = None,
         world_seed: WorldSeed = "scenario",
+        curriculum: Curriculum | Sequence[Change] | None = None,
     ) -> None:
         """Make the environments; parameters and errors are those of ``UavVectorEnv``."""
+        mode = AutoresetMode.SAME_STEP
         self.vector = UavVectorEnv(
-            scenario, num_envs, config, AutoresetMode.SAME_STEP, threads, render_mode, world_seed
+            scenario, num_envs, config, mode, threads, render_mode, world_seed, curriculum
         )
         self.actions: NDArray[Any] | None = None
         vector = self.vector

@@ -19,7 +19,7 @@ from desim_uav.model.asking import (
 )
 from desim_uav.model.rules import US
 from desim_uav.model.services import Catalogue
-from desim_uav.model.streams import Purpose, Streams, exponential_us
+from desim_uav.model.streams import Purpose, Seeds, Streams, exponential_us, seed_of_each
 from desim_uav.model.traces import index, quantity, read_table
 from desim_uav.registry import did_you_mean, register
 
@@ -226,10 +226,11 @@ def requests_of(
     demand: Demand,
     users: int,
     services: Catalogue,
-    seed: int,
+    seeds: Seeds,
     episodes: Sequence[int],
     horizon_us: int,
 ) -> Sequence[Requests]:
     """Return the requests of several episodes by a model that is not over rows."""
-    streams = [Streams(seed, Purpose.DEMAND, episode) for episode in episodes]
+    own = zip(seed_of_each(seeds, episodes), episodes, strict=True)
+    streams = [Streams(seed, Purpose.DEMAND, episode) for seed, episode in own]
     return [demand.requests(users, services, each, horizon_us) for each in streams]

@@ -18,7 +18,7 @@ from desim_uav.errors import SimulationError
 from desim_uav.model.components import kind_of, works_on_rows
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import US
-from desim_uav.model.streams import Purpose, Streams, heading, states_of
+from desim_uav.model.streams import Purpose, Seeds, Streams, heading, seed_of_each, states_of
 from desim_uav.model.traces import index, quantity, read_table
 from desim_uav.model.walking import Area, ManyRowWalks, RowMobility, RowWalks, Walks, go_on, off_map
 from desim_uav.registry import register
@@ -160,7 +160,7 @@ class Trace:
 def walks_of(
     mobility: Mobility,
     homes: NDArray[np.float64],
-    seed: int,
+    seeds: Seeds,
     episodes: Sequence[int],
     area: Area,
     horizon_us: int,
@@ -168,9 +168,10 @@ def walks_of(
     """Return the walks of several episodes from ``homes`` (users, 2), or rows that draw them."""
     if works_on_rows(mobility, RowMobility):
         assert isinstance(mobility, RowMobility)
-        states = states_of(seed, Purpose.MOBILITY, episodes, len(homes))
+        states = states_of(seeds, Purpose.MOBILITY, episodes, len(homes))
         return ManyRowWalks(mobility, homes, states, area, horizon_us)
-    streams = [Streams(seed, Purpose.MOBILITY, episode) for episode in episodes]
+    own = zip(seed_of_each(seeds, episodes), episodes, strict=True)
+    streams = [Streams(seed, Purpose.MOBILITY, episode) for seed, episode in own]
     walking = [mobility.walks(homes, each, area, horizon_us) for each in streams]
     for walks in walking:
         problem = misshapen(walks, len(homes)) or leaves_the_map(walks, area, horizon_us)

@@ -41,6 +41,10 @@ class RowObservation:
 
     plain: ClassVar = ("encode",)
     """The methods of which a subclass overrides one if it works on Python objects, not on rows."""
+    information: ClassVar[str] = "undeclared"
+    """What a drone has to know for it: ``local``, ``team``, ``radar``, or words of one's own."""
+    maps_users: ClassVar[bool] = False
+    """Whether ``write`` reads ``state.spots`` and ``state.firsts``, the users' places now."""
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """Return the names and bounds of the numbers, in their order."""
@@ -58,6 +62,15 @@ class RowObservation:
     def encode(self, observation: Observation, facts: Facts) -> tuple[float, ...]:
         """Return the numbers that the engine has written into the observation."""
         return observation.features
+
+    def expected_features(self, drones: int, services: int) -> int:
+        """Return a bound on the number of features of a drone, by which memory is foreseen."""
+        return 100 + 2 * services
+
+
+def information_of(observation: Any) -> str:
+    """Return what a drone has to know for an observation; ``undeclared`` if it does not say."""
+    return str(getattr(observation, "information", RowObservation.information))
 
 
 def table_sizes(features: Sequence[Feature]) -> tuple[int, ...]:

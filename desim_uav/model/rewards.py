@@ -33,6 +33,8 @@ class RowReward:
     names: ClassVar[tuple[str, ...]] = ()
     plain: ClassVar = ("terms",)
     """The methods of which a subclass overrides one if it works on Python objects, not on rows."""
+    keeps_credit: ClassVar[bool] = False
+    """Whether ``pay`` reads ``drone.credit``, what the drone has added in the step."""
 
     def term_names(self, services: tuple[str, ...]) -> tuple[str, ...]:
         """Return the names of the terms in their order, for a scenario with these services."""

@@ -29,6 +29,7 @@ class Purpose(IntEnum):
     RESPAWN = 5
     LEARNER = 6
     LINK = 7
+    TASK = 8
 
 
 class Streams:
@@ -52,16 +53,26 @@ class Streams:
         return states
 
 
+Seeds = int | Sequence[int]
+"""The seed of all episodes, or a sequence with that of each."""
+
+
+def seed_of_each(seeds: Seeds, episodes: Sequence[int]) -> Sequence[int]:
+    """Return the seed of each episode."""
+    return [seeds] * len(episodes) if isinstance(seeds, int | np.integer) else seeds
+
+
 def states_of(
-    seed: int, purpose: Purpose, episodes: Sequence[int], count: int
+    seeds: Seeds, purpose: Purpose, episodes: Sequence[int], count: int
 ) -> NDArray[np.uint64]:
     """Return the initial states of several episodes' streams: (episodes, count, 4)."""
     numbers = np.array([episode % 2**32 for episode in episodes], np.uint64)
-    return _seeded_states(np.uint64(seed), np.uint64(purpose), numbers, count)
+    own = np.array(seed_of_each(seeds, episodes), np.uint64)
+    return _seeded_states(own, np.uint64(purpose), numbers, count)
 
 
 def uniforms_of(
-    seed: int, purpose: Purpose, episodes: Sequence[int], entities: int, count: int
+    seed: Seeds, purpose: Purpose, episodes: Sequence[int], entities: int, count: int
 ) -> NDArray[np.float64]:
     """Return the first ``count`` uniform numbers of each stream: (episodes, entities, count)."""
     states = states_of(seed, purpose, episodes, entities)
@@ -101,23 +112,31 @@ def _stir(pool: NDArray[np.uint64], word: np.uint64, source: int, constant: np.u
     return constant
 
 
+@kernel
+def _begun(pool: NDArray[np.uint64], seed: np.uint64, purpose: np.uint64) -> np.uint64:
+    """Mix a seed and a purpose into a pool of four words, and return the next constant."""
+    seeds = (seed & _LOW, seed >> np.uint64(32), np.uint64(0), np.uint64(0))
+    constant = np.uint64(0x43B0D7E5)
+    for i in range(4):
+        pool[i], constant = _hashmix(seeds[i], constant, np.uint64(0x931E8875))
+    for source in range(4):
+        constant = _stir(pool, pool[source], source, constant)
+    return _stir(pool, purpose, 4, constant)
+
+
 @maker
 def _seeded_states(
-    seed: np.uint64, purpose: np.uint64, episodes: NDArray[np.uint64], count: int
+    seeds: NDArray[np.uint64], purpose: np.uint64, episodes: NDArray[np.uint64], count: int
 ) -> NDArray[np.uint64]:
     """Seed SFC64 for each entity as NumPy does, with a SeedSequence of four 32-bit words."""
     states = np.empty((len(episodes), count, 4), np.uint64)
     words = np.empty(6, np.uint64)
     begun, pool = np.empty(4, np.uint64), np.empty(4, np.uint64)
-    seeds = (seed & _LOW, seed >> np.uint64(32), np.uint64(0), np.uint64(0))
-    first = np.uint64(0x43B0D7E5)
-    for i in range(4):
-        begun[i], first = _hashmix(seeds[i], first, np.uint64(0x931E8875))
-    for source in range(4):
-        first = _stir(begun, begun[source], source, first)
-    first = _stir(begun, purpose, 4, first)
+    first = np.uint64(0)
     for k in range(len(episodes) * count):
         episode, entity = k // count, k % count
+        if entity == 0 and (episode == 0 or seeds[episode] != seeds[episode - 1]):
+            first = _begun(begun, seeds[episode], purpose)
         pool[:] = begun
         constant = _stir(pool, np.uint64(entity), 5, first)
         _stir(pool, episodes[episode], 6, constant)

@@ -104,6 +104,12 @@ def refuse_what_is_random(world: World) -> None:
         raise UsageError(f"drones.count: {only} for one drone, not for {drones.count}")
     if scenario.position_noise is not None:
         raise UsageError(f"position_noise: {only} without position noise (null)")
+    if getattr(scenario.reward, "keeps_credit", False):
+        kind = getattr(scenario.reward, "kind", type(scenario.reward).__name__)
+        raise UsageError(
+            f"reward.kind: {only} for a reward of what there is when a step ends, not for "
+            f"{kind!r}, which pays for what happens during the step"
+        )
     if type(scenario.reward) in NO_REQUESTS:
         return
     if type(demand) is not Continuous:

@@ -18,6 +18,8 @@ def attach(world: Constants, state: State, drone: Drone, user: User, phase: int)
     user.held_since_us = now_us
     state.attached_from_us += now_us
     drone.attached_users += 1
+    if state.keeps_credit:
+        drone.credit.held_us -= now_us
     note(state, phase, ON_ATTACH, drone.index, user.index, -1, -1)
     if state.keeps_links:
         count_handover(state, drone, user, phase)
@@ -50,6 +52,8 @@ def detach(state: State, drone: Drone, user: User, phase: int) -> None:
         user.left, user.left_us = drone.index, state.now_us
         unsettle(state, user)
     drone.attached_users -= 1
+    if state.keeps_credit:
+        drone.credit.held_us += state.now_us
     note(state, phase, ON_DETACH, drone.index, user.index, -1, -1)
     if user.covered > 0:
         state.loose.append(user.index)

@@ -8,6 +8,7 @@ from __future__ import annotations
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules.attachment import detach
+from desim_uav.rules.credit import credit_entry, credit_exit
 from desim_uav.rules.due import crossing_slot, due, key, undo
 from desim_uav.rules.links import begin_outage, end_outage, unsettle, unsettle_covered
 from desim_uav.rules.note import note_class
@@ -100,6 +101,8 @@ def _pass(world: Constants, state: State, drone: Drone, user: User, phase: int) 
 @rule
 def _enter(state: State, drone: Drone, user: User, phase: int) -> None:
     """Let a user enter a footprint; a user who is not attached to a drone becomes loose."""
+    if state.keeps_credit:
+        credit_entry(state, drone, user)
     if user.covering[drone.index] < 0:
         user.covered += 1
     user.covering[drone.index] = state.now_us
@@ -116,6 +119,8 @@ def _enter(state: State, drone: Drone, user: User, phase: int) -> None:
 @rule
 def leave(state: State, drone: Drone, user: User, phase: int) -> None:
     """Let a user leave a footprint; if it was attached to this drone, it is detached."""
+    if state.keeps_credit:
+        credit_exit(state, drone, user)
     if user.covering[drone.index] >= 0:
         user.covered -= 1
     user.covering[drone.index] = -1

@@ -90,15 +90,21 @@ def record(world: Constants, state: State) -> None:
 def allow(world: Constants, state: State) -> None:
     """Write the masks, which mark the actions that each drone may take, at least one each.
 
-    A move off the map or into a building is allowed, because a drone has no map.
+    A move off the map or into a building is allowed, because a drone has no map. Whether a drone is
+    forced, and the steps that have elapsed since it was not, are counted here, once per epoch.
     """
     for d in range(len(state.drones)):
-        drone, battery_us = state.drones[d], state.observations[d].battery_us
+        drone, observation = state.drones[d], state.observations[d]
+        battery_us, options = observation.battery_us, 0
         may_return = battery_us <= world.return_below_us
         may_charge = battery_us < world.capacity_us and station_under(world, drone) >= 0
         for k in range(len(world.moves)):
             allowed = is_allowed(world.moves[k].action, drone.mode, may_return, may_charge)
             state.masks[d * len(world.moves) + k] = int(allowed)
+            options += int(allowed)
+        before = observation.elapsed if observation.forced else 0
+        observation.elapsed = before + 1 if state.step > 0 else 0
+        observation.forced = int(options == 1)
 
 
 @rule

@@ -8,6 +8,7 @@ from desim_uav.rules import words
 from desim_uav.rules.charging import await_full, count_queueing, hand_on_pads
 from desim_uav.rules.coverage import leave_all, look_anew, track
 from desim_uav.rules.crash import respawn
+from desim_uav.rules.credit import credit_step, forget_credit
 from desim_uav.rules.decide import allow, go_home, obey, observe, record, taken
 from desim_uav.rules.due import nothing_due
 from desim_uav.rules.flight import appear, await_hop, count_distance, orient
@@ -16,6 +17,7 @@ from desim_uav.rules.note import note_drone, note_leg
 from desim_uav.rules.requests import close_all, doing, foresee_asking
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.settle import settle, settle_after
+from desim_uav.rules.spots import locate
 
 
 @rule
@@ -65,6 +67,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     drone.ahead.clear()
     for service in range(world.services):
         drone.served[service] = drone.asking[service] = 0
+    forget_credit(drone)
 
 
 @rule
@@ -130,6 +133,7 @@ def show_first(world: Constants, path: Path, state: State) -> None:
     """Prepare the snapshot of the first decision epoch: observations and masks."""
     observe(world, state)
     _replace_crashed(world, path, state)
+    locate(world, path, state)
     allow(world, state)
 
 
@@ -179,6 +183,9 @@ def end_step(world: Constants, path: Path, state: State) -> None:
         orient(world, path, state, state.drones[d], state.step)
         any_crashed = any_crashed or state.drones[d].mode == words.CRASHED
     observe(world, state)
+    locate(world, path, state)
+    if state.keeps_credit:
+        credit_step(state)
     call(world.pay, (world, state))
     if state.keeps_requests:
         record(world, state)

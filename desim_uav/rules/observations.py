@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from desim_uav.model.kernels import rule
 from desim_uav.model.observations import Feature, RowObservation
+from desim_uav.model.rows import Table
 from desim_uav.model.rules import MINUTE_US, US
 from desim_uav.model.state import Facts
 from desim_uav.registry import register
@@ -18,6 +19,8 @@ from desim_uav.rules.rows import Constants, Drone, Observation, State
 @dataclass(frozen=True)
 class Position(RowObservation):
     """The paper's state: cell x and y, in 3D the level, with a battery its full minutes left."""
+
+    information = "local"
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """Return the two to four features, which are whole numbers from 0."""
@@ -47,6 +50,8 @@ class Local(RowObservation):
     the capacity.
     """
 
+    information = "local"
+
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """Return the features, all real numbers."""
         names = ["x", "y"] + ["altitude"] * facts.three_d + ["attached"]
@@ -62,29 +67,7 @@ class Local(RowObservation):
 
     def write(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the features, all real numbers, into ``drone.features``."""
-        observation, out, users = state.observations[drone.index], drone.features, len(state.users)
-        out[0] = (observation.x + 0.5) / world.nx
-        out[1] = (observation.y + 0.5) / world.ny
-        k = 2
-        if world.three_d:
-            out[k] = (observation.level + 0.5) / world.levels_under_ceiling
-            k += 1
-        out[k] = observation.attached_users / users
-        k += 1
-        if not world.radios[0].flat:
-            out[k] = observation.link_quality
-            k += 1
-        counts = 2 * world.services
-        for count in range(counts):
-            out[k + count] = state.counts[counts * drone.index + count] / users
-        k += counts
-        used = 0.0
-        if world.bandwidth_hz >= 0:
-            used = (observation.used_hz / 1000) / (world.bandwidth_hz / 1000)
-        out[k] = 1.0 - used
-        out[k + 1] = 1.0 - state.step / world.steps
-        if world.limited:
-            _write_way_home(world, drone, observation, k + 2)
+        write_local(world, state, drone)
 
 
 @rule
@@ -100,6 +83,44 @@ def write_position(world: Constants, state: State, drone: Drone) -> int:
         out[k] = observation.battery_us // MINUTE_US
         k += 1
     return k
+
+
+@rule
+def write_local(world: Constants, state: State, drone: Drone) -> int:
+    """Write the features of ``Local`` as a drone's first ones; return their number."""
+    observation, out, users = state.observations[drone.index], drone.features, len(state.users)
+    out[0] = (observation.x + 0.5) / world.nx
+    out[1] = (observation.y + 0.5) / world.ny
+    k = 2
+    if world.three_d:
+        out[k] = (observation.level + 0.5) / world.levels_under_ceiling
+        k += 1
+    out[k] = observation.attached_users / users
+    k += 1
+    if not world.radios[0].flat:
+        out[k] = observation.link_quality
+        k += 1
+    counts = 2 * world.services
+    for count in range(counts):
+        out[k + count] = state.counts[counts * drone.index + count] / users
+    k += counts
+    used = 0.0
+    if world.bandwidth_hz >= 0:
+        used = (observation.used_hz / 1000) / (world.bandwidth_hz / 1000)
+    out[k] = 1.0 - used
+    out[k + 1] = 1.0 - state.step / world.steps
+    k += 2
+    if world.limited:
+        _write_way_home(world, drone, observation, k)
+        k += 5
+    return k
+
+
+@rule
+def clear_from(features: Table[float], first: int) -> None:
+    """Set a drone's features from number ``first`` on to 0."""
+    for k in range(first, len(features)):
+        features[k] = 0.0
 
 
 @rule

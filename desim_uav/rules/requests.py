@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from desim_uav.model.kernels import rule
 from desim_uav.rules import words
+from desim_uav.rules.credit import served_share
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Path, State, User
 from desim_uav.rules.service import (
@@ -11,7 +12,6 @@ from desim_uav.rules.service import (
     foresee_request,
     open_request,
     scan_later,
-    served_share,
     stop,
     wait,
 )
@@ -80,6 +80,16 @@ def doing(user: User) -> int:
 
 
 @rule
+def done_share(state: State, user: User) -> float:
+    """Return which share of a user's open request has been done until now."""
+    request = user.request
+    if request.server < 0:
+        return user.share
+    done = request.done + (state.now_us - request.counted_us) * request.rate
+    return served_share(min(done, request.required), request.required)
+
+
+@rule
 def measures(world: Constants, state: State) -> tuple[float, float, float]:
     """Return QoE1 in percent, QoE2 in steps and QoE3 in percent, from the start until now.
 
@@ -88,14 +98,9 @@ def measures(world: Constants, state: State) -> tuple[float, float, float]:
     now_us, qoe1, open_now, attached = state.now_us, state.closed_qoe1, 0, 0
     for u in range(len(state.users)):
         user = state.users[u]
-        request = user.request
-        if request.number >= 0:
+        if user.request.number >= 0:
             open_now += 1
-            if request.server >= 0:
-                done = request.done + (now_us - request.counted_us) * request.rate
-                qoe1 += served_share(min(done, request.required), request.required)
-            else:
-                qoe1 += user.share
+            qoe1 += done_share(state, user)
     for d in range(len(state.senders)):
         attached += state.senders[d].attached_users
     open_us = state.open_us + open_now * now_us

@@ -153,7 +153,9 @@ class Constants(Row):
     the access points. Rewards divide users among ``sharers``: the drones, and the access points
     that count. ``groups`` are those of the users by height (see ``Radio``). By service, ``in_bits``
     says that requests ask for a volume instead of a time, and ``elastic`` that they share what
-    bandwidth is left. Senders of the same index modulo ``reuse`` interfere (0: none do). What
+    bandwidth is left. ``expected_requests`` is the number of requests of an episode if all are
+    served at once (see ``scenario.cost``). Senders of the same index modulo ``reuse`` interfere (0:
+    none do). What
     ``model.radio.air`` needs to know is from ``thresholds_db`` to ``profiles_at``: the thresholds
     of all radios, of which radio r has those from ``thresholds_at[r]`` on, the heights of users
     (``heights_m``), and the ``profiles`` of all transits. The buildings that block lines of sight
@@ -222,6 +224,7 @@ class Constants(Row):
     tallest_m: float
     in_bits: Table[int]
     elastic: Table[int]
+    expected_requests: float
     reward_values: int
     admission_values: int
     observation_values: int
@@ -286,6 +289,28 @@ class Path(Row):
 
 
 @row
+class Credit(Row):
+    """What a drone adds to the quality of experience (see ``rules.credit``).
+
+    ``held_us`` and ``alone_us`` sum the ends, less the starts, of the times for which users were
+    attached to it, and for which it was the only sender that covered them, since the decision
+    epoch; the present ones add their number times now: ``Drone.attached_users``, and ``alone``.
+    ``served`` and ``served_alone`` sum the shares of requests that it has done. The fields from
+    ``step_held_us`` on are those of the whole step that ended last.
+    """
+
+    alone: int
+    held_us: int
+    alone_us: int
+    served: float
+    served_alone: float
+    step_held_us: int
+    step_alone_us: int
+    step_served: float
+    step_served_alone: float
+
+
+@row
 class Drone(Row):
     """A drone on a leg from (x, y, level) to (to_x, to_y, to_level) since ``since_us``.
 
@@ -343,6 +368,7 @@ class Drone(Row):
     ahead: Queue[Change]
     served: Table[int]
     asking: Table[int]
+    credit: Credit
     terms: Table[float]
     features: Table[float]
 
@@ -353,7 +379,9 @@ class Observation(Row):
 
     ``believed`` is the number of the place at which it believes itself to be. ``link_quality`` is
     the mean efficiency of its links to attached users, as a share of that of the best class; it is
-    0 without any, and for the paper's disc.
+    0 without any, and for the paper's disc. ``forced`` is 1 if the mask allows one action only.
+    ``elapsed`` is the number of steps since the last earlier epoch at which it was 0, or since the
+    beginning of the episode if there was none.
     """
 
     mode: int
@@ -366,6 +394,8 @@ class Observation(Row):
     used_hz: int
     served_requests: int
     link_quality: float
+    forced: int
+    elapsed: int
 
 
 @row
@@ -409,7 +439,8 @@ class Request(Row):
     request is ``in_bits``, millionths of a bit; ``rate`` of them are done per microsecond (bit/s,
     or 1). Drone ``server`` has served it since ``started_us``, at this rate and with a bandwidth of
     ``used_hz`` since ``counted_us``. A request for the rate ``bandwidth_bps`` that is not
-    ``elastic`` needs a bandwidth of ``needs_hz`` in its present class. Of its services that lasted
+    ``elastic`` needs a bandwidth of ``needs_hz`` in its present class. ``credited`` of it have been
+    counted in ``rules.credit``. Of its services that lasted
     more than 0 µs, the first began at ``t_first_us``; the last was by ``last_server`` and ended at
     ``stopped_us``.
     """
@@ -435,6 +466,7 @@ class Request(Row):
     counted_us: int
     stopped_us: int
     last_server: int
+    credited: int
 
 
 @row
@@ -470,6 +502,24 @@ class User(Row):
     classes: Table[int]
     covering: Table[int]
     better_since: Table[int]
+
+
+@row
+class Spot(Row):
+    """A user at a decision epoch: its exact place, and its cell.
+
+    ``following`` is the next user in this cell, ``holder`` the sender to which the user is attached
+    (-1: to none), ``doing`` its ``UserState``, and ``left`` the share of its open request that is
+    not done yet (0 without one).
+    """
+
+    x_m: float
+    y_m: float
+    cell: int
+    following: int
+    holder: int
+    doing: int
+    left: float
 
 
 @row
@@ -625,6 +675,7 @@ class State(Row):
     keeps_events: int
     keeps_requests: int
     keeps_links: int
+    keeps_credit: int
     handed_over: int
     ping_pongs: int
     outages: int
@@ -642,6 +693,8 @@ class State(Row):
     records: Table[Record]
     point_records: Table[PointRecord]
     counts: Table[int]
+    spots: Table[Spot]
+    firsts: Table[int]
     masks: Table[int]
     rewards: Table[float]
     crashed: Queue[int]

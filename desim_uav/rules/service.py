@@ -5,6 +5,7 @@ from __future__ import annotations
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.model.rows import Queue
 from desim_uav.rules import words
+from desim_uav.rules.credit import credit_service, served_share
 from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.links import begin_outage, end_outage
 from desim_uav.rules.note import note
@@ -161,6 +162,8 @@ def stop(state: State, user: User, phase: int) -> None:
     """Stop serving a user's request. A service of 0 µs is no interruption and no handover."""
     request, now_us = user.request, state.now_us
     drone = state.senders[request.server]
+    if state.keeps_credit:
+        credit_service(state, user)
     count_service(state, request)
     request.server = -1
     undo(state, completion_slot(state, user.index))
@@ -218,15 +221,6 @@ def _admitted_last(state: State, drone: Drone) -> User:
     return state.users[last]
 
 
-@rule
-def served_share(done: int, required: int) -> float:
-    """Return which share of a request has been done, as a quotient of two numbers with a point.
-
-    Python and compiled code divide whole numbers of more than 53 bits differently.
-    """
-    return float(done) / float(required)
-
-
 # ---- requests
 
 
@@ -241,6 +235,7 @@ def open_request(world: Constants, path: Path, state: State, user: User, number:
     request.bandwidth_bps = ask.bandwidth_bps
     request.t_request_us = now_us
     request.done = request.served_us = request.attached_us = request.interruptions = 0
+    request.credited = 0
     request.t_first_us = request.started_us = request.stopped_us = -1
     request.server = request.last_server = -1
     state.opened += 1

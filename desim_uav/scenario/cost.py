@@ -78,6 +78,7 @@ class _Counts:
     crossings: float
     senders: int
     searches: float
+    features: float
 
 
 def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> Cost:
@@ -105,6 +106,7 @@ def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> 
         Part("requests", 32.0 * max(16.0 * n.users, n.draws) + 600.0 * n.requests, _REQUESTS),
         Part("the log of steps", 900.0 * n.drones * n.steps, _STEPS),
         *([Part("links", 250.0 * n.users * n.senders, _LINKS)] if n.searches else []),
+        Part("what drones observe", 60.0 * n.features, ("observation", "drones.count")),
         *(_of_batch(scenario, n) if engine == "batch" else _of_des(n)),
         *([_event_log(logged, n)] if keep_events else []),
     )
@@ -135,6 +137,14 @@ def check_cost(scenario: Scenario, engine: str | None = None, keep_events: bool 
         raise ScenarioError(*problems)
 
 
+def expected_requests(scenario: Scenario) -> float:
+    """Return the expected number of requests of an episode if all are served at once; at least 1.
+
+    A demand of one's own that has no ``expected_draws`` counts as one request per user and step.
+    """
+    return max(1.0, _counts(scenario).requests)
+
+
 def _counts(scenario: Scenario) -> _Counts:
     users, drones = scenario.users.count, scenario.drones.count
     steps, horizon_s = scenario.episode.steps, scenario.episode.steps * scenario.episode.step_s
@@ -157,6 +167,7 @@ def _counts(scenario: Scenario) -> _Counts:
         _crossings(scenario, horizon_s),
         drones + len(scenario.access_points),
         _searches(scenario),
+        float(drones * _features(scenario)),
     )
 
 
@@ -238,6 +249,14 @@ def _searches(scenario: Scenario) -> float:
     others = (senders - 1) / radio.reuse if radio.reuse else 0.0
     links = float(senders) * scenario.users.count * scenario.episode.steps
     return SEARCH * links * (1.0 + others)
+
+
+def _features(scenario: Scenario) -> int:
+    """How many numbers a drone observes."""
+    features_of = getattr(scenario.observation, "expected_features", None)
+    if features_of is None:
+        return 100
+    return int(features_of(scenario.drones.count, len(scenario.services)))
 
 
 def _named(parts: Iterable[Part], shown: Callable[[float], str]) -> str:

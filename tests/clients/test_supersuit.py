@@ -17,8 +17,8 @@ pytestmark = pytest.mark.filterwarnings("ignore")  # SuperSuit has some
 EPISODE = 30
 
 
-def drones(kind: str) -> UavParallelEnv:
-    return UavParallelEnv("case8", {"observation.kind": kind}, world_seed=0)
+def drones(kind: str, engine: str = "des") -> UavParallelEnv:
+    return UavParallelEnv("case8", {"observation.kind": kind}, world_seed=0, engine=engine)
 
 
 def flat(kind: str) -> Any:
@@ -30,10 +30,11 @@ def flat(kind: str) -> Any:
     )
 
 
+@pytest.mark.parametrize("engine", ["des", "batch"])
 @pytest.mark.parametrize("kind", ["position", "local"])
-def test_agents_as_a_vector_of_environments(kind: str):
+def test_agents_as_a_vector_of_environments(kind: str, engine: str):
     """Two environments of three drones each: six rows, over two whole episodes."""
-    one = supersuit.pettingzoo_env_to_vec_env_v1(drones(kind))
+    one = supersuit.pettingzoo_env_to_vec_env_v1(drones(kind, engine))
     envs = supersuit.concat_vec_envs_v1(one, 2, num_cpus=0, base_class="gymnasium")
     assert envs.num_envs == 6
     expected = play_parallel(drones(kind), 2, seed=0)

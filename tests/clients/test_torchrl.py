@@ -10,7 +10,7 @@ import pytest
 from gymnasium.spaces import MultiDiscrete, flatten
 from pettingzoo.utils import parallel_to_aec
 
-from desim_uav.env import UavEnv, UavParallelEnv
+from desim_uav.env import SkipForcedParallel, UavEnv, UavParallelEnv
 from tests.env.helpers import BRITTLE
 
 pytestmark = [
@@ -26,6 +26,7 @@ CONFIGS: list[tuple[str, dict[str, Any]]] = [
     ("case8", {"demand": {"kind": "poisson", "rate_per_hour": 0.1}}),
 ]
 IDS = ["case1", "case8", "case8-brittle-local", "case8-seldom-asked"]
+ENGINES = ["des", "batch"]
 
 
 def wrapped(env: Any, **settings: Any) -> Any:
@@ -34,16 +35,23 @@ def wrapped(env: Any, **settings: Any) -> Any:
     return PettingZooWrapper(env, **settings)
 
 
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("case", "config"), CONFIGS, ids=IDS)
-def test_specs_hold(case: str, config: dict[str, Any]):
+def test_specs_hold(case: str, config: dict[str, Any], engine: str):
     from torchrl.envs.utils import MarlGroupMapType, check_env_specs
 
-    check_env_specs(wrapped(UavParallelEnv(case, config)))
-    each = wrapped(
-        UavParallelEnv(case, config), group_map=MarlGroupMapType.ONE_GROUP_PER_AGENT, seed=3
-    )
+    env = UavParallelEnv(case, config, engine=engine)
+    check_env_specs(wrapped(env, return_state=True))
+    each = wrapped(env, group_map=MarlGroupMapType.ONE_GROUP_PER_AGENT, seed=3)
     check_env_specs(each)
     assert list(each.group_map) == each.possible_agents
+
+
+def test_specs_hold_without_forced_steps():
+    from torchrl.envs.utils import check_env_specs
+
+    env = UavParallelEnv("case8", BRITTLE, engine="batch")
+    check_env_specs(wrapped(SkipForcedParallel(env, 0.9), return_state=True))
 
 
 def test_specs_hold_for_agents_that_act_one_at_a_time():
@@ -62,9 +70,12 @@ def test_specs_hold_for_the_joint_environment():
         )
 
 
+@pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize(("case", "config"), CONFIGS, ids=IDS)
-def test_two_whole_episodes_are_those_of_the_environment(case: str, config: dict[str, Any]):
-    env = wrapped(UavParallelEnv(case, config), seed=5)
+def test_two_whole_episodes_are_those_of_the_environment(
+    case: str, config: dict[str, Any], engine: str
+):
+    env = wrapped(UavParallelEnv(case, config, engine=engine), seed=5, return_state=True)
     env.set_seed(5)
     told = env.rollout(60, break_when_any_done=False, auto_reset=True)
     assert told["next", "truncated"].flatten().nonzero().flatten().tolist() == [29, 59]
@@ -75,6 +86,7 @@ def test_two_whole_episodes_are_those_of_the_environment(case: str, config: dict
     for _ in range(first):  # TorchRL begins episodes that it does not play
         seen, _ = plain.reset()
     for step in told:
+        assert np.allclose(step["state"].numpy(), plain.state())
         for k, agent in enumerate(plain.possible_agents):
             row = step["drone", "observation", "observation"][k].numpy().flatten()
             assert np.allclose(row, encoded(plain, agent, seen))

@@ -202,7 +202,9 @@ def looked_at(engine: BatchSimulation, numbers: int) -> list[float]:
     """What a drone is shown, encoded by the kernels."""
     values, mask = np.empty(numbers), np.empty(len(engine.world.actions), np.int8)
     reward, told, over = np.empty(1), np.empty(16), np.empty(3, np.int8)
-    shown = [array.ctypes.data for array in (values, mask, reward, told, over)]
+    rewards, own = np.empty(1), np.empty(16)
+    arrays = (values, mask, reward, told, over, rewards, own)
+    shown = [array.ctypes.data for array in arrays]
     calls.look_at_all(np.array([[*engine.addresses(), *shown]], np.int64), np.ones(1, bool))
     return values.tolist()
 

@@ -10,11 +10,14 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled import looking, loop
-from desim_uav.engine.compiled.loop import STEP
-from desim_uav.model.compiled_rows import address_of, call, entries_at, pointer_to
+from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
+from desim_uav.model.compiled_rows import address_of, as_array, call, entries_at, pointer_to
+from desim_uav.model.coverage import leg_at, walked
 from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import requests
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
+from desim_uav.rules.whole_state import write_state
 
 Ints = NDArray[np.int64]
 
@@ -55,9 +58,12 @@ def describe(world: int, state: int) -> None:
 
 # ---- many environments
 
-ADDRESSES = 8
+OUTPUTS = 7
+"""The number of arrays of ``OutputRow``."""
+
+ADDRESSES = 3 + OUTPUTS
 """The number of columns of a table of environments, which hold the addresses of constants, sample
-path and state, and of the five arrays of ``OutputRow``."""
+path and state, and of the arrays of ``OutputRow``."""
 
 floats_at, bytes_at = entries_at(float), entries_at(bool)
 
@@ -66,9 +72,10 @@ class OutputRow(NamedTuple):
     """The outputs of an environment at a decision epoch, in arrays that a kernel writes.
 
     ``observations`` (drones * features,) and ``mask`` (drones * actions,) are those of all drones;
-    ``reward`` (1,) is the mean over the drones; ``numbers`` (7 + terms,) are the MEASURES (0 if
+    ``reward`` (1,) is the mean over the drones; ``numbers`` (9 + terms,) are the MEASURES (0 if
     they are not defined yet), the COUNTS and the mean terms; ``over`` (3,) says whether the episode
-    is terminated, truncated, or stopped by a fault.
+    is terminated, truncated, or stopped by a fault. ``rewards`` (drones,) are those of the drones,
+    and ``own`` (drones * (4 + terms),) the OWN_COUNTS and the terms of each drone.
     """
 
     observations: Any
@@ -76,6 +83,8 @@ class OutputRow(NamedTuple):
     reward: Any
     numbers: Any
     over: Any
+    rewards: Any
+    own: Any
 
 
 @kernel
@@ -101,6 +110,22 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
 
 
 @kernel
+def begin_all(environments: Ints, afresh: NDArray[np.bool_], which: NDArray[np.bool_]) -> int:
+    """Begin episodes in the environments ``which`` (n,); return how many a fault has stopped.
+
+    The drones of those that begin ``afresh`` (n,) are put at their starts first.
+    """
+    for k in range(len(environments)):
+        if which[k]:
+            row = environments[k]
+            world, path, own = constants_at(row[0]), path_at(row[1]), state_at(row[2])
+            if afresh[k]:
+                call(world.run, (world, path, own, START_AFRESH))
+            call(world.run, (world, path, own, RESET))
+    return look_at_all(environments, which)
+
+
+@kernel
 def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
     """Write the outputs of the environments ``which``; return how many a fault has stopped."""
     stopped = 0
@@ -113,39 +138,93 @@ def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
                 floats_at(row[5], 0),
                 floats_at(row[6], 0),
                 bytes_at(row[7], 0),
+                floats_at(row[8], 0),
+                floats_at(row[9], 0),
             )
             stopped += _look_at(constants_at(row[0]), state_at(row[2]), outputs)
     return stopped
 
 
+@kernel
+def state_all(environments: Ints, places: NDArray[np.float64], out: NDArray[np.float64]) -> None:
+    """Write the whole states of all environments into ``out`` (n, numbers).
+
+    ``places`` (users, 2) is memory for the places of the users of one environment.
+    """
+    for k in range(len(environments)):
+        row = environments[k]
+        world, path, own = constants_at(row[0]), path_at(row[1]), state_at(row[2])
+        now_us = own.now_us
+        looking.know_walks(world, path, own, now_us, now_us)
+        rows, begins = path.legs, path.legs_at
+        if path.stepwise:
+            rows, begins = own.look.walking.legs, own.look.walking.legs_at
+        legs = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS))
+        for user in range(len(own.users)):
+            leg = leg_at(legs, begins[user], begins[user + 1], now_us)
+            places[user, 0], places[user, 1] = walked(legs, leg, now_us)
+        write_state(world, own, places, out[k])
+
+
 @rule
 def _look_at(world: Constants, state: State, outputs: OutputRow) -> int:
-    drones, terms, numbers = len(state.drones), len(state.drones[0].terms), outputs.numbers
+    numbers = outputs.numbers
     numbers[0] = state.now_us / 1_000_000
     first, second, third = requests.measures(world, state)
     numbers[1], numbers[2], numbers[3] = _number(first), _number(second), _number(third)
-    numbers[4], numbers[5], numbers[6] = 0.0, state.crashes, state.opened
-    for term in range(terms):
-        numbers[7 + term] = 0.0
     for k in range(len(state.masks)):
         outputs.mask[k] = state.masks[k]
-    reward = 0.0
     call(world.describe, (world, state))
-    for d in range(drones):
-        for k in range(world.features):
-            outputs.observations[d * world.features + k] = state.drones[d].features[k]
-        numbers[4] += state.observations[d].attached_users
-        if state.step > 0:
-            reward += state.rewards[d]
-            for term in range(terms):
-                numbers[7 + term] += state.drones[d].terms[term]
-    for term in range(terms):
-        numbers[7 + term] /= drones
-    outputs.reward[0] = reward / drones
+    observations, features = outputs.observations, world.features
+    for d in range(len(state.drones)):
+        own, begins = state.drones[d].features, d * features
+        for k in range(features):
+            observations[begins + k] = own[k]
+    _count(state, outputs)
+    _pay(state, outputs)
     over = outputs.over
     stopped = int(state.faults != 0)
     over[0], over[1], over[2] = state.terminated, state.truncated, stopped
     return stopped
+
+
+@rule
+def _count(state: State, outputs: OutputRow) -> None:
+    """Write the COUNTS and each drone's OWN_COUNTS; steps and choices of all are the least ones."""
+    drones, numbers, own = len(state.drones), outputs.numbers, outputs.own
+    columns = 4 + len(state.drones[0].terms)
+    numbers[4], numbers[5], numbers[6] = 0.0, state.crashes, state.opened
+    numbers[7], numbers[8] = state.observations[0].elapsed, state.observations[0].forced
+    for d in range(drones):
+        observation, first = state.observations[d], columns * d
+        own[first], own[first + 1] = observation.attached_users, 0.0
+        own[first + 2], own[first + 3] = observation.elapsed, observation.forced
+        numbers[4] += observation.attached_users
+        numbers[7] = min(numbers[7], observation.elapsed)
+        numbers[8] = min(numbers[8], observation.forced)
+    for crash in range(len(state.crashed)):
+        own[columns * state.crashed[crash] + 1] += 1.0
+
+
+@rule
+def _pay(state: State, outputs: OutputRow) -> None:
+    """Write the rewards and their terms, which are 0 before the first step, and their means."""
+    drones, terms = len(state.drones), len(state.drones[0].terms)
+    numbers, own, paid, reward = outputs.numbers, outputs.own, state.step > 0, 0.0
+    for term in range(terms):
+        numbers[9 + term] = 0.0
+    for d in range(drones):
+        own_reward = state.rewards[d] if paid else 0.0
+        outputs.rewards[d] = own_reward
+        reward += own_reward
+        first = (4 + terms) * d + 4
+        for term in range(terms):
+            value = state.drones[d].terms[term] if paid else 0.0
+            own[first + term] = value
+            numbers[9 + term] += value
+    for term in range(terms):
+        numbers[9 + term] /= drones
+    outputs.reward[0] = reward / drones
 
 
 @rule

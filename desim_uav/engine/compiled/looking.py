@@ -7,12 +7,15 @@ from typing import Any
 from desim_uav.engine.compiled.standing import recall, stand
 from desim_uav.model.compiled_rows import as_array, call, place_of, set_word
 from desim_uav.model.coverage import (
+    LEG,
     SEEN_ROWS,
     Buckets,
     DroneLeg,
     Users,
+    leg_near,
     look_around,
     sort_into_buckets,
+    walked,
 )
 from desim_uav.model.crossings import TIME_US, USER, crossings, crossings_near
 from desim_uav.model.kernels import kernel, rule, stands_in_for
@@ -21,6 +24,7 @@ from desim_uav.model.radio.fits import TERM_COLUMNS
 from desim_uav.model.radio.nested import CHANGE, class_changes
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import coverage as seam
+from desim_uav.rules import spots
 from desim_uav.rules.flight import way_of
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.words import LOST
@@ -68,6 +72,31 @@ def know_walks(world: Constants, path: Path, state: State, start_us: int, end_us
         homes, streams = place_of(world.homes), place_of(path.streams)
         model = world.mobility_values
         call(world.walk, (model, place_of(walking), homes, streams, start_us, end_us))
+
+
+@stands_in_for(spots.find_users)
+def _find_users(world: Any, path: Any, state: Any) -> Any:
+    def find_users(world: Any, path: Any, state: Any) -> None:
+        look, now_us, count = state.look, state.now_us, len(state.users)
+        if look.stand and state.step > 0:
+            return  # all users still are where they were
+        know_walks(world, path, state, now_us, now_us)
+        if path.stepwise:
+            if look.walking.lost:
+                state.faults |= LOST
+                return
+            rows, begins = look.walking.legs, look.walking.legs_at
+        else:
+            rows, begins = path.legs, path.legs_at
+        legs = as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS))
+        for user in range(count):
+            begin, stop = begins[user], begins[user + 1]
+            if stop > begin:  # else there was no memory for the user's legs
+                guess = stop - 1 if path.stepwise else begin + int(look.users[LEG * count + user])
+                leg = leg_near(legs, begin, stop, now_us, guess)
+                state.spots[user].x_m, state.spots[user].y_m = walked(legs, leg, now_us)
+
+    return find_users
 
 
 @rule

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, field
 from functools import lru_cache
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -113,9 +114,19 @@ class Fixed(Unchanging):
         self.__post_init__()
 
 
-@lru_cache(maxsize=16)
+_PACKED: WeakKeyDictionary[World, dict[RunSettings, Fixed]] = WeakKeyDictionary()
+"""The constants in memory, which are kept as long as their worlds exist."""
+
+
 def pack(world: World, settings: RunSettings) -> Fixed:
     """Return the constants of a run in memory. Raises ScenarioError if ``lacking`` has reasons."""
+    kept = _PACKED.setdefault(world, {})
+    if settings not in kept:
+        kept[settings] = _pack(world, settings)
+    return kept[settings]
+
+
+def _pack(world: World, settings: RunSettings) -> Fixed:
     problems = lacking(world)
     if problems:
         raise ScenarioError(*(f"{problem}; --engine des runs it" for problem in problems))
@@ -172,8 +183,19 @@ def room_for(users: int, buffers: Buffers, legs: int) -> Room:
     return Room(2 * users + 4 * crossings, legs + crossings, STRETCHES + crossings // 4)
 
 
+def forget_packed() -> None:
+    """Forget the constants and states that are kept, as if no engine had been made."""
+    _PACKED.clear()
+    _pack_state.cache_clear()
+
+
 def pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int) -> Words:
     """Return a state in memory, with a buffer for this many legs of users in a step (``legs``)."""
+    return _pack_state(world, settings, buffers, legs).copy()
+
+
+@lru_cache(maxsize=4)
+def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int) -> Words:
     state: Any = state_of(world, settings, buffers, State)
     drones, users, count = len(state.drones), len(state.users), slots(state)
     nx, ny = bucket_grid(*world.area, world.reach_m)

@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.asking import ManyRequests, Requests
+from desim_uav.model.kernels import kernel
 from desim_uav.model.rows import Words
+from desim_uav.model.rows import place as place_of
 from desim_uav.model.walking import ManyRowWalks, RowWalks, Walks
 from desim_uav.rules.rows import Path
 from desim_uav.sample_path import SamplePaths
@@ -30,19 +32,16 @@ class Section(NamedTuple):
 NOTHING = Section([], 0, 0)
 
 
+TABLES = (4, 1, 1, 1, 1, 1, 1, 1)
+"""The words of an entry of each table of a Path: a row of asks has four, other entries one."""
+
+
 def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
     """Return sample paths in one block, and the word at which each one's row begins."""
-    stepwise, legs_at, legs, streams = _walking(paths.walking)
-    asks, asks_at = _requests(paths.requests)
-    episodes, drawn = len(paths.episodes), paths.respawn.shape[2]
-    rows = np.empty((episodes, Path.words), np.int64)
-    rows[:, 0], rows[:, 1], rows[:, 2] = _after_previous(paths.requests), stepwise, drawn
-    starts = Path.words * np.arange(episodes)
+    rows, sections = _rows_and_sections(paths)
+    starts = Path.words * np.arange(len(rows))
     at, place, parts = rows.size, 3, []
-    # The order is that of the tables of Path. A row of asks has four words, other entries one.
-    respawns, keys = _block(paths.respawn), _keys(paths.link_keys)
-    sections = (asks, asks_at, legs, legs_at, streams, respawns, _errors(paths), keys)
-    for columns, section in zip((4, 1, 1, 1, 1, 1, 1, 1), sections, strict=True):
+    for columns, section in zip(TABLES, sections, strict=True):
         if section is NOTHING:
             rows[:, place : place + 2] = 0
         else:
@@ -50,9 +49,74 @@ def paths_of(paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
             rows[:, place + 1] = section.counts // columns
         place += 2
         for part in section.parts:
-            parts.append(part.view(np.int64) if part.dtype == np.float64 else part)
+            parts.append(_as_words(part))
             at += part.size
     return np.concatenate([rows.reshape(-1), *parts], dtype=np.int64), starts
+
+
+def blocks_of(paths: SamplePaths) -> tuple[list[Words], NDArray[np.int64]]:
+    """Return sample paths in a block of memory each, and the addresses of these blocks.
+
+    A block may be copied and kept on its own. All are parts of one array, which exists as long as
+    one of them does.
+    """
+    rows, sections = _rows_and_sections(paths)
+    episodes = len(rows)
+    sizes = np.array([np.broadcast_to(section.counts, episodes) for section in sections])
+    ends = np.cumsum(Path.words + sizes.sum(axis=0))
+    starts = ends - Path.words - sizes.sum(axis=0)
+    block, at, place = np.empty(ends[-1], np.int64), np.full(episodes, Path.words), 3
+    for columns, section, counts in zip(TABLES, sections, sizes, strict=True):
+        rows[:, place], rows[:, place + 1] = 8 * at, counts // columns
+        place += 2
+        begins = np.ascontiguousarray(np.broadcast_to(section.begins, episodes), np.int64)
+        if section.parts:
+            _copy_parts(_joined(section), begins, counts, block, starts + at)
+        at += counts
+    _copy_parts(
+        rows.reshape(-1),
+        Path.words * np.arange(episodes),
+        np.full(episodes, Path.words),
+        block,
+        starts,
+    )
+    bounds = zip(starts.tolist(), ends.tolist(), strict=True)
+    return [block[start:end] for start, end in bounds], place_of(block) + 8 * starts
+
+
+@kernel
+def _copy_parts(
+    source: Words,
+    begins: NDArray[np.int64],
+    counts: NDArray[np.int64],
+    block: Words,
+    at: NDArray[np.int64],
+) -> None:
+    """Copy ``counts`` (episodes,) words from ``source``, from ``begins`` on, to ``at``."""
+    for k in range(len(counts)):
+        for word in range(counts[k]):
+            block[at[k] + word] = source[begins[k] + word]
+
+
+def _joined(section: Section) -> Words:
+    """Return the entries of a section as words, end to end."""
+    words = [_as_words(part) for part in section.parts]
+    return words[0] if len(words) == 1 else np.concatenate(words)
+
+
+def _as_words(part: NDArray[Any]) -> Words:
+    return part.view(np.int64) if part.dtype == np.float64 else part.astype(np.int64, copy=False)
+
+
+def _rows_and_sections(paths: SamplePaths) -> tuple[NDArray[np.int64], tuple[Section, ...]]:
+    """Return rows of Path whose tables are still to be set, and their sections in order."""
+    stepwise, legs_at, legs, streams = _walking(paths.walking)
+    asks, asks_at = _requests(paths.requests)
+    rows = np.empty((len(paths.episodes), Path.words), np.int64)
+    rows[:, 0], rows[:, 1] = _after_previous(paths.requests), stepwise
+    rows[:, 2] = paths.respawn.shape[2]
+    respawns, keys = _block(paths.respawn), _keys(paths.link_keys)
+    return rows, (asks, asks_at, legs, legs_at, streams, respawns, _errors(paths), keys)
 
 
 def _block(numbers: NDArray[Any]) -> Section:

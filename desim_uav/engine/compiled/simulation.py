@@ -20,10 +20,10 @@ from desim_uav.engine.episode import Engine
 from desim_uav.engine.state import Buffers
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.code_digest import code_digest
-from desim_uav.model.rows import View, Words, array_of, held_by, is_row, named
+from desim_uav.model.rows import View, Words, array_of, dtype_of, held_by, is_row, named
 from desim_uav.model.state import Snapshot
-from desim_uav.model.walking import misstep, walking_of
-from desim_uav.rules.rows import Constants, Drone, Look, Plan, State
+from desim_uav.model.walking import RowWalks, Walks, misstep, walking_of
+from desim_uav.rules.rows import Constants, Drone, Look, Plan, State, Station
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY
 from desim_uav.sample_path import SamplePath, SamplePaths
 from desim_uav.world import World
@@ -32,7 +32,7 @@ BUFFER, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
 """The initial buffers, which are doubled when an episode needs more: for the log of a step (rows in
 all, and rows per user), and for the crossings of a leg (rows per user)."""
 
-DERIVED = ("state", "state_at", "drones", "constants", "all_plans", "all_hops")
+DERIVED = ("state", "state_at", "drones", "constants", "all_plans", "all_hops", "_parts")
 """The attributes that are views of an engine's memory, which a copy makes again."""
 
 
@@ -99,6 +99,10 @@ class BatchSimulation(Engine):
         self.state_at = int(self.memory.ctypes.data)
         self.state = View(self.memory, State)
         self.drones = self.state.drones
+        count = len(self.drones)
+        rooms = (Drone.words * count, len(self.world.stations) * (Station.words + count + 1))
+        begins = [_begin_of(self.memory, name) for name in ("drones", "stations")]
+        self._parts = [slice(at, at + size) for at, size in zip(begins, rooms, strict=True)]
 
     def refuse_unseen(self) -> None:
         """Raise ScenarioError if the scenario's observation is not compiled."""
@@ -106,11 +110,27 @@ class BatchSimulation(Engine):
             name = type(self.world.scenario.observation).__name__
             raise ScenarioError(f"observation: {name!r} is not compiled; engine='des' runs it")
 
+    def move_to(self, world: World, settings: RunSettings) -> bool:
+        """Go to another world of the same scenario, where the drones begin afresh, if it fits.
+
+        Returns whether it does: whether the state of that world takes the same memory.
+        """
+        same = world.scenario is self.world.scenario and settings == self.settings
+        if not same or world.in_air or world.reach_m != self.world.reach_m:
+            return False
+        self.world, self.fixed = world, pack(world, settings)
+        self.constants = View(self.fixed.block, Constants)
+        self.all_plans = array_of(self.fixed.block, Constants, "plans")
+        self.all_hops = array_of(self.fixed.block, Constants, "hops")
+        self.carry(None)
+        return True
+
     # ---- access to the rows
 
     def addresses(self) -> tuple[int, int, int]:
-        """Return the addresses of constants, sample path and state."""
-        return self.fixed.at, self.path.ctypes.data, self.state_at
+        """Return the addresses of constants, sample path (0 before the first one) and state."""
+        path = vars(self).get("path")
+        return self.fixed.at, 0 if path is None else path.ctypes.data, self.state_at
 
     def entries(self, name: str) -> Sequence[Any]:
         """Return the numbers or rows in this table or queue of the state."""
@@ -159,23 +179,48 @@ class BatchSimulation(Engine):
     def begin(self, path: SamplePath) -> None:
         """Begin an episode without a snapshot."""
         self.latest = None
-        self._began = self._carried, self._standing() if self._goes_on else None
+        self._note_before()
         self.path, _ = self.prepare(SamplePaths.of(path))
         calls.run(*self.addresses(), RESET)
         self.drain()
 
-    def _standing(self) -> tuple[int, NDArray[Any], list[list[int]]]:
-        """Return the time, the drones' rows as an array, and the queues at the stations."""
-        queues = [station.queue.tolist() for station in self.state.stations]
-        return self.state.now_us, array_of(self.memory, State, "drones").copy(), queues
+    def begin_on(self, path: Words, episode: int, walking: Walks | RowWalks) -> bool:
+        """Prepare for ``calls.begin_all``, which begins an episode on a path in memory.
+
+        Returns whether it has to put the drones at their starts.
+        """
+        self.latest = None
+        goes_on = self._note_before()
+        self.path = path
+        if not goes_on and self._carried:
+            self.load(self._carried)
+        afresh = not goes_on and not self._carried
+        self.set_under_way(episode, walking)
+        return afresh
+
+    def _note_before(self) -> bool:
+        """Keep the states in which drones begin an episode, which may have to be repeated.
+
+        Returns whether they are as the previous episode has left them.
+        """
+        goes_on = self._goes_on
+        self._began = self._carried, self._standing() if goes_on else None
+        return goes_on
+
+    def _standing(self) -> tuple[int, Words, Words]:
+        """Return the time, and copies of the drones' rows and of the stations with their queues."""
+        return self.state.now_us, *(self.memory[part].copy() for part in self._parts)
 
     def _before(self) -> Carried | None:
         """Return the states in which drones began the episode."""
         carried, standing = self._began
         if standing is None:
             return carried
-        now_us, drones, queues = standing
-        return self.drones_of(now_us, list(map(named(Drone)._make, drones.tolist())), queues)
+        now_us, drones, stations = standing
+        rows = list(map(named(Drone)._make, drones.view(dtype_of(Drone)).tolist()))
+        places = range(0, len(self.world.stations) * Station.words, Station.words)
+        queues = [array_of(stations, Station, "queue", at).tolist() for at in places]
+        return self.drones_of(now_us, rows, queues)
 
     def prepare(self, paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
         """Put the drones where they begin episodes on these paths; return the paths in memory."""
@@ -228,6 +273,11 @@ class BatchSimulation(Engine):
                 calls.run(*self.addresses(), STEP)
         self.check_components()
         self.drain_log()
+
+
+def _begin_of(memory: Words, table: str) -> int:
+    """Return the word at which the entries of a table of the state begin."""
+    return int(memory[State.places[table]]) // 8
 
 
 @cache

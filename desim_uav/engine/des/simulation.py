@@ -19,6 +19,7 @@ from desim_uav.engine.des.processes import Processes
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.asking import Requests
+from desim_uav.model.coverage import all_walked
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.rules.air import keeps_rings
@@ -33,14 +34,16 @@ from desim_uav.world import World
 
 
 class LiveState(State):
-    """The state of an episode, with three fields that only the SimPy engine needs.
+    """The state of an episode, with four fields that only the SimPy engine needs.
 
     ``clock`` is its event queue. ``named_terms`` holds the terms of each drone's reward by name if
-    the reward does not work on rows, and ``observed`` returns the drones' observations.
+    the reward does not work on rows, ``observed`` returns the drones' observations, and
+    ``find_users`` writes the users' places (see ``rules.spots``).
     """
 
-    __slots__ = ("clock", "named_terms", "observed")
+    __slots__ = ("clock", "find_users", "named_terms", "observed")
     clock: Clock
+    find_users: Callable[[], None]
     named_terms: Sequence[dict[str, float]]
     observed: Callable[[], tuple[Observation, ...]]
 
@@ -101,6 +104,7 @@ class Simulation(Engine):
         state = state_of(self.world, self.settings, Buffers(), LiveState)
         state.keeps_requests = 1
         state.named_terms, state.observed = (), self.observations
+        state.find_users = self._find_users
         return state
 
     # ---- episodes
@@ -177,6 +181,12 @@ class Simulation(Engine):
         found = self._in_air.changes_of_all(sought, (state.now_us, state.now_us + span_us))
         for drone, rows in zip(sought, found, strict=True):
             drone.ahead[:] = last_first(rows)
+
+    def _find_users(self) -> None:
+        """Write the places at which the users are now into the state (see ``rules.spots``)."""
+        places = all_walked(*self.path.walks, int(self.state.now_us)).tolist()
+        for spot, (x_m, y_m) in zip(self.state.spots, places, strict=True):
+            spot.x_m, spot.y_m = x_m, y_m
 
     def _path(self, path: SamplePath) -> Path:
         """Return a sample path as a row."""

@@ -1,0 +1,102 @@
+"""What each reward does to the quality of experience, as a Markdown table.
+
+python analysis/rewards.py [--seeds N] [CASE…] [NAME={kind: …}…]
+
+In each case (4 and 8 unless told otherwise) drones learn from each reward by Q-learning with the
+default training, one training per seed in the world of that seed, from seed 100 on (5 seeds unless
+told otherwise). The table has QoE1, QoE3 and the crashes per drone and episode of what they have
+learned, over 20 episodes after 2 of warm-up: means over the seeds, and differences to the case's
+own reward, paired by seed, with 95 % intervals. The baseline, which does not learn, is beside them.
+Further rewards are given by a name and their YAML, for instance 'own={kind: "careful:Careful"}'.
+"""
+
+import argparse
+
+import yaml
+
+import desim_uav as du
+from desim_uav.experiment.evaluate import evaluate
+from desim_uav.experiment.reproduce import EPISODES, FIRST_SEED, WARMUP
+from desim_uav.experiment.statistics import estimate, paired
+from desim_uav.experiment.train.course import train
+from desim_uav.policies.tabular import Greedy
+from desim_uav.scenario.components import described
+
+REWARDS = {
+    "R1": {"kind": "coverage"},
+    "R2": {"kind": "coverage_battery"},
+    "R3": {"kind": "multi_service"},
+    "qoe": {"kind": "qoe"},
+    "qoe, QoE1 only": {"kind": "qoe", "w3": 0.0},
+    "qoe, QoE3 only": {"kind": "qoe", "w1": 0.0},
+    "qoe, no difference": {"kind": "qoe", "difference": False},
+    "qoe, crash 3": {"kind": "qoe", "crash": 3.0},
+    "qoe, crash 10": {"kind": "qoe", "crash": 10.0},
+    "qoe, QoE3 only, crash 10": {"kind": "qoe", "w1": 0.0, "crash": 10.0},
+}
+MEASURES = ("qoe1_percent", "qoe3_percent", "crashes_per_drone_episode")
+HEADINGS = ("case", "reward", "QoE1 %", "difference", "QoE3 %", "difference", "crashes")
+
+
+def main(cases, seeds, rewards):
+    """Print the table."""
+    print(row(HEADINGS), row(["---"] * len(HEADINGS)), sep="\n")
+    for case in cases:
+        own = described(du.load(case).reward)["kind"]
+        name = next(name for name, keys in REWARDS.items() if keys["kind"] == own)
+        ordered = {name: rewards[name], **rewards}
+        kept = None
+        for name, keys in ordered.items():
+            found = [learned(case, seed, keys) for seed in seeds]
+            kept = kept or found
+            print(line(case, name, found, kept), flush=True)
+        print(line(case, "baseline", [flown(case, seed) for seed in seeds], kept), flush=True)
+
+
+def learned(case, seed, reward):
+    """Train with a reward in the world of a seed; return the measures of the greedy policy."""
+    scenario = du.load(case, {"seed": seed, "reward": reward})
+    table, _ = train(scenario, engine="batch")
+    return evaluate(scenario, Greedy.of_table(table, "learned"), seed, EPISODES, WARMUP, "batch")
+
+
+def flown(case, seed):
+    """Return the measures of the baseline in the world of a seed."""
+    return evaluate(du.load(case, {"seed": seed}), "baseline", seed, EPISODES, WARMUP, "batch")
+
+
+def line(case, name, found, kept):
+    """Return the row of a reward, given the measures of each seed and those of the case's own."""
+    columns = [[one[measure] for one in found] for measure in MEASURES]
+    others = [[one[measure] for one in kept] for measure in MEASURES]
+    cells = [case.removeprefix("case"), name]
+    for column, other in zip(columns[:2], others[:2], strict=True):
+        cells += [f"{estimate(column).mean:.1f}", difference(paired(column, other))]
+    return row([*cells, f"{estimate(columns[2]).mean:.3f}"])
+
+
+def difference(found):
+    """Return a paired difference and its interval as text, the latter if there are two seeds."""
+    interval = "" if found.half_width is None else f" ± {found.half_width:.1f}"
+    return f"{found.mean:+.1f}{interval}"
+
+
+def row(cells):
+    """Return a row of a Markdown table."""
+    return "| " + " | ".join(map(str, cells)) + " |"
+
+
+def arguments():
+    """Return the cases, the seeds and the rewards that are asked for."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--seeds", type=int, default=5, help="how many seeds, from 100 on")
+    parser.add_argument("asked", nargs="*", help="cases, and rewards as NAME={kind: …}")
+    given = parser.parse_args()
+    cases = [f"case{text}" for text in given.asked if "=" not in text] or ["case4", "case8"]
+    pairs = (text.split("=", 1) for text in given.asked if "=" in text)
+    own = {name: yaml.safe_load(text) for name, text in pairs}
+    return cases, range(FIRST_SEED, FIRST_SEED + given.seeds), REWARDS | own
+
+
+if __name__ == "__main__":
+    main(*arguments())

@@ -1,0 +1,171 @@
+"""Steps a second of ``UavParallelVectorEnv``, beside mobile-env and simple_spread, in one run.
+
+    pip install mobile-env mpe2          (or into an environment of their own, and then)
+    python benchmarks/parallel_vector.py [--peer-python /path/to/a/bin/python]
+                                         [--case case8] [--rounds 7] [--seconds 2]
+
+A step is one step of all agents of one environment. Ours is UavParallelVectorEnv of the case with
+1,024 environments, which begin their next episodes in the step after the end (NEXT_STEP); resets
+with all draws count as time, not as steps, and so does the choice of a random allowed action for
+each drone, from numbers drawn before the clock starts. The same with ``copy=True``, and with 64
+environments. The others are mobile-env's medium scenario and mpe2's simple_spread, with random
+actions, as in peers.py.
+
+Each has a process of its own and one thread; the rounds go from one to the next, so that whatever
+else the machine does meets all. CPU time; medians of the rounds. Then the share of the time that is
+spent in compiled code; and, in wall time, two threads beside one, and two processes (what the
+machine has to give).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import statistics
+import sys
+import time
+from itertools import cycle
+from typing import Any
+
+import fused
+from fused import Block, answer, ask, in_blocks, rate, started, told
+from peers import mobile_env, simple_spread
+
+ENVS, FEW = 1024, 64
+AIMS = [("1,024 views", "mobile-env", 300), ("1,024 views", "simple_spread", 15)]
+TWO_THREADS_AIM = 1.7
+THREADS, SHARE = "threads", "share"
+PEERS = {
+    "mobile-env": lambda: in_blocks(mobile_env()),
+    "simple_spread": lambda: in_blocks(simple_spread()),
+}
+NAMES = ["1,024 views", "1,024 copies", "64 views", *PEERS]
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--peer-python", default=sys.executable, help="has mobile-env and mpe2")
+    parser.add_argument("--case", default="case8", help="the scenario")
+    parser.add_argument("--rounds", type=int, default=7)
+    parser.add_argument("--seconds", type=float, default=2.0, help="of each measurement")
+    parser.add_argument("--work", help=argparse.SUPPRESS)
+    args = parser.parse_args()
+    if args.work:
+        name, case = args.work.rsplit("@", 1)
+        work(name, case, args.seconds)
+        return
+    compare(args.case, args.peer_python, args.rounds, args.seconds)
+    compare_threads(args.case, args.rounds, args.seconds)
+
+
+def compare(case: str, peer_python: str, rounds: int, seconds: float) -> None:
+    """Print how fast each is, the ratios, and the share of compiled code."""
+    names = [f"{name}@{case}" for name in NAMES]
+    pythons = {f"{name}@{case}": peer_python for name in PEERS}
+    medians = fused.measured(names, pythons, rounds, seconds, __file__, 22)
+    for ours, theirs, aim in AIMS:
+        ratio = medians[f"{ours}@{case}"] / medians[f"{theirs}@{case}"]
+        print(f"{ours} / {theirs}: {ratio:.3g} (aim: {aim})")
+    worker = started(sys.executable, f"{SHARE}@{case}", seconds, __file__)
+    print(f"1,024 views, not in compiled code: {answer(worker):.1%} of the CPU time")
+    worker.communicate()
+
+
+def compare_threads(case: str, rounds: int, seconds: float) -> None:
+    """The environments in one thread and in two; and two processes with one thread each."""
+    workers = [started(sys.executable, f"{THREADS}@{case}", seconds, __file__) for _ in range(2)]
+    for worker in workers:
+        answer(worker)
+    rates: fused.Rates = {name: [] for name in ("one thread", "two threads", "two processes")}
+    for _ in range(rounds):
+        for threads, name in enumerate(["one thread", "two threads"], 1):
+            ask(workers[0], threads)
+            rates[name].append(answer(workers[0]))
+        for worker in workers:
+            ask(worker, 1)
+        rates["two processes"].append(sum(map(answer, workers)))
+    for worker in workers:
+        worker.communicate()
+    print(f"\n{case}, 1,024 environments, wall time")
+    one, two, processes = told(rates).values()
+    print(f"two threads / one: {two / one:.2f} (aim: {TWO_THREADS_AIM})")
+    print(f"two processes / one: {processes / one:.2f}; near 2 on a machine that is free")
+
+
+def work(name: str, case: str, seconds: float) -> None:
+    """Answer each line that is read with a number of steps a second."""
+    if name == THREADS:
+        blocks = [ours(case, ENVS, False, threads)[0] for threads in (1, 2)]
+        for block in blocks:
+            rate(block, seconds / 4, time.perf_counter)
+        print(json.dumps(""), flush=True)
+        for line in sys.stdin:
+            print(json.dumps(rate(blocks[int(line) - 1], seconds, time.perf_counter)), flush=True)
+    elif name == SHARE:
+        print(json.dumps(share_of_python(case, seconds)), flush=True)
+    else:
+        makers = {
+            "1,024 views": lambda: ours(case, ENVS, False),
+            "1,024 copies": lambda: ours(case, ENVS, True),
+            "64 views": lambda: ours(case, FEW, False),
+        }
+        fused.work({**makers, **PEERS}[name], seconds)
+
+
+def ours(case: str, count: int, copied: bool, threads: int = 1) -> tuple[Block, list[str]]:
+    """Environments in which random allowed actions are taken, a step of all in each block."""
+    import numpy as np
+
+    from desim_uav import UavParallelVectorEnv
+
+    env = UavParallelVectorEnv(case, count, world_seed=0, threads=threads, copy=copied)
+    _, infos = env.reset(seed=0)
+    rng = np.random.default_rng(0)
+    drawn = cycle([rng.random(infos["action_mask"].shape, np.float32) for _ in range(16)])
+    begun = np.zeros(count, bool)
+
+    def block() -> int:
+        nonlocal infos, begun
+        actions = (infos["action_mask"] * next(drawn)).argmax(axis=2)
+        _, _, terminated, truncated, infos = env.step(actions)
+        steps = count - int(begun.sum())  # the others only began an episode
+        begun = terminated[:, 0] | truncated[:, 0]
+        return steps
+
+    return block, ["desim-uav", "numpy", "numba"]
+
+
+def share_of_python(case: str, seconds: float) -> float:
+    """The share of the CPU time that is not spent in calls of compiled code."""
+    from desim_uav.engine.compiled import calls, paths
+    from desim_uav.env import many
+
+    block, _ = ours(case, ENVS, False)
+    spent = 0.0
+
+    def timed(function: Any) -> Any:
+        def call(*arguments: Any) -> Any:
+            nonlocal spent
+            start = time.process_time()
+            result = function(*arguments)
+            spent += time.process_time() - start
+            return result
+
+        return call
+
+    rate(block, seconds / 4, time.process_time)
+    # Drawing sample paths is compiled but for some microseconds per call.
+    calls.step_all, calls.begin_all = timed(calls.step_all), timed(calls.begin_all)
+    many.draw_all, paths._copy_parts = timed(many.draw_all), timed(paths._copy_parts)
+    shares = []
+    for _ in range(5):
+        spent, start = 0.0, time.process_time()
+        rate(block, seconds, time.process_time)
+        shares.append(1.0 - spent / (time.process_time() - start))
+    return statistics.median(shares)
+
+
+if __name__ == "__main__":
+    main()

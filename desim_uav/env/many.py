@@ -1,0 +1,219 @@
+"""Many environments in the compiled engine, which are reset and stepped together."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
+from gymnasium import error
+from gymnasium.vector import AutoresetMode
+from numpy.typing import NDArray
+
+from desim_uav.copies import Independent
+from desim_uav.engine.compiled import calls
+from desim_uav.engine.compiled.paths import blocks_of
+from desim_uav.env.compiled import CompiledSession, Outputs
+from desim_uav.env.render import Screen
+from desim_uav.env.room import require_room
+from desim_uav.env.session import out_of_range
+from desim_uav.env.tasks import Tasks
+from desim_uav.sample_path import draw_all
+
+Flags = NDArray[np.bool_]
+"""One truth value for each environment."""
+
+Seed = int | Sequence[int | None] | None
+"""The seed of environment 0, to which k is added for environment k; or a list with one for each."""
+
+
+class Many(Independent):
+    """``num_envs`` environments of a scenario, whose outputs are rows of arrays (``outputs``).
+
+    ``sessions`` are the environments. ``threads`` threads share them; each step and each reset is
+    one call of the compiled engine per thread.
+    """
+
+    num_envs: int
+    render_mode: str | None
+
+    def make_sessions(
+        self,
+        tasks: Tasks,
+        num_envs: int,
+        autoreset_mode: AutoresetMode | str,
+        threads: int,
+        render_mode: str | None,
+    ) -> None:
+        """Make the environments. For the errors see ``UavVectorEnv``."""
+        if num_envs < 1 or not threads >= 1:
+            raise error.Error(f"num_envs {num_envs}, threads {threads}: must be 1 or more")
+        if render_mode not in (None, "rgb_array"):
+            raise error.UnsupportedMode(
+                f"render_mode {render_mode!r}: must be None or 'rgb_array'; only a single "
+                "environment opens a window"
+            )
+        self.num_envs = num_envs
+        self.render_mode = render_mode
+        self.autoreset_mode = _mode(autoreset_mode)
+        first = CompiledSession(tasks, draws_ahead=False)
+        require_room(first, num_envs)
+        others = [CompiledSession(tasks, first.world, False) for _ in range(num_envs - 1)]
+        self.sessions = [first, *others]
+        self.threads = min(threads, num_envs)
+        self.screens = [Screen(session, render_mode) for session in self.sessions if render_mode]
+        self._all = np.ones(num_envs, np.bool_)
+        self._set_up()
+
+    def _set_up(self) -> None:
+        """Make the arrays and threads, which are this object's own."""
+        self.outputs = Outputs.of(self.sessions[0], self.num_envs)
+        for k, session in enumerate(self.sessions):
+            session.write_to(self.outputs, k)
+        self._seeds = np.array([session.seeds() for session in self.sessions])
+        bounds = np.linspace(0, self.num_envs, self.threads + 1).astype(int).tolist()
+        self._shares = [slice(*pair) for pair in pairwise(bounds)]
+        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Return everything except arrays and threads, which a copy makes again."""
+        own = ("outputs", "_seeds", "_shares", "_pool")
+        return {key: part for key, part in vars(self).items() if key not in own}
+
+    def __setstate__(self, kept: dict[str, Any]) -> None:
+        """Restore the attributes, with arrays and threads of this object's own."""
+        vars(self).update(kept)
+        self._set_up()
+
+    def stop_threads(self) -> None:
+        """Stop the threads, if there are any. It may be called more than once."""
+        pool = getattr(self, "_pool", None)
+        if pool is not None:
+            pool.shutdown()
+
+    # ---- resets
+
+    def begin_chosen(self, seed: Seed, options: dict[str, Any] | None) -> Flags:
+        """Begin the next episodes that a reset asks for; return in which environments."""
+        which = self._reset_mask(options)
+        if seed is None or isinstance(seed, int | np.integer):
+            seeds = [None if seed is None else int(seed) + k for k in range(self.num_envs)]
+        else:
+            seeds = list(seed)
+        if len(seeds) != self.num_envs:
+            raise error.Error(f"there are {len(seeds)} seeds for {self.num_envs} environments")
+        self.begin(which, seeds)
+        return which
+
+    def begin(self, which: Flags, seeds: Sequence[int | None] | None = None) -> None:
+        """Begin the next episode of the environments ``which``; with seeds, new runs."""
+        numbers = np.flatnonzero(which).tolist()
+        for k in numbers:
+            session = self.sessions[k]
+            if session.start(None if seeds is None else seeds[k]):
+                self.outputs.addresses[k, :3] = session.addresses()
+        afresh = np.zeros(self.num_envs, np.bool_)
+        for group in self._drawn_together(numbers):
+            afresh[group] = self._put_on_paths(group)
+        self._call(calls.begin_all, afresh, which)
+        self._seeds[numbers] = [self.sessions[k].seeds() for k in numbers]
+
+    def _drawn_together(self, numbers: Sequence[int]) -> Iterable[list[int]]:
+        """Return groups of environments whose sample paths can be drawn at once.
+
+        Walks step by step are the same draws in all worlds of a scenario.
+        """
+        groups: dict[int, list[int]] = {}
+        for k in numbers:
+            world = self.sessions[k].world
+            key = id(world.scenario if world.row_mobility else world)
+            groups.setdefault(key, []).append(k)
+        return groups.values()
+
+    def _put_on_paths(self, group: Sequence[int]) -> list[bool]:
+        """Draw sample paths for the next episodes; return which environments begin afresh."""
+        sessions = [self.sessions[k] for k in group]
+        seeds, episodes = zip(*[(own.seed, own.episode + 1) for own in sessions], strict=True)
+        world = sessions[0].world
+        paths = draw_all(world, seeds, episodes)
+        blocks, self.outputs.addresses[group, 1] = blocks_of(paths)
+        afresh = []
+        for own, block, walking in zip(sessions, blocks, paths.walking, strict=True):
+            here = walking if own.world is world else own.world.walks_here(walking)
+            afresh.append(own.begin_on(block, here))
+        return afresh
+
+    def _reset_mask(self, options: dict[str, Any] | None) -> Flags:
+        """Return the mask of the environments that a reset concerns."""
+        if not options or "reset_mask" not in options:
+            return self._all
+        mask = np.asarray(options["reset_mask"])
+        if mask.dtype != np.bool_ or mask.shape != (self.num_envs,) or not mask.any():
+            raise error.Error(
+                f"reset_mask {mask.tolist()}: must be an array of {self.num_envs} bool, "
+                "at least one of them True"
+            )
+        return mask
+
+    # ---- steps
+
+    def over(self) -> Flags:
+        """Return a mask of the environments whose episodes are over."""
+        over: Flags = self.outputs.over[:, 0] | self.outputs.over[:, 1]
+        return over
+
+    def require_episodes(self, over: Flags) -> None:
+        """Raise ResetNeeded if there is an environment that cannot be stepped."""
+        self.require_begun()
+        if self.autoreset_mode is AutoresetMode.DISABLED and over.any():
+            which = np.flatnonzero(over).tolist()
+            raise error.ResetNeeded(f"call reset first: the episode is over in {which}")
+
+    def require_begun(self) -> None:
+        """Raise ResetNeeded if there is an environment in which no episode has begun."""
+        waiting = self._seeds[:, 2] < 0
+        if waiting.any():
+            which = np.flatnonzero(waiting).tolist()
+            raise error.ResetNeeded(f"call reset first: no episode has begun in {which}")
+
+    def advance(self, commands: NDArray[np.int64], which: Flags) -> None:
+        """Give the environments ``which`` their commands, and run each to its next epoch.
+
+        Raises ActionError, before any environment is stepped, if a command is not an action.
+        """
+        world = self.sessions[0].world
+        if commands.min() < 0 or commands.max() >= len(world.actions):
+            raise out_of_range(commands.tolist(), world)
+        self._call(calls.step_all, commands, which)
+
+    def _call(self, kernel: Callable[..., int], argument: NDArray[Any], which: Flags) -> None:
+        """Call a kernel on the environments ``which``, in all threads; repeat what ran out of room.
+
+        ``argument`` has a row for each environment.
+        """
+        arrays = self.outputs.addresses, argument, which
+        if self._pool is None:
+            stopped = kernel(*arrays)
+        else:
+            parts = [[array[share] for share in self._shares] for array in arrays]
+            stopped = sum(self._pool.map(kernel, *parts))
+        if stopped:
+            for k in np.flatnonzero(self.outputs.over[:, 2] & which).tolist():
+                self.sessions[k].go_on()
+
+    # ---- pictures
+
+    def frames(self) -> tuple[NDArray[np.uint8], ...]:
+        """Return the frame of each environment, (height, width, 3)."""
+        return tuple(screen.frame() for screen in self.screens)
+
+
+def _mode(mode: AutoresetMode | str) -> AutoresetMode:
+    """Return the autoreset mode of this name or value. Raises gymnasium's Error."""
+    try:
+        return AutoresetMode(mode)
+    except ValueError as problem:
+        modes = ", ".join(repr(one.value) for one in AutoresetMode)
+        raise error.Error(f"autoreset_mode {mode!r}: must be one of {modes}") from problem

@@ -1,0 +1,103 @@
+"""Wrappers that skip the decision epochs at which there is nothing to decide.
+
+A drone that returns, queues, charges or has crashed has one allowed action: its step is *forced*
+(info ``forced``). Rewards r1, r2, … of the steps from a free decision to the next one are one
+reward, r1 + gamma r2 + gamma² r3 + …; what follows the next decision is to be discounted by gamma
+to the power of the info ``elapsed_steps`` there.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium import error
+from pettingzoo.utils import BaseParallelWrapper  # type: ignore[import-untyped]
+
+from desim_uav.copies import Independent
+
+
+class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
+    """``UavEnv``, or a wrapper of it, without the epochs at which no drone has a choice.
+
+    A step runs to the next epoch at which at least one drone has a choice, or to the end of the
+    episode. Its reward is the sum of the rewards on the way, discounted by ``gamma`` for each step.
+    The info is that of the last step. A reset skips nothing: if drones carry over, the first step
+    of an episode may be a forced one.
+    """
+
+    def __init__(self, env: gymnasium.Env[Any, Any], gamma: float = 1.0) -> None:
+        """Wrap an environment. Raises gymnasium's Error if not 0 < ``gamma`` <= 1."""
+        super().__init__(env)
+        self.gamma = _checked(gamma)
+        self._drones = int(env.unwrapped.drones)  # type: ignore[attr-defined]
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """Take an action, and then the only allowed ones until there is a choice."""
+        gained, discount = 0.0, 1.0
+        while True:
+            seen, reward, terminated, truncated, info = self.env.step(action)
+            gained += discount * float(reward)
+            if terminated or truncated or not info["forced"]:
+                return seen, gained, terminated, truncated, info
+            discount *= self.gamma
+            only = np.asarray(info["action_mask"]).reshape(self._drones, -1).argmax(axis=1)
+            action = only if self._drones > 1 else int(only[0])
+
+
+class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc]
+    """``UavParallelEnv`` without the epochs at which no agent has a choice.
+
+    A step runs to the next epoch at which at least one agent has a choice, or to the end of the
+    episode, and returns the values of all agents there. An agent that has a choice there gets the
+    sum of its rewards since its own last free decision, or since the beginning of the episode,
+    discounted by ``gamma`` for each step. An agent that has none gets 0, and its rewards later, at
+    the end of the episode at the latest. A learner leaves out the decisions of agents whose
+    ``forced`` is 1.
+    """
+
+    def __init__(self, env: Any, gamma: float = 1.0) -> None:
+        """Wrap an environment. Raises gymnasium's Error if not 0 < ``gamma`` <= 1."""
+        super().__init__(env)
+        self.gamma = _checked(gamma)
+        self._gained: dict[str, float] = {}
+        self._discounts: dict[str, float] = {}
+
+    def reset(
+        self, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """Begin the next episode; nothing is skipped."""
+        told: tuple[dict[str, Any], dict[str, Any]] = super().reset(seed=seed, options=options)
+        self._gained = dict.fromkeys(self.agents, 0.0)
+        self._discounts = dict.fromkeys(self.agents, 1.0)
+        return told
+
+    def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
+        """Take one action per agent, and then the only allowed ones until there is a choice."""
+        chosen = actions
+        while True:
+            seen, rewards, ends, cuts, infos = super().step(chosen)
+            for agent, reward in rewards.items():
+                self._gained[agent] += self._discounts[agent] * reward
+                self._discounts[agent] *= self.gamma
+            over = not self.agents
+            if over or not all(info["forced"] for info in infos.values()):
+                return seen, self._paid(infos, over), ends, cuts, infos
+            chosen = {agent: int(one["action_mask"].argmax()) for agent, one in seen.items()}
+
+    def _paid(self, infos: dict[str, Any], over: bool) -> dict[str, float]:
+        """Return the rewards that are due now, which are then no longer owed."""
+        paid = {}
+        for agent, info in infos.items():
+            due = over or not info["forced"]
+            paid[agent] = self._gained[agent] if due else 0.0
+            if due:
+                self._gained[agent], self._discounts[agent] = 0.0, 1.0
+        return paid
+
+
+def _checked(gamma: float) -> float:
+    if not 0.0 < gamma <= 1.0:
+        raise error.Error(f"gamma {gamma}: must be above 0 and at most 1")
+    return float(gamma)

@@ -1,0 +1,57 @@
+"""The reward ``qoe``: what a drone's step has added to the quality of experience."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from annotated_types import Ge, Le
+
+from desim_uav.model.kernels import rule
+from desim_uav.model.rewards import RowReward
+from desim_uav.registry import register
+from desim_uav.rules.rewards import Weight
+from desim_uav.rules.rows import Constants, Drone, State
+from desim_uav.rules.words import CRASHED
+
+
+@register("reward", "qoe")
+@dataclass(frozen=True)
+class QoE(RowReward):
+    """What a drone's step has added to QoE1 and QoE3, against the drone's not serving.
+
+    Each is scaled so that 1 is the drone's fair share: that of QoE3 if the drone alone covers its
+    fair share of the users all through the step, that of QoE1 if in each step it does its fair
+    share of all that is expected to be asked for in the episode.
+    """
+
+    w1: Weight = 1.0
+    """The weight of QoE1."""
+    w3: Weight = 1.0
+    """The weight of QoE3."""
+    crash: Annotated[float, Ge(0), Le(1e6)] = 0.0
+    """What a drone loses in the step in which it crashes."""
+    difference: bool = True
+    """Whether only what others would not have covered counts. If not, all that the drone does
+    counts.
+    """
+    names = ("qoe1", "qoe3", "crash")
+    keeps_credit = True
+
+    def pay(self, world: Constants, state: State, drone: Drone) -> None:
+        """Write the terms, which are those of all that the drone has done in the step."""
+        credit, terms = drone.credit, drone.terms
+        lasted_us, served = credit.step_held_us, credit.step_served
+        if self.difference:
+            lasted_us, served = credit.step_alone_us, credit.step_served_alone
+        expected = world.expected_requests / world.steps
+        terms[0] = self.w1 * (served * world.sharers / expected)
+        terms[1] = self.w3 * (lasted_us * world.sharers / (len(state.users) * world.step_us))
+        if has_crashed(world, state, drone):
+            terms[2] = 0.0 - self.crash
+
+
+@rule
+def has_crashed(world: Constants, state: State, drone: Drone) -> bool:
+    """Return whether a drone has crashed in the step that ends now."""
+    return drone.mode == CRASHED and drone.since_us > state.now_us - world.step_us
