@@ -13,8 +13,9 @@ actions, as in peers.py.
 
 Each has a process of its own and one thread; the rounds go from one to the next, so that whatever
 else the machine does meets all. CPU time; medians of the rounds. Then the share of the time that is
-spent in compiled code; and, in wall time, two threads beside one, and two processes (what the
-machine has to give).
+not spent in compiled code; and two threads beside one: in wall time, with two processes for what
+the machine has to give, and in CPU time, where the time of two threads is that of the main thread
+plus that of the busier one of the two. The latter does not depend on what else the machine does.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import argparse
 import json
 import statistics
 import sys
+import threading
 import time
 from itertools import cycle
 from typing import Any
@@ -78,31 +80,32 @@ def compare_threads(case: str, rounds: int, seconds: float) -> None:
     workers = [started(sys.executable, f"{THREADS}@{case}", seconds, __file__) for _ in range(2)]
     for worker in workers:
         answer(worker)
-    rates: fused.Rates = {name: [] for name in ("one thread", "two threads", "two processes")}
+    wall: fused.Rates = {name: [] for name in ("one thread", "two threads", "two processes")}
+    cpu: fused.Rates = {name: [] for name in ("one thread", "two threads")}
     for _ in range(rounds):
-        for threads, name in enumerate(["one thread", "two threads"], 1):
+        for threads, name in enumerate(cpu, 1):
             ask(workers[0], threads)
-            rates[name].append(answer(workers[0]))
+            by_wall, by_cpu = answer(workers[0])
+            wall[name].append(by_wall)
+            cpu[name].append(by_cpu)
         for worker in workers:
             ask(worker, 1)
-        rates["two processes"].append(sum(map(answer, workers)))
+        wall["two processes"].append(sum(answer(worker)[0] for worker in workers))
     for worker in workers:
         worker.communicate()
     print(f"\n{case}, 1,024 environments, wall time")
-    one, two, processes = told(rates).values()
+    one, two, processes = told(wall).values()
     print(f"two threads / one: {two / one:.2f} (aim: {TWO_THREADS_AIM})")
     print(f"two processes / one: {processes / one:.2f}; near 2 on a machine that is free")
+    print("\nCPU time of the main thread and the busier one of the others")
+    one, two = told(cpu).values()
+    print(f"two threads / one: {two / one:.2f} (aim: {TWO_THREADS_AIM})")
 
 
 def work(name: str, case: str, seconds: float) -> None:
     """Answer each line that is read with a number of steps a second."""
     if name == THREADS:
-        blocks = [ours(case, ENVS, False, threads)[0] for threads in (1, 2)]
-        for block in blocks:
-            rate(block, seconds / 4, time.perf_counter)
-        print(json.dumps(""), flush=True)
-        for line in sys.stdin:
-            print(json.dumps(rate(blocks[int(line) - 1], seconds, time.perf_counter)), flush=True)
+        work_in_threads(case, seconds)
     elif name == SHARE:
         print(json.dumps(share_of_python(case, seconds)), flush=True)
     else:
@@ -112,6 +115,38 @@ def work(name: str, case: str, seconds: float) -> None:
             "64 views": lambda: ours(case, FEW, False),
         }
         fused.work({**makers, **PEERS}[name], seconds)
+
+
+def work_in_threads(case: str, seconds: float) -> None:
+    """The same for as many threads as the line says, by wall time and by CPU time."""
+    from desim_uav.engine.compiled import calls
+
+    busy: dict[int, float] = {}
+
+    def timed(kernel: Any) -> Any:
+        def call(*arguments: Any) -> int:
+            start = time.thread_time()
+            stopped: int = kernel(*arguments)
+            own = threading.get_ident()
+            busy[own] = busy.get(own, 0.0) + time.thread_time() - start
+            return stopped
+
+        return call
+
+    calls.step_all, calls.begin_all = timed(calls.step_all), timed(calls.begin_all)
+    blocks = [ours(case, ENVS, False, threads)[0] for threads in (1, 2)]
+    for block in blocks:
+        rate(block, seconds / 4, time.perf_counter)
+    print(json.dumps(""), flush=True)
+    main_thread = threading.get_ident()
+    for line in sys.stdin:
+        busy.clear()
+        taken, start, begun = 0, time.perf_counter(), time.thread_time()
+        while time.perf_counter() < start + seconds:
+            taken += blocks[int(line) - 1]()
+        wall_s, own_s = time.perf_counter() - start, time.thread_time() - begun
+        others = [spent for thread, spent in busy.items() if thread != main_thread]
+        print(json.dumps([taken / wall_s, taken / (own_s + max(others, default=0.0))]), flush=True)
 
 
 def ours(case: str, count: int, copied: bool, threads: int = 1) -> tuple[Block, list[str]]:

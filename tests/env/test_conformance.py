@@ -37,6 +37,12 @@ def test_pettingzoo(case: str, config: dict[str, str], capsys: pytest.CaptureFix
     assert "Passed" in capsys.readouterr().out
 
 
+@pytest.mark.parametrize(("case", "config"), CONFIGS[7:], ids=IDS[7:])
+def test_pettingzoo_compiled(case: str, config: dict[str, str]):
+    parallel_api_test(UavParallelEnv(case, config, engine="batch"), num_cycles=100)
+    parallel_seed_test(lambda: UavParallelEnv(case, config, engine="batch"))
+
+
 @pytest.mark.parametrize(("case", "config"), CONFIGS, ids=IDS)
 def test_stable_baselines(case: str, config: dict[str, str]):
     checker = pytest.importorskip("stable_baselines3.common.env_checker")

@@ -45,6 +45,10 @@ MAKERS: dict[str, Callable[[], Any]] = {
     "single, SimPy": lambda: single("des"),
     "single, compiled": lambda: single("batch"),
     "parallel": lambda: UavParallelEnv("case8", CONFIG),
+    "parallel, compiled": lambda: UavParallelEnv("case8", CONFIG, engine="batch"),
+    "parallel, worlds": lambda: UavParallelEnv(
+        "case8", CONFIG, engine="batch", world_seed=range(9)
+    ),
     "vector": lambda: UavVectorEnv("case8", 3, CONFIG, AutoresetMode.SAME_STEP, threads=2),
     "vector, next step": lambda: UavVectorEnv("case8", 3, {**CONFIG, "world_seed": 4}),
     "stable-baselines3": stable_baselines,

@@ -36,6 +36,7 @@ RADIO: dict[str, tuple[str, dict[str, Any]]] = {
     "interference": ("interference", SHORT),
 }
 COUNT = 3
+thorough = pytest.mark.thorough
 
 
 class Reference:
@@ -103,8 +104,18 @@ def random_actions(masks: np.ndarray, rng: np.random.Generator) -> np.ndarray:
     return (rng.random(masks.shape) * masks).argmax(axis=-1)
 
 
-@pytest.mark.parametrize("mode", MODES)
-@pytest.mark.parametrize("name", SCENARIOS)
+MOST = [
+    pytest.param(name, marks=() if name in ("carried over", "real numbers, noise") else thorough)
+    for name in SCENARIOS
+]
+EACH = [  # the default tests have each scenario once, and each mode twice
+    pytest.param(name, mode, marks=() if k % 3 == which % 3 else thorough)
+    for k, name in enumerate(SCENARIOS)
+    for which, mode in enumerate(MODES)
+]
+
+
+@pytest.mark.parametrize(("name", "mode"), EACH)
 def test_whole_episodes_are_those_of_simpy(name: str, mode: AutoresetMode):
     play(*SCENARIOS[name], mode)
 
@@ -154,7 +165,7 @@ def check_final(final: list[Any], infos: dict[str, Any], over: np.ndarray) -> No
         assert not array[~over].any()
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", MOST)
 def test_the_compiled_parallel_environment_tells_what_that_on_simpy_tells(name: str):
     case, config = SCENARIOS[name]
     both = [UavParallelEnv(case, config, engine=engine) for engine in ("des", "batch")]
@@ -273,7 +284,7 @@ def test_it_tells_what_the_joint_environments_tell():
             assert_same(told[key], also[key])
 
 
-@pytest.mark.parametrize("name", SCENARIOS)
+@pytest.mark.parametrize("name", MOST)
 def test_the_whole_state_is_that_of_simpy(name: str):
     case, config = SCENARIOS[name]
     both = [UavParallelEnv(case, config, engine=engine) for engine in ("des", "batch")]

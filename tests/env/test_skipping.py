@@ -29,14 +29,14 @@ def rounds(told: list[tuple[Any, ...]]) -> Iterator[list[tuple[Any, ...]]]:
         yield told[start:end]
 
 
-@pytest.mark.parametrize("engine", ["des", "batch"])
+@pytest.mark.parametrize("engine", [pytest.param("des", marks=pytest.mark.thorough), "batch"])
 @pytest.mark.parametrize("respawns", [True, False])
 def test_forced_steps_and_the_time_since_a_free_decision(engine: str, respawns: bool):
     """Counted here from modes, for whole episodes that carry over."""
     config = BRITTLE if respawns else {**BRITTLE, "drones.battery": ENDS}
     env = UavParallelEnv("case8", config, engine=engine)
     told, modes = [], []
-    for one in play_parallel(env, 6, seed=1):
+    for one in play_parallel(env, 4, seed=1):
         told.append(one)
         modes.append([seen.mode for seen in env.session.snapshot.observations])
     longest, at = 0, 0
