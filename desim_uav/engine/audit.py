@@ -83,6 +83,11 @@ def _demand(state: Any) -> None:
         assert drone.asking == counted, f"requests in the footprint of {drone.index}"
     for user in state.users:
         assert user.covered == sum(entered_us >= 0 for entered_us in user.covering)
+    if state.keeps_credit:
+        for drone in state.senders:
+            covered = [user for user in state.users if user.covering[drone.index] >= 0]
+            alone = sum(user.covered == 1 for user in covered)
+            assert drone.credit.alone == alone, f"users of {drone.index} alone"
 
 
 def _stations(world: Any, state: Any) -> None:

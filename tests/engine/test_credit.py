@@ -150,7 +150,7 @@ def test_time_alone_is_that_of_the_events(seed: int):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("first", range(0, 60, 10))
+@pytest.mark.parametrize("first", range(0, 30, 10))
 def test_time_alone_is_that_of_the_events_over_any_radio(first: int):
     from tests.engine.test_what_drones_know import random_world
 
