@@ -12,7 +12,7 @@ full battery. Backward induction over the steps of the run visits every state (s
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,9 +60,9 @@ class Alone(NamedTuple):
 class Plan(NamedTuple):
     """The values of states at the start of a run, and the decision in every state.
 
-    ``airborne`` (places, J) are the values in the air, and ``landed`` (S,) those with a full battery
-    on a station. ``decisions`` has the shape (steps, places, J); ``waits`` (steps, S) says where a
-    landed drone waits for another step, and ``resumes`` (steps + longest, ) the best station.
+    ``airborne`` (places, J) are the values in the air, and ``landed`` (S,) those with a full
+    battery on a station. ``decisions`` has the shape (steps, places, J); ``waits`` (steps, S) says
+    where a landed drone waits for another step, and ``resumes`` the best station in each step.
     """
 
     airborne: NDArray[np.float64]
@@ -101,7 +101,7 @@ def alone_in(world: World, steps: int) -> Alone:
 
 
 def _refuse_other_batteries(world: World) -> None:
-    battery = world.scenario.drones.battery
+    battery: Any = world.scenario.drones.battery
     if type(battery) not in (Endurance, PerAction):
         raise UsageError(
             f"drones.battery.kind: {type(battery).__name__}: a run can be bounded only with "
@@ -165,14 +165,11 @@ def _induce(
     resumes: NDArray[np.int16],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Write the decision in every state; return the values at the start, airborne and landed."""
-    ahead, over, stations, charge, home, crash, limited, may_wait = alone
+    ahead, over, stations, _, home, _, limited, may_wait = alone
     steps, places, begun = decisions.shape
     landed = np.zeros((steps + longest, len(stations)))
     resumed = np.zeros(steps + longest)
     later, now = np.zeros((places, begun)), np.zeros((places, begun))
-    station_at = np.full(places, -1)
-    for s in range(len(stations)):
-        station_at[stations[s]] = s
     shift, far = int(limited), 0
     while far < begun and not home[:, :, far].any():
         far += 1
@@ -187,22 +184,7 @@ def _induce(
                     paid_for = earned[k if k < len(earned) else 0]
                     _offer(paid_for, later[to, shift:], k, values, chosen)
             if limited:
-                last, best_leg = begun - 1, 0
-                for k in range(len(earned)):
-                    if ahead[place, k] >= 0 and earned[k] > earned[best_leg]:
-                        best_leg = k
-                values[last] = resumed[t + crash[last]] + earned[best_leg]
-                chosen[last] = best_leg
-                here = station_at[place]
-                for j in range(begun):
-                    if j > 0 and here >= 0 and landed[t + charge[j], here] > values[j]:
-                        values[j], chosen[j] = landed[t + charge[j], here], CHARGE
-                    if resumed[t + crash[j]] > values[j]:
-                        values[j], chosen[j] = resumed[t + crash[j]], CRASH
-                for j in range(far, begun):
-                    for s in range(len(stations)):
-                        if home[place, s, j] > 0 and landed[t + home[place, s, j], s] > values[j]:
-                            values[j], chosen[j] = landed[t + home[place, s, j], s], HOME + s
+                _offer_battery(alone, t, place, far, earned, (landed, resumed), (values, chosen))
         for s in range(len(stations)):
             waits[t, s] = may_wait and landed[t + 1, s] > now[stations[s], 0]
             landed[t, s] = landed[t + 1, s] if waits[t, s] else now[stations[s], 0]
@@ -226,6 +208,43 @@ def _offer(
         better = value > values[j]
         values[j] = value if better else values[j]
         chosen[j] = decision if better else chosen[j]
+
+
+@maker
+def _offer_battery(
+    alone: Alone,
+    t: int,
+    place: int,
+    far: int,
+    earned: NDArray[np.float64],
+    later: tuple[NDArray[np.float64], NDArray[np.float64]],
+    best: tuple[NDArray[np.float64], NDArray[np.int16]],
+) -> None:
+    """Choose to charge, to crash, or to return where this is better, and the last leg before that.
+
+    ``later`` has the values with a full battery: on each station, and on the best one.
+    """
+    (landed, resumed), (values, chosen) = later, best
+    last = len(values) - 1
+    for k in range(len(earned)):
+        if alone.ahead[place, k] >= 0:
+            value = resumed[t + alone.crash[last]] + earned[k]
+            if value > values[last]:
+                values[last], chosen[last] = value, k
+    for j in range(len(values)):
+        if resumed[t + alone.crash[j]] > values[j]:
+            values[j], chosen[j] = resumed[t + alone.crash[j]], CRASH
+    for s in range(len(alone.stations)):
+        if alone.stations[s] == place:
+            for j in range(1, len(values)):
+                value = landed[t + alone.charge[j], s]
+                if value > values[j]:
+                    values[j], chosen[j] = value, CHARGE
+        for j in range(far, len(values)):
+            if alone.home[place, s, j] > 0:
+                value = landed[t + alone.home[place, s, j], s]
+                if value > values[j]:
+                    values[j], chosen[j] = value, HOME + s
 
 
 def follow(

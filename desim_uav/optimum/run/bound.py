@@ -22,7 +22,7 @@ from desim_uav.optimum.run.legs import shares_of
 from desim_uav.optimum.run.prices import Fleet, lowest_bound
 from desim_uav.optimum.run.schedule import TURNS, Team
 from desim_uav.optimum.run.served import Served, asked_in
-from desim_uav.sample_path import SamplePath, draw
+from desim_uav.sample_path import draw
 from desim_uav.world import World
 
 ROUNDS = 200

@@ -15,6 +15,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.errors import UsageError
 from desim_uav.model.rules import MOVES, US, Action, Mode
+from desim_uav.model.state import Observation
 from desim_uav.optimum.footprints import flown_to
 from desim_uav.optimum.run.alone import (
     CHARGE,
@@ -113,7 +114,7 @@ class Team:
             found.append(100.0 * engine.log.attached_us / users_us)
         return found
 
-    def _action(self, drone: int, at: int, step: int, seen: object) -> tuple[Action, int]:
+    def _action(self, drone: int, at: int, step: int, seen: Observation) -> tuple[Action, int]:
         """Return the action of a drone at a place, and the place to which it leads."""
         plan, mode = self.plans[drone], seen.mode
         if mode in (Mode.QUEUED, Mode.CHARGING):
@@ -122,7 +123,7 @@ class Team:
             return Action.HOVER, at
         j = 0
         if self.alone.limited:
-            left_us = round(seen.battery_s * US)
+            left_us = round((seen.battery_s or 0.0) * US)
             j = (self.world.capacity_us - left_us) // self.world.step_us
         decision = int(plan.decisions[step, at, j])
         if decision == CHARGE:
