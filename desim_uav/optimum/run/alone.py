@@ -84,14 +84,14 @@ def alone_in(world: World, steps: int) -> Alone:
     Raises UsageError, with the key, if its battery is not of a known kind, or if the states are too
     many.
     """
-    ahead = cells_ahead(world)
+    nx, ny = world.grid.cells
     begun = -(-world.capacity_us // world.step_us) if world.scenario.limited_battery else 1
-    if steps * len(ahead) * begun > LARGEST:
-        nx, ny = world.grid.cells
+    if steps * nx * ny * begun > LARGEST:
         raise UsageError(
             f"map.cells: {steps} steps by {nx} x {ny} cells by {begun} levels of the battery are "
             f"more than {LARGEST} states"
         )
+    ahead = cells_ahead(world)
     nothing, cells = np.zeros((len(ahead), 0, 1), np.int64), np.arange(len(ahead))
     none = np.zeros(1, np.int64)
     if not world.scenario.limited_battery:
