@@ -131,7 +131,9 @@ class Run:
             return done < self.rounds and (done < TRIED or lowest < 1.0)
 
         found = lowest_bound(Served(asked), self.fleet, self.shares, prices, go_on)
-        return min(1.0, found + self.slack * float(1.0 / asked.required.min()))
+        # Each request may be served for a little longer in each step of its episode.
+        longer = self.slack * self.world.scenario.episode.steps
+        return min(1.0, found + longer / float(asked.required.min()))
 
     def _qoe1_percent(self) -> float | None:
         found = self.qoe1()
