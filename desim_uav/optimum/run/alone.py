@@ -138,7 +138,8 @@ def _with_battery(world: World, ahead: NDArray[np.int64], begun: int) -> Alone:
                     home[cell, s, j] = steps_of(flown_us + charge_us(arrives_with_us))
     charge = np.array([steps_of(charge_us(int(battery_us))) for battery_us in left_us])
     # A return by per_action drains faster than time passes, so that a crash may come at any time.
-    even = type(world.scenario.drones.battery) is Endurance
+    battery: Any = world.scenario.drones.battery
+    even = type(battery) is Endurance
     crash = np.array([steps_of(int(left) * even + world.respawn_after_us) for left in left_us])
     return Alone(ahead, np.arange(len(ahead)), stations, charge, home, crash, True)
 
