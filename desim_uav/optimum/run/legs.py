@@ -28,10 +28,10 @@ HEADINGS = (Action.HOVER, Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.
 
 LEGS = len(HEADINGS)
 
-LARGEST = 2 * 10**8
+LARGEST = 2 * 10**7
 """The largest number of pairs of a leg and a user that are examined for a step."""
 
-MOST_SHARES = 10**8
+MOST_SHARES = 3 * 10**7
 """The largest number of shares that are kept for a run."""
 
 
