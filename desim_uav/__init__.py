@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from desim_uav.api.pictures import film, plot, write_replay, write_report
     from desim_uav.api.replay import Replay
     from desim_uav.api.run import RunResult, read_run, run
-    from desim_uav.api.study import find_optimum, reproduce, sweep
+    from desim_uav.api.study import find_bounds, find_optimum, reproduce, sweep
     from desim_uav.api.tensorboard import TensorBoardCallback
     from desim_uav.api.train import StopTraining, TrainingProgress, TrainingResult, train
     from desim_uav.engine.base import RunSettings
@@ -68,6 +68,7 @@ _PUBLIC = {
     "compare_runs": "desim_uav.api.compare",
     "draw": "desim_uav.sample_path",
     "film": "desim_uav.api.pictures",
+    "find_bounds": "desim_uav.api.study",
     "find_optimum": "desim_uav.api.study",
     "load": "desim_uav.scenario.load",
     "load_policy": "desim_uav.policies",
@@ -113,6 +114,7 @@ __all__ = [
     "compare_runs",
     "draw",
     "film",
+    "find_bounds",
     "find_optimum",
     "load",
     "load_policy",

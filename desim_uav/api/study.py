@@ -9,8 +9,9 @@ from typing import Any
 from desim_uav.api import arguments
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment import reproduce as paper
+from desim_uav.experiment.bounds import bounds, work_of
 from desim_uav.experiment.interrupt import at_once
-from desim_uav.experiment.optimum import optimum
+from desim_uav.experiment.optimum import bounds_runs, optimum
 from desim_uav.experiment.progress import progress as shown
 from desim_uav.experiment.sweep.plan import Asked
 from desim_uav.experiment.sweep.run import BACKENDS, sweep_to_folder
@@ -24,6 +25,10 @@ PRESETS: dict[str, list[str | None]] = {
     "paper": ["paper"],
     "both": [None, "paper"],
 }
+
+
+ROUNDS_OF = "rounds"
+"""The unit of the progress of bounds."""
 
 
 def sweep(
@@ -162,8 +167,11 @@ def find_optimum(
     *,
     seed: int | None = None,
     world_seed: int | None = None,
+    seeds: int = 1,
+    episodes: int = 20,
+    progress: bool = False,
 ) -> dict[str, Any]:
-    """Work out how well any policy could do in a scenario whose users stand still.
+    """Work out how well any policy could do in a scenario.
 
     This is ``desim-uav optimum``; the result is what its ``--json`` prints.
 
@@ -172,13 +180,58 @@ def find_optimum(
         overrides: Values for keys of it.
         seed: What everything random is drawn from. Default: the scenario's.
         world_seed: What the world alone is drawn from.
+        seeds: On how many seeds runs are bounded, from the seed on.
+        episodes: How many episodes a run has.
+        progress: Show the progress.
 
     Raises:
         ScenarioError: the scenario is invalid, or its model is not the paper's: it has link
             classes, access points, an association by level or services that ask for a volume.
         UsageError: the scenario cannot be solved for another reason; the message names the key.
     """
+    arguments.whole("seeds", seeds, 1, arguments.MOST_SEEDS)
+    arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
     found = arguments.opened(scenario, overrides, seed, world_seed)
-    with found.located():
-        solved: dict[str, Any] = at_once(optimum, found.scenario)
+    total, show = work_of(seeds, episodes), progress and bounds_runs(found.scenario)
+    with found.located(), shown(show, total, ROUNDS_OF) as advance:
+        solved: dict[str, Any] = at_once(optimum, found.scenario, seeds, episodes, advance)
+    return solved
+
+
+def find_bounds(
+    scenario: arguments.ScenarioLike,
+    overrides: Overrides | None = None,
+    *,
+    seeds: int | Sequence[int] = 10,
+    first_seed: int = 0,
+    episodes: int = 20,
+    schedule: bool = True,
+    progress: bool = False,
+) -> dict[str, Any]:
+    """Return what no policy exceeds in QoE3 and QoE1, in the runs by which policies are compared.
+
+    A run has ``episodes`` episodes on the sample paths of its seed, as ``compare`` evaluates
+    policies, after any warm-up. The bounds hold on each seed, and their means bound the means of
+    any policy on the same seeds. The result has ``"means"`` and, for each seed, a row in
+    ``"seeds"``, with ``qoe3_at_most_percent``, ``qoe1_at_most_percent`` (None if nothing is
+    requested) and ``schedule_qoe3_percent``: what a schedule that knows the sample paths reaches.
+
+    Args:
+        scenario: A shipped name such as ``"case8"``, a file, its content, or a loaded scenario.
+        overrides: Values for keys of it.
+        seeds: How many seeds, or which.
+        first_seed: The first of them; the others follow it.
+        episodes: How many episodes a run has.
+        schedule: Look for a good schedule too, which tells how close the bound of QoE3 is.
+        progress: Show the progress.
+
+    Raises:
+        ScenarioError: the scenario is invalid, or its model is not the paper's.
+        UsageError: runs cannot be bounded for another reason; the message names the key.
+    """
+    drawn = arguments.seeds_of(seeds, first_seed)
+    arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
+    found = arguments.opened(scenario, overrides)
+    with found.located(), shown(progress, work_of(len(drawn), episodes), ROUNDS_OF) as advance:
+        solved: dict[str, Any] = at_once(bounds, found.scenario, drawn, episodes, schedule, advance)
     return solved

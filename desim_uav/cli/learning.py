@@ -15,6 +15,7 @@ from desim_uav.cli.options import (
     Engine,
     EngineIfAny,
     Json,
+    NoProgress,
     Override,
     Quiet,
     ScenarioName,
@@ -118,13 +119,40 @@ def optimum(
     overrides: Override = None,
     seed: Seed = None,
     world_seed: WorldSeed = None,
+    seeds: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            callback=within(1, 10**4),
+            help="The number of seeds on which runs are bounded, from --seed on.",
+            rich_help_panel=MAKING,
+        ),
+    ] = 1,
+    episodes: Annotated[
+        int,
+        typer.Option(
+            metavar="N",
+            callback=within(1, 10**6),
+            help="The number of episodes of a run.",
+            rich_help_panel=MAKING,
+        ),
+    ] = 20,
     as_json: Json = False,
+    quiet: NoProgress = False,
 ) -> None:
-    """Work out how well any policy could do in a scenario whose users stand still."""
+    """Work out how well any policy could do in a scenario."""
     import desim_uav as du
-    from desim_uav.report.text import print_optimum
+    from desim_uav.report.optimum import print_optimum
 
-    found = du.find_optimum(scenario, overrides, seed=seed, world_seed=world_seed)
+    found = du.find_optimum(
+        scenario,
+        overrides,
+        seed=seed,
+        world_seed=world_seed,
+        seeds=seeds,
+        episodes=episodes,
+        progress=not quiet,
+    )
     if as_json:
         print(json.dumps(found, indent=1))
     else:

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
+from desim_uav.experiment.bounds import bounds
+from desim_uav.model.mobility import Static
 from desim_uav.optimum.cover import FairCover, Places, cover, fair_cover, instant_bound
 from desim_uav.optimum.discounted import optimal_return
 from desim_uav.optimum.gain import best_policy, long_run
@@ -29,19 +32,33 @@ Array = NDArray[np.float64]
 Brought = tuple[Array, list[Forced]]
 """The gain of each action, and the actions whose gain is spread over several steps."""
 
+NO_COVERS: dict[str, Any] = {
+    "cover": None,
+    "instant_at_most_percent": None,
+    "fair_cover": None,
+}
+"""What is known of the best cells if users move."""
+
 LARGEST = 2 * 10**7
 """The largest number of states times steps of an episode that is searched."""
 
 
-def optimum(scenario: Scenario) -> dict[str, Any]:
+def optimum(
+    scenario: Scenario,
+    seeds: int = 1,
+    episodes: int = 20,
+    on_work: Callable[[], None] = lambda: None,
+) -> dict[str, Any]:
     """Return everything that can be computed about the best policies, as one JSON object.
 
-    Raises ScenarioError, with all keys that prevent it, if the model is not the paper's, and
-    UsageError, with the key, if the scenario cannot be solved for another reason.
+    Runs of so many episodes are bounded on so many seeds, from the scenario's own on. Raises
+    ScenarioError, with all keys that prevent it, if the model is not the paper's, and UsageError,
+    with the key, if the scenario cannot be solved for another reason.
     """
     refuse_other_models(scenario)
     world = build_world(scenario, scenario.effective_world_seed)
-    lone = scenario.drones.count == 1
+    static = type(scenario.users.mobility) is Static
+    lone = scenario.drones.count == 1 and static
     process = DroneProcess(world) if lone else None
     found: dict[str, Any] = {
         "scenario": scenario.name,
@@ -49,15 +66,31 @@ def optimum(scenario: Scenario) -> dict[str, Any]:
         "world_seed": scenario.effective_world_seed,
         "drones": scenario.drones.count,
         "users": len(world.homes),
-        **_covers(world),
+        **(_covers(world) if static else NO_COVERS),
         "one_drone": None,
         "discounted": None,
+        "runs": None,
+        "runs_refused": None,
     }
+    if bounds_runs(scenario):
+        drawn = range(scenario.seed, scenario.seed + seeds)
+        try:
+            found["runs"] = bounds(scenario, drawn, episodes, on_work=on_work)
+        except UsageError as error:
+            if not static:
+                raise
+            found["runs_refused"] = str(error)
     if process is not None:
         found["one_drone"] = _one_drone(world, process)
         if not scenario.limited_battery:
             found["discounted"] = _discounted(world, process)
     return found
+
+
+def bounds_runs(scenario: Scenario) -> bool:
+    """Return whether bounds of runs say more than the best cells and the best of one drone."""
+    several = scenario.drones.count > 1 and scenario.limited_battery
+    return several or type(scenario.users.mobility) is not Static
 
 
 def _covers(world: World) -> dict[str, Any]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from rich import box
@@ -76,79 +76,11 @@ def print_training(summary: dict[str, Any]) -> None:
     print(summary["policy"])
 
 
-def print_optimum(found: dict[str, Any]) -> None:
-    """Print how well any policy could do: a row for each optimum, and the best flights."""
-    title = "{scenario}, world seed {world_seed}: {drones} drone(s), {users} user(s)"
-    rows = list(_optima(found))
-    table = Table(
-        title=_text(title.format(**found)),
-        box=box.SIMPLE_HEAD,
-        padding=(0, 0, 0, 1),
-        title_justify="left",
-    )
-    table.add_column("the best", no_wrap=True)
-    for heading in ("QoE3\n%", "reward\nper step", "proven\nat most"):
-        table.add_column(heading, justify="right")
-    table.add_column("cells")
-    for name, qoe3, reward, at_most, cells, _ in rows:
-        table.add_row(name, qoe3, reward, at_most, cells)
-    print_table(table)
-    for name, *_, policy in rows:
-        if policy is not None:
-            print(f"{name}: {_itinerary(policy)}")
-
-
-def _optima(found: dict[str, Any]) -> Iterator[tuple[str, str, str, str, str, Any]]:
-    """Yield the rows of the table, each with its policy or None."""
-    cover, fair, lone = found["cover"], found["fair_cover"], found["one_drone"]
-    at_most = f"{found['instant_at_most_percent']:.1f} %"
-    yield "QoE3, at any instant", "", "", at_most, "", None
-    qoe3, at_most = f"{cover['qoe3_percent']:.1f}", f"{cover['at_most_percent']:.1f} %"
-    yield "QoE3, hovering", qoe3, "", at_most, _cells(cover), None
-    if fair is not None:
-        low, high = fair["least_qoe3_percent"], f"{fair['qoe3_percent']:.1f}"
-        qoe3 = high if low is None or f"{low:.1f}" == high else f"{low:.1f}-{high}"
-        reward, at_most = f"{fair['reward_per_step']:.4f}", f"{fair['at_most_per_step']:.4f}"
-        yield "reward, hovering", qoe3, reward, at_most, _cells(fair), None
-    for name in ("reward", "QoE3") if lone is not None else ():
-        best = lone[f"best_{name.lower()}"]
-        qoe3, reward = f"{best['qoe3_percent']:.1f}", f"{best['reward_per_step']:.4f}"
-        at_most = f"{best['high']:.4f}" if name == "reward" else f"{best['high']:.1f} %"
-        yield f"{name}, {lone['over']}", qoe3, reward, at_most, "", best["policy"]
-    if found["discounted"] is not None:
-        best = found["discounted"]
-        name, value = f"return, γ = {best['gamma']:g}", f"{best['return']:.4f}"
-        yield f"{name}: {value}", "", f"{best['reward_per_step']:.4f}", "", "", best["policy"]
-
-
-def _cells(best: dict[str, Any]) -> str:
-    return " ".join(f"[{ix}, {iy}]" for ix, iy in best["cells"])
-
-
-def _itinerary(policy: dict[str, Any]) -> str:
-    """Return a policy in words: its actions, each with the number of steps it takes."""
-    steps, again_from = policy["steps"], policy["again_from"]
-    if again_from is None:
-        return _words(steps)
-    begin = f"{_words(steps[:again_from])}; then " if again_from else ""
-    return f"{begin}forever: {_words(steps[again_from:])}"
-
-
 def word(value: Any) -> str:
     """Return a value of a key as it is written in a scenario."""
     if value is None:
         return "null"
     return str(value).lower() if isinstance(value, bool) else f"{value}"
-
-
-def _words(steps: list[dict[str, Any]]) -> str:
-    counts: list[list[Any]] = []
-    for step in steps:
-        if counts and step["action"] in (None, counts[-1][0]):
-            counts[-1][1] += 1
-        else:
-            counts.append([step["action"], 1])
-    return ", ".join(name if count == 1 else f"{name} x {count}" for name, count in counts)
 
 
 def print_summary(summary: dict[str, Any]) -> None:

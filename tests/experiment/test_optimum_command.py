@@ -48,7 +48,7 @@ def found(told):
 
 KEYS = [
     *("scenario", "seed", "world_seed", "drones", "users", "cover", "instant_at_most_percent"),
-    *("fair_cover", "one_drone", "discounted"),
+    *("fair_cover", "one_drone", "discounted", "runs", "runs_refused"),
 ]
 
 
@@ -107,6 +107,37 @@ def test_an_episode(found):
     assert best["best_reward"]["reward_per_step"] == pytest.approx(total / 30, abs=1e-12)
 
 
+SHORT = ("case8", "-S", "episode.steps=3", "-S", "users.count=8", "--episodes", 2, "--quiet")
+
+
+def test_runs(found):
+    """Of several drones whose users walk, only runs are bounded."""
+    best = found(*SHORT, "--seeds", 2, "--seed", 5)
+    assert best["cover"] is best["one_drone"] is best["instant_at_most_percent"] is None
+    runs = best["runs"]
+    assert [row["seed"] for row in runs["seeds"]] == [5, 6] and runs["episodes"] == 2
+    for row in runs["seeds"]:
+        assert row["schedule_qoe3_percent"] <= row["qoe3_at_most_percent"] <= 100.0
+        assert row["world_seed"] == row["seed"]
+    mean = runs["means"]["qoe3_at_most_percent"]
+    assert mean["n"] == 2 and mean["low"] <= mean["mean"] <= mean["high"]
+    again = du.find_bounds("case8", {"episode.steps": 3, "users.count": 8}, seeds=[5], episodes=2)
+    assert again["seeds"] == runs["seeds"][:1]
+
+
+def test_runs_in_words(told):
+    code, out, err = told(*SHORT)
+    assert (code, err) == (0, "")
+    assert "QoE3, in a run of 2 episode(s)" in out and "no policy exceeds a QoE3 of" in out
+
+
+def test_runs_that_cannot_be_bounded(found):
+    """Drones that end the episode by a crash: the best cells are known nevertheless."""
+    best = found("case4", "-S", "drones.battery.on_crash=end_episode", "--quiet")
+    assert best["runs"] is None and best["runs_refused"].startswith("drones.battery.on_crash: ")
+    assert best["cover"]["exact"]
+
+
 def test_seeds(found):
     by_seed, by_world = found("case2", "--seed", 3), found("case2", "--world-seed", 3)
     assert (by_seed["seed"], by_world["seed"]) == (3, 0)
@@ -141,9 +172,7 @@ def test_many_drones(told, found):
 @pytest.mark.parametrize(
     ("arguments", "key"),
     [
-        (("case8",), "users.mobility"),
-        (("case8", "-S", "drones.count=1"), "demand.kind"),
-        ((*LONE, "-S", "users.mobility.kind=random_walk"), "users.mobility"),
+        (("case8", "-S", "drones.battery.on_crash=end_episode"), "drones.battery.on_crash"),
         ((*LONE, "-S", "reward.kind=multi_service", "-S", "demand.kind=static"), "demand.kind"),
         ((*LONE, "-S", "position_noise.sigma_cells=1"), "position_noise"),
         (
@@ -151,7 +180,6 @@ def test_many_drones(told, found):
             "drones.battery.on_crash",
         ),
         ((*LONE, "-S", "episode.carry_over=false", "-S", "episode.steps=900000"), "episode.steps"),
-        (("case3", "-S", "users.mobility.kind=random_walk"), "users.mobility"),
     ],
 )
 def test_what_is_not_known(told, arguments, key):

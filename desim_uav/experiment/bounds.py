@@ -1,0 +1,62 @@
+"""The bounds of runs over several seeds, with their means."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from desim_uav.experiment.statistics import Estimate, estimate
+from desim_uav.optimum.paper_model import refuse_other_models
+from desim_uav.optimum.run.bound import ROUNDS, Run
+from desim_uav.optimum.run.schedule import TURNS
+from desim_uav.scenario.schema import Scenario
+from desim_uav.world import build_world
+
+MEASURES = ("qoe3_at_most_percent", "qoe1_at_most_percent", "schedule_qoe3_percent")
+
+
+def work_of(seeds: int, episodes: int) -> int:
+    """Return how often ``bounds`` reports progress, at most."""
+    return seeds * (2 * ROUNDS + TURNS + episodes)
+
+
+def bounds(
+    scenario: Scenario,
+    seeds: Sequence[int],
+    episodes: int,
+    schedule: bool = True,
+    on_work: Callable[[], None] = lambda: None,
+) -> dict[str, Any]:
+    """Return the bounds of a run on each seed, in the world of that seed, and their means.
+
+    Raises ScenarioError if the model is not the paper's, and UsageError, with the key, if a run
+    cannot be bounded for another reason.
+    """
+    refuse_other_models(scenario)
+    rows = [_row(scenario, seed, episodes, schedule, on_work) for seed in seeds]
+    means = {name: _plain(estimate(row[name] for row in rows)) for name in MEASURES}
+    return {"episodes": episodes, "means": means, "seeds": rows}
+
+
+def _row(
+    scenario: Scenario, seed: int, episodes: int, schedule: bool, on_work: Callable[[], None]
+) -> dict[str, Any]:
+    drawn = scenario.model_copy(update={"seed": seed})
+    world = build_world(drawn, drawn.effective_world_seed)
+    found = Run(world, seed, episodes, on_work=on_work).bound(schedule)
+    return {
+        "seed": seed,
+        "world_seed": drawn.effective_world_seed,
+        **{name: getattr(found, name) for name in MEASURES},
+        "gap_percent": found.gap_percent,
+    }
+
+
+def _plain(found: Estimate) -> dict[str, Any]:
+    return {
+        "n": found.n,
+        "mean": found.mean,
+        "half_width": found.half_width,
+        "low": found.low,
+        "high": found.high,
+    }

@@ -1,0 +1,158 @@
+"""Upper bounds of QoE3 and QoE1 in a run of several drones, on given sample paths.
+
+docs/explanation/bounds.md proves them. They hold for every policy, also for one that knows the
+sample paths. With carry-over the drones may begin in any state that a run can reach; without it
+they begin each episode at their starts.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from desim_uav.model.demand import Continuous
+from desim_uav.model.mobility import Static
+from desim_uav.optimum.paper_model import refuse_other_models
+from desim_uav.optimum.run.alone import ANYWHERE, alone_in
+from desim_uav.optimum.run.covered import Covered
+from desim_uav.optimum.run.legs import shares_of
+from desim_uav.optimum.run.prices import Fleet, lowest_bound
+from desim_uav.optimum.run.schedule import TURNS, Team
+from desim_uav.optimum.run.served import Served, asked_in
+from desim_uav.sample_path import draw
+from desim_uav.world import World
+
+ROUNDS = 200
+"""How often prices are changed."""
+
+TRIED = 40
+"""The rounds after which QoE1 is given up if its bound is still 100 %."""
+
+COVERED_PRICE, SERVED_PRICE = 0.5, 0.05
+"""The prices of covering and of serving any user for a step, at first."""
+
+SLACK_US = 2
+"""By how much rounding may change the time of a step for which a drone covers a user."""
+
+
+@dataclass(frozen=True)
+class RunBound:
+    """What no policy exceeds in a run, in percent.
+
+    ``qoe1_at_most_percent`` is None if the run has no requests. A schedule that knows the sample
+    paths reaches ``schedule_qoe3_percent``; it is None if none was looked for.
+    """
+
+    episodes: int
+    qoe3_at_most_percent: float
+    qoe1_at_most_percent: float | None
+    schedule_qoe3_percent: float | None
+
+    @property
+    def gap_percent(self) -> float | None:
+        """By how much the bound of QoE3 exceeds the schedule, in percent of the schedule."""
+        if not self.schedule_qoe3_percent:
+            return None
+        return 100.0 * (self.qoe3_at_most_percent / self.schedule_qoe3_percent - 1.0)
+
+
+class Run:
+    """A run of a world on the sample paths of a seed, without warm-up.
+
+    Raises ScenarioError if the model is not the paper's, and UsageError, with the key, if the run
+    cannot be bounded for another reason.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        seed: int,
+        episodes: int,
+        rounds: int = ROUNDS,
+        on_work: Callable[[], None] = lambda: None,
+    ) -> None:
+        refuse_other_models(world.scenario)
+        self.world, self.rounds, self.on_work = world, rounds, on_work
+        self.paths = [draw(world, seed, episode) for episode in range(episodes)]
+        steps = world.scenario.episode.steps
+        self.steps = steps * episodes
+        stretch = self.steps if world.scenario.episode.carry_over else steps
+        self.fleet = Fleet(alone_in(world, stretch), _starts(world), stretch)
+        if type(world.scenario.users.mobility) is Static:
+            walks, kept = [self.paths[0].walks], 1
+        else:
+            walks, kept = [path.walks for path in self.paths], steps
+        self.shares = shares_of(world, walks, kept, on_work)
+        self.slack = self.fleet.drones * SLACK_US / world.step_us
+
+    def bound(self, schedule: bool = True) -> RunBound:
+        """Return the bounds; ``schedule`` says whether to look for a good schedule too."""
+        qoe3 = self.qoe3()
+        same = type(self.world.scenario.demand) is Continuous
+        return RunBound(
+            len(self.paths),
+            100.0 * qoe3,
+            100.0 * qoe3 if same else self._qoe1_percent(),
+            self.schedule() if schedule else None,
+        )
+
+    def qoe3(self) -> float:
+        """Return a bound of QoE3, as a share."""
+        prices = np.full((self.steps, len(self.world.homes)), COVERED_PRICE)
+        left = self.rounds
+
+        def go_on(lowest: float) -> bool:
+            nonlocal left
+            left -= 1
+            self.on_work()
+            return left > 0
+
+        found = lowest_bound(Covered(), self.fleet, self.shares, prices, go_on)
+        return min(1.0, found + self.slack)
+
+    def qoe1(self) -> float | None:
+        """Return a bound of QoE1, as a share, or None if there are no requests.
+
+        As no policy serves more than everything, it is at most 1.
+        """
+        requests = [path.requests for path in self.paths]
+        asked = asked_in(requests, self.world.scenario.episode.steps, self.world.step_us)
+        if not len(asked.required):
+            return None
+        prices, done = np.full((self.steps, len(self.world.homes)), SERVED_PRICE), 0
+
+        def go_on(lowest: float) -> bool:
+            nonlocal done
+            done += 1
+            self.on_work()
+            return done < self.rounds and (done < TRIED or lowest < 1.0)
+
+        found = lowest_bound(Served(asked), self.fleet, self.shares, prices, go_on)
+        # Each request may be served for a little longer in each step of its episode.
+        longer = self.slack * self.world.scenario.episode.steps
+        return min(1.0, found + longer / float(asked.required.min()))
+
+    def _qoe1_percent(self) -> float | None:
+        found = self.qoe1()
+        return None if found is None else 100.0 * found
+
+    def schedule(self, turns: int = TURNS) -> float:
+        """Return the QoE3, in percent, of a schedule that knows the sample paths."""
+        stretch, reached = self.fleet.steps, []
+        episodes = stretch // self.world.scenario.episode.steps
+        for number in range(self.steps // stretch):
+            team = Team(self.world, self.fleet.alone, self.shares, number * stretch, stretch)
+            team.improve(turns, self.on_work)
+            reached += team.play(self.paths[number * episodes : (number + 1) * episodes])
+        return float(np.mean(reached))
+
+
+def _starts(world: World) -> list[tuple[int, int]]:
+    """Return how many drones begin in which cell."""
+    if world.scenario.episode.carry_over:
+        return [(ANYWHERE, world.scenario.drones.count)]
+    ny = world.grid.cells[1]
+    return sorted(Counter(ix * ny + iy for ix, iy in world.starts).items())

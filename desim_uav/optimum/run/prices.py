@@ -1,0 +1,120 @@
+"""Prices of users, from which a bound follows, and how better prices are found.
+
+Whatever the prices, the bound holds (see docs/explanation/bounds.md); they only decide how close it
+is. The bound is convex in the prices, and the best plans of the drones give a subgradient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.optimum.run.alone import Alone, best_alone, follow, pay_legs
+from desim_uav.optimum.run.legs import LEGS, Shares
+
+Prices = NDArray[np.float64]
+"""(steps, users): the price of covering a user for a step."""
+
+PATIENCE = 5
+"""The rounds without a better bound after which steps become smaller."""
+
+SMALLER = 0.7
+
+MEMORY = 0.9
+"""The weight of earlier subgradients in the direction of a step."""
+
+FIRST_GAP = 0.05
+"""By how much the first steps try to lower the bound."""
+
+LEAST_GAIN = 1e-6
+"""By how much a bound must be lower than the ones before to count as better."""
+
+
+class Slope(NamedTuple):
+    """A bound at some prices, and how it changes with them.
+
+    With ``covered`` (steps, users), the shares of steps for which all drones together cover users
+    in their best plans, the subgradient is (covered - needed) / scale.
+    """
+
+    bound: float
+    needed: Prices
+    scale: float
+
+
+class Measure(Protocol):
+    """A measure that is bounded: a share between 0 and 1."""
+
+    most: float
+    """The largest price that can be of use."""
+
+    def at_most(self, prices: Prices, earned: float) -> Slope:
+        """Return the bound, if all drones together earn at most ``earned`` at these prices."""
+
+
+class Fleet(NamedTuple):
+    """The drones of a run, and how many begin in which cell with a full battery, or ANYWHERE.
+
+    All of them begin anew after every ``steps`` steps; the run may have several such stretches.
+    """
+
+    alone: Alone
+    starts: Sequence[tuple[int, int]]
+    steps: int
+
+    @property
+    def drones(self) -> int:
+        """The number of drones."""
+        return sum(count for _, count in self.starts)
+
+
+def lowest_bound(
+    measure: Measure,
+    fleet: Fleet,
+    shares: Shares,
+    prices: Prices,
+    on_round: Callable[[float], bool],
+) -> float:
+    """Return the lowest bound that is found, beginning with some prices.
+
+    ``on_round`` gets the lowest bound so far, and returns whether to go on.
+    """
+    lowest, best, direction = np.inf, prices, np.zeros_like(prices)
+    gap, since = FIRST_GAP, 0
+    going = True
+    while going:
+        earned, covered = _best_plans(fleet, shares, prices)
+        found = measure.at_most(prices, earned)
+        since += 1
+        if found.bound < lowest:
+            since = 0 if found.bound < lowest - LEAST_GAIN else since
+            lowest, best = found.bound, prices
+        slope = (covered - found.needed) / found.scale
+        direction = MEMORY * direction + (1 - MEMORY) * slope if direction.any() else slope
+        if since > PATIENCE:
+            gap, since, prices = SMALLER * gap, 0, best
+        length = float((direction**2).sum())
+        if length > 0.0:
+            step = (found.bound - lowest + gap) / length
+            prices = np.clip(prices - step * direction, 0.0, measure.most)
+        going = on_round(lowest)
+    return lowest
+
+
+def _best_plans(fleet: Fleet, shares: Shares, prices: Prices) -> tuple[float, Prices]:
+    """Return what all drones earn at most, and the shares of steps for which they cover users."""
+    total, covered = 0.0, np.zeros_like(prices)
+    paid = np.empty((fleet.steps, *(len(fleet.alone.ahead), LEGS)))
+    for begin in range(0, len(prices), fleet.steps):
+        part = slice(begin, begin + fleet.steps)
+        pay_legs(shares, begin, prices[part], paid)
+        plan = best_alone(fleet.alone, paid, fleet.steps)
+        for start, count in fleet.starts:
+            total += count * plan.value(start)
+            own = np.zeros_like(prices[part])
+            follow(fleet.alone, plan, shares, begin, start, own)
+            covered[part] += count * own
+    return total, covered
