@@ -7,8 +7,9 @@
 A step is one step of all agents of one environment. Ours is UavParallelVectorEnv of the case with
 1,024 environments, which begin their next episodes in the step after the end (NEXT_STEP); resets
 with all draws count as time, not as steps, and so does the choice of a random allowed action for
-each drone, from numbers drawn before the clock starts. The same with ``copy=True``, and with 64
-environments. The others are mobile-env's medium scenario and mpe2's simple_spread, with random
+each drone, from numbers drawn before the clock starts. The same with ``copy=True``, with the worlds
+of "train" (after WARM_UP steps, in which most of them are drawn), and with 64 environments. The
+others are mobile-env's medium scenario and mpe2's simple_spread, with random
 actions, as in peers.py.
 
 Each has a process of its own and one thread; the rounds go from one to the next, so that whatever
@@ -41,7 +42,8 @@ PEERS = {
     "mobile-env": lambda: in_blocks(mobile_env()),
     "simple_spread": lambda: in_blocks(simple_spread()),
 }
-NAMES = ["1,024 views", "1,024 copies", "64 views", *PEERS]
+NAMES = ["1,024 views", "1,024 copies", "1,024 train", "64 views", *PEERS]
+WARM_UP = 31 * 5
 
 
 def main() -> None:
@@ -112,6 +114,7 @@ def work(name: str, case: str, seconds: float) -> None:
         makers = {
             "1,024 views": lambda: ours(case, ENVS, False),
             "1,024 copies": lambda: ours(case, ENVS, True),
+            "1,024 train": lambda: in_worlds(case),
             "64 views": lambda: ours(case, FEW, False),
         }
         fused.work({**makers, **PEERS}[name], seconds)
@@ -149,13 +152,23 @@ def work_in_threads(case: str, seconds: float) -> None:
         print(json.dumps([taken / wall_s, taken / (own_s + max(others, default=0.0))]), flush=True)
 
 
-def ours(case: str, count: int, copied: bool, threads: int = 1) -> tuple[Block, list[str]]:
+def in_worlds(case: str) -> tuple[Block, list[str]]:
+    """Environments whose episodes draw training worlds, of which most have been drawn."""
+    block, packages = ours(case, ENVS, False, world_seed="train")
+    for _ in range(WARM_UP):
+        block()
+    return block, packages
+
+
+def ours(
+    case: str, count: int, copied: bool, threads: int = 1, world_seed: Any = 0
+) -> tuple[Block, list[str]]:
     """Environments in which random allowed actions are taken, a step of all in each block."""
     import numpy as np
 
     from desim_uav import UavParallelVectorEnv
 
-    env = UavParallelVectorEnv(case, count, world_seed=0, threads=threads, copy=copied)
+    env = UavParallelVectorEnv(case, count, threads=threads, world_seed=world_seed, copy=copied)
     _, infos = env.reset(seed=0)
     rng = np.random.default_rng(0)
     drawn = cycle([rng.random(infos["action_mask"].shape, np.float32) for _ in range(16)])
