@@ -14,6 +14,8 @@ from desim_uav.engine.compiled.loop import STEP
 from desim_uav.model.compiled_rows import address_of, call, entries_at, pointer_to
 from desim_uav.model.kernels import kernel, rule
 from desim_uav.rules import requests
+from desim_uav.rules.coverage import look_anew
+from desim_uav.rules.due import due, nothing_due
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 
 Ints = NDArray[np.int64]
@@ -50,6 +52,19 @@ def describe(world: int, state: int) -> None:
     """Write the features that learners observe (see ``model.observations.RowObservation``)."""
     at = constants_at(world)
     call(at.describe, (at, state_at(state)))
+
+
+@kernel
+def resume(world: int, path: int, state: int, scheduled: Ints) -> None:
+    """Schedule all events of a state whose rows have been written, and derive the rest of it.
+
+    ``scheduled`` (events, 3) has the slot, the time and the key of each event.
+    """
+    at, own = constants_at(world), state_at(state)
+    nothing_due(own)
+    look_anew(at, path_at(path), own)
+    for k in range(len(scheduled)):
+        due(own, scheduled[k, 0], scheduled[k, 1], scheduled[k, 2])
 
 
 # ---- many environments
