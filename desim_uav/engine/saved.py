@@ -18,7 +18,7 @@ import numpy as np
 
 from desim_uav.copies import Unchanging
 from desim_uav.engine.base import Carried, EpisodeLog, RunSettings
-from desim_uav.errors import SimulationError
+from desim_uav.errors import StateError
 from desim_uav.model.rows import Table, held_by, is_row, origin_of
 from desim_uav.model.state import Snapshot
 from desim_uav.rules.rows import Drone, State
@@ -34,6 +34,13 @@ OF_ONE_ENGINE = {
 }
 """The fields that a saved state leaves out: what the last step has added to the log, what an engine
 derives from other fields, and the numbers of hops, which each engine chooses."""
+
+NOT_TOLD = {
+    *("history", "doing", "came_us", "marked_us", "since_us", "landed_in", "held_since_us"),
+    *("rival", "turns_us", "needs_hz", "rate", "used_hz", "counted_us", "fallen_x_m", "fallen_y_m"),
+    *("command", "taken", "terms", "rewards"),
+}
+"""The fields that may hold what an earlier episode has left there, until they are next needed."""
 
 Hops = tuple[tuple[int, int, int], ...]
 
@@ -98,20 +105,24 @@ class SavedState(Unchanging):
         return [list(told[k : k + drones]) for k in range(0, len(told), drones)]
 
     def digest(self) -> str:
-        """Return the SHA-256 of the state, which is the same for both kinds of engine."""
-        return hashlib.sha256(repr(tuple(self.rows)).encode()).hexdigest()
+        """Return the SHA-256 of what a state says of its episode.
+
+        It is the same for both kinds of engine, whatever they have run before this episode.
+        """
+        told = (self.commands, _told(self.rows.state), *self.rows[1:])
+        return hashlib.sha256(repr(told).encode()).hexdigest()
 
     def check(self, world: World, settings: RunSettings) -> None:
-        """Raise SimulationError if an engine of this world and these settings cannot go on."""
+        """Raise StateError if an engine of this world and these settings cannot go on."""
         if world is not self.world and not _same(world, self.world):
-            raise SimulationError("restore: the state is of another world")
+            raise StateError("restore: the state is of another world")
         if settings.carry_over != self.settings.carry_over:
-            raise SimulationError("restore: carry_over is not that of the state")
+            raise StateError("restore: carry_over is not that of the state")
         if any(now and not then for now, then in zip(*_ceilings(settings, self), strict=True)):
-            raise SimulationError("restore: a drone of the state may be above the ceiling")
+            raise StateError("restore: a drone of the state may be above the ceiling")
         for name in ("keep_events", "keep_steps"):
             if getattr(settings, name) and not getattr(self.settings, name):
-                raise SimulationError(f"restore: the log of the state is without {name[5:]}")
+                raise StateError(f"restore: the log of the state is without {name[5:]}")
 
 
 def _ceilings(settings: RunSettings, saved: SavedState) -> Any:
@@ -177,6 +188,19 @@ def _read(value: Any, kind: Any) -> Any:
     if is_row(of):
         return tuple([read(each, of) for each in value])
     return tuple(value.tolist() if isinstance(value, np.ndarray) else map(of, value))
+
+
+def _told(values: Any) -> Any:
+    """Return values without the fields that may be left from an earlier episode."""
+    if not isinstance(values, tuple):
+        return values
+    names = getattr(values, "_fields", None)
+    if names is None:
+        return [_told(each) for each in values]
+    if getattr(values, "number", 0) < 0:  # a user has no request
+        return None
+    named = zip(names, values, strict=True)
+    return [_told(value) for name, value in named if name not in NOT_TOLD]
 
 
 def write(one: Any, cls: Any, values: Any) -> None:
