@@ -159,8 +159,9 @@ def fields_of(cls: Any) -> tuple[tuple[str, Any], ...]:
 
 @cache
 def _values(cls: Any) -> Any:
-    made = namedtuple(cls.__name__, [name for name, _ in fields_of(cls)])
-    made.__reduce__ = lambda one: (_unpickled, (cls, one._fields, tuple(one)))  # type: ignore
+    names = [name for name, _ in fields_of(cls)]
+    made: Any = namedtuple(cls.__name__, names)  # type: ignore[misc]
+    made.__reduce__ = lambda one: (_unpickled, (cls, one._fields, tuple(one)))
     return made
 
 

@@ -48,7 +48,7 @@ class VectorSaving:
         """Let environments go on from a saved state, or from the file of one.
 
         ``which``: the index of one or of several environments; None: all of them. Returns the
-        observations of all environments, and the infos of those. Raises StateError (see ``UavEnv``).
+        observations of all environments, and the infos of those. Raises the errors of ``UavEnv``.
         """
         chosen = self._chosen(which)
         resume(self.sessions[chosen[0]], state)
@@ -77,10 +77,11 @@ class VectorSaving:
         if count < 1:
             raise error.Error(f"count {count}: must be 1 or more")
         sessions = [deepcopy(self.sessions[k]) for _ in range(count)]
-        made = type(self).__new__(type(self))
+        made: Any = type(self).__new__(type(self))
+        own: Any = self
         made.__setstate__(
             {
-                **self.__getstate__(),
+                **own.__getstate__(),
                 "num_envs": count,
                 "sessions": sessions,
                 "screens": [Screen(one, self.render_mode) for one in sessions if self.render_mode],
@@ -90,7 +91,8 @@ class VectorSaving:
                 "_all": np.ones(count, np.bool_),
             }
         )
-        return made
+        forked: Self = made
+        return forked
 
     def _chosen(self, which: int | Sequence[int] | None) -> list[int]:
         """Return indices of environments, of which there must be at least one."""

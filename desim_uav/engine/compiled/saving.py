@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -29,7 +30,8 @@ class Block:
 
     def rows(self) -> Rows:
         """Return the state as rows."""
-        state, hops = View(self.words, State), array_of(self.fixed.block, Constants, "hops")
+        state: Any = View(self.words, State)
+        hops = array_of(self.fixed.block, Constants, "hops")
         routes = [tuple(hops[drone.route : drone.route_end].tolist()) for drone in state.drones]
         times, keys = state.slot_times, state.slot_keys
         slots = np.flatnonzero(times != NEVER)

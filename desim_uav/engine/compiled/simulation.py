@@ -223,9 +223,18 @@ class BatchSimulation(Engine):
         write(self.state, State, rows.state)
         self.set_routes(rows.routes)
 
+    def enlarge(self) -> None:
+        """Double the buffers, and keep the present state."""
+        saved = self.save()
+        self.buffers = Buffers(2 * self.buffers.log, 2 * self.buffers.crossings)
+        self.leg_buffer *= 2
+        self._make_room()
+        self._take_rows(saved.rows)
+        calls.resume(*self.addresses(), np.array(saved.rows.due, np.int64).reshape(-1, 3))
+
     def _ready(self) -> bool:
         """Return whether the last step, or the reset, has not failed."""
-        return self.state.faults == 0
+        return bool(self.state.faults == 0)
 
     def fork_into(self, siblings: Sequence[BatchSimulation]) -> None:
         """Let other engines of this world and these settings go on from the present state.
