@@ -160,9 +160,9 @@ def fields_of(cls: Any) -> tuple[tuple[str, Any], ...]:
 @cache
 def _values(cls: Any) -> Any:
     names = [name for name, _ in fields_of(cls)]
-    made: Any = namedtuple(cls.__name__, names)  # type: ignore[misc]
-    made.__reduce__ = lambda one: (_unpickled, (cls, one._fields, tuple(one)))
-    return made
+    base: Any = namedtuple(cls.__name__, names)  # type: ignore[misc]
+    reduce = {"__reduce__": lambda one: (_unpickled, (cls, one._fields, tuple(one)))}
+    return type(cls.__name__, (base,), {"__slots__": (), **reduce})
 
 
 def _unpickled(cls: Any, names: tuple[str, ...], values: tuple[Any, ...]) -> Any:

@@ -47,17 +47,15 @@ def _check_way(one: CarriedDrone, world: World, ceiling: bool) -> None:
     if (one.hop is not None or one.route) and not under_way:
         raise ValueError("only a returning drone has hops")
     if one.hop is not None:
-        axis = next(axis for axis in range(3) if one.hop[axis])
-        lasts_us = world.return_transits[tuple(int(k == axis) for k in range(3))].duration_us
-        if one.age_us >= lasts_us:
+        if one.age_us >= world.return_transits[one.hop].duration_us:
             raise ValueError("a hop is over before the episode begins")
     hops = (*([one.hop] if one.hop else []), *one.route)
     for node in _along(at, hops):
         if not world.grid.can_enter(*node, ceiling):
             raise ValueError(f"a drone cannot be at {node}")
-    if one.mode in (Mode.QUEUED, Mode.CHARGING, Mode.CHARGED):
-        if at[:2] not in world.stations or at[2] != 0:
-            raise ValueError(f"there is no station at {at}")
+    landed = one.mode in (Mode.QUEUED, Mode.CHARGING, Mode.CHARGED)
+    if landed and (at[:2] not in world.stations or at[2] != 0):
+        raise ValueError(f"there is no station at {at}")
 
 
 def _along(node: Node, hops: Sequence[Node]) -> list[Node]:

@@ -139,7 +139,8 @@ def fork_all(
 @kernel
 def faults_of(state: int) -> int:
     """Return the faults of a state (see ``rules.words``)."""
-    return state_at(state).faults
+    faults: int = state_at(state).faults
+    return faults
 
 
 @kernel
