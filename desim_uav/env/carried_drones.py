@@ -46,9 +46,8 @@ def _check_way(one: CarriedDrone, world: World, ceiling: bool) -> None:
     under_way, at = one.mode is Mode.RETURNING, one.node
     if (one.hop is not None or one.route) and not under_way:
         raise ValueError("only a returning drone has hops")
-    if one.hop is not None:
-        if one.age_us >= world.return_transits[one.hop].duration_us:
-            raise ValueError("a hop is over before the episode begins")
+    if one.hop is not None and one.age_us >= world.return_transits[one.hop].duration_us:
+        raise ValueError("a hop is over before the episode begins")
     hops = (*([one.hop] if one.hop else []), *one.route)
     for node in _along(at, hops):
         if not world.grid.can_enter(*node, ceiling):
