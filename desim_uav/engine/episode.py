@@ -219,13 +219,15 @@ class Engine(Independent, ABC):
         if not self._under_way or not self._ready():
             raise SimulationError("save: no episode has begun, or a step has failed")
         before, kept = self._keep()
+        log = copied(self.log, self.settings)
+        log.crashed[:] = self.entries("crashed")  # which a kernel may not have added yet
         return SavedState(
             self.world,
             self.settings,
             self.drawn,
             before,
             kept,
-            copied(self.log, self.settings),
+            log,
             tuple((number, tuple(drones)) for number, drones in self._served_by.items()),
             self.named_terms(),
             self.latest,
