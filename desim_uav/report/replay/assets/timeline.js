@@ -250,7 +250,7 @@ export class Timeline {
     ctx.lineWidth = 1;
     ctx.setLineDash([4, 3]);
     ctx.beginPath();
-    ctx.moveTo(x, MARKS);
+    ctx.moveTo(x, this.flat ? 2 : MARKS);
     ctx.lineTo(x, this.height - AXIS);
     ctx.stroke();
     ctx.setLineDash([]);
