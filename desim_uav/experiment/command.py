@@ -115,7 +115,7 @@ def prepare(
 
 def place_of(scenario: Scenario, policy: PolicyLike, out: Path | None) -> Place:
     """Return the folder of a run: ``out``, or ``runs/<scenario>-<policy>-s<seed>``."""
-    return Place(out, f"{scenario.name}-{label(policy_name(policy))}-s{scenario.seed}")
+    return Place(out, f"{scenario.name}-{label_of(policy_name(policy))}-s{scenario.seed}")
 
 
 def run_to_folder(
@@ -308,7 +308,7 @@ def _where_it_learned(scenario: Scenario, policy: Policy) -> Scenario:
     return scenario.model_copy(update={"world_seed": world_seed})
 
 
-def label(name: str) -> str:
+def label_of(name: str) -> str:
     """Return a policy's part of a folder's name: the name of its file or of the file's folder."""
     file = file_of(name)
     if file is None:

@@ -20,7 +20,7 @@ from desim_uav.experiment.command import (
     Prepared,
     Recorded,
     Write,
-    label,
+    label_of,
     record_episodes,
 )
 from desim_uav.experiment.run import Played
@@ -227,8 +227,8 @@ def _difference(one: dict[str, Any], other: dict[str, Any]) -> dict[str, Any]:
 def place_of_fork(prepared: Prepared, other_name: str, at: At, out: Path | None) -> Place:
     """Return the folder of a counterfactual: ``out``, or one in ``runs`` that names what it is."""
     scenario = prepared.scenario
-    name = f"{scenario.name}-{label(prepared.name)}-s{scenario.seed}"
-    return Place(out, f"{name}-fork-{at.episode}-{at.step}-{label(other_name)}")
+    name = f"{scenario.name}-{label_of(prepared.name)}-s{scenario.seed}"
+    return Place(out, f"{name}-fork-{at.episode}-{at.step}-{label_of(other_name)}")
 
 
 def write_branches(
