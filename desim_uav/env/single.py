@@ -33,8 +33,8 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
 
     ``copy.copy``, ``copy.deepcopy`` and ``pickle`` make an independent environment at any point of
     an episode. It continues exactly as this one would. A pickle does so in any process that has
-    the same versions of desim-uav and Python. A copy with ``render_mode="human"`` opens a window when it first
-    renders.
+    the same versions of desim-uav and Python. ``save`` and ``restore`` go back to an epoch, with
+    either engine. A copy with ``render_mode="human"`` opens a window when it first renders.
     """
 
     metadata = RENDERING
