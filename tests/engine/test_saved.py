@@ -59,10 +59,9 @@ def rest(engine: Any, seed: int) -> list[Any]:
 
     The two engines may add the events of an instant to the log in another order, until it ends.
     """
-    told = [engine.latest, in_order(engine)]
-    told += [in_order(engine) for _ in to_the_end(engine, seed)]
-    told += [engine.carried(), engine.reset(draw(engine.world, 5, 9)), in_order(engine)]
-    return told + [in_order(engine) for _ in to_the_end(engine, seed)]
+    told = [engine.latest, in_order(engine), *to_the_end(engine, seed), in_order(engine)]
+    told += [engine.carried(), engine.reset(draw(engine.world, 5, 9))]
+    return [*told, *to_the_end(engine, seed), in_order(engine)]
 
 
 def to_the_end(engine: Any, seed: int) -> Iterator[Any]:
@@ -98,20 +97,21 @@ def somewhere(name: str, world: World, seed: int) -> Any:
 def check(world: World, seed: int) -> tuple[SavedState, list[Any]]:
     """Save in one engine, and restore in both of them; return the state and what comes after."""
     first, second = kinds_for(world, seed)
-    engine, other = (somewhere(name, world, seed) for name in (first, second))
-    saved, same = engine.save(), other.save()
+    engine = somewhere(first, world, seed)
+    saved = engine.save()
     fresh = new(first, world)
     fresh.carry(saved.before)
     fresh.reset(saved.path)
     for commands in saved.commands:
         fresh.step(commands)
-    assert saved.digest() == same.digest() == fresh.save().digest()
+    assert saved.digest() == fresh.save().digest()
     used = new(second, world)
     used.reset(draw(world, 8, 0))
     stepped(used, seed, most=2)
     twins = [new(first, world), used]
     for twin in twins:
         assert twin.restore(saved) == engine.latest
+        assert twin.save().digest() == saved.digest()
     went_on = rest(engine, seed)
     assert [rest(twin, seed) == went_on for twin in twins] == [True, True]
     assert twins[0].restore(saved) == went_on[0]
@@ -155,7 +155,7 @@ def test_in_both_engines_with_radio():
 @pytest.mark.thorough
 @pytest.mark.parametrize("kind", ["plain", "radio"])
 def test_random_scenarios_in_this_and_another_process(kind: str, tmp_path: Path):
-    """A hundred of each kind; another process goes on in both engines."""
+    """A hundred of each kind; another process goes on in the same engine or in the other one."""
     if kind == "plain":
         worlds = random_worlds(120)[:100]
     else:
@@ -176,11 +176,11 @@ def elsewhere(kept: list[tuple[int, SavedState, list[Any]]], folder: Path) -> li
         "import pickle, sys; from tests.engine.test_saved import kinds_for, new, rest\n"
         "unlike = []\n"
         "for seed, saved, went_on in pickle.load(open(sys.argv[1], 'rb')):\n"
-        "    for name in kinds_for(saved.world):\n"
-        "        engine = new(name, saved.world)\n"
-        "        engine.restore(saved)\n"
-        "        if rest(engine, seed) != went_on:\n"
-        "            unlike.append((seed, name))\n"
+        "    name = kinds_for(saved.world, seed // 2)[0]\n"
+        "    engine = new(name, saved.world)\n"
+        "    engine.restore(saved)\n"
+        "    if rest(engine, seed) != went_on:\n"
+        "        unlike.append((seed, name))\n"
         "pickle.dump(unlike, open(sys.argv[2], 'wb'))\n"
     )
     files = [str(folder / name) for name in ("kept", "unlike")]

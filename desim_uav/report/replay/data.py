@@ -266,7 +266,7 @@ class Encoder:
 
 def fork_in(manifest: dict[str, Any]) -> dict[str, int] | None:
     """Return the episode and the time at which a branch of a run begins; None for other runs."""
-    fork = manifest.get("fork")
+    fork: Any = manifest.get("fork")
     names = ("episode", "t_us") if isinstance(fork, dict) else ()
     told: dict[str, Any] = {name: fork.get(name) for name in names}
     if not told or not all(type(value) is int and 0 <= value < 2**53 for value in told.values()):
