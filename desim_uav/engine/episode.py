@@ -216,8 +216,7 @@ class Engine(Independent, ABC):
         It does not change, and ``restore`` of any engine of this world leads back to it. Raises
         SimulationError if no episode has begun, and after a step that has failed.
         """
-        if not self._under_way or not self._ready():
-            raise SimulationError("save: no episode has begun, or a step has failed")
+        self.require_epoch("save")
         before, kept = self._keep()
         log = copied(self.log, self.settings)
         log.crashed[:] = self.entries("crashed")  # which a kernel may not have added yet
@@ -232,6 +231,11 @@ class Engine(Independent, ABC):
             self.named_terms(),
             self.latest,
         )
+
+    def require_epoch(self, what: str) -> None:
+        """Raise SimulationError, which names what cannot be done, if there is no present epoch."""
+        if not self._under_way or not self._ready():
+            raise SimulationError(f"{what}: no episode has begun, or a step has failed")
 
     def restore(self, saved: SavedState) -> Snapshot:
         """Go on from a saved state, exactly as the engine that it was saved from would.

@@ -399,6 +399,30 @@ def test_forks_without_room_are_taken_anew():
     assert forks.outputs.numbers[0, 1:4].tolist() == list(twin.measures())
 
 
+def test_forks_that_cannot_be_stepped_stay_as_they_are():
+    world = world_of()
+    engine, forks, _ = forked(world, 2)
+    hover = np.full((2, 3), 4)
+    for shape in ((3, 3), (2, 2), (6,)):
+        with pytest.raises(ValueError, match="must have the shape"):
+            forks.step(np.full(shape, 4))
+    for _ in range(2 * world.scenario.episode.steps):
+        forks.step(hover, np.array([True, False]))
+    assert forks.outputs.over.tolist() == [[False, True, False], [False, False, False]]
+    ended = forks.blocks.copy()
+    forks.step(hover, np.array([True, False]))
+    assert np.array_equal(forks.blocks, ended)
+    for way in (copy.copy, copy.deepcopy, pickle.dumps):
+        with pytest.raises(TypeError, match="forks cannot be copied"):
+            way(forks)
+    untaken = Forks(engine, 2)
+    assert untaken.step(hover) == 0
+    assert not untaken.blocks.any()
+    engine.carry(None)
+    with pytest.raises(SimulationError, match="take: no episode"):
+        untaken.take()
+
+
 def test_siblings_of_other_settings_are_refused():
     world = world_of()
     engine, _, _ = forked(world, 1)

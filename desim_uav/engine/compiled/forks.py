@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -33,10 +35,16 @@ class Forks:
             np.zeros((count, 3), np.bool_),
         )
         self.table = np.zeros((count, ADDRESSES), np.int64)
+        self.table[:, 0] = engine.fixed.at  # which kernels read of all forks
         for k, row in enumerate(self.table):
             row[3:] = [array[k:].ctypes.data for array in self.outputs]
         self._all = np.ones(count, np.bool_)
         self._make_room()
+        self.outputs.over[:] = True  # until they are taken
+
+    def __reduce_ex__(self, protocol: Any) -> Any:
+        """Raise TypeError, because a copy would hold the addresses of these forks."""
+        raise TypeError("forks cannot be copied or pickled; make new ones of a copied engine")
 
     def _make_room(self) -> None:
         """Make memory for states as large as that of the engine is now."""
@@ -44,21 +52,35 @@ class Forks:
         self.table[:, 2] = [block.ctypes.data for block in self.blocks]
 
     def take(self) -> None:
-        """Copy the present state of the engine into all forks."""
+        """Copy the present state of the engine into all forks.
+
+        Their outputs are written when they are stepped. Raises SimulationError if the engine has
+        not begun an episode, or if its last step has failed.
+        """
         engine = self.engine
+        engine.require_epoch("take")
         if self.blocks.shape[1] != len(engine.memory):
             self._make_room()
         self._path = engine.path  # which must live as long as its address is used
         calls.fork_all(*engine.addresses(), len(engine.memory), self.table, self._all)
+        self.outputs.over[:] = engine.terminated, engine.truncated, False
 
     def step(self, commands: NDArray[np.int64], which: NDArray[np.bool_] | None = None) -> int:
         """Step the forks, or those of a mask (count,), by commands (count, drones).
 
-        Their outputs are written. Returns the number of forks that a fault has stopped, which the
-        last column of ``outputs.over`` says; ``more_room`` lets them be taken anew. A fork whose
-        episode is over must be left out. Raises ValueError if a command is not an action.
+        Forks that are over stay as they are, and the outputs of the others are written. Returns the
+        number of forks that a fault has stopped now, which the last column of ``outputs.over``
+        says; ``more_room`` lets them be taken anew. Raises ValueError if the shape is another one,
+        or if a command is not an action.
         """
-        stopped = calls.step_all(self.table, commands, self._all if which is None else which)
+        shape = (self.count, len(self.engine.drones))
+        commands = np.ascontiguousarray(commands, np.int64)
+        going = ~self.outputs.over.any(axis=1)
+        if which is not None:
+            going &= which
+        if commands.shape != shape:
+            raise ValueError(f"commands must have the shape {shape}, not {commands.shape}")
+        stopped = calls.step_all(self.table, commands, going)
         if stopped < 0:
             raise ValueError(f"commands must be from 0 to {len(self.engine.world.actions) - 1}")
         return stopped
@@ -74,3 +96,4 @@ class Forks:
             raise SimulationError("a component has broken its contract in a fork")
         self.engine.enlarge()
         self._make_room()
+        self.outputs.over[:] = True

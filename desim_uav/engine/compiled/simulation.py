@@ -244,8 +244,7 @@ class BatchSimulation(Engine):
         """
         if any(each.fixed is not self.fixed for each in siblings):
             raise SimulationError("fork_into: a sibling is of another world or has other settings")
-        if not self._under_way or not self._ready():
-            raise SimulationError("fork_into: no episode has begun, or a step has failed")
+        self.require_epoch("fork_into")
         before = self._before(), None
         for each in siblings:
             each._set_memory(self.memory, self.buffers, self.leg_buffer)
