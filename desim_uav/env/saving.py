@@ -18,8 +18,6 @@ from desim_uav.scenario.load import scenario_hash, seedless
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World
 
-StateLike = "EnvState | str | PathLike[str]"
-
 
 @dataclass(frozen=True, eq=False)
 class EnvState(Unchanging):
