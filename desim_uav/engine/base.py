@@ -53,8 +53,11 @@ class Step(named(Record)):  # type: ignore[misc]  # its fields are declared in R
     __slots__ = ()
 
 
-PointStep = named(PointRecord)
-"""The record of one access point at the end of one step (see ``rules.rows.PointRecord``)."""
+class PointStep(named(PointRecord)):  # type: ignore[misc]  # its fields are those of PointRecord
+    """The record of one access point at the end of one step (see ``rules.rows.PointRecord``)."""
+
+    __slots__ = ()
+
 
 Place = tuple[float, float, float]
 """A position: x, y and z in metres."""

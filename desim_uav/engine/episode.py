@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Sequence
 from operator import attrgetter, itemgetter
 from typing import Any
@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.copies import Independent
 from desim_uav.engine import base
 from desim_uav.engine.constants import hop_transit, term_names
+from desim_uav.engine.restorable import Restorable
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.rows import Queue
@@ -35,7 +35,7 @@ AS_LOGGED, AS_CLOSED = attrgetter(*base.Step._fields), attrgetter(*Closed.kinds)
 AS_AT_POINT = attrgetter(*base.PointStep._fields)
 
 
-class Engine(Independent, ABC):
+class Engine(Restorable):
     """An engine, which runs episodes step by step.
 
     An engine can be copied and pickled between any two of its calls. The copy shares only the
@@ -48,7 +48,6 @@ class Engine(Independent, ABC):
     state: Any
     constants: Any
     drones: Sequence[Any]
-    walking: Walks | RowWalks
 
     def __init__(self, world: World, settings: base.RunSettings) -> None:
         self.world = world
@@ -59,6 +58,7 @@ class Engine(Independent, ABC):
         """The log of the present episode."""
         self._carried: base.Carried | None = None
         self._under_way = False
+        self._served_by: dict[int, list[int]] = {}
 
     @abstractmethod
     def reset(self, path: SamplePath) -> Snapshot:
@@ -80,20 +80,8 @@ class Engine(Independent, ABC):
     # ---- what depends on how an engine stores rows
 
     @abstractmethod
-    def entries(self, name: str) -> Sequence[Any]:
-        """Return the numbers or rows in this table or queue of the state, which are only read."""
-
-    @abstractmethod
     def plan(self, number: int) -> Any:
         """Return the planned return with this number (see ``Constants.plans``), as a row."""
-
-    @abstractmethod
-    def hops(self, first: int, end: int) -> list[tuple[int, int, int]]:
-        """Return the hops with the numbers ``first`` to ``end`` - 1, as (dx, dy, dlevel)."""
-
-    @abstractmethod
-    def route(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
-        """Return the number of the first of these hops, and the number after that of the last."""
 
     @abstractmethod
     def start_afresh(self) -> None:
@@ -292,7 +280,7 @@ class Engine(Independent, ABC):
 
     def new_log(self, episode: int) -> None:
         """Begin the log of an episode, by its number."""
-        self._served_by: dict[int, list[int]] = {}
+        self._served_by = {}
         self.log = base.EpisodeLog(episode, [] if self.settings.keep_events else None)
 
     def drain_log(self) -> None:

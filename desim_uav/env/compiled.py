@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,7 +18,7 @@ from desim_uav.env.tasks import Tasks
 from desim_uav.model.rows import Words
 from desim_uav.model.state import Snapshot
 from desim_uav.model.walking import RowWalks, Walks
-from desim_uav.sample_path import SamplePath
+from desim_uav.sample_path import SamplePath, draw
 from desim_uav.spaces import features
 from desim_uav.world import World
 
@@ -119,7 +120,9 @@ class CompiledSession(Session):
 
         Returns whether that has to put the drones at their starts.
         """
-        afresh = self.engine.begin_on(path, self.episode + 1, walking)
+        episode = self.episode + 1
+        again = partial(draw, self.world, self.seed, episode)
+        afresh = self.engine.begin_on(path, again, episode, walking)
         self.episode += 1
         self._over = False
         return afresh
@@ -142,6 +145,9 @@ class CompiledSession(Session):
 
     def _begin(self, path: SamplePath) -> None:
         self.engine.begin(path)
+        self._look()
+
+    def _resume(self) -> None:
         self._look()
 
     def _step(self, action: Any) -> tuple[float, bool, bool]:

@@ -18,6 +18,7 @@ from desim_uav.engine.compiled.paths import blocks_of
 from desim_uav.env.compiled import CompiledSession, Outputs
 from desim_uav.env.render import Screen
 from desim_uav.env.room import require_room
+from desim_uav.env.saving_vector import VectorSaving
 from desim_uav.env.session import out_of_range
 from desim_uav.env.tasks import Tasks
 from desim_uav.sample_path import draw_all
@@ -29,7 +30,7 @@ Seed = int | Sequence[int | None] | None
 """The seed of environment 0, to which k is added for environment k; or a list with one for each."""
 
 
-class Many(Independent):
+class Many(VectorSaving, Independent):
     """``num_envs`` environments of a scenario, whose outputs are rows of arrays (``outputs``).
 
     ``sessions`` are the environments. ``threads`` threads share them; each step and each reset is
@@ -66,6 +67,7 @@ class Many(Independent):
         self.screens = [Screen(session, render_mode) for session in self.sessions if render_mode]
         self._all = np.ones(num_envs, np.bool_)
         self._set_up()
+        self._set_spaces()
 
     def _set_up(self) -> None:
         """Make the arrays and threads, which are this object's own."""

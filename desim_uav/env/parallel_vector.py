@@ -62,10 +62,12 @@ class UavParallelVectorEnv(Many):
         """
         chosen = tasks_of(scenario, config, world_seed, curriculum)
         self.make_sessions(chosen, num_envs, autoreset_mode, threads, render_mode)
-        first = self.sessions[0]
+        self.copy = copy
+
+    def _set_spaces(self) -> None:
+        first, num_envs = self.sessions[0], self.num_envs
         self.drones = first.drones
         self.possible_agents = [f"drone_{d}" for d in range(self.drones)]
-        self.copy = copy
         actions = len(first.world.actions)
         self.single_observation_space = observation_space(features(first.world))
         self.single_action_space = Discrete(actions)
@@ -99,7 +101,9 @@ class UavParallelVectorEnv(Many):
         ``options={"reset_mask": mask}`` resets only the environments that the mask (num_envs,),
         bool, names. Errors are those of ``UavVectorEnv.reset``.
         """
-        self.begin_chosen(seed, options)
+        return self._present(self.begin_chosen(seed, options))
+
+    def _present(self, which: Flags) -> tuple[NDArray[Any], dict[str, Any]]:
         return self._observations(), self.infos()
 
     def step(self, actions: NDArray[Any]) -> Told:

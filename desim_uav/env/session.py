@@ -91,15 +91,20 @@ class Session(Independent):
         world_seed = self.tasks.world_seed(stage, self.seed, self.episode + 1)
         if self._started and (stage, world_seed) == (self._stage, self.world.seed):
             return False
-        fits = not self._started and stage == 0 and vars(self).get("world") is not None
-        if not (fits and self.world.seed == world_seed):
-            self.world = self.tasks.world(stage, world_seed)
+        given: World | None = vars(self).get("world") if stage == 0 and not self._started else None
+        if given is None or given.seed != world_seed:
+            given = self.tasks.world(stage, world_seed)
+        self.enter(stage, given)
+        return True
+
+    def enter(self, stage: int, world: World) -> None:
+        """Go to a world of a stage, in which the drones begin at their starts, with an engine."""
+        self.world = world
         self._stage, self.scenario, self._paths = stage, self.tasks.stages[stage][1], None
         ceilings = (True,) * self.drones
         carry_over = self.scenario.episode.carry_over and self.tasks.worlds is None
         self.engine = self._new_engine(RunSettings(ceilings, carry_over, keep_steps=False))
         self._started = True
-        return True
 
     def _new_engine(self, settings: RunSettings) -> Engine:
         return Simulation(self.world, settings)
@@ -107,6 +112,30 @@ class Session(Independent):
     def __getstate__(self) -> dict[str, Any]:
         """Return everything except the sample paths of later episodes, which a copy draws again."""
         return {**vars(self), "_paths": None}
+
+    # ---- saved states (see ``env.saving``)
+
+    @property
+    def started(self) -> bool:
+        """Whether there is an engine, in the world of the run."""
+        return self._started
+
+    @property
+    def stage(self) -> int:
+        """The index of the stage of the tasks that applies."""
+        return self._stage
+
+    def go_on_from(self, seed: int, episode: int, steps: int) -> None:
+        """Continue an episode, in whose state the engine has been put, in the run of a seed.
+
+        ``steps`` counts the steps of earlier episodes of the run.
+        """
+        self.seed, self.episode, self.steps, self._paths = seed, episode, steps, None
+        self._over = self.engine.terminated or self.engine.truncated
+        self._resume()
+
+    def _resume(self) -> None:
+        self._show(self.engine.latest or self.engine.snapshot(), self.episode)
 
     # ---- episodes and steps
 
@@ -134,12 +163,16 @@ class Session(Independent):
 
     def _begin(self, path: SamplePath) -> None:
         """Begin an episode on its sample path, and an info for its steps."""
-        snapshot = self._snapshot = self.engine.reset(path)
+        self._show(self.engine.reset(path), path.episode)
+
+    def _show(self, snapshot: Snapshot, episode: int) -> None:
+        """Begin the infos of an episode with a snapshot."""
+        self._snapshot = snapshot
         first, asked, facts = snapshot.observations[0], snapshot.open_requests, self.world.facts
         names = term_names(self.world) or self.scenario.reward.terms(first, asked, facts)
         self.terms = {name: f"reward_{name}" for name in names}
         self._blank: dict[str, Any] = dict.fromkeys(info_keys(tuple(names)), 0)
-        self._blank |= zip(SEEDS, (self.seed, self.world.seed, path.episode), strict=True)
+        self._blank |= zip(SEEDS, (self.seed, self.world.seed, episode), strict=True)
 
     def step(self, action: Any) -> tuple[float, bool, bool]:
         """Give each drone its action and run to the next decision epoch.

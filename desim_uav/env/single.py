@@ -13,11 +13,12 @@ from desim_uav.copies import Independent
 from desim_uav.env.compiled import session_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
+from desim_uav.env.saving import Saving
 from desim_uav.env.tasks import Change, Curriculum, tasks_of
 from desim_uav.spaces import action_space, features, observation_space
 
 
-class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
+class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
     """The drones of a scenario under one controller; a step is a decision epoch.
 
     The observation holds the drones' encoded observations, one after the other (int64, or float32
@@ -29,10 +30,8 @@ class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
 
     ``copy.copy``, ``copy.deepcopy`` and ``pickle`` make an independent environment at any point of
     an episode. It continues exactly as this one would. A pickle does so in any process that has
-    the same versions of desim-uav and Python. On SimPy a copy repeats the present episode, so a
-    copy takes about as long as the episode has taken so far; in the compiled engine a copy takes
-    the same time at any step. A copy with ``render_mode="human"`` opens a window when it first
-    renders.
+    the same versions of desim-uav and Python. ``save`` and ``restore`` go back to an epoch, with
+    either engine. A copy with ``render_mode="human"`` opens a window when it first renders.
     """
 
     metadata = RENDERING
@@ -76,6 +75,10 @@ class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
         """
         super().reset(seed=seed)
         self.session.reset(seed)
+        return self._shown()
+
+    def _shown(self) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Show the present decision epoch; return its observation and its info."""
         self.screen.refresh()
         return self.session.observation(), self.session.info()
 

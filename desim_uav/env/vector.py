@@ -72,11 +72,13 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         chosen = tasks_of(scenario, config, world_seed, curriculum)
         self.make_sessions(chosen, num_envs, autoreset_mode, threads, render_mode)
         self.metadata = {**type(self).metadata, "autoreset_mode": self.autoreset_mode}
+
+    def _set_spaces(self) -> None:
         first = self.sessions[0]
         self.single_observation_space = observation_space(features(first.world) * first.drones)
         self.single_action_space = action_space(len(first.world.actions), first.drones)
-        self.observation_space = batch_space(self.single_observation_space, num_envs)
-        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, self.num_envs)
+        self.action_space = batch_space(self.single_action_space, self.num_envs)
 
     def reset(
         self,
@@ -91,7 +93,9 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         is still s + k, or the list's entry k. There are no other options. Raises gymnasium's Error
         for a mask of another kind or shape, or one that names no environment.
         """
-        which = self.begin_chosen(seed, options)
+        return self._present(self.begin_chosen(seed, options))
+
+    def _present(self, which: NDArray[np.bool_]) -> tuple[NDArray[Any], dict[str, Any]]:
         return self._observations(), self.infos(which)
 
     def step(

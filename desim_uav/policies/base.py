@@ -48,6 +48,19 @@ class JointPolicy(Policy, Protocol):
         """Return the actions of all drones in their order. It is called instead of ``act``."""
 
 
+class Remembering(Policy, Protocol):
+    """A policy that remembers something between its decisions, beside what ``begin`` prepares.
+
+    All other policies decide on what they are shown alone, so that nothing has to be saved of them.
+    """
+
+    def memory(self) -> Any:
+        """Return what the policy remembers now, as plain data that JSON has."""
+
+    def remember(self, memory: Any) -> None:
+        """Remember what ``memory`` has returned, after ``begin`` in the same world."""
+
+
 class Learned(Protocol):
     """An object with a learned policy, such as the result of a training."""
 
@@ -70,6 +83,16 @@ def decide(policy: Policy, shown: Snapshot) -> list[int]:
         seen = zip(shown.observations, shown.masks, strict=True)
         commands = [policy.act(observation, mask) for observation, mask in seen]
     return [int(command) for command in commands]
+
+
+def memory_of(policy: Policy) -> Any:
+    """Return what a policy remembers now (see ``Remembering``); None if it remembers nothing."""
+    return getattr(policy, "memory", lambda: None)()
+
+
+def remind(policy: Policy, memory: Any) -> None:
+    """Let a policy that has begun remember what ``memory_of`` has returned."""
+    getattr(policy, "remember", lambda memory: None)(memory)
 
 
 def parts(name: str) -> tuple[str, str]:
