@@ -15,7 +15,7 @@ from desim_uav.engine.choose import make_engine
 from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.model.streams import Purpose, Streams
-from desim_uav.policies.base import Policy, decide
+from desim_uav.policies.base import Policy, decide, show
 from desim_uav.records import FLOAT, LINKS
 from desim_uav.registry import FAULTS, naming_plug_ins, what_failed
 from desim_uav.sample_path import SamplePath, draw
@@ -96,6 +96,8 @@ def play(
                 carried = settings.carry_over and simulation.truncated and not simulation.terminated
                 policy.begin(world, Streams(seed, Purpose.LEARNER, episode), carried)
             snapshot = simulation.reset(path)
+            with _blame(policy_name, episode):
+                show(policy, simulation, path)
             while not (snapshot.terminated or snapshot.truncated):
                 with _blame(policy_name, episode, snapshot.step):
                     commands = decide(policy, snapshot)

@@ -29,6 +29,7 @@ class Purpose(IntEnum):
     RESPAWN = 5
     LEARNER = 6
     LINK = 7
+    PLANNER = 8
 
 
 class Streams:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from desim_uav.errors import DesimError, PolicyError
 from desim_uav.model.state import Observation, Snapshot
@@ -12,6 +12,10 @@ from desim_uav.model.streams import Streams
 from desim_uav.policies.function import Choice, Function
 from desim_uav.registry import FAULTS, names, resolve, what_failed
 from desim_uav.world import World
+
+if TYPE_CHECKING:
+    from desim_uav.engine.episode import Engine
+    from desim_uav.sample_path import SamplePath
 
 
 class Policy(Protocol):
@@ -48,6 +52,18 @@ class JointPolicy(Policy, Protocol):
         """Return the actions of all drones in their order. It is called instead of ``act``."""
 
 
+class Planner(JointPolicy, Protocol):
+    """Sees more than the drones do: it is shown the engine when an episode has begun.
+
+    ``information`` says what it uses of it, because rules forbid a planner nothing.
+    """
+
+    information: str
+
+    def watch(self, engine: Engine, path: SamplePath) -> None:
+        """Take the engine of the episode that has begun, and its sample path."""
+
+
 class Learned(Protocol):
     """An object with a learned policy, such as the result of a training."""
 
@@ -59,6 +75,13 @@ class Learned(Protocol):
 PolicyLike = str | Path | Policy | type[Policy] | Choice | Learned
 """Everything that is accepted as a policy: a name or a file as on the command line, a policy object
 or class, a plain function of an observation and a mask, or the result of a training."""
+
+
+def show(policy: Policy, engine: Engine, path: SamplePath) -> None:
+    """Show a policy that is a planner the engine of an episode that has begun."""
+    watch = getattr(policy, "watch", None)
+    if watch is not None:
+        watch(engine, path)
 
 
 def decide(policy: Policy, shown: Snapshot) -> list[int]:

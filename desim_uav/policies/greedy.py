@@ -1,0 +1,97 @@
+"""The planner that sees all users now and covers as many of them as batteries allow."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+from desim_uav.model.rules import DECIDES, Action
+from desim_uav.model.state import Observation
+from desim_uav.model.streams import Streams
+from desim_uav.policies.planning.options import Option, options_of
+from desim_uav.registry import register
+from desim_uav.world import World
+
+if TYPE_CHECKING:
+    from desim_uav.engine.episode import Engine
+    from desim_uav.policies.planning.ground import Ground
+    from desim_uav.sample_path import SamplePath
+
+OPTIONS = {
+    "horizon": Option(40, 1, 1000),
+    "waiting": Option(1.0, 0.0, 1000.0),
+    "fade": Option(5.0, 0.01, 1e6),
+    "rounds": Option(3, 1, 100),
+}
+
+
+@register("policy", "greedy")
+class Greedy:
+    """Lets each drone in turn take the plan that covers most of what the others leave uncovered.
+
+    A plan is made for ``horizon`` steps, in which users are expected to walk away from where they
+    are now. A user with an open request counts ``waiting`` more than others, which fades by a
+    factor e in ``fade`` steps. All drones revise their plans up to ``rounds`` times per step. Of
+    its plan a drone flies the first action; plans are made anew at every decision epoch.
+
+    Plans contain when and where drones charge, and no plan lets a battery run empty.
+    """
+
+    ceiling = True
+    information = "all users and drones now: places, open requests, batteries; no future"
+
+    def __init__(self, options: str = "", **settings: float) -> None:
+        """Take options as text (``horizon=20+waiting=2``) or by their names.
+
+        Raises ValueError for an unknown option or a bad value.
+        """
+        self.options = options_of("greedy", options, settings, OPTIONS)
+        self.name = f"greedy:{options}" if options else "greedy"
+        self._engine: Engine | None = None
+        self._ground: Ground | None = None
+
+    def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
+        """Make the map of the world. Raises PolicyError if the scenario is too large."""
+        from desim_uav.policies.planning.ground import ground_of
+        from desim_uav.policies.planning.team import Habits, horizon_of
+
+        self._habits = Habits(**self.options)
+        if self._ground is None or self._ground.world is not world:
+            self._ground = ground_of(world)
+        horizon_of(self._ground, self._habits)
+        self._plans: Any = ()
+
+    def watch(self, engine: Engine, path: SamplePath) -> None:
+        """Take the engine of the episode that begins; its sample path is not looked at."""
+        self._engine = engine
+
+    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+        """Raise TypeError: all drones are commanded at once (see ``act_jointly``)."""
+        raise TypeError("greedy commands all drones at once; call act_jointly")
+
+    def act_jointly(
+        self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
+    ) -> list[int]:
+        """Return the first action of each drone's plan, or the action that is forced."""
+        from desim_uav.policies.planning.sight import look
+        from desim_uav.policies.planning.team import Team
+
+        if self._engine is None or self._ground is None:
+            raise RuntimeError("greedy needs the engine; call begin and watch first")
+        team = Team(self._ground, look(self._engine, self._ground, observations), self._habits)
+        team.begin_with(self._plans)
+        team.improve(self._habits.rounds)
+        self._plans = team.plans
+        chosen = [*self._ground.actions, Action.GOTO_CHARGING_STATION, Action.CHARGE]
+        seen = zip(observations, masks, team.plans[:, 0, 0].tolist(), strict=True)
+        return [
+            self._command(mask, chosen[k] if k >= 0 and one.mode in DECIDES else Action.HOVER)
+            for one, mask, k in seen
+        ]
+
+    def _command(self, mask: Sequence[bool], action: Action) -> int:
+        """Return the index of an action, or of the only one that is allowed."""
+        assert self._ground is not None
+        if sum(mask) == 1:
+            return list(mask).index(True)
+        return self._ground.world.actions.index(action)
