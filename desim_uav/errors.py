@@ -67,6 +67,10 @@ class PolicyError(DesimError):
     exit_code = 4
 
 
+class StateError(PolicyError):
+    """A saved state is unreadable, or it is of another scenario or world."""
+
+
 class NoEventsError(PolicyError):
     """A run was made without events, so it cannot be replayed."""
 

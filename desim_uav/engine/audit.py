@@ -129,7 +129,7 @@ def _work(state: Any, request: Any) -> None:
 def _geometry(simulation: Simulation) -> None:
     """Check coverage against distances, and that attached users are covered by their drones."""
     world, state = simulation.constants, simulation.state
-    users = all_walked(*simulation.path.walks, state.now_us)
+    users = all_walked(*simulation.drawn.walks, state.now_us)
     held = [0] * len(state.senders)
     for user in state.users:
         if user.holder >= 0:
@@ -210,7 +210,7 @@ def _levels(
         x, y = users[user, :2].tolist()
         if radio.marked:
             ends = (x, y, heights_m[user]), place
-            key = simulation.path.link_key
+            key = simulation.drawn.link_key
             found = possible_levels_dbm(simulation.world, key, radio, number, user, ends)
         else:
             away_m, above_m = math.hypot(x - place[0], y - place[1]), place[2] - heights_m[user]

@@ -5,8 +5,9 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from copy import deepcopy
 from operator import attrgetter, itemgetter
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 from desim_uav.copies import Independent
 from desim_uav.engine import base
 from desim_uav.engine.constants import hop_transit, term_names
+from desim_uav.engine.saved import Kept, SavedState, copied
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.rows import Queue
@@ -48,6 +50,8 @@ class Engine(Independent, ABC):
     constants: Any
     drones: Sequence[Any]
     walking: Walks | RowWalks
+    drawn: SamplePath
+    """The sample path of the present episode."""
 
     def __init__(self, world: World, settings: base.RunSettings) -> None:
         self.world = world
@@ -58,6 +62,7 @@ class Engine(Independent, ABC):
         """The log of the present episode."""
         self._carried: base.Carried | None = None
         self._under_way = False
+        self._served_by: dict[int, list[int]] = {}
 
     @abstractmethod
     def reset(self, path: SamplePath) -> Snapshot:
@@ -191,6 +196,78 @@ class Engine(Independent, ABC):
         for station, waiting in zip(self.state.stations, landed, strict=True):
             station.queue = Queue(drone for _, drone in sorted(waiting))
 
+    # ---- saved states
+
+    @abstractmethod
+    def _keep(self) -> tuple[base.Carried | None, Kept]:
+        """Return the states in which drones began the episode, and the present state."""
+
+    @abstractmethod
+    def _take(self, saved: SavedState) -> None:
+        """Put rows and events into a saved state of this world and these settings."""
+
+    @abstractmethod
+    def _ready(self) -> bool:
+        """Return whether the last step, or the reset, has not failed."""
+
+    def save(self) -> SavedState:
+        """Return the state at the present decision epoch, or at the end of the episode.
+
+        It does not change, and ``restore`` of any engine of this world leads back to it. Raises
+        SimulationError if no episode has begun, and after a step that has failed.
+        """
+        if not self._under_way or not self._ready():
+            raise SimulationError("save: no episode has begun, or a step has failed")
+        before, kept = self._keep()
+        return SavedState(
+            self.world,
+            self.settings,
+            self.drawn,
+            before,
+            kept,
+            copied(self.log, self.settings),
+            tuple((number, tuple(drones)) for number, drones in self._served_by.items()),
+            self.named_terms(),
+            self.latest,
+        )
+
+    def restore(self, saved: SavedState) -> Snapshot:
+        """Go on from a saved state, exactly as the engine that it was saved from would.
+
+        The state may come from another engine of the same world, of either kind, in this process
+        or another. Returns the snapshot of its decision epoch. Raises SimulationError if the state
+        is of another world, or if these settings do not let the engine go on from it.
+        """
+        self.take(saved)
+        return self.latest or self.snapshot()
+
+    def take(self, saved: SavedState) -> None:
+        """Go on from a saved state as ``restore`` does, but without a snapshot."""
+        saved.check(self.world, self.settings)
+        self.latest, self._under_way = None, False  # which they stay if it fails
+        self.drawn, self.walking = saved.path, saved.path.walking
+        self.log = copied(saved.log, self.settings)
+        self._served_by = {number: list(drones) for number, drones in saved.served_by}
+        self._take(saved)
+        self._carried, self._under_way = None, True
+
+    def fork(self, count: int) -> list[Self]:
+        """Return this many copies, which go on independently of this engine and each other."""
+        return [deepcopy(self) for _ in range(count)]
+
+    def named_terms(self) -> tuple[tuple[tuple[str, float], ...], ...]:
+        """Return the terms of a reward that does not work on rows, by drone and name."""
+        return ()
+
+    def routes(self) -> tuple[tuple[tuple[int, int, int], ...], ...]:
+        """Return the next hops of each drone's return, as (dx, dy, dlevel)."""
+        return tuple([tuple(self.hops(drone.route, drone.route_end)) for drone in self.drones])
+
+    def set_routes(self, routes: Sequence[Sequence[tuple[int, int, int]]]) -> None:
+        """Give each drone the next hops of its return."""
+        for drone, hops in zip(self.drones, routes, strict=True):
+            drone.route, drone.route_end = self.route(hops) if hops else (0, 0)
+
     # ---- commands and snapshots
 
     def hear(self, commands: Sequence[int]) -> None:
@@ -287,7 +364,7 @@ class Engine(Independent, ABC):
 
     def new_log(self, episode: int) -> None:
         """Begin the log of an episode, by its number."""
-        self._served_by: dict[int, list[int]] = {}
+        self._served_by = {}
         self.log = base.EpisodeLog(episode, [] if self.settings.keep_events else None)
 
     def drain_log(self) -> None:

@@ -113,6 +113,9 @@ class CompiledSession(Session):
         self.engine.begin(path)
         self._look()
 
+    def _resume(self) -> None:
+        self._look()
+
     def _step(self, action: Any) -> tuple[float, bool, bool]:
         commands = whole_numbers(action, self.shape).reshape(1, -1)
         stopped = calls.step_all(self._row.addresses, commands, ONE)

@@ -13,6 +13,7 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 from desim_uav.copies import Independent
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
+from desim_uav.env.saving import Saving
 from desim_uav.env.session import ActionError, Session
 from desim_uav.spaces import features, observation_space
 
@@ -20,7 +21,7 @@ Parts = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
 
 
-class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore[misc]
+class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type: ignore[misc]
     """The drones of a scenario as agents ``drone_0``, ``drone_1``, …; a step is a decision epoch.
 
     An agent's observation is a dict of ``observation``, the scenario's encoding (int64, or float32
@@ -83,7 +84,12 @@ class UavParallelEnv(Independent, ParallelEnv[str, Parts, int]):  # type: ignore
         Returns the observations and the infos of all agents. There are no ``options``.
         """
         self.session.reset(seed)
-        self.agents = self.possible_agents[:]
+        return self._shown()
+
+    def _shown(self) -> tuple[dict[str, Parts], Infos]:
+        """Show the present decision epoch; return its observations and infos."""
+        over = self.session.snapshot.terminated or self.session.snapshot.truncated
+        self.agents = [] if over else self.possible_agents[:]
         self.screen.refresh()
         return self._observations_and_infos()
 

@@ -88,6 +88,26 @@ class Session(Independent):
         """Return everything except the sample paths of later episodes, which a copy draws again."""
         return {**vars(self), "_paths": None}
 
+    # ---- saved states (see ``env.saving``)
+
+    @property
+    def started(self) -> bool:
+        """Whether there is an engine, in the world of the run."""
+        return self._started
+
+    def enter(self, seed: int, world: World) -> None:
+        """Begin the run of a seed, in this world if it is the right one; make a new engine."""
+        self._start_over(seed, world)
+
+    def go_on_from(self, seed: int, episode: int) -> None:
+        """Continue an episode, in whose state the engine has been put, in the run of a seed."""
+        self.seed, self.episode, self._paths = seed, episode, None
+        self._over = self.engine.terminated or self.engine.truncated
+        self._resume()
+
+    def _resume(self) -> None:
+        self._show(self.engine.latest or self.engine.snapshot(), self.episode)
+
     # ---- episodes and steps
 
     def reset(self, seed: int | None = None) -> None:
@@ -117,12 +137,16 @@ class Session(Independent):
 
     def _begin(self, path: SamplePath) -> None:
         """Begin an episode on its sample path, and an info for its steps."""
-        snapshot = self._snapshot = self.engine.reset(path)
+        self._show(self.engine.reset(path), path.episode)
+
+    def _show(self, snapshot: Snapshot, episode: int) -> None:
+        """Begin the infos of an episode with a snapshot."""
+        self._snapshot = snapshot
         first, asked, facts = snapshot.observations[0], snapshot.open_requests, self.world.facts
         names = term_names(self.world) or self.scenario.reward.terms(first, asked, facts)
         self.terms = {name: f"reward_{name}" for name in names}
         self._blank: dict[str, Any] = dict.fromkeys(info_keys(tuple(names)), 0)
-        self._blank |= zip(SEEDS, (self.seed, self.world.seed, path.episode), strict=True)
+        self._blank |= zip(SEEDS, (self.seed, self.world.seed, episode), strict=True)
 
     def step(self, action: Any) -> tuple[float, bool, bool]:
         """Give each drone its action and run to the next decision epoch.

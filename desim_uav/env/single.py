@@ -14,13 +14,14 @@ from desim_uav.copies import Independent
 from desim_uav.env.compiled import CompiledSession
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
+from desim_uav.env.saving import Saving
 from desim_uav.env.session import Session
 from desim_uav.spaces import action_space, features, observation_space
 
 SESSIONS = {"des": Session, "batch": CompiledSession}
 
 
-class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
+class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
     """The drones of a scenario under one controller; a step is a decision epoch.
 
     The observation holds the drones' encoded observations, one after the other (int64, or float32
@@ -76,6 +77,10 @@ class UavEnv(Independent, gymnasium.Env[NDArray[Any], Any]):
         """
         super().reset(seed=seed)
         self.session.reset(seed)
+        return self._shown()
+
+    def _shown(self) -> tuple[NDArray[Any], dict[str, Any]]:
+        """Show the present decision epoch; return its observation and its info."""
         self.screen.refresh()
         return self.session.observation(), self.session.info()
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from os import PathLike
+from typing import Any, Self
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from desim_uav.copies import Independent
 from desim_uav.env.configure import Source, WorldSeed
+from desim_uav.env.saving import EnvState
 from desim_uav.env.vector import UavVectorEnv
 from desim_uav.errors import MissingExtraError
 
@@ -80,6 +82,32 @@ class UavVecEnv(Independent, VecEnv):
         for k, info in enumerate(infos):
             info["TimeLimit.truncated"] = cut[k]
         return observations, rewards.astype(np.float32), ended, infos
+
+    def save(self, k: int = 0) -> EnvState:
+        """Return the state of environment k. Raises ResetNeeded before its first episode."""
+        return self.vector.save(k)
+
+    def restore(
+        self, state: EnvState | str | PathLike[str], which: int | Sequence[int] | None = None
+    ) -> NDArray[Any]:
+        """Let environments go on from a saved state, or from its file (see ``UavVectorEnv``).
+
+        Returns the observations of all environments.
+        """
+        observations, infos = self.vector.restore(state, which)
+        given = infos["_seed"].tolist()
+        for k, info in enumerate(self._each(infos)):
+            if given[k]:
+                self.reset_infos[k] = info
+        return observations
+
+    def fork(self, count: int, k: int = 0) -> Self:
+        """Return new environments, this many, in the state of environment k."""
+        made = type(self).__new__(type(self))
+        made.vector, made.actions = self.vector.fork(count, k), None
+        VecEnv.__init__(made, count, self.observation_space, self.action_space)
+        made.reset_infos = made._each(made.vector.infos(np.ones(count, np.bool_)))
+        return made
 
     def get_images(self) -> Sequence[NDArray[np.uint8] | None]:
         """Return the present frame of each environment; ``render`` tiles them."""

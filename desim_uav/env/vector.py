@@ -18,11 +18,12 @@ from desim_uav.engine.compiled import calls
 from desim_uav.env.compiled import COUNTED, MEASURED, CompiledSession, Outputs
 from desim_uav.env.configure import Source, WorldSeed, configured
 from desim_uav.env.render import RENDERING, Screen
+from desim_uav.env.saving_vector import VectorSaving
 from desim_uav.env.session import out_of_range, whole_numbers
 from desim_uav.spaces import action_space, features, observation_space
 
 
-class UavVectorEnv(Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
+class UavVectorEnv(VectorSaving, Independent, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     """``num_envs`` environments like ``UavEnv``, in the compiled engine.
 
     Environment k gives the same numbers as ``UavEnv`` with its seed, bit for bit, with any number

@@ -300,9 +300,10 @@ def _field(cls: type[Row], name: str) -> property:
         block, place = view._block, view._at + offset
         if kind in (int, float):
             block[place : place + 1].view(np.float64 if kind is float else np.int64)[0] = value
-        elif kind == Queue[int]:
-            begin = place + int(block[place]) // 8
-            block[place + 1], block[begin : begin + len(value)] = len(value), value
+        elif origin_of(kind) is Queue:
+            of, begin = held_by(kind), place + int(block[place]) // 8
+            written = np.array(list(value), dtype_of(of) if is_row(of) else of).view(np.int64)
+            block[place + 1], block[begin : begin + written.size] = len(value), written
         else:
             raise AttributeError(f"{cls.__name__}.{name} is no number")
 

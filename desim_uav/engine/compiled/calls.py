@@ -11,9 +11,11 @@ from numpy.typing import NDArray
 from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled import looking, loop
 from desim_uav.engine.compiled.loop import STEP
-from desim_uav.model.compiled_rows import address_of, call, entries_at, pointer_to
+from desim_uav.model.compiled_rows import address_of, as_array, call, entries_at, pointer_to
 from desim_uav.model.kernels import kernel, rule
 from desim_uav.rules import requests
+from desim_uav.rules.coverage import look_anew
+from desim_uav.rules.due import due, nothing_due
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 
 Ints = NDArray[np.int64]
@@ -52,13 +54,29 @@ def describe(world: int, state: int) -> None:
     call(at.describe, (at, state_at(state)))
 
 
+@kernel
+def resume(world: int, path: int, state: int, scheduled: Ints) -> None:
+    """Schedule all events of a state whose rows have been written, and derive the rest of it.
+
+    ``scheduled`` (events, 3) has the slot, the time and the key of each event.
+    """
+    at, own = constants_at(world), state_at(state)
+    nothing_due(own)
+    look_anew(at, path_at(path), own)
+    for k in range(len(scheduled)):
+        due(own, scheduled[k, 0], scheduled[k, 1], scheduled[k, 2])
+
+
 # ---- many environments
 
 ADDRESSES = 8
 """The number of columns of a table of environments, which hold the addresses of constants, sample
 path and state, and of the five arrays of ``OutputRow``."""
 
-floats_at, bytes_at = entries_at(float), entries_at(bool)
+NUMBERS = 7
+"""The number of MEASURES and COUNTS, after which the mean terms follow in ``OutputRow.numbers``."""
+
+floats_at, bytes_at, words_at = entries_at(float), entries_at(bool), entries_at(int)
 
 
 class OutputRow(NamedTuple):
@@ -97,6 +115,32 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
                 own.drones[d].command = commands[k, d]
             call(world.run, (world, path_at(row[1]), own, STEP))
     return look_at_all(environments, which)
+
+
+@kernel
+def fork_all(
+    world: int, path: int, state: int, words: int, environments: Ints, which: NDArray[np.bool_]
+) -> None:
+    """Copy a state of this many words into the environments ``which``, with its sample path.
+
+    Each of them must have memory for a state of as many words. Tables in a state are found by their
+    distances from it, so nothing but the block is copied.
+    """
+    source = as_array(words_at(state, words), (words,))
+    for k in range(len(environments)):
+        if which[k]:
+            row = environments[k]
+            row[0], row[1] = world, path
+            target = as_array(words_at(row[2], words), (words,))
+            for word in range(words):
+                target[word] = source[word]
+
+
+@kernel
+def faults_of(state: int) -> int:
+    """Return the faults of a state (see ``rules.words``)."""
+    faults: int = state_at(state).faults
+    return faults
 
 
 @kernel

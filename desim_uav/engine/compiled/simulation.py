@@ -16,7 +16,9 @@ from desim_uav.engine.compiled import calls, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.engine.compiled.pack import legs_of_step, pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
+from desim_uav.engine.compiled.saving import Block
 from desim_uav.engine.episode import Engine
+from desim_uav.engine.saved import Kept, Rows, SavedState, copied, write
 from desim_uav.engine.state import Buffers
 from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.code_digest import code_digest
@@ -160,6 +162,7 @@ class BatchSimulation(Engine):
         """Begin an episode without a snapshot."""
         self.latest = None
         self._began = self._carried, self._standing() if self._goes_on else None
+        self.drawn = path
         self.path, _ = self.prepare(SamplePaths.of(path))
         calls.run(*self.addresses(), RESET)
         self.drain()
@@ -172,15 +175,85 @@ class BatchSimulation(Engine):
     def _before(self) -> Carried | None:
         """Return the states in which drones began the episode."""
         carried, standing = self._began
-        if standing is None:
-            return carried
-        now_us, drones, queues = standing
-        return self.drones_of(now_us, list(map(named(Drone)._make, drones.tolist())), queues)
+        if standing is not None:
+            now_us, drones, queues = standing
+            rows = list(map(named(Drone)._make, drones.tolist()))
+            carried = self.drones_of(now_us, rows, queues)
+            self._began = carried, None
+        return carried
 
     def prepare(self, paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
         """Put the drones where they begin episodes on these paths; return the paths in memory."""
         self.take_up(paths.episodes[-1], paths.walking[-1])
         return paths_of(paths)
+
+    # ---- saved states
+
+    def _keep(self) -> tuple[Carried | None, Kept]:
+        """Return the states in which drones began the episode, and a copy of the memory."""
+        return self._before(), Block(
+            self.memory.copy(), self.path, self.fixed, self.buffers, self.leg_buffer
+        )
+
+    def _take(self, saved: SavedState) -> None:
+        """Copy the memory of a saved state or, if an engine of another kind saved it, its rows."""
+        self._began, kept = (saved.before, None), saved.kept
+        if isinstance(kept, Block) and kept.fixed is self.fixed:
+            self._set_memory(kept.words, kept.buffers, kept.leg_buffer)
+            self.path, self.latest = kept.path, saved.latest
+        else:
+            self._take_rows(saved.rows)
+            self.path, _ = paths_of(SamplePaths.of(saved.path))
+            calls.resume(*self.addresses(), np.array(saved.rows.due, np.int64).reshape(-1, 3))
+
+    def _set_memory(self, words: Words, buffers: Buffers, leg_buffer: int) -> None:
+        """Copy the memory of a state with these buffers into that of this engine."""
+        if (buffers, leg_buffer) == (self.buffers, self.leg_buffer):
+            np.copyto(self.memory, words)
+        else:
+            self.memory, self.buffers, self.leg_buffer = words.copy(), buffers, leg_buffer
+            self._name_parts()
+
+    def _take_rows(self, rows: Rows) -> None:
+        """Write rows into the memory, which is enlarged if there are too many crossings for it."""
+        crossings = max(len(sender.ahead) for sender in rows.state.senders)
+        if crossings > self.buffers.crossings:
+            self.buffers = self.buffers._replace(crossings=2 * crossings)
+            self._make_room()
+        write(self.state, State, rows.state)
+        self.set_routes(rows.routes)
+
+    def enlarge(self) -> None:
+        """Double the buffers, and keep the present state."""
+        saved = self.save()
+        self.buffers = Buffers(2 * self.buffers.log, 2 * self.buffers.crossings)
+        self.leg_buffer *= 2
+        self._make_room()
+        self._take_rows(saved.rows)
+        calls.resume(*self.addresses(), np.array(saved.rows.due, np.int64).reshape(-1, 3))
+
+    def _ready(self) -> bool:
+        """Return whether the last step, or the reset, has not failed."""
+        return bool(self.state.faults == 0)
+
+    def fork_into(self, siblings: Sequence[BatchSimulation]) -> None:
+        """Let other engines of this world and these settings go on from the present state.
+
+        They share its sample path and its constants. Raises SimulationError as ``save`` does, and
+        if a sibling is of another world or has other settings.
+        """
+        if any(each.fixed is not self.fixed for each in siblings):
+            raise SimulationError("fork_into: a sibling is of another world or has other settings")
+        if not self._under_way or not self._ready():
+            raise SimulationError("fork_into: no episode has begun, or a step has failed")
+        before = self._before(), None
+        for each in siblings:
+            each._set_memory(self.memory, self.buffers, self.leg_buffer)
+            each.path, each.latest, each._began = self.path, self.latest, before
+            each.drawn, each.walking = self.drawn, self.walking
+            each.log = copied(self.log, self.settings)
+            each._served_by = {number: drones[:] for number, drones in self._served_by.items()}
+            each._carried, each._under_way = None, True
 
     def check_components(self) -> None:
         """Raise SimulationError if a component has broken its contract."""

@@ -22,6 +22,7 @@ class Due(simpy.Event):
     def happen(self, delay_us: int, key: int) -> None:
         """Schedule the event after a delay; ``key`` is its rank in that instant."""
         self.delay_us, self.key, self.valid = delay_us, key, True
+        self.t_us = int(self.env.now) + delay_us
         self.succeed()
 
 
@@ -36,8 +37,10 @@ class Clock(simpy.Environment):
     a new event replaces it and takes over its callbacks.
     """
 
-    def __init__(self, slots: int, after_event: Callable[[], None] | None = None) -> None:
-        super().__init__(initial_time=0)
+    def __init__(
+        self, slots: int, after_event: Callable[[], None] | None = None, now_us: int = 0
+    ) -> None:
+        super().__init__(initial_time=now_us)
         self.after_event = after_event
         self._events = [Due(self) for _ in range(slots)]
 
@@ -71,6 +74,13 @@ class Clock(simpy.Environment):
         """Cancel the events of all slots."""
         for event in self._events:
             event.valid = False
+
+    def scheduled(self) -> tuple[tuple[int, int, int], ...]:
+        """Return the slot, time and key of each event that is scheduled, by time and key."""
+        happen = [
+            (event.t_us, event.key, slot) for slot, event in enumerate(self._events) if event.valid
+        ]
+        return tuple([(slot, t_us, key) for t_us, key, slot in sorted(happen)])
 
     def nothing_before(self, key: int) -> bool:
         """Return whether no other event is scheduled for this instant, whatever its key."""

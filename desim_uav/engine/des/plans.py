@@ -20,6 +20,7 @@ class Plans:
         self.planner, self.grid = planner, grid
         self.hops: Table[Hop] = Table()
         self._plans: dict[int, Plan] = {}
+        self._numbers: dict[tuple[tuple[int, int, int], ...], tuple[int, int]] = {}
         nx, ny = grid.cells
         self._places = len(grid.levels_m) * nx * ny
 
@@ -34,10 +35,15 @@ class Plans:
         return plan
 
     def numbered(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:
-        """Add hops; return the number of the first, and the number after that of the last."""
-        first = len(self.hops)
-        self.hops.extend(fill(Hop, hop) for hop in hops)
-        return first, len(self.hops)
+        """Return the number of the first of these hops, and the number after that of the last.
+
+        They are added unless they are known already.
+        """
+        known, first = tuple(hops), len(self.hops)
+        if known not in self._numbers:
+            self.hops.extend(fill(Hop, hop) for hop in hops)
+            self._numbers[known] = first, len(self.hops)
+        return self._numbers[known]
 
     def _row(self, back: Return | None) -> Plan:
         """Return a planned return as a row, after adding its hops."""

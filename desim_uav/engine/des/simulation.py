@@ -17,6 +17,7 @@ from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import set_components
 from desim_uav.engine.des.processes import Processes
 from desim_uav.engine.episode import Engine
+from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.asking import Requests
 from desim_uav.model.rows import Table, blank, fill
@@ -50,9 +51,8 @@ class Simulation(Engine):
 
     ``audit`` is called with the simulation after every event (see ``engine.audit``).
 
-    SimPy's processes can be neither copied nor pickled, so a copy runs the present episode again:
-    the same sample path, drones and commands lead to the same state. To make a copy takes as long
-    as the episode has taken so far.
+    SimPy's processes can be neither copied nor pickled, so a copy, as an engine that goes on from a
+    saved state, has new ones, which wait for the same events.
     """
 
     def __init__(
@@ -63,8 +63,7 @@ class Simulation(Engine):
     ) -> None:
         super().__init__(world, settings)
         self.audit = audit
-        self._began: tuple[SamplePath, Carried | None] | None = None
-        self._commands: list[tuple[int, ...]] = []
+        self._before: Carried | None = None
         self.transits = transits_of(world)
         self.constants = self._constants()
         self.state = self._state()
@@ -78,10 +77,9 @@ class Simulation(Engine):
         self.clock = Clock(0)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        """Return a function, and its arguments, that makes a copy by running the episode again."""
-        made_of = (self.world, self.settings, self.audit)
-        episode = (self._began, self._commands)
-        return _played_again, (made_of, episode, self.latest is None, self._carried)
+        """Return a function that makes a copy, and its arguments: a saved state if there is one."""
+        made_of, at_epoch = (self.world, self.settings, self.audit), self.latest is not None
+        return _copied, (made_of, self.save() if at_epoch else None, self._carried)
 
     def _constants(self) -> Constants:
         """Return the constants, with plans and functions."""
@@ -106,26 +104,65 @@ class Simulation(Engine):
 
     def reset(self, path: SamplePath) -> Snapshot:
         """Begin an episode and return the snapshot of its first decision epoch."""
-        carried = self.carried()
-        self._began, self._commands = (path, carried), []
+        self._before = self.carried()
         self.take_up(path.episode, path.walking)
-        self.path = path
-        world, state, own = self.constants, self.state, self._path(path)
-        self.own_path = own
-        for changes in self._changes:
-            changes.begin(path.walks)
-        if self._in_air is not None:
-            self._in_air.begin(path.walks, path.link_key)
-        after_event = None if self.audit is None else self._after_event
-        self.clock = state.clock = Clock(slots(state), after_event)
-        self._processes = Processes(self.clock, world, own, state)
+        self._follow(path)
+        self._start_clock(0)
+        world, state, own = self.constants, self.state, self.own_path
         begin(world, own, state)
-        self._processes.begin()
-        self.clock.run_before(0, key(RESPAWN, -1, -1))
+        self._start_processes()
         show_first(world, own, state)
         self.check_components()
         self.drain_log()
         return self.snapshot()
+
+    def _follow(self, path: SamplePath) -> None:
+        """Make a sample path the one of the present episode."""
+        self.drawn, self.own_path = path, self._path(path)
+        for changes in self._changes:
+            changes.begin(path.walks)
+        if self._in_air is not None:
+            self._in_air.begin(path.walks, path.link_key)
+
+    def _start_clock(self, now_us: int) -> None:
+        """Make a new event queue, in which nothing is scheduled yet."""
+        after_event = None if self.audit is None else self._after_event
+        self.clock = self.state.clock = Clock(slots(self.state), after_event, now_us)
+        self._processes = Processes(self.clock, self.constants, self.own_path, self.state)
+
+    def _start_processes(self) -> None:
+        """Start all processes, and let each run until it waits."""
+        self._processes.begin()
+        self.clock.run_before(int(self.clock.now), key(RESPAWN, -1, -1))
+
+    # ---- saved states
+
+    def _keep(self) -> tuple[Carried | None, Kept]:
+        """Return the states in which drones began the episode, and the present rows."""
+        rows = Rows(read(self.state, State), self.routes(), self.clock.scheduled())
+        return self._before, rows
+
+    def _take(self, saved: SavedState) -> None:
+        """Write the rows of a saved state, and start processes that wait for its events."""
+        self._before, rows = saved.before, saved.rows
+        write(self.state, State, rows.state)
+        self.set_routes(rows.routes)
+        self.state.named_terms = [dict(terms) for terms in saved.named_terms]
+        self.log.crashed[:] = self.state.crashed
+        self._follow(saved.path)
+        self._start_clock(self.state.now_us)
+        for slot, t_us, place in rows.due:
+            self.clock.due(slot, t_us, place)
+        self._start_processes()
+        self.snapshot()
+
+    def _ready(self) -> bool:
+        """Return whether the last step, or the reset, has not failed."""
+        return self.latest is not None
+
+    def named_terms(self) -> tuple[tuple[tuple[str, float], ...], ...]:
+        """Return the terms of a reward that does not work on rows, by drone and name."""
+        return tuple([tuple(terms.items()) for terms in self.state.named_terms])
 
     def step(self, commands: Sequence[int]) -> Snapshot:
         """Give the commands and run to the next decision epoch, or to the end of the episode."""
@@ -144,7 +181,6 @@ class Simulation(Engine):
         state.now_us = int(self.clock.now)
         end_step(world, self.own_path, state)
         self.check_components()
-        self._commands.append(tuple(commands))
         self.drain_log()
         return self.snapshot()
 
@@ -211,21 +247,12 @@ class Simulation(Engine):
         return [tuple(drone.features) for drone in self.drones]
 
 
-def _played_again(
-    made_of: tuple[Any, ...],
-    episode: tuple[tuple[SamplePath, Carried | None] | None, list[tuple[int, ...]]],
-    idle: bool,
-    carried: Carried | None,
+def _copied(
+    made_of: tuple[Any, ...], saved: SavedState | None, carried: Carried | None
 ) -> Simulation:
-    """Return an engine in the state of another one, which is ``idle`` if it can only be reset."""
+    """Return an engine that goes on from a saved state or, without one, can only be reset."""
     engine = Simulation(*made_of)
-    began, commands = episode
-    if began is not None:
-        path, before = began
-        engine.carry(before)
-        engine.reset(path)
-        for command in commands:
-            engine.step(command)
-    if idle:
-        engine.carry(carried)
+    engine.carry(carried)
+    if saved is not None:
+        engine.restore(saved)
     return engine

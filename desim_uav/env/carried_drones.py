@@ -1,0 +1,103 @@
+"""The states in which drones begin an episode, from an untrusted source."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from desim_uav.engine.base import Carried, CarriedDrone
+from desim_uav.model.planner import Node
+from desim_uav.model.rules import Mode
+from desim_uav.world import World
+
+HIGHEST = 2**53
+
+
+def checked(value: Any, world: World, ceilings: Sequence[bool]) -> Carried:
+    """Return plain data as the states of drones. Raises ValueError if no drone can be in one."""
+    drones = _listed(value, world.scenario.drones.count)
+    return tuple(_drone(one, world, under) for one, under in zip(drones, ceilings, strict=True))
+
+
+def _drone(value: Any, world: World, ceiling: bool) -> CarriedDrone:
+    mode, node, battery_us, age_us, hop, route, counted_m, place, fallen_m = _listed(value, 9)
+    (nx, ny), levels = world.grid.cells, world.grid.levels(ceiling)
+    one = CarriedDrone(
+        Mode(_whole(mode, 0, HIGHEST)),
+        _node(node, (0, 0, 0), (nx - 1, ny - 1, levels - 1)),
+        _whole(battery_us, 0, world.capacity_us),
+        _whole(age_us, 0, HIGHEST),
+        None if hop is None else _hop(hop),
+        tuple(map(_hop, _listed(route))),
+        _number(counted_m),
+        _whole(place, 0, world.scenario.drones.count),
+        None if fallen_m is None else _place(fallen_m, world),
+    )
+    if (one.mode is Mode.CRASHED) != (one.fallen_m is not None):
+        raise ValueError("only a crashed drone has fallen")
+    if one.mode is not Mode.CRASHED:
+        _check_way(one, world, ceiling)
+    return one
+
+
+def _check_way(one: CarriedDrone, world: World, ceiling: bool) -> None:
+    """Raise ValueError if a drone is not on its way, or not at a station that it needs."""
+    under_way, at = one.mode is Mode.RETURNING, one.node
+    if (one.hop is not None or one.route) and not under_way:
+        raise ValueError("only a returning drone has hops")
+    if one.hop is not None and one.age_us >= world.return_transits[one.hop].duration_us:
+        raise ValueError("a hop is over before the episode begins")
+    hops = (*([one.hop] if one.hop else []), *one.route)
+    for node in _along(at, hops):
+        if not world.grid.can_enter(*node, ceiling):
+            raise ValueError(f"a drone cannot be at {node}")
+    landed = one.mode in (Mode.QUEUED, Mode.CHARGING, Mode.CHARGED)
+    if landed and (at[:2] not in world.stations or at[2] != 0):
+        raise ValueError(f"there is no station at {at}")
+
+
+def _along(node: Node, hops: Sequence[Node]) -> list[Node]:
+    """Return a place and those to which hops lead from it."""
+    nodes = [node]
+    for dx, dy, dlevel in hops:
+        x, y, level = nodes[-1]
+        nodes.append((x + dx, y + dy, level + dlevel))
+    return nodes
+
+
+def _listed(value: Any, length: int | None = None) -> list[Any]:
+    if not isinstance(value, list) or length not in (None, len(value)):
+        raise ValueError(f"{value!r:.40} is no list of {length or 'hops'}")
+    return value
+
+
+def _whole(value: Any, least: int, most: int) -> int:
+    if type(value) is not int or not least <= value <= most:
+        raise ValueError(f"{value!r:.40} is not a whole number from {least} to {most}")
+    return value
+
+
+def _number(value: Any) -> float:
+    if type(value) not in (int, float) or not math.isfinite(value):
+        raise ValueError(f"{value!r:.40} is not a number")
+    return float(value)
+
+
+def _node(value: Any, least: Node, most: Node) -> Node:
+    x, y, level = map(_whole, _listed(value, 3), least, most)
+    return x, y, level
+
+
+def _hop(value: Any) -> Node:
+    hop = _node(value, (-1, -1, -1), (1, 1, 1))
+    if sum(map(abs, hop)) != 1:
+        raise ValueError(f"{hop} is no hop")
+    return hop
+
+
+def _place(value: Any, world: World) -> tuple[float, float]:
+    x_m, y_m = map(_number, _listed(value, 2))
+    if not (0.0 <= x_m <= world.area.width_m and 0.0 <= y_m <= world.area.depth_m):
+        raise ValueError(f"({x_m}, {y_m}) m is off the map")
+    return x_m, y_m

@@ -1,0 +1,101 @@
+"""Files of saved states, which hold what leads to a state: seeds, carried drones and commands.
+
+A file may come from an untrusted source. Its commands are therefore played again, by the rules that
+make every other state, and no index or address of the file reaches compiled code. The digest of the
+rows says whether they have led to the state that was saved.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+import desim_uav
+from desim_uav import array_file
+from desim_uav.engine.episode import Engine
+from desim_uav.engine.saved import SavedState
+from desim_uav.env.carried_drones import checked
+from desim_uav.errors import PolicyError, SimulationError, StateError
+from desim_uav.run_folder import write_whole
+from desim_uav.sample_path import draw
+from desim_uav.scenario.load import scenario_hash, seedless
+
+FORMAT = 1
+LARGEST_SEED, LARGEST_EPISODE = 2**63, 2**31
+
+
+class Kept(NamedTuple):
+    """What a file says of a state."""
+
+    version: str
+    scenario_hash: str
+    world_seed: int
+    seed: int
+    episode: int
+    digest: str
+    before: Any
+    commands: NDArray[Any]
+
+    def played(self, engine: Engine, path: Path) -> SavedState:
+        """Return the state to which the commands lead. Raises StateError, which names the file."""
+        world = engine.world
+        try:
+            told, drones = self.commands.shape
+            if drones != len(engine.drones) or told > world.scenario.episode.steps:
+                raise ValueError(f"commands of the shape {self.commands.shape} do not fit")
+            before, ceilings = self.before, engine.settings.ceilings
+            engine.carry(None if before is None else checked(before, world, ceilings))
+            engine.reset(draw(world, self.seed, self.episode))
+            for commands in self.commands.tolist():
+                engine.step(commands)
+        except (SimulationError, ValueError) as error:
+            raise StateError(f"{path}: cannot be played: {error}") from error
+        saved = engine.save()
+        if saved.digest() != self.digest:
+            raise StateError(
+                f"{path}: its commands lead to another state than the one that was saved, by "
+                f"desim-uav {self.version}; this is {desim_uav.__version__}"
+            )
+        return saved
+
+
+def write(path: Path, saved: SavedState, seed: int) -> None:
+    """Write the file of a state in the run of a seed. Raises DesimError if it cannot be written."""
+    about = {
+        "format": FORMAT,
+        "version": desim_uav.__version__,
+        "scenario_hash": scenario_hash(seedless(saved.world.scenario)),
+        "world_seed": saved.world.seed,
+        "seed": seed,
+        "episode": saved.path.episode,
+        "digest": saved.digest(),
+        "before": saved.before,
+    }
+    drones = saved.world.scenario.drones.count
+    commands = np.array(saved.commands, np.int64).reshape(-1, drones)
+    write_whole(path, array_file.pack(about, commands=commands))
+
+
+def read(path: Path) -> Kept:
+    """Read the file of a state. Raises StateError, which names the file, if it is none."""
+    try:
+        stored = array_file.Stored(path, "saved state", ["commands"], FORMAT)
+        commands = stored.arrays()["commands"]
+    except PolicyError as error:
+        raise StateError(str(error)) from error
+    about = stored.about
+    wanted: dict[str, type] = {"version": str, "scenario_hash": str, "digest": str}
+    wanted |= dict.fromkeys(("world_seed", "seed", "episode"), int)
+    for key, kind in wanted.items():
+        if type(about.get(key)) is not kind:
+            raise StateError(f"{path}: not a readable saved state: {key} is missing or wrong")
+    world_seed, seed, episode = about["world_seed"], about["seed"], about["episode"]
+    if not (0 <= world_seed < LARGEST_SEED and 0 <= seed < LARGEST_SEED):
+        raise StateError(f"{path}: not a readable saved state: a seed is out of range")
+    if abs(episode) >= LARGEST_EPISODE or commands.ndim != 2 or commands.dtype != np.int64:
+        raise StateError(f"{path}: not a readable saved state: episode or commands are wrong")
+    texts = (about["version"], about["scenario_hash"])
+    return Kept(*texts, world_seed, seed, episode, about["digest"], about.get("before"), commands)
