@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
-from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.policies.planning.options import Option, options_of
@@ -15,6 +14,7 @@ from desim_uav.world import World
 if TYPE_CHECKING:
     from desim_uav.engine.episode import Engine
     from desim_uav.policies.planning.ground import Ground
+    from desim_uav.policies.planning.sight import Sight
     from desim_uav.sample_path import SamplePath
 
 OPTIONS = {
@@ -22,6 +22,7 @@ OPTIONS = {
     "waiting": Option(1.0, 0.0, 1000.0),
     "fade": Option(5.0, 0.01, 1e6),
     "rounds": Option(3, 1, 100),
+    "every": Option(1, 1, 1000),
 }
 
 
@@ -31,8 +32,8 @@ class Greedy:
 
     A plan is made for ``horizon`` steps, in which users are expected to walk away from where they
     are now. A user with an open request counts ``waiting`` more than others, which fades by a
-    factor e in ``fade`` steps. All drones revise their plans up to ``rounds`` times per step. Of
-    its plan a drone flies the first action; plans are made anew at every decision epoch.
+    factor e in ``fade`` steps. All drones revise their plans up to ``rounds`` times. Plans are
+    made anew ``every`` so many decision epochs, and when a drone is not where its plan says.
 
     Plans contain when and where drones charge, and no plan lets a battery run empty.
     """
@@ -49,17 +50,19 @@ class Greedy:
         self.name = f"greedy:{options}" if options else "greedy"
         self._engine: Engine | None = None
         self._ground: Ground | None = None
+        self._plans: Any = ()
+        self._age = 0
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Make the map of the world. Raises PolicyError if the scenario is too large."""
         from desim_uav.policies.planning.ground import ground_of
         from desim_uav.policies.planning.team import Habits, horizon_of
 
-        self._habits = Habits(**self.options)
+        self._habits = Habits(*(self.options[name] for name in Habits._fields))
         if self._ground is None or self._ground.world is not world:
             self._ground = ground_of(world)
         horizon_of(self._ground, self._habits)
-        self._plans: Any = ()
+        self.forget()
 
     def watch(self, engine: Engine, path: SamplePath) -> None:
         """Take the engine of the episode that begins; its sample path is not looked at."""
@@ -74,24 +77,35 @@ class Greedy:
     ) -> list[int]:
         """Return the first action of each drone's plan, or the action that is forced."""
         from desim_uav.policies.planning.sight import look
-        from desim_uav.policies.planning.team import Team
+        from desim_uav.policies.planning.team import Team, commands_of
 
         if self._engine is None or self._ground is None:
             raise RuntimeError("greedy needs the engine; call begin and watch first")
-        team = Team(self._ground, look(self._engine, self._ground, observations), self._habits)
-        team.begin_with(self._plans)
-        team.improve(self._habits.rounds)
-        self._plans = team.plans
-        chosen = [*self._ground.actions, Action.GOTO_CHARGING_STATION, Action.CHARGE]
-        seen = zip(observations, masks, team.plans[:, 0, 0].tolist(), strict=True)
-        return [
-            self._command(mask, chosen[k] if k >= 0 and one.mode in DECIDES else Action.HOVER)
-            for one, mask, k in seen
-        ]
+        seen = look(self._engine, self._ground, observations)
+        if not self._may_follow(seen):
+            team = Team(self._ground, seen, self._habits)
+            team.begin_with(self._plans, self._age)
+            team.improve(self._habits.rounds)
+            self._plans, self._age = team.plans, 0
+        age, self._age = self._age, self._age + 1
+        return commands_of(self._ground, self._plans[:, age, 0], observations, masks)
 
-    def _command(self, mask: Sequence[bool], action: Action) -> int:
-        """Return the index of an action, or of the only one that is allowed."""
-        assert self._ground is not None
-        if sum(mask) == 1:
-            return list(mask).index(True)
-        return self._ground.world.actions.index(action)
+    def _may_follow(self, seen: Sight) -> bool:
+        """Return whether all drones that decide are where their plans say, if these are to last."""
+        if len(self._plans) == 0 or self._age >= min(self.options["every"], self._plans.shape[1]):
+            return False
+        now = self._plans[:, self._age]
+        return all(
+            one.ready > 0 or (now[d, 0] >= 0 and now[d, 1] == one.place)
+            for d, one in enumerate(seen.drones)
+        )
+
+    def in_rollouts(self, horizon: int) -> Greedy:
+        """Return a policy that does nearly the same in simulations, but plans once in each."""
+        quick = Greedy(**{**self.options, "every": horizon, "rounds": 1})
+        quick._ground = self._ground
+        return quick
+
+    def forget(self) -> None:
+        """Make plans anew at the next decision epoch, whatever was planned before."""
+        self._plans, self._age = (), 0

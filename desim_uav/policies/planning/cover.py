@@ -16,37 +16,26 @@ SURE = 4.0
 
 @maker
 def covered_shares(
-    users_m: Floats,
-    homes_m: Floats,
-    spread_m: Floats,
-    left: int,
-    steps: int,
-    centres_m: Floats,
-    radii_m: Floats,
+    places_m: Floats, spread_m: Floats, centres_m: Floats, radii_m: Floats
 ) -> Floats:
     """Return the probability that each user is in a footprint: (steps + 1, rings, cells, users).
 
-    Users are at ``users_m`` now. The distance between a user and a place in k steps has a normal
-    error of ``spread_m[k]``. From step ``left`` on, the next episode has begun, in which users walk
-    from ``homes_m`` anew. ``radii_m`` (rings, users) are the radii of footprints.
+    In k steps users are at ``places_m[k]`` (users, 2), if they do not walk elsewhere: the distance
+    between a user and a place then has a normal error of ``spread_m[k]``. ``radii_m`` (rings,
+    users) are the radii of footprints.
     """
-    rings, users = radii_m.shape
-    cells = len(centres_m)
-    shares = np.empty((steps + 1, rings, cells, users))
-    far_m = np.empty((2, cells, users))
-    for cell in range(cells):
-        x_m, y_m = centres_m[cell]
-        for user in range(users):
-            far_m[0, cell, user] = math.hypot(users_m[user, 0] - x_m, users_m[user, 1] - y_m)
-            far_m[1, cell, user] = math.hypot(homes_m[user, 0] - x_m, homes_m[user, 1] - y_m)
-    for k in range(steps + 1):
-        anew = int(k >= left)
-        after = min(k - left * anew, len(spread_m) - 1)
-        scale = 1.0 / max(spread_m[after], 1e-3)
-        for ring in range(rings):
-            for cell in range(cells):
-                for user in range(users):
-                    z = (radii_m[ring, user] - far_m[anew, cell, user]) * scale
+    times, users, _ = places_m.shape
+    rings, cells = len(radii_m), len(centres_m)
+    shares = np.empty((times, rings, cells, users))
+    for k in range(times):
+        scale = 1.0 / max(spread_m[k], 1e-3)
+        for cell in range(cells):
+            for user in range(users):
+                x_m = places_m[k, user, 0] - centres_m[cell, 0]
+                y_m = places_m[k, user, 1] - centres_m[cell, 1]
+                far_m = math.sqrt(x_m * x_m + y_m * y_m)
+                for ring in range(rings):
+                    z = (radii_m[ring, user] - far_m) * scale
                     share = 1.0 if z > 0.0 else 0.0
                     if -SURE < z < SURE:
                         share = 0.5 * math.erfc(-z * 0.7071067811865476)

@@ -34,13 +34,32 @@ class Standing(NamedTuple):
 class Sight(NamedTuple):
     """The users' places (users, 2) in metres and who has an open request (users,), and the drones.
 
-    ``left`` is the number of steps that are left of the episode.
+    ``left`` is the number of steps that are left of the episode. ``future_m`` (left, users, 2) are
+    the users' places in the coming steps, which only a clairvoyant has.
     """
 
     left: int
     users_m: NDArray[np.float64]
     waits: NDArray[np.bool_]
     drones: tuple[Standing, ...]
+    future_m: NDArray[np.float64] | None = None
+
+    def expected(self, ground: Ground, steps: int) -> tuple[NDArray[np.float64], Any]:
+        """Return where users are expected (steps + 1, users, 2), and the error of it (steps + 1,).
+
+        From step ``left`` on the next episode has begun, in which they walk from their homes anew.
+        """
+        places_m = np.repeat(self.users_m[np.newaxis], steps + 1, axis=0)
+        passed = np.arange(steps + 1)
+        if self.future_m is not None:
+            known = self.future_m[: steps + 1]
+            places_m[: len(known)] = known
+        places_m[self.left :] = ground.world.homes[:, :2]
+        passed[self.left :] -= self.left
+        spread_m = ground.spread_m[np.minimum(passed, len(ground.spread_m) - 1)]
+        if self.future_m is not None:
+            spread_m[: self.left] = 0.0
+        return places_m, spread_m
 
 
 def look(engine: Engine, ground: Ground, observations: Any) -> Sight:

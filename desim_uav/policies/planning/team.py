@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import PolicyError
+from desim_uav.model.rules import DECIDES, Action
+from desim_uav.model.state import Observation
 from desim_uav.policies.planning.best_plan import free_steps, plan_of, values_of
 from desim_uav.policies.planning.cover import covered_shares, gains
 from desim_uav.policies.planning.ground import Ground
@@ -64,9 +67,8 @@ class Team:
         if not self.goes_on:
             self.steps = min(self.steps, sight.left)
         self.worth = self._worth(habits)
-        homes_m = np.ascontiguousarray(world.homes[:, :2])
-        places = (sight.users_m, homes_m, ground.spread_m, sight.left, self.steps)
-        self.shares = covered_shares(*places, ground.centres_m, ground.radii_m)
+        expected = sight.expected(ground, self.steps)
+        self.shares = covered_shares(*expected, ground.centres_m, ground.radii_m)
         drones, stations = len(sight.drones), max(1, len(world.stations))
         self.plans = np.full((drones, self.steps, 2), -1)
         self.covers = np.zeros((drones, *self.worth.shape))
@@ -86,12 +88,12 @@ class Team:
             worth[:, away_m <= links.rings_m[0, self.ground.world.groups, 0]] = 0.0
         return worth
 
-    def begin_with(self, before: Ints) -> None:
-        """Begin with the plans of the decision epoch before, as far as drones are still on them."""
+    def begin_with(self, before: Ints, age: int) -> None:
+        """Begin with plans that were made ``age`` steps ago, as far as drones are still on them."""
         for d, standing in enumerate(self.sight.drones):
             if len(before) != len(self.plans) or standing.ready >= self.steps:
                 continue
-            rest = before[d, 1 : 1 + self.steps]
+            rest = before[d, age : age + self.steps]
             now = min(standing.ready, len(rest) - 1)
             if len(rest) == 0 or rest[now, 0] < 0 or rest[now, 1] != standing.place:
                 continue
@@ -172,3 +174,18 @@ class Team:
         landed = np.flatnonzero(actions >= moves)
         self.busy[drone, ground.station_of[places[landed]], landed] = 1
 
+
+def commands_of(
+    ground: Ground,
+    actions: Ints,
+    observations: Sequence[Observation],
+    masks: Sequence[Sequence[bool]],
+) -> list[int]:
+    """Return the commands for one action of a plan per drone, and what is forced otherwise."""
+    known = [*ground.actions, Action.GOTO_CHARGING_STATION, Action.CHARGE]
+    commands = []
+    for seen, mask, k in zip(observations, masks, actions.tolist(), strict=True):
+        action = known[k] if k >= 0 and seen.mode in DECIDES else Action.HOVER
+        forced = list(mask).index(True) if sum(mask) == 1 else -1
+        commands.append(forced if forced >= 0 else ground.world.actions.index(action))
+    return commands

@@ -1,0 +1,174 @@
+"""The planner that tries each command in simulations, in which another policy flies on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from copy import copy, deepcopy
+from typing import TYPE_CHECKING, Any
+
+from desim_uav.errors import PolicyError
+from desim_uav.model.rules import DECIDES, MOVES
+from desim_uav.model.state import Observation, Snapshot
+from desim_uav.model.streams import Streams
+from desim_uav.policies.planning.options import Option, options_of, split_options
+from desim_uav.registry import register
+from desim_uav.world import World
+
+if TYPE_CHECKING:
+    from desim_uav.engine.episode import Engine
+    from desim_uav.sample_path import SamplePath
+
+OPTIONS = {
+    "samples": Option(4, 1, 1000),
+    "horizon": Option(12, 1, 100_000),
+    "qoe1": Option(0.5, 0.0, 1.0),
+}
+
+NEARLY = 1e-9
+"""By how much another command must be better than that of the base to be given instead."""
+
+
+@register("policy", "rollout")
+class Rollout:
+    """Improves another policy, the base: it tries each command of each drone in simulations.
+
+    In ``samples`` simulations from the present state, the drone gets the command and the base flies
+    on for ``horizon`` steps, or to the end of the episode. Walks and requests in them are drawn
+    from the model, given what can be seen now (``planning.future``), and are the same for all
+    commands. The drones choose in turn: those before have chosen, those after obey the base. The
+    command with the best mean of QoE1 (with the weight ``qoe1``) and QoE3 is given; the base's is,
+    if none is better.
+    """
+
+    ceiling = True
+    information = "all users and drones now, and the model of the future; no future"
+
+    def __init__(self, argument: str = "", base: Any = None, **settings: float) -> None:
+        """Take the base and options as text, ``BASE+samples=8``, or by their names.
+
+        ``base`` may be any policy. Raises ValueError without a base and for a bad option, and
+        PolicyError if the base cannot be loaded or is a rollout itself.
+        """
+        from desim_uav.policies.base import load_policy, policy_name
+
+        name, text = split_options(argument) if base is None else ("", argument)
+        if base is None and not name:
+            raise ValueError("a rollout needs its base: rollout:BASE, as in rollout:greedy")
+        self.options = options_of("rollout", text, settings, OPTIONS)
+        self._base: Any = load_policy(name if base is None else base)
+        if isinstance(self._base, Rollout) or getattr(self._base, "clairvoyant", False):
+            raise ValueError("the base of a rollout must not be a rollout or a clairvoyant")
+        self.name = f"rollout:{argument}" if base is None else f"rollout:{policy_name(base)}"
+        seed = getattr(self._base, "world_seed", None)
+        if seed is not None:
+            self.world_seed: int = seed
+
+    def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
+        """Let the base begin. Raises PolicyError if the scenario cannot be simulated."""
+        from desim_uav.policies.planning.inner import inner_engine
+
+        if world.marked:
+            raise PolicyError(
+                "rollout: lines of sight and shadowing that are drawn cannot be drawn anew from "
+                "what is seen; use greedy, or a radio without los and shadowing"
+            )
+        goes_on = world.scenario.episode.carry_over
+        self._inner = inner_engine("rollout", world, goes_on)
+        self._seed, self._world = streams.seed, world
+        self._base.begin(world, streams, carried)
+        quick = getattr(self._base, "in_rollouts", None)
+        self._mind = quick(self.options["horizon"]) if quick is not None else None
+        if self._mind is not None:
+            self._mind.begin(world, streams, carried)
+
+    def watch(self, engine: Engine, path: SamplePath) -> None:
+        """Take the engine of the episode that begins; its sample path is not looked at."""
+        self._engine = engine
+        _show(self._base, engine, path)
+
+    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+        """Raise TypeError: all drones are commanded at once (see ``act_jointly``)."""
+        raise TypeError("rollout commands all drones at once; call act_jointly")
+
+    def act_jointly(
+        self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
+    ) -> list[int]:
+        """Return the best command of each drone, in turn."""
+        chosen = _decided(self._base, observations, masks)
+        options = [self._options(one, mask) for one, mask in zip(observations, masks, strict=True)]
+        if all(len(each) < 2 for each in options):
+            return chosen
+        self._imagine()
+        best = self._mean(chosen)
+        for drone, allowed in enumerate(options):
+            for command in allowed:
+                if command == chosen[drone]:
+                    continue
+                tried = [*chosen[:drone], command, *chosen[drone + 1 :]]
+                value = self._mean(tried)
+                if value > best + NEARLY:
+                    best, chosen = value, tried
+        return chosen
+
+    def _options(self, seen: Observation, mask: Sequence[bool]) -> list[int]:
+        """Return the commands that a drone may choose from, without moves that are blocked."""
+        if seen.mode not in DECIDES:
+            return []
+        drone, grid = self._engine.drones[seen.drone], self._world.grid
+        found = []
+        for command, action in enumerate(self._world.actions):
+            dx, dy, up = MOVES.get(action, (0, 0, 0))
+            blocked = action in MOVES and not grid.can_enter(
+                int(drone.x) + dx, int(drone.y) + dy, int(drone.level) + up
+            )
+            if mask[command] and not blocked:
+                found.append(command)
+        return found
+
+    def _imagine(self) -> None:
+        """Draw the futures in which all commands of this decision epoch are tried."""
+        from desim_uav.policies.planning.future import imagined
+
+        now = self._engine.save()
+        self._futures = []
+        for sample in range(self.options["samples"]):
+            self._inner.take(imagined(now, self._seed, sample))
+            self._futures.append(self._inner.save())
+
+    def _mean(self, commands: Sequence[int]) -> float:
+        """Return the mean score of commands over the imagined futures."""
+        return sum(self._try(future, commands) for future in self._futures) / len(self._futures)
+
+    def _try(self, future: Any, commands: Sequence[int]) -> float:
+        """Return the score of commands after which the base flies on."""
+        from desim_uav.policies.planning.inner import score
+
+        inner = self._inner
+        inner.restore(future)
+        base = self._mind
+        if base is None:
+            base = copy(self._base) if hasattr(self._base, "watch") else deepcopy(self._base)
+        _show(base, inner, future.path)
+        if self._mind is not None:
+            self._mind.forget()
+        shown: Snapshot = inner.step(commands)
+        for _ in range(self.options["horizon"] - 1):
+            if shown.terminated or shown.truncated:
+                break
+            shown = inner.step(_decided(base, shown.observations, shown.masks))
+        return score(inner, self.options["qoe1"])
+
+
+def _show(policy: Any, engine: Engine, path: SamplePath) -> None:
+    watch = getattr(policy, "watch", None)
+    if watch is not None:
+        watch(engine, path)
+
+
+def _decided(policy: Any, observations: Any, masks: Any) -> list[int]:
+    """Return the actions of a policy for all drones."""
+    jointly = getattr(policy, "act_jointly", None)
+    if jointly is not None:
+        return [int(command) for command in jointly(observations, masks)]
+    seen = zip(observations, masks, strict=True)
+    return [int(policy.act(observation, mask)) for observation, mask in seen]
