@@ -21,7 +21,7 @@ OPTIONS = {
     "horizon": Option(40, 1, 1000),
     "waiting": Option(1.0, 0.0, 1000.0),
     "fade": Option(5.0, 0.01, 1e6),
-    "rounds": Option(3, 1, 100),
+    "rounds": Option(2, 1, 100),
     "every": Option(1, 1, 1000),
 }
 

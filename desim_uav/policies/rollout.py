@@ -7,7 +7,7 @@ from copy import copy, deepcopy
 from typing import TYPE_CHECKING, Any
 
 from desim_uav.errors import PolicyError
-from desim_uav.model.rules import DECIDES, MOVES
+from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Streams
 from desim_uav.policies.planning.options import Option, options_of, split_options
@@ -59,12 +59,14 @@ class Rollout:
         if isinstance(self._base, Rollout) or getattr(self._base, "clairvoyant", False):
             raise ValueError("the base of a rollout must not be a rollout or a clairvoyant")
         self.name = f"rollout:{argument}" if base is None else f"rollout:{policy_name(base)}"
+        self._ground: Any = None
         seed = getattr(self._base, "world_seed", None)
         if seed is not None:
             self.world_seed: int = seed
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Let the base begin. Raises PolicyError if the scenario cannot be simulated."""
+        from desim_uav.policies.planning.ground import ground_of
         from desim_uav.policies.planning.inner import inner_engine
 
         if world.marked:
@@ -73,7 +75,9 @@ class Rollout:
                 "what is seen; use greedy, or a radio without los and shadowing"
             )
         goes_on = world.scenario.episode.carry_over
-        self._inner = inner_engine("rollout", world, goes_on)
+        if self._ground is None or self._ground.world is not world:
+            self._ground = ground_of(world)
+            self._inner = inner_engine("rollout", world, goes_on)
         self._seed, self._world = streams.seed, world
         self._base.begin(world, streams, carried)
         quick = getattr(self._base, "in_rollouts", None)
@@ -111,19 +115,31 @@ class Rollout:
         return chosen
 
     def _options(self, seen: Observation, mask: Sequence[bool]) -> list[int]:
-        """Return the commands that a drone may choose from, without moves that are blocked."""
+        """Return the commands that a drone may choose from, if it can reach a station after them.
+
+        There are no moves that are blocked, and no returns if drones may lose their way.
+        """
         if seen.mode not in DECIDES:
             return []
-        drone, grid = self._engine.drones[seen.drone], self._world.grid
-        found = []
+        ground, found = self._ground, []
+        drone = self._engine.drones[seen.drone]
+        place = ground.number(int(drone.x), int(drone.y), int(drone.level))
         for command, action in enumerate(self._world.actions):
-            dx, dy, up = MOVES.get(action, (0, 0, 0))
-            blocked = action in MOVES and not grid.can_enter(
-                int(drone.x) + dx, int(drone.y) + dy, int(drone.level) + up
-            )
-            if mask[command] and not blocked:
+            if action in ground.actions:
+                k = ground.actions.index(action)
+                may = self._can_return(int(ground.after[k, place]), int(ground.drains[k]), seen)
+            else:
+                may = action is Action.CHARGE or self._world.scenario.position_noise is None
+            if mask[command] and may:
                 found.append(command)
         return found
+
+    def _can_return(self, place: int, drain: int, seen: Observation) -> bool:
+        """Return whether a drone can be in a place and reach a station from there."""
+        if place < 0 or seen.battery_s is None:
+            return place >= 0
+        units = round(seen.battery_s * 1e6) // self._ground.unit_us - drain
+        return units >= int(self._ground.needs[place])
 
     def _imagine(self) -> None:
         """Draw the futures in which all commands of this decision epoch are tried."""
