@@ -100,6 +100,7 @@ class Rollout:
         """Return the best command of each drone, in turn."""
         chosen = _decided(self._base, observations, masks)
         options = [self._options(one, mask) for one, mask in zip(observations, masks, strict=True)]
+        chosen = [self._safely(d, chosen[d], allowed) for d, allowed in enumerate(options)]
         if all(len(each) < 2 for each in options):
             return chosen
         self._imagine()
@@ -138,8 +139,21 @@ class Rollout:
         """Return whether a drone can be in a place and reach a station from there."""
         if place < 0 or seen.battery_s is None:
             return place >= 0
-        units = round(seen.battery_s * 1e6) // self._ground.unit_us - drain
-        return units >= int(self._ground.needs[place])
+        ground = self._ground
+        units = round(seen.battery_s * 1e6) // ground.unit_us - drain
+        _, _, takes, exists = ground.returns[place].tolist()
+        by_return = bool(exists) and min(units, ground.return_at) > takes
+        return by_return or units >= int(ground.needs[place])
+
+    def _safely(self, drone: int, command: int, allowed: list[int]) -> int:
+        """Return a command of the base, or that of the allowed ones that leads nearest to home."""
+        if command in allowed or not allowed:
+            return command
+        ground, row = self._ground, self._engine.drones[drone]
+        place = ground.number(int(row.x), int(row.y), int(row.level))
+        after = {action: ground.after[k, place] for k, action in enumerate(ground.actions)}
+        actions = self._world.actions
+        return min(allowed, key=lambda k: (ground.needs[after.get(actions[k], place)], k))
 
     def _imagine(self) -> None:
         """Draw the futures in which all commands of this decision epoch are tried."""
