@@ -24,12 +24,20 @@ HORIZON = 40
 in it as it does for ``greedy``."""
 
 
+FADE, ROUNDS = 5.0, 2
+"""See ``Greedy``, whose defaults these are."""
+
+STARTS = ((False, 1.0), (True, 0.0), (True, 1.0), (True, 4.0))
+"""How the episode is played first: whether with the future, and how much open requests count."""
+
+
 @register("policy", "clairvoyant")
 class Clairvoyant:
     """Searches each episode, whose future it knows, for good commands: not a competitor.
 
     What it reaches is a lower bound of the optimum of those who know the future. At the beginning
-    of an episode it plays it as ``greedy`` would, with users where they will really be. Then it
+    of an episode it plays it as ``greedy`` would: once by what can be seen, and then with users
+    where they will really be. From the best of these it goes on. It
     tries ``tries`` changes, each of one command of one drone, after which all drones plan anew or,
     every second time, go on as before; it keeps a change if it raises the mean of QoE1 (with the
     weight ``qoe1``) and QoE3 at the episode's end.
@@ -54,18 +62,23 @@ class Clairvoyant:
         if self._ground is None or self._ground.world is not world:
             self._ground = ground_of(world)
             self._inner = inner_engine("clairvoyant", world, world.scenario.episode.carry_over)
-        self._habits = Habits(HORIZON, 1.0, 5.0, 1)
-        horizon_of(self._ground, self._habits)
+        horizon_of(self._ground, Habits(HORIZON, 0.0, FADE, ROUNDS))
         self._rng = Streams(streams.seed, Purpose.PLANNER, streams.episode).generator(0)
 
     def watch(self, engine: Engine, path: SamplePath) -> None:
         """Search the episode that begins for its commands."""
+        from desim_uav.policies.planning.team import Habits
+
         self._places_m = self._walked(path)
         self._inner.take(engine.save())
         self._epochs: list[Any] = []
         self._commands: list[list[int]] = []
+        self._value = 0.0
         shown = self._inner.restore(self._inner.save())
-        self._value = self._play(shown, [], [])
+        for self._knows, waiting in STARTS:
+            self._habits = Habits(HORIZON, waiting, FADE, ROUNDS)
+            self._play(shown, [], [])
+            shown = self._inner.restore(self._epochs[0][0])
         for _ in range(self.options["tries"]):
             self._try()
 
@@ -103,12 +116,30 @@ class Clairvoyant:
                 chosen, plans = self._planned(shown, plans)
             commands.append(chosen)
             shown = self._inner.step(chosen)
-        value = score(self._inner, self.options["qoe1"])
+        value = score(self._inner, self.options["qoe1"], charged=False) + self._later(shown)
         if not self._commands or value > self._value:
             self._value = value
             self._commands[begins:] = commands
             self._epochs[begins:] = epochs
         return self._value
+
+    def _later(self, shown: Snapshot) -> float:
+        """Return what the drones' places and batteries are worth at the end of the episode.
+
+        It is what they cover by plans for the steps after it, in percent of the users for the time
+        of an episode. Without carry-over it is nothing.
+        """
+        from desim_uav.policies.planning.sight import look
+        from desim_uav.policies.planning.team import Team
+
+        assert self._ground is not None
+        world = self._ground.world
+        if not world.scenario.episode.carry_over or shown.terminated:
+            return 0.0
+        team = Team(self._ground, look(self._inner, self._ground, shown.observations), self._habits)
+        team.improve(self._habits.rounds)
+        share = team.covered() / (len(world.homes) * world.scenario.episode.steps)
+        return (1.0 - self.options["qoe1"]) * 100.0 * share
 
     def _planned(self, shown: Snapshot, before: Any) -> tuple[list[int], Any]:
         """Return the commands of plans for the true places of users, and these plans."""
@@ -117,7 +148,8 @@ class Clairvoyant:
 
         assert self._ground is not None
         seen = look(self._inner, self._ground, shown.observations)
-        seen = seen._replace(future_m=self._places_m[shown.step : -1])
+        if self._knows:
+            seen = seen._replace(future_m=self._places_m[shown.step : -1])
         team = Team(self._ground, seen, self._habits)
         team.begin_with(*before)
         team.improve(self._habits.rounds)

@@ -25,6 +25,9 @@ OPTIONS = {
     "every": Option(1, 1, 1000),
 }
 
+BEYOND = 8
+"""The steps after the end of a simulation for which plans in it are made."""
+
 
 @register("policy", "greedy")
 class Greedy:
@@ -102,7 +105,9 @@ class Greedy:
 
     def in_rollouts(self, horizon: int) -> Greedy:
         """Return a policy that does nearly the same in simulations, but plans once in each."""
-        quick = Greedy(**{**self.options, "every": horizon, "rounds": 1})
+        plans_for = min(self.options["horizon"], horizon + BEYOND)
+        changes = {"horizon": plans_for, "every": horizon, "rounds": 1}
+        quick = Greedy(**{**self.options, **changes})
         quick._ground = self._ground
         return quick
 

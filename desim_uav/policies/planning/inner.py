@@ -28,15 +28,17 @@ def inner_engine(planner: str, world: World, carry_over: bool) -> BatchSimulatio
     return BatchSimulation(world, RunSettings(ceilings, carry_over, False, False))
 
 
-def score(engine: Engine, qoe1: float) -> float:
+def score(engine: Engine, qoe1: float, charged: bool = True) -> float:
     """Return what a simulation has reached so far, in percent of QoE1 and QoE3.
 
-    ``qoe1`` is the weight of QoE1, and 1 - ``qoe1`` that of QoE3. The charge of batteries counts
-    with the part of QoE3 that it will be worth, and each crash as a loss.
+    ``qoe1`` is the weight of QoE1, and 1 - ``qoe1`` that of QoE3. If drones are ``charged``, which
+    they need not be at the end of the last episode, the charge of their batteries counts with the
+    part of QoE3 that it will be worth. Each crash is a loss.
     """
     measured = engine.measures()
     first, third = measured.qoe1_percent or 0.0, measured.qoe3_percent or 0.0
-    left = _charge(engine) if engine.settings.carry_over or not _is_over(engine) else 0.0
+    counts = charged and (engine.settings.carry_over or not _is_over(engine))
+    left = _charge(engine) if counts else 0.0
     value = qoe1 * first + (1.0 - qoe1) * third * (1.0 + left)
     return value - CRASH * float(engine.state.crashes)
 

@@ -141,6 +141,10 @@ class Team:
         self._hold(drone)
         return changed
 
+    def covered(self) -> float:
+        """Return how many users are expected to be covered, summed over all steps of the plans."""
+        return float((1.0 - np.prod(1.0 - self.covers, axis=0)).sum())
+
     def _needs(self) -> Ints:
         """Return the battery that drones need at each place at the end of their plans."""
         return self.ground.needs if self.goes_on else np.minimum(self.ground.needs, 1)
