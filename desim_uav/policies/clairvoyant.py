@@ -1,4 +1,4 @@
-"""The search that knows the sample path: what can be reached, but by nobody who does not know it."""
+"""The search that knows the sample path, and reaches what nobody can who does not know it."""
 
 from __future__ import annotations
 
@@ -139,7 +139,8 @@ class Clairvoyant:
         team = Team(self._ground, look(self._inner, self._ground, shown.observations), self._habits)
         team.improve(self._habits.rounds)
         share = team.covered() / (len(world.homes) * world.scenario.episode.steps)
-        return (1.0 - self.options["qoe1"]) * 100.0 * share
+        weight: float = 1.0 - self.options["qoe1"]
+        return weight * 100.0 * share
 
     def _planned(self, shown: Snapshot, before: Any) -> tuple[list[int], Any]:
         """Return the commands of plans for the true places of users, and these plans."""

@@ -54,7 +54,7 @@ class Greedy:
         self._engine: Engine | None = None
         self._ground: Ground | None = None
         self._plans: Any = ()
-        self._age = 0
+        self._age, self._stale = 0, False
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Make the map of the world. Raises PolicyError if the scenario is too large."""
@@ -89,13 +89,17 @@ class Greedy:
             team = Team(self._ground, seen, self._habits)
             team.begin_with(self._plans, self._age)
             team.improve(self._habits.rounds)
-            self._plans, self._age = team.plans, 0
+            self._plans, self._age, self._stale = team.plans, 0, False
         age, self._age = self._age, self._age + 1
         return commands_of(self._ground, self._plans[:, age, 0], observations, masks)
 
     def _may_follow(self, seen: Sight) -> bool:
         """Return whether all drones that decide are where their plans say, if these are to last."""
-        if len(self._plans) == 0 or self._age >= min(self.options["every"], self._plans.shape[1]):
+        if (
+            self._stale
+            or len(self._plans) == 0
+            or self._age >= min(self.options["every"], self._plans.shape[1])
+        ):
             return False
         now = self._plans[:, self._age]
         return all(
@@ -114,3 +118,8 @@ class Greedy:
     def forget(self) -> None:
         """Make plans anew at the next decision epoch, whatever was planned before."""
         self._plans, self._age = (), 0
+
+    def think_like(self, other: Greedy) -> None:
+        """Make plans anew at the next decision epoch, but begin with those of another planner."""
+        self._plans, self._age = other._plans, other._age
+        self._stale = True

@@ -6,6 +6,9 @@ from collections.abc import Sequence
 from copy import copy, deepcopy
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation, Snapshot
@@ -22,10 +25,11 @@ OPTIONS = {
     "samples": Option(4, 1, 1000),
     "horizon": Option(12, 1, 100_000),
     "qoe1": Option(0.5, 0.0, 1.0),
+    "doubt": Option(1.0, 0.0, 100.0),
 }
 
 NEARLY = 1e-9
-"""By how much another command must be better than that of the base to be given instead."""
+"""A gain that is smaller is none, but the rounding of a sum."""
 
 
 @register("policy", "rollout")
@@ -35,9 +39,10 @@ class Rollout:
     In ``samples`` simulations from the present state, the drone gets the command and the base flies
     on for ``horizon`` steps, or to the end of the episode. Walks and requests in them are drawn
     from the model, given what can be seen now (``planning.future``), and are the same for all
-    commands. The drones choose in turn: those before have chosen, those after obey the base. The
-    command with the best mean of QoE1 (with the weight ``qoe1``) and QoE3 is given; the base's is,
-    if none is better.
+    commands. The drones choose in turn: those before have chosen, those after obey the base. A
+    command is better than another one if it has a better mean of QoE1 (with the weight ``qoe1``)
+    and QoE3, by more than ``doubt`` standard errors over the samples. The best one is given, and
+    that of the base if none is better.
     """
 
     ceiling = True
@@ -104,15 +109,15 @@ class Rollout:
         if all(len(each) < 2 for each in options):
             return chosen
         self._imagine()
-        best = self._mean(chosen)
+        best = self._scores(chosen)
         for drone, allowed in enumerate(options):
             for command in allowed:
                 if command == chosen[drone]:
                     continue
                 tried = [*chosen[:drone], command, *chosen[drone + 1 :]]
-                value = self._mean(tried)
-                if value > best + NEARLY:
-                    best, chosen = value, tried
+                scores = self._scores(tried)
+                if self._is_better(scores - best):
+                    best, chosen = scores, tried
         return chosen
 
     def _options(self, seen: Observation, mask: Sequence[bool]) -> list[int]:
@@ -143,7 +148,7 @@ class Rollout:
         units = round(seen.battery_s * 1e6) // ground.unit_us - drain
         _, _, takes, exists = ground.returns[place].tolist()
         by_return = bool(exists) and min(units, ground.return_at) > takes
-        return by_return or units >= int(ground.needs[place])
+        return by_return or bool(units >= ground.needs[place])
 
     def _safely(self, drone: int, command: int, allowed: list[int]) -> int:
         """Return a command of the base, or that of the allowed ones that leads nearest to home."""
@@ -165,9 +170,14 @@ class Rollout:
             self._inner.take(imagined(now, self._seed, sample))
             self._futures.append(self._inner.save())
 
-    def _mean(self, commands: Sequence[int]) -> float:
-        """Return the mean score of commands over the imagined futures."""
-        return sum(self._try(future, commands) for future in self._futures) / len(self._futures)
+    def _scores(self, commands: Sequence[int]) -> NDArray[np.float64]:
+        """Return the score of commands in each imagined future."""
+        return np.array([self._try(future, commands) for future in self._futures])
+
+    def _is_better(self, gains: NDArray[np.float64]) -> bool:
+        """Return whether gains over the imagined futures are positive, and not by mere chance."""
+        error = gains.std() / max(len(gains) - 1, 1) ** 0.5
+        return bool(gains.mean() > self.options["doubt"] * error + NEARLY)
 
     def _try(self, future: Any, commands: Sequence[int]) -> float:
         """Return the score of commands after which the base flies on."""
@@ -180,7 +190,7 @@ class Rollout:
             base = copy(self._base) if hasattr(self._base, "watch") else deepcopy(self._base)
         _show(base, inner, future.path)
         if self._mind is not None:
-            self._mind.forget()
+            self._mind.think_like(self._base)
         shown: Snapshot = inner.step(commands)
         for _ in range(self.options["horizon"] - 1):
             if shown.terminated or shown.truncated:

@@ -85,9 +85,7 @@ def test_a_drone_flies_over_a_building():
 
 def test_a_drone_charges_before_its_battery_is_empty():
     battery = {"autonomy_min": 8, "return_below": 0.3}
-    world = strip(
-        [(4, 0)], at(2), steps=60, battery=battery, stations={"full_charge_min": 2}
-    )
+    world = strip([(4, 0)], at(2), steps=60, battery=battery, stations={"full_charge_min": 2})
     ((log, _),) = play(world, Greedy(horizon=20), "mine", seed=0, engine="batch")
     assert log.crashes == 0
     # A cycle of 8 + 2 minutes, in which the drone has to fly two cells in both directions.
@@ -348,10 +346,12 @@ def test_no_drone_crashes_in_200_random_episodes():
 
 @pytest.mark.parametrize("name", ["greedy:horizon=12", "rollout:baseline+samples=1+horizon=2"])
 def test_both_engines_and_two_runs_give_the_same_tables(name: str):
-    world = build_world(load("case9"), 0)
-    world = build_world(world.scenario.model_copy(
-        update={"episode": world.scenario.episode.model_copy(update={"steps": 5})}), 0)  # fmt: skip
-    results = [run(world, load_policy(name), name, 3, 2, engine=e) for e in ("batch", "des", "batch")]
+    scenario = load("case9")
+    episode = scenario.episode.model_copy(update={"steps": 5})
+    world = build_world(scenario.model_copy(update={"episode": episode}), 0)
+    results = [
+        run(world, load_policy(name), name, 3, 2, engine=e) for e in ("batch", "des", "batch")
+    ]
     for other in results[1:]:
         assert results[0].requests.equals(other.requests)
         assert results[0].steps.equals(other.steps)

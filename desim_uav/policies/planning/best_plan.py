@@ -45,6 +45,32 @@ def free_steps(busy: Ints, pads: int) -> Ints:
     return free
 
 
+@part
+def _move(
+    top: Floats, which: NDArray[np.int8], move: int, gain: float, then: Floats, drain: int
+) -> None:
+    """Let a drone move with each battery for which that is better than what is known so far."""
+    for b in range(1 + drain, len(top)):
+        worth = gain + then[b - drain]
+        if worth > top[b] + EPS:
+            top[b], which[b] = worth, move
+
+
+@part
+def _take(top: Floats, which: NDArray[np.int8], battery: int, action: int, worth: float) -> None:
+    """Let a drone take an action if it is better than what is known so far."""
+    if worth > top[battery] + EPS:
+        top[battery], which[battery] = worth, action
+
+
+@part
+def _after(value: Floats, end: int, place: int, step_worth: float) -> float:
+    """Return the value of a full battery at a place and step, which may be after the last one."""
+    last = len(value) - 1
+    worth: float = value[min(end, last), place, value.shape[2] - 1]
+    return worth - max(0, end - last) * step_worth
+
+
 @maker
 def values_of(
     gained: Floats,
@@ -78,31 +104,24 @@ def values_of(
     for t in range(steps - 1, begins - 1, -1):
         for p in range(places):
             top, which = value[t, p], best[t, p]
-            for b in range(full + 1):
-                top[b] = LOST
+            top[:] = LOST
             here, station = gained[0, t, rings[p], cells[p]], station_of[p]
             for m in range(moves):
-                q, drain = after[m, p], drains[m]
+                q = after[m, p]
                 if q >= 0:
-                    gain, then = here + gained[1, t, rings[q], cells[q]], value[t + 1, q]
-                    for b in range(1 + drain, full + 1):
-                        if gain + then[b - drain] > top[b] + EPS:
-                            top[b], which[b] = gain + then[b - drain], m
+                    gain = here + gained[1, t, rings[q], cells[q]]
+                    _move(top, which, m, gain, value[t + 1, q], drains[m])
             if station >= 0:
                 for b in range(1, full):
                     end = _charged_by(free, station, t, -(-charge_us[b] // step_us))
-                    worth = value[min(end, steps), p, full] - max(0, end - steps) * rates[1]
-                    if worth > top[b] + EPS:
-                        top[b], which[b] = worth, moves + 1
+                    _take(top, which, b, moves + 1, _after(value, end, p, rates[1]))
             if returns[p, 3] == 1:
                 q, flight_us, drain = returns[p, 0], returns[p, 1], returns[p, 2]
                 for b in range(drain + 1, min(return_at, full) + 1):
-                    lands = t + flight_us // step_us
+                    lands = min(t + flight_us // step_us, steps)
                     takes = -(-(flight_us % step_us + charge_us[b - drain]) // step_us)
-                    end = _charged_by(free, station_of[q], min(lands, steps), takes)
-                    worth = value[min(end, steps), q, full] - max(0, end - steps) * rates[1]
-                    if worth > top[b] + EPS:
-                        top[b], which[b] = worth, moves
+                    end = _charged_by(free, station_of[q], lands, takes)
+                    _take(top, which, b, moves, _after(value, end, q, rates[1]))
     return value, best
 
 

@@ -1,4 +1,4 @@
-"""Which users a drone will cover from each place at each coming step, as far as can be known now."""
+"""Which users a drone will cover from each place at each coming step, as far as can be known."""
 
 from __future__ import annotations
 

@@ -158,7 +158,8 @@ def _needs(after: Ints, drains: Ints, station_of: Ints) -> Ints:
         led = np.where(after >= 0, needs[after] + drains[:, None], NO_WAY)
         nearer = np.minimum(needs, led.min(axis=0))
         if (nearer == needs).all():
-            return nearer
+            found: Ints = nearer
+            return found
         needs = nearer
 
 
@@ -186,6 +187,6 @@ def _spread_m(world: World) -> Floats:
         streams = Streams(world.seed, Purpose.PLANNER, episode)
         walks = mobility.walks(homes, streams, world.area, world.horizon_us)
         for step in range(steps + 1):
-            away_m = all_walked(*walks, step * world.step_us) - homes
+            away_m = all_walked(walks.legs, walks.offsets, step * world.step_us) - homes
             squares[step] += (away_m * away_m).mean() / DRAWN_WALKS
     return np.array([math.sqrt(each) for each in squares])

@@ -1,4 +1,4 @@
-"""What a planner sees of an engine at a decision epoch: all users now, all drones, and no future."""
+"""What a planner sees of an engine at a decision epoch: all users and drones, and no future."""
 
 from __future__ import annotations
 
@@ -12,9 +12,6 @@ from desim_uav.engine.episode import Engine
 from desim_uav.model.rules import DECIDES, Mode
 from desim_uav.model.state import Observation
 from desim_uav.policies.planning.ground import NO_WAY, Ground
-
-INFORMATION = "all users and drones now: places, open requests, batteries; no future"
-"""What planners know that do not know the future, for tables and documentation."""
 
 
 class Standing(NamedTuple):
@@ -141,4 +138,3 @@ def _charges(
         begins, ready = begins_us // world.step_us, -(-(begins_us + takes_us) // world.step_us)
         found[drone] = Standing(max(ready, 1), ground.number(x, y, 0), ground.full, station, begins)
     return found
-

@@ -42,7 +42,7 @@ def horizon_of(ground: Ground, habits: Habits) -> int:
     """
     places, units = len(ground.cells), ground.full + 1
     numbers = len(ground.radii_m) * len(ground.centres_m) * ground.radii_m.shape[1]
-    most = min(MOST_SHARES // numbers, MOST_VALUES // (places * units)) - 1
+    most = int(min(MOST_SHARES // numbers, MOST_VALUES // (places * units))) - 1
     if most < min(SHORTEST, habits.horizon):
         raise PolicyError(
             f"greedy: the scenario is too large: {len(ground.centres_m):,} cells by "
@@ -134,8 +134,10 @@ class Team:
             standing.ready,
         )
         start = (standing.ready, standing.place, standing.units)
-        rest = (ground.charge_us, ground.world.step_us, free, start)
-        plan = plan_of(best, ground.after, ground.drains, *charge, *rest)
+        step_us = ground.world.step_us
+        plan = plan_of(
+            best, ground.after, ground.drains, *charge, ground.charge_us, step_us, free, start
+        )
         changed = not np.array_equal(plan, self.plans[drone])
         self.plans[drone] = plan
         self._hold(drone)
@@ -152,7 +154,7 @@ class Team:
     def _rates(self, gained: Floats) -> tuple[float, float]:
         """Return the worth of a unit of battery, and of a step of charging, after the plan.
 
-        A drone that gains g per step, flies for F steps and charges for C steps, gains g F / (F + C)
+        A drone that gains g per step, flies for F steps and charges for C steps gains g F / (F + C)
         per step on average. A unit of battery is worth what it gains more than this.
         """
         world, ground = self.ground.world, self.ground
