@@ -95,11 +95,9 @@ class Greedy:
 
     def _may_follow(self, seen: Sight) -> bool:
         """Return whether all drones that decide are where their plans say, if these are to last."""
-        if (
-            self._stale
-            or len(self._plans) == 0
-            or self._age >= min(self.options["every"], self._plans.shape[1])
-        ):
+        if self._stale or len(self._plans) == 0:
+            return False
+        if self._age >= min(self.options["every"], self._plans.shape[1]):
             return False
         now = self._plans[:, self._age]
         return all(
