@@ -16,6 +16,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.compiled.forks import Forks
+from desim_uav.env import UavVectorEnv
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import find_scenario
@@ -61,10 +62,13 @@ def main(scenario: str) -> None:
         forks.take()
         forks.step(commands)
 
+    envs = UavVectorEnv(scenario, FORKS, world_seed=0)
+    envs.reset(seed=0)
     ways: dict[str, tuple[Callable[[], object], int]] = {
         "Forks.take, per fork": (forks.take, FORKS),
         "Forks.take and a step, per fork": (forked_and_stepped, FORKS),
         "BatchSimulation.fork_into, per sibling": (lambda: engine.fork_into(siblings), FORKS),
+        "UavVectorEnv.assign, per environment": (lambda: envs.assign(0), FORKS),
         "BatchSimulation.save": (engine.save, 1),
         "BatchSimulation.take, of its own state": (lambda: engine.take(saved), 1),
         "BatchSimulation.take, of a SimPy state": (lambda: siblings[0].take(told), 1),

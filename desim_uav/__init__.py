@@ -11,6 +11,7 @@ __version__ = "0.1.0"
 
 if TYPE_CHECKING:
     from desim_uav.api.compare import Comparison, compare, compare_runs
+    from desim_uav.api.fork import Counterfactual, counterfactual
     from desim_uav.api.pictures import film, plot, write_replay, write_report
     from desim_uav.api.replay import Replay
     from desim_uav.api.run import RunResult, read_run, run
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
 
 _PUBLIC = {
     "Comparison": "desim_uav.api.compare",
+    "Counterfactual": "desim_uav.api.fork",
     "DesimError": "desim_uav.errors",
     "DesimWarning": "desim_uav.errors",
     "Interrupted": "desim_uav.errors",
@@ -51,6 +53,7 @@ _PUBLIC = {
     "build_world": "desim_uav.world",
     "compare": "desim_uav.api.compare",
     "compare_runs": "desim_uav.api.compare",
+    "counterfactual": "desim_uav.api.fork",
     "draw": "desim_uav.sample_path",
     "film": "desim_uav.api.pictures",
     "find_optimum": "desim_uav.api.study",
@@ -69,6 +72,7 @@ _PUBLIC = {
 
 __all__ = [
     "Comparison",
+    "Counterfactual",
     "DesimError",
     "DesimWarning",
     "Interrupted",
@@ -91,6 +95,7 @@ __all__ = [
     "build_world",
     "compare",
     "compare_runs",
+    "counterfactual",
     "draw",
     "film",
     "find_optimum",

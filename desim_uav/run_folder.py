@@ -70,7 +70,7 @@ class Draft:
     def seal(self) -> None:
         """Write the checksums of all files that were written."""
         with self._complaining(SUMS):
-            text = of_files(self.path.iterdir())
+            text = of_files(file for file in self.path.iterdir() if file.is_file())
         self.write_text(SUMS, text)
 
     @contextmanager

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
 from desim_uav.cli import options
 from desim_uav.cli.ending import complain, end_politely
+from desim_uav.cli.fork import run_forked
 from desim_uav.errors import UsageError
 
 
@@ -33,6 +34,24 @@ def run(
     overrides: options.Override = None,
     seed: options.Seed = None,
     world_seed: options.WorldSeed = None,
+    fork: Annotated[
+        str | None,
+        typer.Option(
+            metavar="EPISODE:STEP",
+            help="Also play what would have happened if the policy --to had gone on from this step "
+            "(both numbers from 0), and compare both. Events are kept.",
+            rich_help_panel=options.MAKING,
+        ),
+    ] = None,
+    to: Annotated[
+        str | None,
+        typer.Option(
+            metavar="POLICY",
+            help="The policy that goes on from --fork; see --policy.",
+            autocompletion=_policies,
+            rich_help_panel=options.MAKING,
+        ),
+    ] = None,
     events: Annotated[
         bool,
         typer.Option(
@@ -62,6 +81,16 @@ def run(
     import desim_uav as du
 
     end_politely()
+    if fork is not None or to is not None:
+        how: dict[str, Any] = {
+            "seed": seed,
+            "world_seed": world_seed,
+            "episodes": episodes,
+            "warmup": warmup,
+        }
+        how |= {"engine": engine}
+        run_forked(scenario, overrides, (policy, to), fork, how, out, (as_json, quiet))
+        return
     try:
         done = du.run(
             scenario,

@@ -26,7 +26,7 @@ from desim_uav.rules import requests
 from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
 from desim_uav.rules.rows import Closed
-from desim_uav.rules.words import EVENT_KINDS, NEVER, ON_LEG, OVERBOOKED, TOO_LARGE
+from desim_uav.rules.words import EVENT_KINDS, NEVER, ON_LEG, OVERBOOKED, RETURNING, TOO_LARGE
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -219,13 +219,15 @@ class Engine(Independent, ABC):
         if not self._under_way or not self._ready():
             raise SimulationError("save: no episode has begun, or a step has failed")
         before, kept = self._keep()
+        log = copied(self.log, self.settings)
+        log.crashed[:] = self.entries("crashed")  # which a kernel may not have added yet
         return SavedState(
             self.world,
             self.settings,
             self.drawn,
             before,
             kept,
-            copied(self.log, self.settings),
+            log,
             tuple((number, tuple(drones)) for number, drones in self._served_by.items()),
             self.named_terms(),
             self.latest,
@@ -261,7 +263,12 @@ class Engine(Independent, ABC):
 
     def routes(self) -> tuple[tuple[tuple[int, int, int], ...], ...]:
         """Return the next hops of each drone's return, as (dx, dy, dlevel)."""
-        return tuple([tuple(self.hops(drone.route, drone.route_end)) for drone in self.drones])
+        return tuple(
+            [
+                tuple(self.hops(drone.route, drone.route_end)) if drone.mode == RETURNING else ()
+                for drone in self.drones
+            ]
+        )
 
     def set_routes(self, routes: Sequence[Sequence[tuple[int, int, int]]]) -> None:
         """Give each drone the next hops of its return."""

@@ -22,14 +22,15 @@ def checked(value: Any, world: World, ceilings: Sequence[bool]) -> Carried:
 
 def _drone(value: Any, world: World, ceiling: bool) -> CarriedDrone:
     mode, node, battery_us, age_us, hop, route, counted_m, place, fallen_m = _listed(value, 9)
+    returns = mode == Mode.RETURNING  # what another drone has of a route is left from before
     (nx, ny), levels = world.grid.cells, world.grid.levels(ceiling)
     one = CarriedDrone(
         Mode(_whole(mode, 0, HIGHEST)),
         _node(node, (0, 0, 0), (nx - 1, ny - 1, levels - 1)),
         _whole(battery_us, 0, world.capacity_us),
         _whole(age_us, 0, HIGHEST),
-        None if hop is None else _hop(hop),
-        tuple(map(_hop, _listed(route))),
+        _hop(hop) if returns and hop is not None else None,
+        tuple(map(_hop, _listed(route))) if returns else (),
         _number(counted_m),
         _whole(place, 0, world.scenario.drones.count),
         None if fallen_m is None else _place(fallen_m, world),
@@ -43,9 +44,7 @@ def _drone(value: Any, world: World, ceiling: bool) -> CarriedDrone:
 
 def _check_way(one: CarriedDrone, world: World, ceiling: bool) -> None:
     """Raise ValueError if a drone is not on its way, or not at a station that it needs."""
-    under_way, at = one.mode is Mode.RETURNING, one.node
-    if (one.hop is not None or one.route) and not under_way:
-        raise ValueError("only a returning drone has hops")
+    at = one.node
     if one.hop is not None and one.age_us >= world.return_transits[one.hop].duration_us:
         raise ValueError("a hop is over before the episode begins")
     hops = (*([one.hop] if one.hop else []), *one.route)

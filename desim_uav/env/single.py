@@ -33,10 +33,8 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
 
     ``copy.copy``, ``copy.deepcopy`` and ``pickle`` make an independent environment at any point of
     an episode. It continues exactly as this one would. A pickle does so in any process that has
-    the same versions of desim-uav and Python. On SimPy a copy repeats the present episode, so a
-    copy takes about as long as the episode has taken so far; in the compiled engine a copy takes
-    the same time at any step. A copy with ``render_mode="human"`` opens a window when it first
-    renders.
+    the same versions of desim-uav and Python. ``save`` and ``restore`` go back to an epoch, with
+    either engine. A copy with ``render_mode="human"`` opens a window when it first renders.
     """
 
     metadata = RENDERING

@@ -115,7 +115,7 @@ def prepare(
 
 def place_of(scenario: Scenario, policy: PolicyLike, out: Path | None) -> Place:
     """Return the folder of a run: ``out``, or ``runs/<scenario>-<policy>-s<seed>``."""
-    return Place(out, f"{scenario.name}-{_label(policy_name(policy))}-s{scenario.seed}")
+    return Place(out, f"{scenario.name}-{label_of(policy_name(policy))}-s{scenario.seed}")
 
 
 def run_to_folder(
@@ -171,19 +171,30 @@ def record(
 
     Raises KeyboardInterrupt if Ctrl-C is pressed before the first counted episode has ended.
     """
-    world, policy, seed = prepared.world, prepared.policy, prepared.scenario.seed
-    now = clock()
-    started = now()
     episodes = run.play(
-        world,
-        policy,
+        prepared.world,
+        prepared.policy,
         prepared.name,
-        seed,
+        prepared.scenario.seed,
         how.episodes,
         how.warmup,
         how.keep_events,
         how.engine,
     )
+    return record_episodes(prepared, how, episodes, write, advance)
+
+
+def record_episodes(
+    prepared: Prepared,
+    how: How,
+    episodes: Iterable[run.Played],
+    write: Write,
+    advance: Callable[[], None] = lambda: None,
+) -> Recorded:
+    """Record the episodes of a policy as ``record`` does, whoever plays them."""
+    world, policy, seed = prepared.world, prepared.policy, prepared.scenario.seed
+    now = clock()
+    started = now()
     tally, by_service = _write_tables(world, episodes, how.keep_events, write, advance)
     if not tally.episodes:
         raise KeyboardInterrupt
@@ -297,7 +308,7 @@ def _where_it_learned(scenario: Scenario, policy: Policy) -> Scenario:
     return scenario.model_copy(update={"world_seed": world_seed})
 
 
-def _label(name: str) -> str:
+def label_of(name: str) -> str:
     """Return a policy's part of a folder's name: the name of its file or of the file's folder."""
     file = file_of(name)
     if file is None:

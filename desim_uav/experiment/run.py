@@ -12,8 +12,10 @@ import pandas as pd
 from desim_uav import qoe
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.choose import make_engine
+from desim_uav.engine.episode import Engine
 from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
+from desim_uav.model.state import Snapshot
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.base import Policy, decide, show
 from desim_uav.records import FLOAT, LINKS
@@ -92,17 +94,39 @@ def play(
     for episode in range(-warmup, episodes):
         with naming_plug_ins():
             path = draw(world, seed, episode)
-            with _blame(policy_name, episode):
-                carried = settings.carry_over and simulation.truncated and not simulation.terminated
-                policy.begin(world, Streams(seed, Purpose.LEARNER, episode), carried)
-            snapshot = simulation.reset(path)
-            with _blame(policy_name, episode):
-                show(policy, simulation, path)
-            while not (snapshot.terminated or snapshot.truncated):
-                with _blame(policy_name, episode, snapshot.step):
-                    commands = decide(policy, snapshot)
-                snapshot = simulation.step(commands)
+            carried = settings.carry_over and simulation.truncated and not simulation.terminated
+            begin(policy, policy_name, world, seed, episode, carried)
+            fly(simulation, policy, policy_name, simulation.reset(path))
         yield simulation.log, path
+
+
+def begin(
+    policy: Policy, policy_name: str, world: World, seed: int, episode: int, carried: bool
+) -> None:
+    """Let a policy prepare for an episode. Raises SimulationError if it fails."""
+    with _blame(policy_name, episode):
+        policy.begin(world, Streams(seed, Purpose.LEARNER, episode), carried)
+
+
+def fly(
+    simulation: Engine,
+    policy: Policy,
+    policy_name: str,
+    snapshot: Snapshot,
+    until: int | None = None,
+) -> Snapshot:
+    """Let a policy command the drones until the end of the episode, or until a step of it.
+
+    Returns the last snapshot. Raises SimulationError if the policy or the engine fails.
+    """
+    episode = simulation.log.episode
+    with _blame(policy_name, episode, snapshot.step):
+        show(policy, simulation)
+    while not (snapshot.terminated or snapshot.truncated) and snapshot.step != until:
+        with _blame(policy_name, episode, snapshot.step):
+            commands = decide(policy, snapshot)
+        snapshot = simulation.step(commands)
+    return snapshot
 
 
 class Tally:

@@ -15,7 +15,6 @@ from desim_uav.world import World
 
 if TYPE_CHECKING:
     from desim_uav.engine.episode import Engine
-    from desim_uav.sample_path import SamplePath
 
 
 class Policy(Protocol):
@@ -53,15 +52,28 @@ class JointPolicy(Policy, Protocol):
 
 
 class Planner(JointPolicy, Protocol):
-    """Sees more than the drones do: it is shown the engine when an episode has begun.
+    """Sees more than the drones do: it is shown the engine before its first decision.
 
-    ``information`` says what it uses of it, because rules forbid a planner nothing.
+    ``information`` says what it uses of it, because nothing keeps a planner from using all.
     """
 
     information: str
 
-    def watch(self, engine: Engine, path: SamplePath) -> None:
-        """Take the engine of the episode that has begun, and its sample path."""
+    def watch(self, engine: Engine) -> None:
+        """Take the engine of the episode, at the decision epoch at which it begins to decide."""
+
+
+class Remembering(Policy, Protocol):
+    """A policy that remembers something between its decisions, beside what ``begin`` prepares.
+
+    All other policies decide on what they are shown alone, so that nothing has to be saved of them.
+    """
+
+    def memory(self) -> Any:
+        """Return what the policy remembers now, as plain data that JSON has."""
+
+    def remember(self, memory: Any) -> None:
+        """Remember what ``memory`` has returned, after ``begin`` in the same world."""
 
 
 class Learned(Protocol):
@@ -77,22 +89,39 @@ PolicyLike = str | Path | Policy | type[Policy] | Choice | Learned
 or class, a plain function of an observation and a mask, or the result of a training."""
 
 
-def show(policy: Policy, engine: Engine, path: SamplePath) -> None:
-    """Show a policy that is a planner the engine of an episode that has begun."""
+def show(policy: Policy, engine: Engine) -> None:
+    """Show a policy the engine of the present episode if it is a planner."""
     watch = getattr(policy, "watch", None)
     if watch is not None:
-        watch(engine, path)
+        watch(engine)
 
 
 def decide(policy: Policy, shown: Snapshot) -> list[int]:
     """Return the policy's actions for a snapshot, in the order of the drones."""
+    return decide_by(policy, shown.observations, shown.masks)
+
+
+def decide_by(
+    policy: Policy, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
+) -> list[int]:
+    """Return the policy's actions for what all drones observe, in their order."""
     jointly = getattr(policy, "act_jointly", None)
     if jointly is not None:
-        commands = jointly(shown.observations, shown.masks)
+        commands = jointly(observations, masks)
     else:
-        seen = zip(shown.observations, shown.masks, strict=True)
+        seen = zip(observations, masks, strict=True)
         commands = [policy.act(observation, mask) for observation, mask in seen]
     return [int(command) for command in commands]
+
+
+def memory_of(policy: Policy) -> Any:
+    """Return what a policy remembers now (see ``Remembering``); None if it remembers nothing."""
+    return getattr(policy, "memory", lambda: None)()
+
+
+def remind(policy: Policy, memory: Any) -> None:
+    """Let a policy that has begun remember what ``memory_of`` has returned."""
+    getattr(policy, "remember", lambda memory: None)(memory)
 
 
 def parts(name: str) -> tuple[str, str]:

@@ -34,6 +34,14 @@ class Baseline:
         if not carried:
             self._direction = [1] * len(world.starts)
 
+    def memory(self) -> list[int]:
+        """Return the direction in which each drone flies along its column or row: 1 or -1."""
+        return list(self._direction)
+
+    def remember(self, memory: list[int]) -> None:
+        """Let the drones fly on in these directions."""
+        self._direction = list(memory)
+
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
         """Return to charge at 15 % of the battery; else fly to the route's next cell, or climb."""
         if sum(mask) == 1:

@@ -65,16 +65,17 @@ class Clairvoyant:
         horizon_of(self._ground, Habits(HORIZON, 0.0, FADE, ROUNDS))
         self._rng = Streams(streams.seed, Purpose.PLANNER, streams.episode).generator(0)
 
-    def watch(self, engine: Engine, path: SamplePath) -> None:
-        """Search the episode that begins for its commands."""
+    def watch(self, engine: Engine) -> None:
+        """Search the rest of the episode for its commands."""
         from desim_uav.policies.planning.team import Habits
 
-        self._places_m = self._walked(path)
+        self._places_m = self._walked(engine.drawn)
         self._inner.take(engine.save())
         self._epochs: list[Any] = []
         self._commands: list[list[int]] = []
         self._value = 0.0
         shown = self._inner.restore(self._inner.save())
+        self._first = shown.step
         for self._knows, waiting in STARTS:
             self._habits = Habits(HORIZON, waiting, FADE, ROUNDS)
             self._play(shown, [], [])
@@ -84,7 +85,7 @@ class Clairvoyant:
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
         """Return the command that was found for this step and drone."""
-        return self._commands[observation.step][observation.drone]
+        return self._commands[observation.step - self._first][observation.drone]
 
     def _walked(self, path: SamplePath) -> Any:
         """Return the users' places at all decision epochs: (steps + 1, users, 2)."""
@@ -106,10 +107,10 @@ class Clairvoyant:
         from desim_uav.policies.planning.inner import score
 
         told, epochs, plans = [*first, *then], [], ((), 0)
-        begins, commands = shown.step, []
+        begins, commands = shown.step - self._first, []
         while not (shown.terminated or shown.truncated):
             epochs.append((self._inner.save(), shown))
-            step = shown.step - begins
+            step = shown.step - self._first - begins
             if step < len(told):
                 chosen = told[step]
             else:

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.policies.planning.options import Option, options_of
@@ -15,7 +17,6 @@ if TYPE_CHECKING:
     from desim_uav.engine.episode import Engine
     from desim_uav.policies.planning.ground import Ground
     from desim_uav.policies.planning.sight import Sight
-    from desim_uav.sample_path import SamplePath
 
 OPTIONS = {
     "horizon": Option(40, 1, 1000),
@@ -67,8 +68,8 @@ class Greedy:
         horizon_of(self._ground, self._habits)
         self.forget()
 
-    def watch(self, engine: Engine, path: SamplePath) -> None:
-        """Take the engine of the episode that begins; its sample path is not looked at."""
+    def watch(self, engine: Engine) -> None:
+        """Take the engine of the episode; its sample path is not looked at."""
         self._engine = engine
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
@@ -104,6 +105,15 @@ class Greedy:
             one.ready > 0 or (now[d, 0] >= 0 and now[d, 1] == one.place)
             for d, one in enumerate(seen.drones)
         )
+
+    def memory(self) -> dict[str, Any]:
+        """Return the present plans and their age."""
+        return {"plans": [plan.tolist() for plan in self._plans], "age": self._age}
+
+    def remember(self, memory: dict[str, Any]) -> None:
+        """Go on with plans that ``memory`` has returned."""
+        self._plans = np.array(memory["plans"], np.int64) if memory["plans"] else ()
+        self._age = memory["age"]
 
     def in_rollouts(self, horizon: int) -> Greedy:
         """Return a policy that does nearly the same in simulations, but plans once in each."""

@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
 
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
@@ -19,6 +22,17 @@ class Random:
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Take a new random stream for each drone."""
         self._streams = [streams.generator(d) for d in range(world.scenario.drones.count)]
+
+    def memory(self) -> list[list[int]]:
+        """Return the state of each drone's random stream, as four whole numbers."""
+        states: list[dict[str, Any]] = [dict(one.bit_generator.state) for one in self._streams]
+        return [state["state"]["state"].tolist() for state in states]
+
+    def remember(self, memory: list[list[int]]) -> None:
+        """Continue the random streams from these states."""
+        for stream, words in zip(self._streams, memory, strict=True):
+            state: dict[str, Any] = dict(stream.bit_generator.state)
+            stream.bit_generator.state = state | {"state": {"state": np.array(words, np.uint64)}}
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
         """Draw one of the allowed actions."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from copy import copy, deepcopy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -13,13 +12,13 @@ from desim_uav.errors import PolicyError
 from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Streams
+from desim_uav.policies.base import decide, decide_by, load_policy, policy_name, show
 from desim_uav.policies.planning.options import Option, options_of, split_options
 from desim_uav.registry import register
 from desim_uav.world import World
 
 if TYPE_CHECKING:
     from desim_uav.engine.episode import Engine
-    from desim_uav.sample_path import SamplePath
 
 OPTIONS = {
     "samples": Option(4, 1, 1000),
@@ -54,8 +53,6 @@ class Rollout:
         ``base`` may be any policy. Raises ValueError without a base and for a bad option, and
         PolicyError if the base cannot be loaded or is a rollout itself.
         """
-        from desim_uav.policies.base import load_policy, policy_name
-
         name, text = split_options(argument) if base is None else ("", argument)
         if base is None and not name:
             raise ValueError("a rollout needs its base: rollout:BASE, as in rollout:greedy")
@@ -90,10 +87,19 @@ class Rollout:
         if self._mind is not None:
             self._mind.begin(world, streams, carried)
 
-    def watch(self, engine: Engine, path: SamplePath) -> None:
-        """Take the engine of the episode that begins; its sample path is not looked at."""
+    def watch(self, engine: Engine) -> None:
+        """Take the engine of the episode; its sample path is not looked at."""
         self._engine = engine
-        _show(self._base, engine, path)
+        show(self._base, engine)
+
+    def memory(self) -> Any:
+        """Return what the base remembers."""
+        return self._base.memory() if hasattr(self._base, "memory") else None
+
+    def remember(self, memory: Any) -> None:
+        """Let the base remember what ``memory`` has returned."""
+        if memory is not None:
+            self._base.remember(memory)
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
         """Raise TypeError: all drones are commanded at once (see ``act_jointly``)."""
@@ -103,12 +109,13 @@ class Rollout:
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
     ) -> list[int]:
         """Return the best command of each drone, in turn."""
-        chosen = _decided(self._base, observations, masks)
+        chosen = decide_by(self._base, observations, masks)
         options = [self._options(one, mask) for one, mask in zip(observations, masks, strict=True)]
         chosen = [self._safely(d, chosen[d], allowed) for d, allowed in enumerate(options)]
         if all(len(each) < 2 for each in options):
             return chosen
         self._imagine()
+        self._memory = self.memory()
         best = self._scores(chosen)
         for drone, allowed in enumerate(options):
             for command in allowed:
@@ -118,6 +125,9 @@ class Rollout:
                 scores = self._scores(tried)
                 if self._is_better(scores - best):
                     best, chosen = scores, tried
+        if self._mind is None:
+            show(self._base, self._engine)
+            self.remember(self._memory)
         return chosen
 
     def _options(self, seen: Observation, mask: Sequence[bool]) -> list[int]:
@@ -185,30 +195,15 @@ class Rollout:
 
         inner = self._inner
         inner.restore(future)
-        base = self._mind
-        if base is None:
-            base = copy(self._base) if hasattr(self._base, "watch") else deepcopy(self._base)
-        _show(base, inner, future.path)
-        if self._mind is not None:
+        base = self._base if self._mind is None else self._mind
+        show(base, inner)
+        if self._mind is None:
+            self.remember(self._memory)
+        else:
             self._mind.think_like(self._base)
         shown: Snapshot = inner.step(commands)
         for _ in range(self.options["horizon"] - 1):
             if shown.terminated or shown.truncated:
                 break
-            shown = inner.step(_decided(base, shown.observations, shown.masks))
+            shown = inner.step(decide(base, shown))
         return score(inner, self.options["qoe1"])
-
-
-def _show(policy: Any, engine: Engine, path: SamplePath) -> None:
-    watch = getattr(policy, "watch", None)
-    if watch is not None:
-        watch(engine, path)
-
-
-def _decided(policy: Any, observations: Any, masks: Any) -> list[int]:
-    """Return the actions of a policy for all drones."""
-    jointly = getattr(policy, "act_jointly", None)
-    if jointly is not None:
-        return [int(command) for command in jointly(observations, masks)]
-    seen = zip(observations, masks, strict=True)
-    return [int(policy.act(observation, mask)) for observation, mask in seen]

@@ -29,6 +29,13 @@ MEASURES = {
 }
 """Headings and formats; the table fits a terminal of 80 columns."""
 
+FORKED = {name: MEASURES[name] for name in ("qoe1_percent", "qoe2_iterations", "qoe3_percent")} | {
+    "reward_mean": ("reward", ".3f"),
+    "requests": ("requests", "d"),
+    "crashes": ("crashes", "d"),
+}
+"""The measures of the branches of a run: headings and formats."""
+
 COMPARED = {
     "qoe1_percent": ("QoE1 %", ".2f"),
     "qoe1_feasible_percent": ("feasible QoE1 %", ".2f"),
@@ -55,6 +62,27 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
     if "link_handovers" in summary:
         print(links_in_words(summary))
     print(summary["run_dir"])
+
+
+def print_fork(told: dict[str, Any]) -> None:
+    """Print the measures of both branches of a run since the episode of its fork."""
+    title = "{scenario}, seed {seed}: {to} instead of {policy} from {episode}:{step} on"
+    table = Table(
+        title=_text(title.format(**told)),
+        box=box.SIMPLE_HEAD,
+        padding=(0, 0, 0, 1),
+        title_justify="left",
+    )
+    table.add_column("", no_wrap=True)
+    for heading, _ in FORKED.values():
+        table.add_column(heading, justify="right")
+    rows = {"original": "original", "other": told["to"], "difference": "difference"}
+    for name, shown in rows.items():
+        signed = "+" if name == "difference" else ""
+        cells = (_cell(told[name], key, signed + form) for key, (_, form) in FORKED.items())
+        table.add_row(_text(shown), *cells)
+    print_table(table)
+    print(told["run_dir"])
 
 
 def links_in_words(summary: dict[str, Any]) -> str:

@@ -71,7 +71,7 @@ def test_users_with_open_requests_count_more():
         policy = Greedy(waiting=2.0)
         policy.begin(world, Streams(0, Purpose.LEARNER))
         shown = engine.reset(path)
-        policy.watch(engine, path)
+        policy.watch(engine)
         engine.step(policy.act_jointly(shown.observations, shown.masks))
         assert engine.drones[0].x == cell
 
@@ -247,7 +247,7 @@ def test_the_clairvoyant_waits_where_users_will_be():
     policy = Clairvoyant(tries=40)
     policy.begin(world, Streams(0, Purpose.LEARNER))
     shown = engine.reset(path)
-    policy.watch(engine, path)
+    policy.watch(engine)
     cells = []
     while not shown.truncated:
         shown = engine.step([policy.act(shown.observations[0], shown.masks[0])])

@@ -12,7 +12,7 @@ from scipy import stats
 
 from desim_uav.engine.base import EpisodeLog
 from desim_uav.errors import PolicyError, SimulationError
-from desim_uav.experiment.command import _label
+from desim_uav.experiment.command import label_of
 from desim_uav.experiment.run import play, run
 from desim_uav.model.rules import Action, Mode
 from desim_uav.model.state import Observation
@@ -593,4 +593,4 @@ def test_a_run_is_called_by_its_policys_file(tmp_path: Path, monkeypatch: pytest
         ("rllib:a/checkpoint/desim_uav.npz", "rllib-checkpoint"),
         ("policy.npz", f"table-{tmp_path.name}"),
     ):
-        assert _label(name) == label
+        assert label_of(name) == label

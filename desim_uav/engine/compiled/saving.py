@@ -12,7 +12,7 @@ from desim_uav.engine.saved import Rows, read
 from desim_uav.engine.state import Buffers
 from desim_uav.model.rows import View, Words, array_of
 from desim_uav.rules.rows import Constants, State
-from desim_uav.rules.words import NEVER
+from desim_uav.rules.words import NEVER, RETURNING
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,7 +32,10 @@ class Block:
         """Return the state as rows."""
         state: Any = View(self.words, State)
         hops = array_of(self.fixed.block, Constants, "hops")
-        routes = [tuple(hops[drone.route : drone.route_end].tolist()) for drone in state.drones]
+        routes = [
+            tuple(hops[drone.route : drone.route_end].tolist()) if drone.mode == RETURNING else ()
+            for drone in state.drones
+        ]
         times, keys = state.slot_times, state.slot_keys
         slots = np.flatnonzero(times != NEVER)
         slots = slots[np.lexsort((keys[slots], times[slots]))]

@@ -148,7 +148,6 @@ class Simulation(Engine):
         write(self.state, State, rows.state)
         self.set_routes(rows.routes)
         self.state.named_terms = [dict(terms) for terms in saved.named_terms]
-        self.log.crashed[:] = self.state.crashed
         self._follow(saved.path)
         self._start_clock(self.state.now_us)
         for slot, t_us, place in rows.due:

@@ -10,6 +10,7 @@ from typing import Any
 
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.replay.again import played_again
+from desim_uav.experiment.replay.forked import shown_of
 from desim_uav.experiment.replay.side_by_side import common_episodes
 from desim_uav.policies import Policy
 from desim_uav.report.replay.data import Encoder
@@ -76,14 +77,17 @@ def write_replay(
 ) -> Written:
     """Write the page of a run, or of two in step, into the first run's folder or to ``html``.
 
-    The file is ``replay.html``, or ``replay-NAME.html`` beside a second run in a folder NAME.
+    The file is ``replay.html``, or ``replay-NAME.html`` beside a second run in a folder NAME. Of
+    the folder of a counterfactual, both branches are shown.
     Raises as ``make_replay`` does, and UsageError if the page cannot be written.
     """
     name = f"replay-{beside.resolve().name}.html" if beside else "replay.html"
     file = run_dir / name if html is None else html
     place = file_place(file, "" if html is None else "--html")
-    sources = [Source(folder) for folder in (run_dir, beside) if folder is not None]
-    made = make_replay(sources, episodes, show_progress, most_bytes)
+    shown = shown_of(run_dir, beside, episodes)
+    made = make_replay(
+        [Source(folder) for folder in shown.folders], shown.episodes, show_progress, most_bytes
+    )
     write_at(place, made.content)
     return Written(**vars(made), file=file)
 

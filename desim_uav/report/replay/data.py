@@ -231,6 +231,7 @@ class Encoder:
             "policy": manifest["policy"],
             "seed": str(manifest["seed"]),
             "world_seed": str(self.run.settings.world_seed),
+            "fork": fork_in(manifest),
             "drones": self.drones,
             "senders": self.senders,
             "users": self.users,
@@ -261,6 +262,16 @@ class Encoder:
             name: None if isinstance(row[name], float) and math.isnan(row[name]) else row[name]
             for name in EPISODES
         } | {"duration_us": round(row["duration_s"] * US)}
+
+
+def fork_in(manifest: dict[str, Any]) -> dict[str, int] | None:
+    """Return the episode and the time at which a branch of a run begins; None for other runs."""
+    fork = manifest.get("fork")
+    names = ("episode", "t_us") if isinstance(fork, dict) else ()
+    told: dict[str, Any] = {name: fork.get(name) for name in names}
+    if not told or not all(type(value) is int and 0 <= value < 2**53 for value in told.values()):
+        return None
+    return told
 
 
 NOTHING: frozenset[str] = frozenset()

@@ -24,7 +24,18 @@ FORMAT = 2
 MODULES = (
     *("decode", "palette", "episode", "states", "state", "history", "camera", "crowd", "links"),
     *("view2d", "view3d", "users", "drones", "stations", "points", "scale", "scene", "rows"),
-    *("legend", "timeline", "details", "tip", "player", "panel", "layout", "controls", "main"),
+    *(
+        "legend",
+        "fork",
+        "timeline",
+        "details",
+        "tip",
+        "player",
+        "panel",
+        "layout",
+        "controls",
+        "main",
+    ),
 )
 """The page's modules, each after those that it imports."""
 

@@ -1,6 +1,7 @@
 // The text beside the map: clock, measures, drones and the chosen thing; two runs are side by side.
 
 import { allUsers, describe, howMany, modeOf, tell, usersOf } from "./details.js";
+import { isCommon } from "./fork.js";
 import { clock, droneColour, inkOn, percent, shortClock } from "./palette.js";
 import { byId, element, fillRows, setText } from "./rows.js";
 import { CRASHED, FLYING, RETURNING } from "./states.js";
@@ -146,7 +147,8 @@ export class Panel {
     states.forEach((each, k) => {
       const caption = byId(`caption-${k}`);
       const over = each.episode.durationUs < tUs ? `, over at ${shortClock(each.episode.durationUs)}` : "";
-      setText(caption.firstElementChild, nameOf(this.runs, k) + over);
+      const same = k > 0 && isCommon(states, tUs) ? ", so far the same" : "";
+      setText(caption.firstElementChild, nameOf(this.runs, k) + over + same);
       setText(caption.lastElementChild, `QoE1 ${percent(now[k].qoe1)}   QoE2 ${MEASURES[1][2](now[k])}   QoE3 ${percent(now[k].qoe3)}`);
       this.#updateDrones(each, this.drones[k]);
     });

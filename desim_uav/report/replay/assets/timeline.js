@@ -1,5 +1,6 @@
 // The timeline of an episode under the map: the events of drones, and the measures so far.
 
+import { forkUs } from "./fork.js";
 import { clock, droneColour, FONT, percent, shortClock } from "./palette.js";
 
 const MARKS = 20;
@@ -126,6 +127,7 @@ export class Timeline {
     });
     this.#drawAxis(ctx);
     this.#drawMarks(ctx);
+    this.#drawFork(ctx);
     this.stale = false;
   }
 
@@ -237,6 +239,24 @@ export class Timeline {
       ctx.globalAlpha = 1;
     }
     ctx.lineCap = "round";
+  }
+
+  /** Where two branches of a run part: a dashed line. */
+  #drawFork(ctx) {
+    const parts = forkUs(this.states);
+    if (parts === null || parts === Infinity) return;
+    const x = this.#x(parts);
+    ctx.strokeStyle = ctx.fillStyle = this.theme.muted;
+    ctx.lineWidth = 1;
+    ctx.setLineDash([4, 3]);
+    ctx.beginPath();
+    ctx.moveTo(x, this.flat ? 2 : MARKS);
+    ctx.lineTo(x, this.height - AXIS);
+    ctx.stroke();
+    ctx.setLineDash([]);
+    ctx.textAlign = "left";
+    ctx.textBaseline = "top";
+    if (!this.flat) ctx.fillText("fork", x + 3, MARKS + 2);
   }
 
   /** The names of the lanes and their present values. */
