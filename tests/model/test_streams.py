@@ -71,6 +71,7 @@ class TestNumPys:
             "RESPAWN": 5,
             "LEARNER": 6,
             "LINK": 7,
+            "PLANNER": 8,
         }
 
 
