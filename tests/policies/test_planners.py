@@ -344,7 +344,10 @@ def test_no_drone_crashes_in_200_random_episodes():
     assert _crashes(worlds=40, episodes=5) == 0
 
 
-@pytest.mark.parametrize("name", ["greedy:horizon=12", "rollout:baseline+samples=1+horizon=2"])
+ROLLOUT = pytest.param("rollout:baseline+samples=1+horizon=2", marks=pytest.mark.thorough)
+
+
+@pytest.mark.parametrize("name", ["greedy:horizon=12", ROLLOUT])
 def test_both_engines_and_two_runs_give_the_same_tables(name: str):
     scenario = load("case9")
     episode = scenario.episode.model_copy(update={"steps": 5})
