@@ -21,6 +21,7 @@ def run(
         typer.Option(
             metavar="POLICY",
             help="The policy: baseline, random, hover, a learned table (case8.npz), "
+            "a planner (greedy, rollout:BASE, clairvoyant), "
             "commands from a file (script:FILE.csv), a network (sb3:FILE.zip, rllib:DIR), or a "
             'class of your own ("package.module:Class").',
             autocompletion=_policies,

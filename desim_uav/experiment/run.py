@@ -17,7 +17,7 @@ from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.model.state import Snapshot
 from desim_uav.model.streams import Purpose, Streams
-from desim_uav.policies.base import Policy, decide
+from desim_uav.policies.base import Policy, decide, show
 from desim_uav.records import FLOAT, LINKS
 from desim_uav.registry import FAULTS, naming_plug_ins, what_failed
 from desim_uav.sample_path import SamplePath, draw
@@ -120,6 +120,8 @@ def fly(
     Returns the last snapshot. Raises SimulationError if the policy or the engine fails.
     """
     episode = simulation.log.episode
+    with _blame(policy_name, episode, snapshot.step):
+        show(policy, simulation)
     while not (snapshot.terminated or snapshot.truncated) and snapshot.step != until:
         with _blame(policy_name, episode, snapshot.step):
             commands = decide(policy, snapshot)

@@ -30,6 +30,7 @@ class Purpose(IntEnum):
     LEARNER = 6
     LINK = 7
     TASK = 8
+    PLANNER = 9
 
 
 class Streams:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 from desim_uav.errors import DesimError, PolicyError
 from desim_uav.model.state import Observation, Snapshot
@@ -12,6 +12,9 @@ from desim_uav.model.streams import Streams
 from desim_uav.policies.function import Choice, Function
 from desim_uav.registry import FAULTS, names, resolve, what_failed
 from desim_uav.world import World
+
+if TYPE_CHECKING:
+    from desim_uav.engine.episode import Engine
 
 
 class Policy(Protocol):
@@ -48,6 +51,18 @@ class JointPolicy(Policy, Protocol):
         """Return the actions of all drones in their order. It is called instead of ``act``."""
 
 
+class Planner(JointPolicy, Protocol):
+    """Sees more than the drones do: it is shown the engine before its first decision.
+
+    ``information`` says what it uses of it, because nothing keeps a planner from using all.
+    """
+
+    information: str
+
+    def watch(self, engine: Engine) -> None:
+        """Take the engine of the episode, at the decision epoch at which it begins to decide."""
+
+
 class Remembering(Policy, Protocol):
     """A policy that remembers something between its decisions, beside what ``begin`` prepares.
 
@@ -74,13 +89,27 @@ PolicyLike = str | Path | Policy | type[Policy] | Choice | Learned
 or class, a plain function of an observation and a mask, or the result of a training."""
 
 
+def show(policy: Policy, engine: Engine) -> None:
+    """Show a policy the engine of the present episode if it is a planner."""
+    watch = getattr(policy, "watch", None)
+    if watch is not None:
+        watch(engine)
+
+
 def decide(policy: Policy, shown: Snapshot) -> list[int]:
     """Return the policy's actions for a snapshot, in the order of the drones."""
+    return decide_by(policy, shown.observations, shown.masks)
+
+
+def decide_by(
+    policy: Policy, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
+) -> list[int]:
+    """Return the policy's actions for what all drones observe, in their order."""
     jointly = getattr(policy, "act_jointly", None)
     if jointly is not None:
-        commands = jointly(shown.observations, shown.masks)
+        commands = jointly(observations, masks)
     else:
-        seen = zip(shown.observations, shown.masks, strict=True)
+        seen = zip(observations, masks, strict=True)
         commands = [policy.act(observation, mask) for observation, mask in seen]
     return [int(command) for command in commands]
 

@@ -72,6 +72,7 @@ class TestNumPys:
             "LEARNER": 6,
             "LINK": 7,
             "TASK": 8,
+            "PLANNER": 9,
         }
 
 

@@ -1,0 +1,150 @@
+"""A future that a planner imagines: drawn from the model, given what can be seen now."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.engine.saved import Rows, SavedState
+from desim_uav.model.asking import DUE_US, Requests
+from desim_uav.model.coverage import T0_US, all_walked
+from desim_uav.model.rules import Phase
+from desim_uav.model.streams import Purpose, Streams
+from desim_uav.model.walking import RowWalks, Walks
+from desim_uav.rules.due import ask_slot, key
+from desim_uav.sample_path import SamplePath
+from desim_uav.world import World
+
+WALKS, REQUESTS, NOISE, RESPAWNS = range(4)
+"""What is drawn, each from streams of its own."""
+
+
+def imagined(saved: SavedState, seed: int, sample: int) -> SavedState:
+    """Return the state on a sample path whose past is the true one and whose future is new.
+
+    Users walk on from where they are, by the model of mobility as it begins an episode. Who has no
+    open request asks after a new think time, or at new arrivals; open requests need what they
+    still need. Future position errors and stations of respawns are drawn too. What is drawn depends
+    on the seed, the episode, the step and the number of the sample only.
+    """
+    world, state = saved.world, saved.rows.state
+    draws = _Draws(world, seed, saved.path.episode, state.step, sample)
+    requests = draws.requests(saved.path.requests.after_previous)
+    walking = draws.walks(saved.path, state.now_us)
+    errors, respawn = draws.errors(saved.path), draws.respawns(saved.path)
+    path = replace(
+        saved.path, walking=walking, requests=requests, position_error=errors, respawn=respawn
+    )
+    return replace(saved, path=path, kept=_asking_anew(saved.rows, requests, world.horizon_us))
+
+
+class _Draws:
+    """The draws of one imagined future."""
+
+    def __init__(self, world: World, seed: int, episode: int, step: int, sample: int) -> None:
+        self.world, self.step = world, step
+        self._key = (seed, step, sample)
+        self._episode = episode
+
+    def _streams(self, what: int) -> Streams:
+        """Return the streams of one kind of draws."""
+        (seed,) = np.random.SeedSequence([*self._key, what]).generate_state(1, np.uint64)
+        return Streams(int(seed) >> 1, Purpose.PLANNER, self._episode)
+
+    def walks(self, path: SamplePath, now_us: int) -> Walks | RowWalks:
+        """Return walks that are the true ones until now, and then new ones from where users are."""
+        world, mobility = self.world, self.world.scenario.users.mobility
+        true = path.walks
+        moves = bool((true.legs[:, 3:] != 0.0).any())
+        if not moves and not getattr(mobility, "draws", True):
+            return path.walking  # nobody walks
+        at_m = np.ascontiguousarray(all_walked(*true, now_us))
+        if getattr(mobility, "draws", True):
+            new = mobility.walks(at_m, self._streams(WALKS), world.area, world.horizon_us)
+        else:  # recorded walks: nobody knows how they go on
+            new = Walks(np.hstack([np.zeros((len(at_m), 1)), at_m, 0.0 * at_m]), _each_one(at_m))
+        return _joined(true, new, now_us)
+
+    def requests(self, after_previous: bool) -> Requests:
+        """Return the requests that users will make after those that they have made.
+
+        Recorded requests are not known before they are made, so none are expected.
+        """
+        demand, users = self.world.scenario.demand, len(self.world.homes)
+        if not getattr(demand, "draws", True):
+            return Requests(np.zeros((0, 4), np.int64), np.zeros(users + 1, np.int64), True)
+        streams = self._streams(REQUESTS)
+        drawn = demand.requests(users, self.world.services, streams, self.world.horizon_us)
+        return _without_first(drawn) if after_previous else drawn
+
+    def errors(self, path: SamplePath) -> NDArray[np.float64] | None:
+        """Return the position errors, of which those after now are new."""
+        noise, known = self.world.scenario.position_noise, path.position_error
+        if known is None or noise is None:
+            return None
+        rng = self._streams(NOISE).generator(0)
+        drawn = rng.normal(0.0, noise.sigma_cells, known.shape)
+        drawn = np.where(rng.random(known.shape) < noise.probability, drawn, 0.0)
+        drawn[:, : self.step + 1] = known[:, : self.step + 1]
+        return drawn
+
+    def respawns(self, path: SamplePath) -> NDArray[np.int64]:
+        """Return new stations for drones that are replaced."""
+        if path.respawn.size == 0:
+            return path.respawn
+        rng = self._streams(RESPAWNS).generator(0)
+        return rng.integers(0, len(self.world.stations), path.respawn.shape)
+
+
+def _each_one(users: Any) -> NDArray[np.int64]:
+    """Return the offsets of one leg per user."""
+    return np.arange(len(users) + 1)
+
+
+def _joined(true: Walks, new: Walks, now_us: int) -> Walks:
+    """Return the true legs that begin before now and then the new ones, which begin now."""
+    begun = true.legs[:, T0_US] < now_us
+    users = np.repeat(np.arange(len(true.offsets) - 1), np.diff(true.offsets))[begun]
+    after = np.repeat(np.arange(len(new.offsets) - 1), np.diff(new.offsets))
+    later = new.legs.copy()
+    later[:, T0_US] += now_us
+    owners = np.concatenate([users, after])
+    order = np.argsort(owners, kind="stable")
+    legs = np.concatenate([true.legs[begun], later])[order]
+    counts = np.bincount(owners, minlength=len(true.offsets) - 1)
+    return Walks(np.ascontiguousarray(legs), np.concatenate([[0], np.cumsum(counts)]))
+
+
+def _without_first(drawn: Requests) -> Requests:
+    """Return requests without those at the very start, which users have made already."""
+    firsts = drawn.offsets[:-1][np.diff(drawn.offsets) > 0]
+    dropped = firsts[drawn.rows[firsts, DUE_US] == 0]
+    kept = np.ones(len(drawn.rows), bool)
+    kept[dropped] = False
+    counts = np.add.reduceat(kept, firsts) if len(firsts) else np.zeros(0, np.int64)
+    sizes = np.zeros(len(drawn.offsets) - 1, np.int64)
+    sizes[np.diff(drawn.offsets) > 0] = counts
+    offsets = np.concatenate([[0], np.cumsum(sizes)])
+    return Requests(np.ascontiguousarray(drawn.rows[kept]), offsets, drawn.after_previous)
+
+
+def _asking_anew(rows: Rows, requests: Requests, horizon_us: int) -> Rows:
+    """Return rows in which users are to make these requests, and no longer those of before."""
+    state = rows.state
+    users = len(state.users)
+    due = [event for event in rows.due if not users <= event[0] < 2 * users]
+    for user in state.users:
+        first, end = requests.offsets[user.index : user.index + 2].tolist()
+        waits = not requests.after_previous or user.request.number < 0
+        if waits and first < end:
+            t_us = state.now_us + int(requests.rows[first, DUE_US])
+            if t_us < horizon_us:
+                due.append((ask_slot(state, user.index), t_us, key(Phase.REQUEST, -1, user.index)))
+    if not requests.after_previous:
+        requests.rows[:, DUE_US] += state.now_us
+    asked = [user._replace(next_ask=int(requests.offsets[user.index])) for user in state.users]
+    due.sort(key=lambda event: (event[1], event[2]))
+    return Rows(state._replace(users=tuple(asked)), rows.routes, tuple(due))

@@ -1,0 +1,192 @@
+"""Where drones can be and go, and what batteries and stations allow, in steps and parts of them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.coverage import all_walked
+from desim_uav.model.motion import REST
+from desim_uav.model.rules import MOVES, Action
+from desim_uav.model.streams import Purpose, Streams
+from desim_uav.world import World
+
+Ints = NDArray[np.int64]
+Floats = NDArray[np.float64]
+
+NO_WAY = 2**40
+"""The steps to a station from where there is no way to any."""
+
+DRAWN_WALKS = 8
+"""The number of episodes of walks from which the users' spread is estimated."""
+
+
+@dataclass(frozen=True, eq=False)
+class Ground:
+    """The map of a planner, made once per world. A place has the number (level * nx + x) * ny + y.
+
+    Batteries are counted in units of ``unit_us``, which a step of hovering drains, rounded down.
+    ``actions`` are the moves, hovering first; ``after`` (moves, places) is the place to which each
+    leads, or -1; ``drains`` (moves,) the units that it takes, rounded up. ``station_of`` (places,)
+    is the station on which a drone lands, or -1. ``returns`` (places, 4) has the station's place,
+    the flight in µs, the units that it drains, and 1 if there is a way. ``needs`` (places,) are the
+    units without which a drone comes too late to every station. ``charge_us`` (units + 1,) is the
+    time to a full battery. ``rings`` (places,) is the row of ``radii_m`` (rings, users) that holds
+    at a place, and ``cells`` (places,) its cell, with its centre ``centres_m`` (cells, 2).
+    ``spread_m`` (steps + 1,) is the standard deviation, along an axis, of where a user walks in so
+    many steps.
+    """
+
+    world: World
+    actions: tuple[Action, ...]
+    after: Ints
+    drains: Ints
+    unit_us: int
+    station_of: Ints
+    returns: Ints
+    return_at: int
+    needs: Ints
+    charge_us: Ints
+    rings: Ints
+    cells: Ints
+    centres_m: Floats
+    radii_m: Floats
+    spread_m: Floats
+
+    @property
+    def full(self) -> int:
+        """The units of a full battery; 1 if it is unlimited."""
+        return len(self.charge_us) - 1
+
+    def number(self, x: int, y: int, level: int) -> int:
+        """Return the number of a place."""
+        nx, ny = self.world.grid.cells
+        return (level * nx + x) * ny + y
+
+
+def ground_of(world: World) -> Ground:
+    """Return the map of a planner whose drones fly below the ceiling."""
+    grid, limited = world.grid, world.scenario.limited_battery
+    (nx, ny), levels = grid.cells, grid.levels(True)
+    count = levels * nx * ny
+    actions = (Action.HOVER, *(action for action in world.actions if action in MOVES))
+    after = np.array([_led_to(world, action, levels) for action in actions])
+    unit_us, drains = _drains(world, actions)
+    station_of = np.full(count, -1)
+    for station, (x, y) in enumerate(world.stations):
+        station_of[x * ny + y] = station
+    full = max(1, world.capacity_us // unit_us) if limited else 1
+    units_us = np.minimum(np.arange(full + 1) * unit_us, world.capacity_us)
+    share = (1.0 - units_us / world.capacity_us) if limited else np.zeros(full + 1)
+    noisy = world.scenario.position_noise is not None
+    rings, radii_m = _radii(world, levels)
+    return Ground(
+        world,
+        actions,
+        after,
+        drains,
+        unit_us,
+        station_of,
+        _returns(world, levels, unit_us),
+        -1 if noisy or not limited else world.return_below_us // unit_us,
+        _needs(after, drains, station_of) if limited else np.zeros(count, np.int64),
+        np.ceil(share * world.full_charge_us).astype(np.int64),
+        np.repeat(rings, nx * ny),
+        np.tile(np.arange(nx * ny), levels),
+        np.array([grid.centre(x, y) for x in range(nx) for y in range(ny)]),
+        radii_m,
+        _spread_m(world),
+    )
+
+
+def _led_to(world: World, action: Action, levels: int) -> Ints:
+    """Return the place to which an action leads from each place, or -1 if it is blocked."""
+    grid = world.grid
+    (nx, ny), (dx, dy, up) = grid.cells, MOVES.get(action, (0, 0, 0))
+    led = np.full(levels * nx * ny, -1)
+    for place in range(len(led)):
+        level, x, y = place // (nx * ny), place // ny % nx, place % ny
+        if grid.can_enter(x + dx, y + dy, level + up):
+            led[place] = ((level + up) * nx + x + dx) * ny + y + dy
+    return led
+
+
+def _drains(world: World, actions: tuple[Action, ...]) -> tuple[int, Ints]:
+    """Return the battery that a step of hovering takes, and what each action takes in this unit."""
+    energy = world.scenario.drones.battery
+    if energy is None:
+        return world.step_us, np.zeros(len(actions), np.int64)
+    unit_us = max(1, energy.drained_us(REST, world.step_us))
+    units = []
+    for action in actions:
+        transit = world.epoch_transits.get(action, REST)
+        rest_us = world.step_us - transit.duration_us
+        drained_us = energy.drained_us(REST, max(rest_us, 0))
+        if transit.duration_us:
+            drained_us += energy.drained_us(transit, transit.duration_us)
+        units.append(-(-drained_us // unit_us))
+    return unit_us, np.array(units)
+
+
+def _returns(world: World, levels: int, unit_us: int) -> Ints:
+    """Return the planned return from each place (see ``Ground.returns``)."""
+    nx, ny = world.grid.cells
+    found = np.zeros((levels * nx * ny, 4), np.int64)
+    if not world.scenario.limited_battery or not world.stations:
+        return found
+    for place in range(len(found)):
+        back = world.planner.plan((place // ny % nx, place % ny, place // (nx * ny)))
+        if back is not None:
+            x, y = world.stations[back.station]
+            found[place] = (x * ny + y, back.duration_us, -(-back.drained_us // unit_us), 1)
+    return found
+
+
+def _needs(after: Ints, drains: Ints, station_of: Ints) -> Ints:
+    """Return the units of battery that moves to the nearest station take from each place, plus 1.
+
+    Without any station it is 0, because no drone can be saved.
+    """
+    needs = np.where(station_of >= 0, 1, NO_WAY)
+    if not (station_of >= 0).any():
+        return np.zeros(len(needs), np.int64)
+    while True:
+        led = np.where(after >= 0, needs[after] + drains[:, None], NO_WAY)
+        nearer = np.minimum(needs, led.min(axis=0))
+        if (nearer == needs).all():
+            found: Ints = nearer
+            return found
+        needs = nearer
+
+
+def _radii(world: World, levels: int) -> tuple[Ints, Floats]:
+    """Return the row of radii that holds on each level, and the radii (rings, users).
+
+    They are those of the widest class of the drones' links.
+    """
+    radii_m = np.maximum(world.links[0].rings_m[:levels, :, 0], 1e-6)[:, world.groups]
+    rows, numbers = np.unique(radii_m, axis=0, return_inverse=True)
+    return numbers.reshape(-1).astype(np.int64), np.ascontiguousarray(rows)
+
+
+def _spread_m(world: World) -> Floats:
+    """Return the spread of users who walk for so many steps, which is estimated from some walks.
+
+    A mobility that draws nothing, such as a trace, is not asked, because its walks are the future.
+    """
+    mobility: Any = world.scenario.users.mobility
+    steps, homes = world.scenario.episode.steps, np.ascontiguousarray(world.homes[:, :2])
+    if not getattr(mobility, "draws", True):
+        return np.zeros(steps + 1)
+    squares = np.zeros(steps + 1)
+    for episode in range(DRAWN_WALKS):
+        streams = Streams(world.seed, Purpose.PLANNER, episode)
+        walks = mobility.walks(homes, streams, world.area, world.horizon_us)
+        for step in range(steps + 1):
+            away_m = all_walked(walks.legs, walks.offsets, step * world.step_us) - homes
+            squares[step] += (away_m * away_m).mean() / DRAWN_WALKS
+    return np.array([math.sqrt(each) for each in squares])

@@ -1,0 +1,66 @@
+"""The simulations in a planner's mind, which the compiled engine runs whatever the outer one is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.compiled import BatchSimulation
+from desim_uav.engine.compiled.pack import lacking
+from desim_uav.engine.episode import Engine
+from desim_uav.errors import PolicyError
+from desim_uav.model.rules import AIRBORNE, Mode
+from desim_uav.world import World
+
+CRASH = 100.0
+"""What a crash costs, in percent: as much as the whole of a measure."""
+
+
+def inner_engine(planner: str, world: World, carry_over: bool) -> BatchSimulation:
+    """Return an engine for a planner's simulations, whose drones fly below the ceiling.
+
+    Raises PolicyError if the compiled engine cannot run the world's components.
+    """
+    problems = lacking(world)
+    if problems:
+        raise PolicyError(f"{planner} needs the compiled engine; {'; '.join(problems)}")
+    ceilings = (True,) * world.scenario.drones.count
+    return BatchSimulation(world, RunSettings(ceilings, carry_over, False, False))
+
+
+def score(engine: Engine, qoe1: float, charged: bool = True) -> float:
+    """Return what a simulation has reached so far, in percent of QoE1 and QoE3.
+
+    ``qoe1`` is the weight of QoE1, and 1 - ``qoe1`` that of QoE3. If drones are ``charged``, which
+    they need not be at the end of the last episode, the charge of their batteries counts with the
+    part of QoE3 that it will be worth. Each crash is a loss.
+    """
+    measured = engine.measures()
+    first, third = measured.qoe1_percent or 0.0, measured.qoe3_percent or 0.0
+    counts = charged and (engine.settings.carry_over or not _is_over(engine))
+    left = _charge(engine) if counts else 0.0
+    value = qoe1 * first + (1.0 - qoe1) * third * (1.0 + left)
+    return value - CRASH * float(engine.state.crashes)
+
+
+def _is_over(engine: Engine) -> bool:
+    return engine.terminated or engine.truncated
+
+
+def _charge(engine: Engine) -> float:
+    """Return the worth of all batteries, as a share of the QoE3 of an episode until now."""
+    world = engine.world
+    passed_us = int(engine.state.now_us)
+    if not world.scenario.limited_battery or not world.stations or passed_us == 0:
+        return 0.0
+    cycle = world.full_charge_us / (world.capacity_us + world.full_charge_us)
+    charge_us = sum(_battery_us(engine, row) for row in engine.drones)
+    return cycle * charge_us / (len(engine.drones) * passed_us)
+
+
+def _battery_us(engine: Engine, drone: Any) -> int:
+    """Return the battery of a drone now, of which a flight since its last record has taken some."""
+    if drone.mode in (Mode.CHARGED, Mode.CHARGING, Mode.QUEUED):
+        return int(engine.world.capacity_us)
+    flown_us = int(engine.state.now_us) - drone.since_us if drone.mode in AIRBORNE else 0
+    return max(0, int(drone.battery_us) - flown_us)

@@ -1,0 +1,140 @@
+"""What a planner sees of an engine at a decision epoch: all users and drones, and no future."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.engine.base import UserState
+from desim_uav.engine.episode import Engine
+from desim_uav.model.rules import DECIDES, Mode
+from desim_uav.model.state import Observation
+from desim_uav.policies.planning.ground import NO_WAY, Ground
+
+
+class Standing(NamedTuple):
+    """From when on a drone can be commanded, in steps from now, and where and how full it is then.
+
+    Until then it is at its station, if ``station`` is not -1, and occupies a pad there in the steps
+    from ``begins`` to ``ready`` - 1. ``place`` and ``units`` are those of ``Ground``.
+    """
+
+    ready: int
+    place: int
+    units: int
+    station: int = -1
+    begins: int = 0
+
+
+class Sight(NamedTuple):
+    """The users' places (users, 2) in metres and who has an open request (users,), and the drones.
+
+    ``left`` is the number of steps that are left of the episode. ``future_m`` (left, users, 2) are
+    the users' places in the coming steps, which only a clairvoyant has.
+    """
+
+    left: int
+    users_m: NDArray[np.float64]
+    waits: NDArray[np.bool_]
+    drones: tuple[Standing, ...]
+    future_m: NDArray[np.float64] | None = None
+
+    def expected(self, ground: Ground, steps: int) -> tuple[NDArray[np.float64], Any]:
+        """Return where users are expected (steps + 1, users, 2), and the error of it (steps + 1,).
+
+        From step ``left`` on the next episode has begun, in which they walk from their homes anew.
+        """
+        places_m = np.repeat(self.users_m[np.newaxis], steps + 1, axis=0)
+        passed = np.arange(steps + 1)
+        if self.future_m is not None:
+            known = self.future_m[: steps + 1]
+            places_m[: len(known)] = known
+        places_m[self.left :] = ground.world.homes[:, :2]
+        passed[self.left :] -= self.left
+        spread_m = ground.spread_m[np.minimum(passed, len(ground.spread_m) - 1)]
+        if self.future_m is not None:
+            spread_m[: self.left] = 0.0
+        return places_m, spread_m
+
+
+def look(engine: Engine, ground: Ground, observations: Any) -> Sight:
+    """Return what a planner sees now."""
+    _, users_m = engine.positions_m()
+    states = [state >= UserState.OPEN for state in engine.user_states()]
+    left = ground.world.scenario.episode.steps - observations[0].step
+    places = np.ascontiguousarray(users_m[:, :2])
+    return Sight(left, places, np.array(states), _drones(engine, ground, observations))
+
+
+def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing, ...]:
+    """Return the standings of all drones; those at stations and on their way there come in turn."""
+    rows = engine.entries("drones")
+    found: dict[int, Standing] = {}
+    landings: list[tuple[int, int, int, float, int]] = []
+    places = {drone: k for each in engine.state.stations for k, drone in enumerate(each.queue)}
+    for drone, seen in zip(rows, observations, strict=True):
+        if seen.mode in DECIDES:
+            found[drone.index] = _free(ground, drone, seen)
+        elif seen.mode is Mode.RETURNING:
+            lands_us, (x, y), battery_us = _lands(engine, ground, drone, seen)
+            station = _station(ground, x, y)
+            landings.append((lands_us, 0, station, battery_us, drone.index))
+        elif seen.mode in (Mode.QUEUED, Mode.CHARGING):
+            battery_us = seen.battery_s * 1e6
+            station = ground.world.stations.index((drone.x, drone.y))
+            landings.append((-1, places[drone.index], station, battery_us, drone.index))
+        else:
+            found[drone.index] = Standing(NO_WAY, 0, 0)
+    found.update(_charges(ground, sorted(landings)))
+    return tuple(found[k] for k in range(len(rows)))
+
+
+def _free(ground: Ground, drone: Any, seen: Observation) -> Standing:
+    """Return the standing of a drone that decides now."""
+    battery_us = ground.unit_us if seen.battery_s is None else round(seen.battery_s * 1e6)
+    level = min(drone.level, ground.world.grid.levels(True) - 1)
+    units = min(battery_us // ground.unit_us, ground.full)
+    return Standing(0, ground.number(drone.x, drone.y, level), units)
+
+
+def _lands(
+    engine: Engine, ground: Ground, drone: Any, seen: Observation
+) -> tuple[int, tuple[int, int], float]:
+    """Return when and where a returning drone will land, and its battery then."""
+    world, lands_us = ground.world, 0
+    hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
+    if hop != (0, 0, 0):
+        ends_us = drone.since_us + world.return_transits[hop].duration_us
+        lands_us += max(0, ends_us - int(engine.state.now_us))
+    x, y = drone.to_x, drone.to_y
+    for dx, dy, up in engine.hops(drone.route, drone.route_end):
+        lands_us += world.return_transits[int(dx), int(dy), int(up)].duration_us
+        x, y = x + dx, y + dy
+    return lands_us, (int(x), int(y)), (seen.battery_s or 0.0) * 1e6 - lands_us
+
+
+def _station(ground: Ground, x: int, y: int) -> int:
+    """Return the station on a cell or, if a drone has lost its way there, the nearest one."""
+    away = [abs(x - sx) + abs(y - sy) for sx, sy in ground.world.stations]
+    return away.index(min(away))
+
+
+def _charges(
+    ground: Ground, landings: list[tuple[int, int, int, float, int]]
+) -> dict[int, Standing]:
+    """Return the standings of drones that land, given as (time, place, station, battery, drone)."""
+    world, found = ground.world, {}
+    pads = world.scenario.stations.pads
+    free_us: list[list[int]] = [[0] * pads for _ in world.stations]
+    for lands_us, _, station, battery_us, drone in landings:
+        share = 1.0 - max(battery_us, 0.0) / world.capacity_us
+        takes_us = int(np.ceil(share * world.full_charge_us))
+        pad = free_us[station].index(min(free_us[station]))
+        begins_us = max(lands_us, free_us[station][pad], 0)
+        free_us[station][pad] = begins_us + takes_us
+        x, y = world.stations[station]
+        begins, ready = begins_us // world.step_us, -(-(begins_us + takes_us) // world.step_us)
+        found[drone] = Standing(max(ready, 1), ground.number(x, y, 0), ground.full, station, begins)
+    return found

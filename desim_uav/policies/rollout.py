@@ -1,0 +1,209 @@
+"""The planner that tries each command in simulations, in which another policy flies on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.errors import PolicyError
+from desim_uav.model.rules import DECIDES, Action
+from desim_uav.model.state import Observation, Snapshot
+from desim_uav.model.streams import Streams
+from desim_uav.policies.base import decide, decide_by, load_policy, policy_name, show
+from desim_uav.policies.planning.options import Option, options_of, split_options
+from desim_uav.registry import register
+from desim_uav.world import World
+
+if TYPE_CHECKING:
+    from desim_uav.engine.episode import Engine
+
+OPTIONS = {
+    "samples": Option(4, 1, 1000),
+    "horizon": Option(12, 1, 100_000),
+    "qoe1": Option(0.5, 0.0, 1.0),
+    "doubt": Option(1.0, 0.0, 100.0),
+}
+
+NEARLY = 1e-9
+"""A gain that is smaller is none, but the rounding of a sum."""
+
+
+@register("policy", "rollout")
+class Rollout:
+    """Improves another policy, the base: it tries each command of each drone in simulations.
+
+    In ``samples`` simulations from the present state, the drone gets the command and the base flies
+    on for ``horizon`` steps, or to the end of the episode. Walks and requests in them are drawn
+    from the model, given what can be seen now (``planning.future``), and are the same for all
+    commands. The drones choose in turn: those before have chosen, those after obey the base. A
+    command is better than another one if it has a better mean of QoE1 (with the weight ``qoe1``)
+    and QoE3, by more than ``doubt`` standard errors over the samples. The best one is given, and
+    that of the base if none is better.
+    """
+
+    ceiling = True
+    information = "all users and drones now, and the model of the future; no future"
+
+    def __init__(self, argument: str = "", base: Any = None, **settings: float) -> None:
+        """Take the base and options as text, ``BASE+samples=8``, or by their names.
+
+        ``base`` may be any policy. Raises ValueError without a base and for a bad option, and
+        PolicyError if the base cannot be loaded or is a rollout itself.
+        """
+        name, text = split_options(argument) if base is None else ("", argument)
+        if base is None and not name:
+            raise ValueError("a rollout needs its base: rollout:BASE, as in rollout:greedy")
+        self.options = options_of("rollout", text, settings, OPTIONS)
+        self._base: Any = load_policy(name if base is None else base)
+        if isinstance(self._base, Rollout) or getattr(self._base, "clairvoyant", False):
+            raise ValueError("the base of a rollout must not be a rollout or a clairvoyant")
+        self.name = f"rollout:{argument}" if base is None else f"rollout:{policy_name(base)}"
+        self._ground: Any = None
+        seed = getattr(self._base, "world_seed", None)
+        if seed is not None:
+            self.world_seed: int = seed
+
+    def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
+        """Let the base begin. Raises PolicyError if the scenario cannot be simulated."""
+        from desim_uav.policies.planning.ground import ground_of
+        from desim_uav.policies.planning.inner import inner_engine
+
+        if world.marked:
+            raise PolicyError(
+                "rollout: lines of sight and shadowing that are drawn cannot be drawn anew from "
+                "what is seen; use greedy, or a radio without los and shadowing"
+            )
+        goes_on = world.scenario.episode.carry_over
+        if self._ground is None or self._ground.world is not world:
+            self._ground = ground_of(world)
+            self._inner = inner_engine("rollout", world, goes_on)
+        self._seed, self._world = streams.seed, world
+        self._base.begin(world, streams, carried)
+        quick = getattr(self._base, "in_rollouts", None)
+        self._mind = quick(self.options["horizon"]) if quick is not None else None
+        if self._mind is not None:
+            self._mind.begin(world, streams, carried)
+
+    def watch(self, engine: Engine) -> None:
+        """Take the engine of the episode; its sample path is not looked at."""
+        self._engine = engine
+        show(self._base, engine)
+
+    def memory(self) -> Any:
+        """Return what the base remembers."""
+        return self._base.memory() if hasattr(self._base, "memory") else None
+
+    def remember(self, memory: Any) -> None:
+        """Let the base remember what ``memory`` has returned."""
+        if memory is not None:
+            self._base.remember(memory)
+
+    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+        """Raise TypeError: all drones are commanded at once (see ``act_jointly``)."""
+        raise TypeError("rollout commands all drones at once; call act_jointly")
+
+    def act_jointly(
+        self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
+    ) -> list[int]:
+        """Return the best command of each drone, in turn."""
+        chosen = decide_by(self._base, observations, masks)
+        options = [self._options(one, mask) for one, mask in zip(observations, masks, strict=True)]
+        chosen = [self._safely(d, chosen[d], allowed) for d, allowed in enumerate(options)]
+        if all(len(each) < 2 for each in options):
+            return chosen
+        self._imagine()
+        self._memory = self.memory()
+        best = self._scores(chosen)
+        for drone, allowed in enumerate(options):
+            for command in allowed:
+                if command == chosen[drone]:
+                    continue
+                tried = [*chosen[:drone], command, *chosen[drone + 1 :]]
+                scores = self._scores(tried)
+                if self._is_better(scores - best):
+                    best, chosen = scores, tried
+        if self._mind is None:
+            show(self._base, self._engine)
+            self.remember(self._memory)
+        return chosen
+
+    def _options(self, seen: Observation, mask: Sequence[bool]) -> list[int]:
+        """Return the commands that a drone may choose from, if it can reach a station after them.
+
+        There are no moves that are blocked, and no returns if drones may lose their way.
+        """
+        if seen.mode not in DECIDES:
+            return []
+        ground, found = self._ground, []
+        drone = self._engine.drones[seen.drone]
+        place = ground.number(int(drone.x), int(drone.y), int(drone.level))
+        for command, action in enumerate(self._world.actions):
+            if action in ground.actions:
+                k = ground.actions.index(action)
+                may = self._can_return(int(ground.after[k, place]), int(ground.drains[k]), seen)
+            else:
+                may = action is Action.CHARGE or self._world.scenario.position_noise is None
+            if mask[command] and may:
+                found.append(command)
+        return found
+
+    def _can_return(self, place: int, drain: int, seen: Observation) -> bool:
+        """Return whether a drone can be in a place and reach a station from there."""
+        if place < 0 or seen.battery_s is None:
+            return place >= 0
+        ground = self._ground
+        units = round(seen.battery_s * 1e6) // ground.unit_us - drain
+        _, _, takes, exists = ground.returns[place].tolist()
+        by_return = bool(exists) and min(units, ground.return_at) > takes
+        return by_return or bool(units >= ground.needs[place])
+
+    def _safely(self, drone: int, command: int, allowed: list[int]) -> int:
+        """Return a command of the base, or that of the allowed ones that leads nearest to home."""
+        if command in allowed or not allowed:
+            return command
+        ground, row = self._ground, self._engine.drones[drone]
+        place = ground.number(int(row.x), int(row.y), int(row.level))
+        after = {action: ground.after[k, place] for k, action in enumerate(ground.actions)}
+        actions = self._world.actions
+        return min(allowed, key=lambda k: (ground.needs[after.get(actions[k], place)], k))
+
+    def _imagine(self) -> None:
+        """Draw the futures in which all commands of this decision epoch are tried."""
+        from desim_uav.policies.planning.future import imagined
+
+        now = self._engine.save()
+        self._futures = []
+        for sample in range(self.options["samples"]):
+            self._inner.take(imagined(now, self._seed, sample))
+            self._futures.append(self._inner.save())
+
+    def _scores(self, commands: Sequence[int]) -> NDArray[np.float64]:
+        """Return the score of commands in each imagined future."""
+        return np.array([self._try(future, commands) for future in self._futures])
+
+    def _is_better(self, gains: NDArray[np.float64]) -> bool:
+        """Return whether gains over the imagined futures are positive, and not by mere chance."""
+        error = gains.std() / max(len(gains) - 1, 1) ** 0.5
+        return bool(gains.mean() > self.options["doubt"] * error + NEARLY)
+
+    def _try(self, future: Any, commands: Sequence[int]) -> float:
+        """Return the score of commands after which the base flies on."""
+        from desim_uav.policies.planning.inner import score
+
+        inner = self._inner
+        inner.restore(future)
+        base = self._base if self._mind is None else self._mind
+        show(base, inner)
+        if self._mind is None:
+            self.remember(self._memory)
+        else:
+            self._mind.think_like(self._base)
+        shown: Snapshot = inner.step(commands)
+        for _ in range(self.options["horizon"] - 1):
+            if shown.terminated or shown.truncated:
+                break
+            shown = inner.step(decide(base, shown))
+        return score(inner, self.options["qoe1"])

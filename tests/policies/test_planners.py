@@ -1,0 +1,373 @@
+"""Planners: small worlds where the right commands are obvious, what they may know, and safety."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.choose import make_engine
+from desim_uav.errors import PolicyError
+from desim_uav.experiment.run import headline, play, run
+from desim_uav.model.rules import Mode
+from desim_uav.model.streams import Purpose, Streams
+from desim_uav.policies import load_policy
+from desim_uav.policies.clairvoyant import Clairvoyant
+from desim_uav.policies.greedy import Greedy
+from desim_uav.policies.hover import Hover
+from desim_uav.policies.planning.best_plan import LOST, free_steps, plan_of, values_of
+from desim_uav.policies.planning.cover import covered_shares
+from desim_uav.policies.planning.future import imagined
+from desim_uav.policies.planning.ground import ground_of
+from desim_uav.policies.rollout import Rollout
+from desim_uav.sample_path import draw
+from desim_uav.scenario.load import from_mapping, load
+from desim_uav.world import World, build_world
+from tests.engine.helpers import in_3d, path_of, strip
+
+Cell = tuple[int, int]
+
+
+def flown(world: World, policy: Any, drone: int = 0) -> list[Cell]:
+    """The cells of a drone after each step."""
+    ((log, _),) = play(world, policy, "mine", seed=0, engine="batch")
+    return [world.grid.cell_of(s.x_m, s.y_m) for s in log.steps if s.drone == drone]
+
+
+def at(*cells: int) -> list[tuple[float, float]]:
+    """Users in the middle of cells of a strip."""
+    return [(240.0 * cell + 120.0, 120.0) for cell in cells]
+
+
+# ---- greedy
+
+
+def test_a_drone_flies_to_the_users_and_stays():
+    world = strip([(0, 0)], at(4, 4), steps=6)
+    assert flown(world, Greedy()) == [(1, 0), (2, 0), (3, 0), (4, 0), (4, 0), (4, 0)]
+
+
+def test_two_drones_do_not_cover_the_same_users():
+    world = strip([(3, 0), (5, 0)], at(2, 2, 2, 6, 6), steps=3)
+    assert flown(world, Greedy(), 0)[-1] == (2, 0)
+    assert flown(world, Greedy(), 1)[-1] == (6, 0)
+
+
+def test_a_drone_leaves_users_to_another_and_takes_the_fewer():
+    world = strip([(4, 0), (4, 0)], at(2, 2, 2, 6), steps=4)
+    ends = {flown(world, Greedy(), drone)[-1] for drone in (0, 1)}
+    assert ends == {(2, 0), (6, 0)}
+
+
+def test_users_with_open_requests_count_more():
+    demand = {"kind": "static", "none": 0.0}
+    world = strip([(4, 0)], at(3, 5), steps=2, demand=demand)
+    engine = make_engine("batch", world, RunSettings((True,), False))
+    for asks, cell in (({0: [(0, 60, 0)]}, 3), ({1: [(0, 60, 0)]}, 5)):
+        path = path_of(world, asks, thinking=True)
+        policy = Greedy(waiting=2.0)
+        policy.begin(world, Streams(0, Purpose.LEARNER))
+        shown = engine.reset(path)
+        policy.watch(engine)
+        engine.step(policy.act_jointly(shown.observations, shown.masks))
+        assert engine.drones[0].x == cell
+
+
+def test_a_drone_flies_over_a_building():
+    walls = [[1, 0, 30.0], [1, 1, 30.0]]
+    users = [(600.0, 120.0), (600.0, 120.0)]
+    world = in_3d([*walls, [0, 1, 50.0]], [(0, 0)], users=users, steps=4)
+    assert flown(world, Greedy()) == [(0, 0), (1, 0), (2, 0), (2, 0)]
+
+
+def test_a_drone_charges_before_its_battery_is_empty():
+    battery = {"autonomy_min": 8, "return_below": 0.3}
+    world = strip([(4, 0)], at(2), steps=60, battery=battery, stations={"full_charge_min": 2})
+    ((log, _),) = play(world, Greedy(horizon=20), "mine", seed=0, engine="batch")
+    assert log.crashes == 0
+    # A cycle of 8 + 2 minutes, in which the drone has to fly two cells in both directions.
+    assert log.charges in (5, 6)
+    assert sum(step.attached_users for step in log.steps) >= 60 * 4 / 10
+
+
+def test_two_drones_do_not_wait_for_one_pad():
+    battery = {"autonomy_min": 8, "return_below": 0.3}
+    stations = {"full_charge_min": 2, "pads": 1}
+    episode = {"steps": 50, "carry_over": True}
+    world = strip([(4, 0)] * 2, at(4, 4), battery=battery, stations=stations, episode=episode)
+    ((log, _),) = play(world, Greedy(horizon=20), "mine", seed=0, engine="batch")
+    assert log.crashes == 0
+    assert log.queueing_us == 0
+    qoe3 = log.attached_us / log.duration_us / 2
+    assert qoe3 > 0.95, "one of them is always in the air"
+
+
+def test_the_best_plan_of_a_line_by_hand():
+    # Places 0, 1, 2; a station at 0; a step gains 1 at place 2. Two units are left at place 0.
+    gained = np.zeros((2, 6, 1, 3))
+    gained[:, :, 0, 2] = 0.5
+    after = np.array([[0, 1, 2], [1, 2, -1], [-1, 0, 1]])
+    tables = (after, np.zeros(3, np.int64), np.arange(3), np.ones(3, np.int64))
+    stations, returns = np.array([0, -1, -1]), np.zeros((3, 4), np.int64)
+    charge_us, needs = np.array([60, 48, 36, 24, 12, 0]), np.array([1, 2, 3])
+    free = free_steps(np.zeros((1, 6), np.int64), 1)
+    value, best = values_of(
+        gained, *tables, stations, returns, -1, charge_us, 60, needs, free, (0.0, 0.0), 0
+    )
+    # It charges for a step (to five units), flies to place 2 and at once back, which takes it to
+    # place 1 with two units: half a step's gain on the way there and half on the way back.
+    assert value[0, 0, 2] == 1.0
+    plan = plan_of(best, after, tables[-1], stations, returns, charge_us, 60, free, (0, 0, 2))
+    assert np.count_nonzero(plan[:, 1] == 2) == 1
+    assert value[0, 2, 1] <= LOST, "a unit does not take it home from there"
+
+
+def test_the_share_of_users_in_a_footprint():
+    places = np.zeros((3, 1, 2))
+    shares = covered_shares(
+        places, np.array([0.0, 50.0, 50.0]), np.array([[30.0, 40.0], [100.0, 0.0]]),
+        np.array([[100.0]]),
+    )  # fmt: skip
+    assert shares[0, 0, :, 0].tolist()[0] == 1.0
+    assert shares[1, 0, 1, 0] == 0.5, "at the edge"
+    assert shares[2, 0, 0, 0] == pytest.approx(0.8413447, abs=1e-6)  # one standard deviation
+
+
+def test_a_ground_knows_the_way_home():
+    battery = {"autonomy_min": 10, "return_below": 0.5}
+    ground = ground_of(strip(battery=battery))
+    assert ground.needs.tolist() == [5, 4, 3, 2, 1, 2, 3, 4, 5]
+    assert ground.full == 10
+    assert ground.return_at == 5
+    assert ground.spread_m.tolist() == [0.0] * 4
+
+
+# ---- what a rollout may know
+
+
+def _walking(steps: int = 6) -> World:
+    scenario = {
+        "drones": {"count": 2, "battery": None},
+        "users": {"count": 4, "clusters": {"count": 1}},
+        "demand": {"kind": "dynamic", "think_time_s": 60},
+        "position_noise": {"probability": 0.3, "sigma_cells": 1.0},
+        "episode": {"steps": steps},
+    }
+    return build_world(from_mapping(scenario), 0)
+
+
+def test_an_imagined_future_depends_on_the_past_only():
+    world = _walking()
+    path = draw(world, 1, 0)
+    other = draw(world, 2, 0)
+    now_us = 2 * world.step_us
+    walks, later = path.walks, other.walks
+    legs, offsets = [], [0]
+    for user in range(4):
+        own = walks.legs[walks.offsets[user] : walks.offsets[user + 1]]
+        legs.append(own[own[:, 0] < now_us])
+        x, y = legs[-1][-1, 1:3] + legs[-1][-1, 3:] * (now_us - legs[-1][-1, 0]) / 1e6
+        legs.append(np.array([[now_us, x, y, 0.1, 0.2]]))
+        offsets.append(offsets[-1] + len(legs[-2]) + 1)
+    rows = path.requests.rows.copy()
+    firsts = path.requests.offsets[:-1]
+    rows[np.setdiff1d(np.arange(len(rows)), firsts)] += [7_000_000, 0, 60_000_000, 5]
+    requests = path.requests._replace(rows=rows)
+    assert path.position_error is not None and other.position_error is not None
+    errors = other.position_error.copy()
+    errors[:, :3] = path.position_error[:, :3]
+    changed = replace(
+        path,
+        walking=type(walks)(np.concatenate(legs), np.array(offsets)),
+        requests=requests,
+        position_error=errors,
+    )
+    seen = []
+    for each in (path, changed):
+        engine = make_engine("batch", world, RunSettings((True, True), False))
+        engine.reset(each)
+        for _ in range(2):
+            engine.step([4, 4])
+        seen.append([imagined(engine.save(), 5, sample) for sample in (0, 0, 1)])
+    (one, same, next_one), (again, *_) = seen
+    for first, second in ((one, same), (one, again)):
+        assert first.rows == second.rows
+        assert np.array_equal(first.path.walks.legs, second.path.walks.legs)
+        assert np.array_equal(first.path.requests.rows, second.path.requests.rows)
+        assert np.array_equal(first.path.position_error, second.path.position_error)
+    assert not np.array_equal(one.path.walks.legs, next_one.path.walks.legs)
+    assert not np.array_equal(later.legs, one.path.walks.legs)
+    true = path.walks.legs[path.walks.legs[:, 0] < now_us]
+    kept = one.path.walks.legs[one.path.walks.legs[:, 0] < now_us]
+    assert np.array_equal(true, kept), "the past is the true one"
+
+
+def test_an_imagined_future_can_be_played_and_is_of_the_model():
+    world = build_world(load("case8"), 0)
+    engine = make_engine("batch", world, RunSettings((True,) * 3, True, keep_steps=False))
+    inner = make_engine("batch", world, RunSettings((True,) * 3, True, keep_steps=False))
+    engine.reset(draw(world, 0, 0))
+    for _ in range(10):
+        engine.step([4] * 3)
+    saved, opened = engine.save(), []
+    for sample in range(6):
+        shown = inner.restore(imagined(saved, 0, sample))
+        assert shown.step == 10
+        assert inner.measures() == engine.measures()
+        before = inner.requests_made()
+        while not shown.truncated:
+            shown = inner.step([4] * 3)
+        opened.append(inner.requests_made() - before)
+    truth = []
+    for episode in range(6):
+        shown = engine.reset(draw(world, 1, episode))
+        for step in range(30):
+            if step == 10:
+                before = engine.requests_made()
+            shown = engine.step([4] * 3)
+        truth.append(engine.requests_made() - before)
+    assert abs(np.mean(opened) - np.mean(truth)) < 3 * (np.std(opened) + np.std(truth)) / 6**0.5
+    assert len(set(opened)) > 1
+
+
+def test_a_rollout_of_hovering_flies_to_the_users():
+    world = strip([(3, 0)], at(4, 4), steps=3)
+    policy = Rollout(base=Hover(), samples=1, horizon=3)
+    assert flown(world, policy) == [(4, 0), (4, 0), (4, 0)]
+    assert policy.name == "rollout:desim_uav.policies.hover:Hover"
+
+
+def test_the_clairvoyant_waits_where_users_will_be():
+    world = strip([(4, 0)], at(3, 3), steps=4, radius_m=150.0)
+    engine = make_engine("batch", world, RunSettings((True,), False))
+    path = path_of(world, walks={u: [(0, 840.0, 120.0, 4.0, 0.0)] for u in (0, 1)})
+    policy = Clairvoyant(tries=40)
+    policy.begin(world, Streams(0, Purpose.LEARNER))
+    shown = engine.reset(path)
+    policy.watch(engine)
+    cells = []
+    while not shown.truncated:
+        shown = engine.step([policy.act(shown.observations[0], shown.masks[0])])
+        cells.append(engine.drones[0].x)
+    # They walk a cell per minute, from cell 3 to cell 7. It lets them come, and goes with them.
+    assert cells[-1] == 7
+    assert engine.log.attached_us > 0.8 * 2 * engine.log.duration_us
+
+
+# ---- names, options and what is refused
+
+
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [
+        ("greedy:horizn=3", "greedy has no option 'horizn' (did you mean 'horizon'?)"),
+        ("greedy:horizon=0", "horizon: '0': must be a whole number from 1 to 1000"),
+        ("greedy:waiting=nan", "waiting: 'nan': must be a number from 0 to 1000"),
+        ("greedy:waiting", "write an option as key=value"),
+        ("greedy:rounds=1+rounds=2", "rounds: it is given twice"),
+        ("rollout", "a rollout needs its base"),
+        ("rollout:gredy", "unknown policy 'gredy' (did you mean 'greedy'?)"),
+        ("rollout:greedy+sample=2", "rollout has no option 'sample' (did you mean 'samples'?)"),
+        ("rollout:rollout:greedy", "must not be a rollout or a clairvoyant"),
+        ("rollout:clairvoyant", "must not be a rollout or a clairvoyant"),
+        ("clairvoyant:tries=1.5", "tries: '1.5': must be a whole number"),
+    ],
+)
+def test_names_and_options_that_are_refused(name: str, says: str):
+    with pytest.raises(PolicyError) as refused:
+        load_policy(name)
+    assert says in str(refused.value)
+
+
+def test_what_planners_know_is_told():
+    assert "no future" in load_policy("greedy").information  # type: ignore[attr-defined]
+    assert "not a competitor" in load_policy("clairvoyant").information  # type: ignore[attr-defined]
+
+
+def test_rollouts_refuse_drawn_lines_of_sight():
+    world = build_world(load("street_canyon"), 0)
+    policy = load_policy("rollout:greedy")
+    with pytest.raises(PolicyError, match="lines of sight"):
+        policy.begin(world, Streams(0, Purpose.LEARNER))
+
+
+def test_a_scenario_that_is_too_large_for_plans_is_refused():
+    world = strip(cells=(300, 300), users=[(120.0, 120.0)] * 100)
+    with pytest.raises(PolicyError, match="the scenario is too large: 90,000 cells by 100 users"):
+        load_policy("greedy").begin(world, Streams(0, Purpose.LEARNER))
+
+
+# ---- safety, determinism, engines
+
+
+def _small(seed: int) -> World:
+    """A random small world with short batteries."""
+    rng = np.random.default_rng(seed)
+    cells = [int(rng.integers(4, 7)), int(rng.integers(4, 7))]
+    scenario = {
+        "map": {"size_m": [240 * n for n in cells], "cells": cells, "dimensions": 3},
+        "drones": {
+            "count": int(rng.integers(1, 4)),
+            "battery": {"kind": "endurance", "autonomy_min": int(rng.integers(9, 16)),
+                        "return_below": float(rng.uniform(0.1, 0.6))},
+            "motion": {"kind": "bang_coast_bang",
+                       "timing": str(rng.choice(["fill_epoch", "minimum_time"]))},
+        },
+        "stations": {"count": int(rng.integers(1, 3)), "radius_m": 240,
+                     "pads": int(rng.integers(1, 3)), "full_charge_min": float(rng.uniform(1, 5))},
+        "users": {"count": 10, "clusters": {"count": 2, "radius_m": [100, 200]}},
+        "position_noise": {"probability": 0.3} if rng.random() < 0.4 else None,
+        "episode": {"steps": 20, "carry_over": bool(rng.random() < 0.7)},
+    }  # fmt: skip
+    return build_world(from_mapping(scenario), seed)
+
+
+def _crashes(worlds: int, episodes: int) -> int:
+    crashes = 0
+    for seed in range(worlds):
+        world = _small(seed)
+        for log, _ in play(world, Greedy(horizon=18), "greedy", seed, episodes, engine="batch"):
+            crashes += log.crashes
+            assert all(step.battery_us > 0 for step in log.steps if step.mode is not Mode.CRASHED)
+    return crashes
+
+
+def test_no_drone_crashes():
+    assert _crashes(worlds=4, episodes=2) == 0
+
+
+@pytest.mark.thorough
+def test_no_drone_crashes_in_200_random_episodes():
+    assert _crashes(worlds=40, episodes=5) == 0
+
+
+ROLLOUT = pytest.param("rollout:baseline+samples=1+horizon=2", marks=pytest.mark.thorough)
+
+
+@pytest.mark.parametrize("name", ["greedy:horizon=12", ROLLOUT])
+def test_both_engines_and_two_runs_give_the_same_tables(name: str):
+    scenario = load("case9")
+    episode = scenario.episode.model_copy(update={"steps": 5})
+    world = build_world(scenario.model_copy(update={"episode": episode}), 0)
+    results = [
+        run(world, load_policy(name), name, 3, 2, engine=e) for e in ("batch", "des", "batch")
+    ]
+    for other in results[1:]:
+        assert results[0].requests.equals(other.requests)
+        assert results[0].steps.equals(other.steps)
+
+
+@pytest.mark.thorough
+def test_planners_are_better_than_what_they_are_made_of():
+    world = build_world(load("case8"), 0)
+    reached = {}
+    for name in ("case8.npz", "rollout:case8.npz+samples=2", "greedy"):
+        found = run(world, load_policy(name), name, 50, 2, engine="batch")
+        reached[name] = headline(found.requests, found.episodes)
+        assert reached[name]["crashes"] == 0
+    for name in ("rollout:case8.npz+samples=2", "greedy"):
+        for measure in ("qoe1_percent", "qoe3_percent"):
+            assert reached[name][measure] > reached["case8.npz"][measure] + 2.0
