@@ -142,7 +142,16 @@ def expected_requests(scenario: Scenario) -> float:
 
     A demand of one's own that has no ``expected_draws`` counts as one request per user and step.
     """
-    return max(1.0, _counts(scenario).requests)
+    return max(1.0, _draws_and_requests(scenario)[1])
+
+
+def _draws_and_requests(scenario: Scenario) -> tuple[float, float]:
+    """Return how often users are expected to draw a service, and to ask for one, in an episode."""
+    users, steps = scenario.users.count, scenario.episode.steps
+    draws_of = getattr(scenario.demand, "expected_draws", None)
+    horizon_s = steps * scenario.episode.step_s
+    draws = draws_of(users, _required_s(scenario), horizon_s) if draws_of else users * steps
+    return draws, (1.0 - getattr(scenario.demand, "none", 0.0)) * draws
 
 
 def _counts(scenario: Scenario) -> _Counts:
@@ -152,9 +161,7 @@ def _counts(scenario: Scenario) -> _Counts:
     legs_of = getattr(scenario.users.mobility, "expected_legs", None)
     area = Area(*scenario.map.size_m)
     legs = legs_of(users, area, horizon_s) if legs_of else float(users * steps)
-    draws_of = getattr(scenario.demand, "expected_draws", None)
-    draws = draws_of(users, _required_s(scenario), horizon_s) if draws_of else users * steps
-    asks = 1.0 - getattr(scenario.demand, "none", 0.0)
+    draws, requests = _draws_and_requests(scenario)
     return _Counts(
         drones,
         users,
@@ -163,7 +170,7 @@ def _counts(scenario: Scenario) -> _Counts:
         steps,
         legs,
         draws,
-        asks * draws,
+        requests,
         _crossings(scenario, horizon_s),
         drones + len(scenario.access_points),
         _searches(scenario),

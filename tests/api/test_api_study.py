@@ -79,6 +79,7 @@ def test_what_cannot_be_reproduced(options, part):
 
 
 OTHER_NAMES = {"as_json", "quiet", "context", "what", "learn", "algorithm", "check", "resume"}
+OTHER_NAMES |= {"fork", "to"}  # of ``counterfactual``
 
 
 @pytest.mark.parametrize(

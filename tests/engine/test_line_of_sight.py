@@ -106,7 +106,7 @@ def test_the_audit_notices_other_draws(name: str) -> None:
     path = draw(world, 1, 0)
     simulation = Simulation(world, told(world), audit=audit)
     simulation.reset(path)
-    simulation.path = replace(path, link_key=path.link_key + np.uint64(1))
+    simulation.drawn = replace(path, link_key=path.link_key + np.uint64(1))
     with pytest.raises(AssertionError, match="classes of"):
         for _ in range(6):
             simulation.step([0] * 3)

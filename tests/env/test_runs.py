@@ -127,10 +127,10 @@ def test_a_world_of_its_own_seed_stays():
     env = UavEnv("case8", {"world_seed": 5})
     _, info = env.reset(seed=1)
     assert (info["seed"], info["world_seed"]) == (1, 5)
-    homes, requests = env.session.world.homes, env.session.engine.path.requests.rows
+    homes, requests = env.session.world.homes, env.session.engine.drawn.requests.rows
     env.reset(seed=2)
     assert (env.session.world.homes == homes).all()
-    assert not np.array_equal(env.session.engine.path.requests.rows, requests)
+    assert not np.array_equal(env.session.engine.drawn.requests.rows, requests)
 
 
 @pytest.mark.parametrize("config", [{"seed": 0}, {"seed": 42}])

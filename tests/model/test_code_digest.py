@@ -221,7 +221,11 @@ def test_the_kernels_of_the_engine_are_over_rows(monkeypatch: pytest.MonkeyPatch
     """Those as well that call no rule themselves, but a kernel by its address."""
     from desim_uav.engine.compiled import calls
 
-    kernels = [value for value in vars(calls).values() if hasattr(value, "py_func")]
+    kernels = [
+        value
+        for value in vars(calls).values()
+        if hasattr(value, "py_func") and value.py_func.__module__ == calls.__name__
+    ]
     before = [code_digest(kernel.py_func) for kernel in kernels]
     code = compiled_rows._get.__code__.replace(co_consts=("changed",) * 9)
     monkeypatch.setattr(compiled_rows, "_get", FunctionType(code, vars(compiled_rows)))
