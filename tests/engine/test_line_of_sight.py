@@ -12,8 +12,7 @@ import pytest
 from desim_uav.engine.audit import audit
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import ENGINES, make_engine
-from desim_uav.engine.compiled import pack
-from desim_uav.engine.des import Simulation, in_air
+from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
@@ -21,21 +20,20 @@ from desim_uav.world import World, build_world
 from tests.engine.helpers import before_end, events, fly, path_of, seen, some_command
 
 HOUSE = {"cells": [[1, 1, 60], [3, 2, 150], [1, 3, 90]]}
-SHADOWS = {"los_db": 2, "nlos_db": 6}
+RADIO = {
+    "kind": "link_classes",
+    "power_dbm": 20,
+    "bandwidth_mhz": 1,
+    "path_loss": {"kind": "al_hourani", "environment": "dense_urban"},
+    "line_of_sight": "drawn",
+    "shadowing": {"los_db": 2, "nlos_db": 6},
+    "sharing": "equal",
+}
 
 
 def town(count: int = 3, **changes: Any) -> World:
     """Three drones over a dense town of 5 by 5 cells, in which twelve users walk."""
-    radio = {
-        "kind": "link_classes",
-        "power_dbm": 20,
-        "bandwidth_mhz": 1,
-        "path_loss": {"kind": "al_hourani", "environment": "dense_urban"},
-        "line_of_sight": "drawn",
-        "shadowing": SHADOWS,
-        "sharing": "equal",
-        **changes.pop("radio", {}),
-    }
+    radio = {**RADIO, **changes.pop("radio", {})}
     built = radio["line_of_sight"] == "buildings"
     scenario = {
         "map": {
@@ -125,6 +123,20 @@ def test_one_more_drone_leaves_the_links_of_others_as_they_are(engine: str) -> N
     assert len(links[0]) > 20
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_one_more_drone_leaves_the_links_of_an_access_point_as_they_are(engine: str) -> None:
+    """Its number among all that transmit is another one then, but not its number in draws."""
+    point = {"at_m": [600, 600], "height_m": 20, "radio": RADIO}
+    links = []
+    for count in (1, 2):
+        world = town(count, access_points=[point])
+        found = flown(make_engine(engine, world, told(world)), draw(world, 1, 0), hover=True)
+        kinds = ("enter", "exit", "class")
+        links.append([row[:3] + row[4:] for row in found if row[2] in kinds and row[3] == count])
+    assert links[0] == links[1]
+    assert len(links[0]) > 20
+
+
 def test_episodes_and_seeds_have_draws_of_their_own() -> None:
     world = town()
     keys = [tuple(draw(world, seed, e).link_key.tolist()) for seed in (1, 2) for e in (0, 1)]
@@ -132,27 +144,6 @@ def test_episodes_and_seeds_have_draws_of_their_own() -> None:
     assert not draw(
         town(**{"radio": {"line_of_sight": "mean", "shadowing": None}}), 1, 0
     ).link_key.any()
-
-
-@pytest.mark.parametrize("name", ["with shadowing", "past buildings"])
-def test_too_little_memory_is_made_larger(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    world = town(**WORLDS[name])
-    path = draw(world, 1, 0)
-    expected = flown(Simulation(world, told(world)), path)
-    monkeypatch.setattr(in_air, "MARKS_A_USER", 1)
-    monkeypatch.setattr(in_air, "STRETCHES", 1)
-    assert flown(Simulation(world, told(world)), path) == expected
-    roomy = pack.room_for
-    rooms: list[Any] = []
-
-    def narrow(users: int, buffers: Any, legs: int) -> Any:
-        rooms.append(buffers)
-        times = len(rooms)
-        return roomy(users, buffers, legs)._replace(marks=6 * times, stretches=times)
-
-    monkeypatch.setattr(pack, "room_for", narrow)
-    assert flown(make_engine("batch", world, told(world)), path) == expected
-    assert len(rooms) > 1
 
 
 def street(users: Sequence[tuple[float, float]], roof_m: float = 50.0) -> World:
