@@ -32,12 +32,12 @@ from desim_uav.model.coverage import (
     leg_near,
     walked,
 )
-from desim_uav.model.crossings import beyond, wider
 from desim_uav.model.kernels import kernel, part
 from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
+from desim_uav.model.radio.circles import wider
 from desim_uav.model.radio.fits import CURVED, STEEP, TERMS
 from desim_uav.model.radio.nested import bounds_of, sift, sifted
-from desim_uav.model.radio.tracks import rounded_us
+from desim_uav.model.relative import beyond, rounded_us
 
 BEGINS, SLAB, PLACE, RISE, BEND = range(5)
 WINDOW_COLUMNS = 5
