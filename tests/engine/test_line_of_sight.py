@@ -14,6 +14,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import ENGINES, make_engine
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
+from desim_uav.model.rules import Action
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
@@ -45,7 +46,7 @@ def town(count: int = 3, **changes: Any) -> World:
         "drones": {
             "count": count,
             "radio": radio,
-            "battery": None,
+            "battery": changes.pop("battery", None),
             "start_cells": [[0, 0], [2, 2], [4, 3], [0, 4]][:count],
         },
         "stations": {"count": 0},
@@ -96,6 +97,33 @@ def test_both_engines_and_the_audit_agree(name: str) -> None:
     one = flown(Simulation(world, told(world), audit=audit), path)
     assert len(one) > 100
     assert flown(make_engine("batch", world, told(world)), path) == one
+
+
+@pytest.mark.parametrize("interference", ["none", "co_channel"])
+def test_the_audit_agrees_where_legs_begin_within_a_step(interference: str) -> None:
+    """One flies back in several hops; one crashes, and disturbs the links of another no more.
+
+    The latter has charged for two minutes, and is in the air at the crash.
+    """
+    world = town(
+        radio={"interference": interference},
+        battery={"autonomy_min": 4.3, "return_below": 1.0},
+        stations={"count": 1, "radius_m": 0},
+    )
+    simulation = Simulation(world, told(world), audit=audit)
+    hover, *others = (
+        world.actions.index(one)
+        for one in (Action.HOVER, Action.GOTO_CHARGING_STATION, Action.CHARGE)
+    )
+    shown, serving = simulation.reset(draw(world, 1, 0)), []
+    while not (shown.terminated or shown.truncated):
+        first = [one if shown.masks[d][one] else hover for d, one in enumerate(others)]
+        first[1] = hover if len(serving) > 2 else first[1]
+        shown = simulation.step([*first, hover])
+        serving.append([drone.serving for drone in simulation.state.senders])
+    within = {event[2] for event in simulation.log.events or () if event[0] % 60_000_000}
+    assert {"arrive", "land", "crash"} <= within
+    assert [bool(one) for one in serving[4][1:]] == [True, False]
 
 
 @pytest.mark.parametrize("name", ["drawn", "shadowing alone"])
@@ -228,20 +256,21 @@ class TestByHand:
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_learner_sees_how_good_links_are(engine: str) -> None:
     """The mean efficiency of the links to attached users, over that of the best class."""
-    world = town(observation={"kind": "local"})
+    world = town(observation={"kind": "local"}, radio={"power_dbm": 33})
     flying = make_engine(engine, world, told(world))
     shown = flying.reset(draw(world, 1, 0))
     names = [feature.name for feature in world.scenario.observation.features(world.facts)]
     bits = [0.0, *(one.bit_s_hz for one in world.scenario.drones.radio.ladder)]  # type: ignore[attr-defined]
-    found = []
+    found, covered_alone = [], True
     for _ in range(5):
         shown = flying.step([0, 0, 0])
         for drone, observation in enumerate(shown.observations):
             own = [u for u in flying.state.users if u.holder == drone]  # type: ignore[attr-defined]
+            covered_alone &= all(sum(c >= 0 for c in u.covering) < 2 for u in own)
             mean = np.mean([bits[int(u.classes[drone])] for u in own]) / bits[-1] if own else 0.0
             found.append(observation.features[names.index("link_quality")])
             assert found[-1] == pytest.approx(mean, abs=1e-12)
-    assert len(set(found)) > 5
+    assert len(set(found)) > 5 and not covered_alone
     assert "link_quality" not in [
         feature.name
         for feature in world.scenario.observation.features(world.facts._replace(graded=False))
