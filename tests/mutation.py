@@ -428,13 +428,6 @@ MUTATIONS = (
     ),
     # ---- lines of sight, shadowing and times to trigger
     Mutation(
-        "marks of a former leg are kept",
-        "rules/flight.py",
-        "    drone.transit, drone.marked_until_us = transit, -1\n",
-        "    drone.transit = transit\n",
-        ("engine/test_line_of_sight.py",),
-    ),
-    Mutation(
         "marks count from the start of the span",
         "model/radio/scene.py",
         "        words[k, MARKED] = air.senders[sender, MARKED_US] - span_us[0]\n",

@@ -103,7 +103,8 @@ def test_both_engines_and_the_audit_agree(name: str) -> None:
 def test_the_audit_agrees_where_legs_begin_within_a_step(interference: str) -> None:
     """One flies back in several hops; one crashes, and disturbs the links of another no more.
 
-    The latter has charged for two minutes, and is in the air at the crash.
+    The latter has charged for two minutes. At the crash it flies to the next cell, where its links
+    have other draws.
     """
     world = town(
         radio={"interference": interference},
@@ -111,14 +112,14 @@ def test_the_audit_agrees_where_legs_begin_within_a_step(interference: str) -> N
         stations={"count": 1, "radius_m": 0},
     )
     simulation = Simulation(world, told(world), audit=audit)
-    hover, *others = (
+    hover, ahead, *others = (
         world.actions.index(one)
-        for one in (Action.HOVER, Action.GOTO_CHARGING_STATION, Action.CHARGE)
+        for one in (Action.HOVER, Action.FORWARD, Action.GOTO_CHARGING_STATION, Action.CHARGE)
     )
     shown, serving = simulation.reset(draw(world, 1, 0)), []
     while not (shown.terminated or shown.truncated):
         first = [one if shown.masks[d][one] else hover for d, one in enumerate(others)]
-        first[1] = hover if len(serving) > 2 else first[1]
+        first[1] = {3: hover, 4: ahead}.get(len(serving), first[1])
         shown = simulation.step([*first, hover])
         serving.append([drone.serving for drone in simulation.state.senders])
     within = {event[2] for event in simulation.log.events or () if event[0] % 60_000_000}
@@ -256,7 +257,7 @@ class TestByHand:
 @pytest.mark.parametrize("engine", ENGINES)
 def test_a_learner_sees_how_good_links_are(engine: str) -> None:
     """The mean efficiency of the links to attached users, over that of the best class."""
-    world = town(observation={"kind": "local"}, radio={"power_dbm": 33})
+    world = town(observation={"kind": "local"}, radio={"power_dbm": 24}, association="strongest")
     flying = make_engine(engine, world, told(world))
     shown = flying.reset(draw(world, 1, 0))
     names = [feature.name for feature in world.scenario.observation.features(world.facts)]
