@@ -240,12 +240,19 @@ def _follow(
             ):
                 width = 0.5 * (until - begin)
                 continue
+            entered = left = False
             while True:
-                enters = now < high and _excess(climb, stretch, group, now, until)[0] <= 0.0
+                # A circle that has just been passed is not passed back.
+                enters = (
+                    not left and now < high and _excess(climb, stretch, group, now, until)[0] <= 0.0
+                )
                 if not enters and (
-                    now == low or _excess(climb, stretch, group, now - 1, until)[0] <= 0.0
+                    entered
+                    or now == low
+                    or _excess(climb, stretch, group, now - 1, until)[0] <= 0.0
                 ):
                     break
+                entered, left = enters, not enters
                 ring = now if enters else now - 1
                 root = _root(climb, stretch, (group, ring), begin, until, enters)
                 t_us = rounded_us(start_us, at + root)

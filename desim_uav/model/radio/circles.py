@@ -119,13 +119,21 @@ def cross_rings(
                 x, y = leg.route[2] - x, leg.route[3] - y
             else:
                 x, y = place_at(piece, after)
+            entered = left = False
             while True:
-                enters = now < stop and _passes(beyond(x, y, radii[now]), radii[now], graze, True)
+                # A circle that has just been passed is not passed back.
+                enters = (
+                    not left
+                    and now < stop
+                    and _passes(beyond(x, y, radii[now]), radii[now], graze, True)
+                )
                 if not enters and (
-                    now == first
+                    entered
+                    or now == first
                     or not _passes(beyond(x, y, radii[now - 1]), radii[now - 1], graze, False)
                 ):
                     break
+                entered, left = enters, not enters
                 ring = now if enters else now - 1
                 root = root_of(piece, coast, radii[ring], before, after, enters)
                 t_us = rounded_us(start_us, at + root)
