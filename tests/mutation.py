@@ -75,7 +75,7 @@ MUTATIONS = (
     ),
     Mutation(
         "crossing times rounded half up instead of half to even",
-        "model/crossings.py",
+        "model/relative.py",
         "int(np.rint(since_s * 1e6))",
         "int(np.floor(since_s * 1e6 + 0.5))",
         ("model/test_coverage.py",),
@@ -425,6 +425,56 @@ MUTATIONS = (
         "            if lesson.allowed[action]:\n",
         "            if True:\n",
         ("learning/test_algorithms.py",),
+    ),
+    # ---- lines of sight, shadowing and times to trigger
+    Mutation(
+        "marks count from the start of the span",
+        "model/radio/scene.py",
+        "        words[k, MARKED] = air.senders[sender, MARKED_US] - span_us[0]\n",
+        "        words[k, MARKED] = 0\n",
+        ("engine/test_line_of_sight.py",),
+    ),
+    Mutation(
+        "shadowing makes links better",
+        "model/radio/scene.py",
+        "        table[k, BASE_DBM] -= air.marks[mark, EXTRA_DB]\n",
+        "        table[k, BASE_DBM] += air.marks[mark, EXTRA_DB]\n",
+        ("engine/test_line_of_sight.py",),
+    ),
+    Mutation(
+        "an access point has the draws of a drone",
+        "rules/air.py",
+        "    return -1 - drone.point if drone.point >= 0 else drone.index\n",
+        "    return drone.index\n",
+        ("engine/test_line_of_sight.py",),
+    ),
+    Mutation(
+        "buildings do not matter",
+        "engine/air.py",
+        "    return cells_as_prisms(height_m if blocks else 0.0 * height_m, world.grid.cell_m)\n",
+        "    return cells_as_prisms(0.0 * height_m, world.grid.cell_m)\n",
+        ("engine/test_line_of_sight.py",),
+    ),
+    Mutation(
+        "times to trigger go on after a handover",
+        "rules/association.py",
+        "    for d in range(len(state.senders)):\n        user.better_since[d] = -1\n",
+        "",
+        ("engine/test_access_points.py",),
+    ),
+    Mutation(
+        "a user without a drone takes another than the strongest",
+        "rules/association.py",
+        "            best = d\n    return best\n",
+        "            best = d if best < 0 else best\n    return best\n",
+        ("engine/test_access_points.py",),
+    ),
+    Mutation(
+        "the quality of links counts users who are not attached",
+        "rules/decide.py",
+        "        if user.holder == drone.index:\n            carried +=",
+        "        if user.covering[drone.index] >= 0:\n            carried +=",
+        ("engine/test_line_of_sight.py",),
     ),
 )
 

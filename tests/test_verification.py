@@ -153,6 +153,7 @@ def copied(tree, mutations):
 def test_the_document_has_every_figure_and_mutation():
     document = (ROOT / "docs" / "verification.md").read_text(encoding="utf-8")
     said = rows(document)
-    assert {m.what for m in MUTATIONS} <= {row[0] for row in said}
+    files = {tuple(row[:2]) for row in said}
+    assert {(m.what, f"`{m.file}`") for m in MUTATIONS} <= files
     assert not [row for row in said if "NO" in row or "NOT NOTICED" in row]
     assert {figure.what for figure in transit.figures()} <= {row[0] for row in said}

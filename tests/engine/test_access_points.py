@@ -135,6 +135,25 @@ class TestByHand:
         ((t_us, *_),) = seen(log, "handover")
         assert t_us == pytest.approx(x_m / 4 * 1e6 + 640_000, abs=1)
 
+    def test_times_to_trigger_begin_anew_with_a_handover(self) -> None:
+        """A walker passes masts at 0, 100 and 500 m, of which the last is better at the handover.
+
+        It has been better than the first one for 0.7 s then, which does not count: it has to be
+        better than the second one for 2.8 s.
+        """
+        a3 = {"kind": "a3", "offset_db": 0, "hysteresis_db": 1, "time_to_trigger_ms": 2800}
+        far = {"radio": {"classes": [{"snr_db": 20, "bit_s_hz": 1}]}}
+        masts = [mast(1000 + x, **far) for x in (0, 100, 500)]
+        world = road([(1000.0, 100.0)], masts, association=a3)
+        walk = [(0.0, 1000.0, 100.0, 100.0, 0.0), (9.0, 1900.0, 100.0, 0.0, 0.0)]
+        handed = seen(fly(world, path_of(world, walks={0: walk})), "handover")
+        ratio = 10 ** (1 / 10)  # of squared distances: (x² + 20²) = ratio ((100 - x)² + 20²)
+        a, b, c = ratio - 1, -200 * ratio, ratio * (100**2 + 20**2) - 20**2
+        better_us = (-b - math.sqrt(b * b - 4 * a * c)) / (2 * a) / 100 * 1e6
+        assert [event[3] for event in handed] == [MAST + 1, MAST + 2]
+        times = [better_us + 2_800_000, better_us + 5_600_000]
+        assert [event[0] for event in handed] == pytest.approx(times, abs=1)
+
     def test_it_disturbs_the_drone(self) -> None:
         """At 30 m from the drone and 970 m from the mast, the SINR is about 28.6 dB, not 68.9."""
         classes = [{"snr_db": 28, "bit_s_hz": 0.5}, {"snr_db": 50, "bit_s_hz": 1}]

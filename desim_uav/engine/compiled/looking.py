@@ -17,11 +17,12 @@ from desim_uav.model.coverage import (
     sort_into_buckets,
     walked,
 )
-from desim_uav.model.crossings import TIME_US, USER, crossings, crossings_near
+from desim_uav.model.crossings import crossings, crossings_near
 from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.model.radio.between import WINDOW_COLUMNS, Climb, class_changes_between
 from desim_uav.model.radio.fits import TERM_COLUMNS
 from desim_uav.model.radio.nested import CHANGE, class_changes
+from desim_uav.model.relative import TIME_US, USER
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import coverage as seam
 from desim_uav.rules import spots

@@ -7,10 +7,10 @@ from numpy.typing import NDArray
 
 from desim_uav.model.compiled_rows import set_word
 from desim_uav.model.coverage import SEEN_ROWS, VX, VY, X0, Y0, DroneLeg, Users, look_around
-from desim_uav.model.crossings import TIME_US, USER
 from desim_uav.model.kernels import rule
 from desim_uav.model.motion import Transit
 from desim_uav.model.radio.nested import CHANGE, changes_on
+from desim_uav.model.relative import TIME_US, USER
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.world import World

@@ -19,10 +19,11 @@ from desim_uav.model.coverage import (
     look_around,
     sort_into_buckets,
 )
-from desim_uav.model.crossings import TIME_US, USER, crossings_near
+from desim_uav.model.crossings import crossings_near
 from desim_uav.model.motion import Transit
 from desim_uav.model.radio.between import Climb, class_changes_between
 from desim_uav.model.radio.nested import CHANGE, changes_on
+from desim_uav.model.relative import TIME_US, USER
 from desim_uav.model.rows import named
 from desim_uav.model.walking import Walks
 from desim_uav.rules import rows

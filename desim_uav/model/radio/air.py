@@ -75,7 +75,8 @@ from desim_uav.model.radio.scene import (
 )
 from desim_uav.model.radio.search import search
 from desim_uav.model.radio.slopes import DB
-from desim_uav.model.radio.tracks import AT, BEGIN, SPEED_AT, place, rounded_us
+from desim_uav.model.radio.tracks import AT, BEGIN, SPEED_AT, place
+from desim_uav.model.relative import rounded_us
 
 GRAZE = 1e-14
 """How close to zero an extremum of the difference of squared distances, relative to them, touches
@@ -106,8 +107,9 @@ def class_changes_in_air(
     Rows (time, user, change) go into ``out``, user by user in order of time. The change is the new
     class if the link rises to it, and minus the new class if it falls to it. Classes at both ends
     of the span depend on the places there only, and changes in one microsecond are one, or cancel.
-    If ``out`` is too short, the number is larger than its length, and with that many rows it is
-    long enough. If ``air.tracks`` is too short, minus the number of its rows is returned.
+    If ``out`` is too short, the number is larger than its length. That many rows may still be too
+    few, because not all changes are counted for which there is no room: a caller asks again until
+    all fit. If ``air.tracks`` is too short, minus the number of its rows is returned.
 
     Wherever a class is not the true one, the ratio is within ``TOLERANCE_DB`` of a threshold.
     """

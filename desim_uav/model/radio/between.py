@@ -32,12 +32,12 @@ from desim_uav.model.coverage import (
     leg_near,
     walked,
 )
-from desim_uav.model.crossings import beyond, wider
 from desim_uav.model.kernels import kernel, part
 from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
+from desim_uav.model.radio.circles import wider
 from desim_uav.model.radio.fits import CURVED, STEEP, TERMS
 from desim_uav.model.radio.nested import bounds_of, sift, sifted
-from desim_uav.model.radio.tracks import rounded_us
+from desim_uav.model.relative import beyond, rounded_us
 
 BEGINS, SLAB, PLACE, RISE, BEND = range(5)
 WINDOW_COLUMNS = 5
@@ -240,12 +240,19 @@ def _follow(
             ):
                 width = 0.5 * (until - begin)
                 continue
+            entered = left = False
             while True:
-                enters = now < high and _excess(climb, stretch, group, now, until)[0] <= 0.0
+                # A circle that has just been passed is not passed back.
+                enters = (
+                    not left and now < high and _excess(climb, stretch, group, now, until)[0] <= 0.0
+                )
                 if not enters and (
-                    now == low or _excess(climb, stretch, group, now - 1, until)[0] <= 0.0
+                    entered
+                    or now == low
+                    or _excess(climb, stretch, group, now - 1, until)[0] <= 0.0
                 ):
                     break
+                entered, left = enters, not enters
                 ring = now if enters else now - 1
                 root = _root(climb, stretch, (group, ring), begin, until, enters)
                 t_us = rounded_us(start_us, at + root)

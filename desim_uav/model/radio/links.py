@@ -179,7 +179,7 @@ def note(links: Links, k: int, t_us: int, state: int) -> None:
     row is (time, class).
 
     Changes in one microsecond are one, or none if they cancel. Rows for which there is no room are
-    counted only, some of them more than once.
+    counted only, some of them more than once and others, of changes back, not at all.
     """
     words = links.words
     room, wide, rows, began = words[k, ROOM], words[k, WIDTH], words[k, ROWS], words[k, BEGAN]

@@ -29,8 +29,10 @@ from desim_uav.model.coverage import (
     ways_of,
     ways_of_ends,
 )
-from desim_uav.model.crossings import ENTERS, MOST_REST, cross_rings, crossings, wider
+from desim_uav.model.crossings import crossings
 from desim_uav.model.kernels import kernel, part
+from desim_uav.model.radio.circles import MOST_REST, cross_rings, wider
+from desim_uav.model.relative import ENTERS
 
 CHANGE = ENTERS
 """The third column of a table of changes: the class to which a link rises, or minus the class to

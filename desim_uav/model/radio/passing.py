@@ -16,7 +16,7 @@ from desim_uav.model.radio.links import (
     note,
     ratio_db,
 )
-from desim_uav.model.radio.tracks import rounded_us
+from desim_uav.model.relative import rounded_us
 
 ROOT_S = 1e-9
 """How far a time may be from where the ratio passes a threshold, before it is rounded."""

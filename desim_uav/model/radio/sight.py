@@ -20,17 +20,8 @@ from numpy.typing import NDArray
 
 from desim_uav.model.kernels import kernel, maker, part
 from desim_uav.model.radio.polynomial import Coefficients, sign_changes
-from desim_uav.model.radio.tracks import (
-    BEGIN,
-    PULL_AT,
-    Point,
-    Rows,
-    note,
-    place,
-    rounded_us,
-    row_at,
-    velocity,
-)
+from desim_uav.model.radio.tracks import BEGIN, PULL_AT, Point, Rows, note, place, row_at, velocity
+from desim_uav.model.relative import rounded_us
 
 BLOCKED, CLEAR = 0, 1
 """The states of a line of sight."""

@@ -165,12 +165,6 @@ def row_at(tracks: NDArray[np.float64], first: int, last: int, t: float) -> int:
 
 
 @part
-def rounded_us(start_us: int, t: float) -> int:
-    """Return a time of a span that begins at ``start_us`` in whole microseconds."""
-    return start_us + int(np.rint(t * 1e6))
-
-
-@part
 def note(out: NDArray[np.int64], rows: int, held: int, t_us: int, state: int) -> int:
     """Write that a link is in another state from ``t_us`` on, and return the number of rows.
 

@@ -140,6 +140,27 @@ def test_the_general_search_finds_the_same():
     survey(15, 6, 1)
 
 
+def test_a_drone_that_served_before_has_the_changes_alone():
+    rng, rows = np.random.default_rng(6), 0
+    for _ in range(5):
+        sky = random_climb(rng, 4)
+        for own, fresh in zip(rows_between(sky, fresh=False), rows_between(sky), strict=True):
+            assert own == [row for row in fresh if row[0] > START_US]
+            rows += len(own)
+    assert rows > 20
+
+
+def test_room_that_is_too_short_is_said():
+    sky = random_climb(np.random.default_rng(7), 4)
+    whole = rows_between(sky)
+    count = sum(map(len, whole))
+    assert count > 8
+    for room in (0, 1, count - 1):
+        needed = rows_between(sky, room=room)
+        assert needed > room
+        assert rows_between(sky, room=needed) == whole
+
+
 @pytest.mark.thorough
 def test_the_general_search_finds_the_same_on_more_legs():
     survey(300, 10, 2)
