@@ -16,9 +16,10 @@ from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
 from desim_uav.model.coverage import SEEN_ROWS, DroneLeg, Users, look_around
-from desim_uav.model.crossings import ENTERS, TIME_US, USER, crossings
+from desim_uav.model.crossings import crossings
 from desim_uav.model.kernels import maker
 from desim_uav.model.motion import REST
+from desim_uav.model.relative import ENTERS, TIME_US, USER
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.model.walking import Walks
 from desim_uav.world import World
