@@ -25,7 +25,6 @@ from desim_uav.policies.network_file import DEEPEST, are_widths
 from desim_uav.registry import names, register
 from desim_uav.run_folder import world_hash
 from desim_uav.scenario.load import from_mapping, to_plain
-from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_table
 from desim_uav.world import World
 
@@ -74,11 +73,11 @@ class Mlp:
         of additions depends on the machine. Inputs that are 0 add nothing and are left out.
         """
         values = (np.array(features, np.float64) - self.low) * self.scale
-        for weights, biases in self.layers:
-            values = np.maximum(values, 0.0) if weights is not self.layers[0][0] else values
-            some = np.flatnonzero(values)
-            parts = values[some, np.newaxis] * weights[some]
-            values = np.add.reduce(parts, axis=0) + biases
+        for k, (weights, biases) in enumerate(self.layers):
+            inputs = np.maximum(values, 0.0) if k else values
+            some = np.flatnonzero(inputs)
+            products = inputs[some, np.newaxis] * weights[some]
+            values = np.add.reduce(products, axis=0) + biases
         return values
 
 
@@ -132,10 +131,11 @@ def component_of(shown: dict[str, Any] | None) -> Any:
     return from_mapping({"observation": shown}, source="its description").observation
 
 
-def description_of(world: World) -> dict[str, Any]:
+def description_of(world: World, own: bool = False) -> dict[str, Any]:
     """Return the entries of a description that tell what a drone in ``world`` sees and does.
 
-    An observation that is not built in is None: it has to be that of the scenario then.
+    An observation that is not built in is None: it has to be that of the scenario then. ``own``
+    says that the network is for this world alone.
     """
     scenario = world.scenario
     shown = to_plain(scenario)["observation"]
@@ -144,7 +144,22 @@ def description_of(world: World) -> dict[str, Any]:
         "actions": [action.name.lower() for action in world.actions],
         "observation": shown if shown["kind"] in names("observation") else None,
         "scenario": scenario.name,
+        "world_seed": world.seed if own else None,
+        "world_hash": world_hash(world) if own else None,
     }
+
+
+def scaling_of(world: World) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+    """Return ``low`` and ``scale`` of networks for drones in the worlds of a scenario.
+
+    Whole numbers are mapped to 0 … 1 by their bounds. Other features enter as they are.
+    """
+    from desim_uav.spaces import features  # Gymnasium takes long to import
+
+    shown = features(world)
+    low = [feature.low if feature.whole else 0.0 for feature in shown]
+    widths = [max(1.0, feature.high - feature.low) if feature.whole else 1.0 for feature in shown]
+    return np.array(low, np.float32), (1.0 / np.array(widths)).astype(np.float32)
 
 
 def _problems(forms: dict[str, array_file.Form], about: dict[str, Any]) -> Iterable[str]:
@@ -245,11 +260,3 @@ class NetworkPolicy:
         assert self._network is not None, "begin comes first"
         scores = self._network.scores(self._encode(observation, self._facts))
         return int(np.where(mask, scores, -np.inf).argmax())
-
-
-def as_seen(scenario: Scenario, policy: Any) -> Scenario:
-    """Return the scenario with the observation that the policy needs, if it names one."""
-    needed = getattr(policy, "observation", None)
-    if needed is None or needed == scenario.observation:
-        return scenario
-    return scenario.model_copy(update={"observation": needed})
