@@ -35,7 +35,6 @@ except ModuleNotFoundError:
     print(MissingExtraError("policies/ppo.py", "ppo"), file=sys.stderr)
     sys.exit(MissingExtraError.exit_code)
 
-FIRST_SEED = 2**40  # of the first environment: no run of one's own begins there
 DEFAULTS = ("observation={kind: radar}", "reward={kind: qoe, crash: 10}")
 """What a drone sees and is paid for; ``-S observation=… -S reward=…`` change that."""
 
@@ -98,7 +97,7 @@ class Rollouts:
 
     def __init__(self, env, scaling, options):
         self.env, self.options, (self.low, self.scale) = env, options, scaling
-        seen, infos = env.reset(seed=FIRST_SEED + options.seed * options.envs)
+        seen, infos = env.reset(seed=2**40 + options.seed * options.envs)  # as no run of one's own
         shape = (options.rollout + 1, *seen.shape[:2])
         self.seen = torch.zeros(*shape, seen.shape[-1])
         self.masks = torch.zeros(*shape, env.single_action_space.n, dtype=torch.bool)
@@ -244,6 +243,7 @@ def main(arguments=None):
         print(f"interrupted; {place} has the policy of the last update", file=sys.stderr)
         return 130
     print(f"desim-uav run {name} --policy {place}")
+    return 0
 
 
 if __name__ == "__main__":
