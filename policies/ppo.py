@@ -225,7 +225,7 @@ def main(arguments=None):
         parser.add_argument(f"--{name}", type=type(default), default=default, help=meaning)
     asked = vars(parser.parse_args(arguments))
     told = {"torch": torch.__version__, "commit": commit(), "processor": processor()}
-    told["command"] = ["policies/ppo.py", *(arguments or sys.argv[1:])]
+    told["command"] = [w.split("/")[-1] if w.endswith(".npz") else w for w in sys.argv]
 
     def save(network):
         network.about["training"] |= told

@@ -17,8 +17,9 @@ from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import parts
 from desim_uav.policies.mlp import Mlp, MlpFile, description_of, scaling_of
-from desim_uav.scenario.load import from_mapping
+from desim_uav.scenario.load import from_mapping, loads
 from desim_uav.scenario.schema import Scenario
+from desim_uav.shipped import find_table, network_names
 from desim_uav.world import build_world
 from tests.command_line import runner
 
@@ -73,12 +74,20 @@ def test_a_file_gives_its_network_back(file: Path):
     assert np.allclose(found.scores(features.tolist()), values, rtol=1e-12, atol=1e-12)
 
 
-def test_sums_are_added_in_the_order_of_the_inputs():
-    """So they are the same on every machine; 1e16 + 1 is 1e16 in floating point."""
-    ones = np.ones(4, np.float32)
-    one = np.ones((4, 2), np.float32), np.zeros(2, np.float32)
-    scores = Mlp(0 * ones, ones, (one,), {}).scores([1e16, 1.0, 1.0, -1e16])
-    assert scores.tolist() == [0.0, 0.0]
+@pytest.mark.parametrize("units", [2, 5, 9, 128])
+def test_sums_are_added_in_the_order_of_the_inputs(units: int):
+    """So they are the same on every machine, bit for bit."""
+    rng = np.random.default_rng(units)
+    weights = rng.normal(size=(600, units)).astype(np.float32)
+    values = rng.normal(size=600).astype(np.float32)
+    values[100:300] = 0.0
+    ones = np.ones(600, np.float32)
+    layer = weights, rng.normal(size=units).astype(np.float32)
+    sums = [0.0] * units
+    for value, row in zip(values.tolist(), weights.tolist(), strict=True):
+        sums = [total + value * weight for total, weight in zip(sums, row, strict=True)]
+    expected = [total + bias for total, bias in zip(sums, layer[1].tolist(), strict=True)]
+    assert Mlp(0 * ones, ones, (layer,), {}).scores(values.tolist()).tolist() == expected
 
 
 def test_whole_numbers_are_scaled_by_their_bounds():
@@ -240,3 +249,18 @@ def test_a_name_is_enough(file: Path, tmp_path: Path):
         load_policy("mlp")
     with pytest.raises(PolicyError, match=r"none\.npz"):
         load_policy("mlp:none.npz")
+
+
+@pytest.mark.parametrize("name", network_names())
+def test_shipped_networks_fly_and_tell_where_they_come_from(name: str):
+    policy: Any = load_policy(name)
+    training = policy.about["training"]
+    assert training["command"][0].endswith("ppo.py") and training["steps_done"] > 0
+    assert training["commit"] and training["processor"]
+    trained_in = loads(training["scenario_yaml"])
+    assert trained_in.observation == policy.observation
+    run = du.run(policy.about["scenario"], policy=name, engine="batch", progress=False)
+    baseline = du.run(policy.about["scenario"], seed=run.seeds[0], engine="batch", progress=False)
+    mine, other = (of.summaries()[0]["qoe3_percent"] for of in (run, baseline))
+    assert mine > other + 10
+    assert find_table(name).stat().st_size < 2**20
