@@ -521,7 +521,7 @@ def test_numpy_numbers_are_commands():
     ("name", "told"),
     [
         ("baselin", "unknown policy 'baselin' (did you mean 'baseline'?)"),
-        ("RANDOM", "allowed: baseline, hover, random, rllib, sb3, script, table"),
+        ("RANDOM", "allowed: baseline, hover, mlp, random, rllib, sb3, script, table"),
         ("", "unknown policy"),
         (f"{HERE}:Deaf", "no method 'act'"),
         (f"{HERE}:Nobody", "Nobody"),
