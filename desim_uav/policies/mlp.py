@@ -152,14 +152,18 @@ def description_of(world: World, own: bool = False) -> dict[str, Any]:
 def scaling_of(world: World) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Return ``low`` and ``scale`` of networks for drones in the worlds of a scenario.
 
-    Whole numbers are mapped to 0 … 1 by their bounds. Other features enter as they are.
+    Whole numbers are mapped to 0 … 1 by their bounds. Other features enter as they are. Where
+    episodes carry over, nothing ends with them, so the time that is left does not enter (scale 0).
     """
     from desim_uav.spaces import features  # Gymnasium takes long to import
 
     shown = features(world)
     low = [feature.low if feature.whole else 0.0 for feature in shown]
     widths = [max(1.0, feature.high - feature.low) if feature.whole else 1.0 for feature in shown]
-    return np.array(low, np.float32), (1.0 / np.array(widths)).astype(np.float32)
+    scale = 1.0 / np.array(widths)
+    if world.scenario.episode.carry_over:
+        scale[[feature.name == "time_left" for feature in shown]] = 0.0
+    return np.array(low, np.float32), scale.astype(np.float32)
 
 
 def _problems(forms: dict[str, array_file.Form], about: dict[str, Any]) -> Iterable[str]:

@@ -96,7 +96,11 @@ def test_whole_numbers_are_scaled_by_their_bounds():
     assert description_of(world)["features"] == ["cell_x", "cell_y", "battery_min"]
     assert low.tolist() == [0, 0, 0] and np.allclose(scale, [1 / 3, 1 / 3, 1 / 7])
     low, scale = scaling_of(build_world(small(observation=RADAR), 0))
-    assert set(low) == {0.0} and set(scale) == {1.0}
+    assert set(low) == {0.0} and set(scale) == {0.0, 1.0}
+    features = description_of(build_world(small(observation=RADAR), 0))["features"]
+    assert [features[k] for k in np.flatnonzero(scale == 0)] == ["time_left"]
+    once = small(observation=RADAR, episode={"carry_over": False})
+    assert set(scaling_of(build_world(once, 0))[1]) == {1.0}
 
 
 class Checked:
