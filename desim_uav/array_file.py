@@ -88,6 +88,15 @@ class Stored:
             raise PolicyError(f"{self.path}: not a readable {self.what}: {reason}") from error
 
 
+def names_in(path: Path) -> set[str]:
+    """Return the names of the arrays in a file; none if it is not such a file."""
+    try:
+        with opened(path, LARGEST) as file, zipfile.ZipFile(file) as archive:
+            return {name.removesuffix(".npy") for name in archive.namelist()}
+    except Exception:  # its reader will say what is wrong with it
+        return set()
+
+
 def pack(about: dict[str, Any], **arrays: NDArray[Any]) -> bytes:
     """Return the bytes of a file. The same content always gives the same bytes."""
     text = json.dumps(about, sort_keys=True, allow_nan=False).encode()

@@ -1,4 +1,4 @@
-"""Finds what comes with the package, scenarios and learned tables: in the wheel or a checkout."""
+"""Finds what comes with the package, scenarios and trained policies: in the wheel or a checkout."""
 
 from __future__ import annotations
 
@@ -9,6 +9,9 @@ from desim_uav.errors import ScenarioError
 from desim_uav.registry import did_you_mean
 
 _PACKAGE = Path(__file__).resolve().parent
+
+NETWORKS = "ppo_"
+"""How the names of shipped networks begin."""
 
 
 def scenario_names() -> list[str]:
@@ -43,11 +46,21 @@ def find_scenario(argument: str) -> Path:
 
 def table_names() -> list[str]:
     """Return the names of the shipped tables, case2.npz before case10.npz."""
+    return [name for name in trained_names() if not name.startswith(NETWORKS)]
+
+
+def network_names() -> list[str]:
+    """Return the names of the shipped networks, such as ppo_case8.npz."""
+    return [name for name in trained_names() if name.startswith(NETWORKS)]
+
+
+def trained_names() -> list[str]:
+    """Return the names of the shipped tables and networks."""
     return sorted((path.name for path in _folder("policies").glob("*.npz")), key=_natural)
 
 
 def find_table(argument: str) -> Path:
-    """The learned table an argument means: a file, or the name of a shipped one (``case8.npz``)."""
+    """The trained policy that is meant: a file, or the name of a shipped one (``case8.npz``)."""
     path = Path(argument)
     shipped = _folder("policies") / argument
     return shipped if path.name == argument and not path.exists() and shipped.exists() else path

@@ -37,6 +37,7 @@ DIRECTIVES = {"{code-cell}", "{eval-rst}", "{include}", "{toctree}"}
 
 NEEDED = {
     "optuna": ("optuna",),
+    "ppo": ("torch",),
     "ray": ("ray",),
     "rllib": ("ray.rllib", "tree", "torch"),  # Ray alone has the first of them
     "sb3": ("sb3_contrib",),

@@ -20,7 +20,7 @@ def run(
         str,
         typer.Option(
             metavar="POLICY",
-            help="The policy: baseline, random, hover, a learned table (case8.npz), "
+            help="The policy: baseline, random, hover, a trained one (case8.npz), "
             "a planner (greedy, rollout:BASE, clairvoyant), "
             "commands from a file (script:FILE.csv), a network (sb3:FILE.zip, rllib:DIR), or a "
             'class of your own ("package.module:Class").',
@@ -417,8 +417,8 @@ def sweep(
 
 
 def _policies(incomplete: str) -> list[str]:
-    """Return built-in policies and shipped tables, for a shell that completes what is typed."""
-    from desim_uav.shipped import table_names
+    """Return built-in and shipped policies, for a shell that completes what is typed."""
+    from desim_uav.shipped import trained_names
 
-    known = ["baseline", "hover", "random", *table_names()]
+    known = ["baseline", "hover", "random", *trained_names()]
     return [name for name in known if name.startswith(incomplete)]

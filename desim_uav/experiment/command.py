@@ -18,7 +18,7 @@ from desim_uav.experiment import run
 from desim_uav.experiment.interrupt import asked_to_stop, interruptible
 from desim_uav.experiment.provenance import clock, versions
 from desim_uav.policies import Policy, load_policy
-from desim_uav.policies.base import PolicyLike, file_of, parts, policy_name
+from desim_uav.policies.base import PolicyLike, as_seen, file_of, parts, policy_name
 from desim_uav.records import EPISODES, REQUESTS, to_frame
 from desim_uav.report.manifest import read_manifest
 from desim_uav.run_folder import Draft, Place, read_parts, world_content
@@ -102,12 +102,13 @@ def prepare(
 ) -> Prepared:
     """Load a policy and build the world in which it is run on the scenario's seed.
 
-    A trained policy is run in the world of its training, unless the scenario names a world.
+    A trained policy is run in the world of its training, unless the scenario names a world, and
+    with the observation that it needs.
     ``keep_events`` says that episodes keep their event logs, which takes memory. Raises PolicyError
     if the policy cannot be loaded, and ScenarioError if the engine cannot run the scenario.
     """
     loaded = load_policy(policy)
-    scenario = _where_it_learned(scenario, loaded)
+    scenario = as_seen(_where_it_learned(scenario, loaded), loaded)
     world = build_world(scenario, scenario.effective_world_seed)
     check_engine(engine, world, keep_events)
     return Prepared(scenario, world, loaded, policy_name(policy))

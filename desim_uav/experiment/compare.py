@@ -25,7 +25,7 @@ from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate, paired
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
-from desim_uav.policies.base import PolicyLike, policy_name
+from desim_uav.policies.base import PolicyLike, as_seen, policy_name
 from desim_uav.registry import did_you_mean
 from desim_uav.report import notebook
 from desim_uav.report.text import COMPARED, estimate_cells
@@ -274,10 +274,16 @@ def try_on(
     Raises PolicyError if a policy does not fit the scenario, and ScenarioError if the engine cannot
     run a component.
     """
-    world = build_world(scenario, world_seed_of(scenario, seeds[0]))
-    check_engine(engine, world)
+    check_engine(engine, build_world(scenario, world_seed_of(scenario, seeds[0])))
     for policy in policies.values():
-        load_policy(policy).begin(world, Streams(seeds[0], Purpose.LEARNER), False)
+        begin_once(scenario, policy, seeds[0])
+
+
+def begin_once(scenario: Scenario, policy: PolicyLike, seed: int) -> None:
+    """Let a policy begin in the world of a seed. Raises PolicyError if it does not fit."""
+    loaded = load_policy(policy)
+    world = build_world(as_seen(scenario, loaded), world_seed_of(scenario, seed))
+    loaded.begin(world, Streams(seed, Purpose.LEARNER), False)
 
 
 def out_of_place(

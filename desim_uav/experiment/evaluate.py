@@ -7,7 +7,7 @@ from typing import Any
 
 from desim_uav.experiment.run import headline, run
 from desim_uav.policies import load_policy
-from desim_uav.policies.base import PolicyLike, policy_name
+from desim_uav.policies.base import PolicyLike, as_seen, policy_name
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
 
@@ -36,12 +36,13 @@ def evaluate(
     QoE1 and QoE2 are means over all requests, QoE3 and the reward over episodes. ``engine`` is des
     or batch.
     """
-    scenario = scenario.model_copy(update={"seed": seed})
+    name, policy = policy_name(policy), load_policy(policy)
+    scenario = as_seen(scenario, policy).model_copy(update={"seed": seed})
     world = build_world(scenario, scenario.effective_world_seed)
     results = run(
         world,
-        load_policy(policy),
-        policy_name(policy),
+        policy,
+        name,
         seed,
         episodes,
         warmup,

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import platform
+import subprocess
 import time
 from collections.abc import Callable
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
+from pathlib import Path
 
 from desim_uav import __version__
 
@@ -30,3 +32,25 @@ def versions() -> dict[str, str]:
     """Return the versions of Python, this package and the packages that its results depend on."""
     own = {"desim-uav": __version__, "python": platform.python_version()}
     return own | {name: version(name) for name in PACKAGES} | {"platform": platform.platform()}
+
+
+def commit() -> str:
+    """Return the commit of the checkout that the package is imported from, or "" without one."""
+    folder = Path(__file__).resolve().parent
+    command = ["git", "-C", str(folder), "rev-parse", "--short=12", "HEAD"]
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
+    except OSError:
+        return ""
+
+
+def processor() -> str:
+    """Return the name of the processor, with its family and model if the system tells them."""
+    told = Path("/proc/cpuinfo")
+    lines = told.read_text(encoding="utf-8").splitlines() if told.exists() else []
+    pairs = [line.partition(":") for line in lines]
+    found = {key.strip(): value.strip() for key, _, value in pairs}
+    name = found.get("model name") or platform.processor() or platform.machine()
+    return ", ".join(
+        [name, *(f"{key} {found[key]}" for key in ("cpu family", "model") if key in found)]
+    )

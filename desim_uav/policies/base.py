@@ -6,11 +6,14 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+from desim_uav import array_file
 from desim_uav.errors import DesimError, PolicyError
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Streams
 from desim_uav.policies.function import Choice, Function
 from desim_uav.registry import FAULTS, names, resolve, what_failed
+from desim_uav.scenario.schema import Scenario
+from desim_uav.shipped import find_table
 from desim_uav.world import World
 
 if TYPE_CHECKING:
@@ -22,7 +25,8 @@ class Policy(Protocol):
 
     ``ceiling`` says whether the drones may fly no higher than the levels below the ceiling; the
     baseline's drones may. A registered class that is read from a file has a static method
-    ``file_of(argument)``, which returns the file's path.
+    ``file_of(argument)``, which returns the file's path. A policy with an attribute
+    ``observation``, a component or None, is run with this observation instead of the scenario's.
     """
 
     ceiling: bool
@@ -125,10 +129,14 @@ def remind(policy: Policy, memory: Any) -> None:
 
 
 def parts(name: str) -> tuple[str, str]:
-    """Split a policy's name into its kind and its argument; ``FILE.npz`` alone is a table."""
+    """Split a policy's name into its kind and its argument.
+
+    ``FILE.npz`` alone is a network if it holds the weights of one, and else a table.
+    """
     kind, _, argument = name.partition(":")
     if name.endswith(".npz") and kind not in names("policy"):
-        return "table", name
+        found = array_file.names_in(find_table(name))
+        return "mlp" if {"scale", "weights"} <= found else "table", name
     return kind, argument
 
 
@@ -143,7 +151,8 @@ def file_of(name: str) -> Path | None:
 def load_policy(policy: PolicyLike) -> Policy:
     """Return the policy that a name, a file, an object or a function stands for.
 
-    A name is that of a built-in policy, ``FILE.npz`` for a learned table, ``script:FILE.csv``,
+    A name is that of a built-in policy, ``FILE.npz`` for a learned table or a network,
+    ``script:FILE.csv``,
     ``sb3:FILE.zip``, ``rllib:DIR``, or ``"package.module:Class"``. A ``Path`` needs no prefix.
     ``PolicyLike`` lists everything else that is accepted. Raises PolicyError for anything that is
     not a policy or cannot be read.
@@ -158,6 +167,17 @@ def load_policy(policy: PolicyLike) -> Policy:
     if not hasattr(given, "act") and callable(given):
         given = Function(given)
     return _checked(given, policy_name(policy))
+
+
+def as_seen(scenario: Scenario, policy: PolicyLike) -> Scenario:
+    """Return the scenario with the observation that a policy needs, if it names one.
+
+    Nothing else that happens in a run depends on the observation. Raises as ``load_policy`` does.
+    """
+    needed = getattr(load_policy(policy), "observation", None)
+    if needed is None or needed == scenario.observation:
+        return scenario
+    return scenario.model_copy(update={"observation": needed})
 
 
 FILES = {".csv": "script:", ".zip": "sb3:"}

@@ -523,7 +523,8 @@ def test_numpy_numbers_are_commands():
         ("baselin", "unknown policy 'baselin' (did you mean 'baseline'?)"),
         (
             "RANDOM",
-            "allowed: baseline, clairvoyant, greedy, hover, random, rllib, rollout, sb3, script",
+            "allowed: baseline, clairvoyant, greedy, hover, mlp, random, rllib, rollout, sb3, "
+            "script, table",
         ),
         ("", "unknown policy"),
         (f"{HERE}:Deaf", "no method 'act'"),

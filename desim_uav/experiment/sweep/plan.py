@@ -10,12 +10,11 @@ from pathlib import Path
 
 from desim_uav.engine.choose import check_engine, engine_for
 from desim_uav.errors import PolicyError, UsageError, located
-from desim_uav.experiment.compare import out_of_place, policy_names
+from desim_uav.experiment.compare import begin_once, out_of_place, policy_names
 from desim_uav.experiment.sweep.grid import Axis, Combination, combinations
 from desim_uav.experiment.sweep.problems import Problems
 from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.training import table_features
-from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import file_of, parts
 from desim_uav.registry import names
@@ -145,10 +144,10 @@ def policy_digest(policy: str) -> str:
 def _policy_arms(
     asked: Asked, combination: Combination, policies: Sequence[str], reasons: dict[str, None]
 ) -> Iterator[Arm]:
-    scenario, world, engine = _prepared(asked, combination.settings, reasons)
+    scenario, _, engine = _prepared(asked, combination.settings, reasons)
     hashed = _hash(scenario)
     for policy in policies:
-        load_policy(policy).begin(world, Streams(asked.seeds[0], Purpose.LEARNER), False)
+        begin_once(scenario, policy, asked.seeds[0])
         source = _source(policy)
         digest = policy_digest(policy)
         yield Arm(combination, policy, None, source, digest, scenario, hashed, engine)

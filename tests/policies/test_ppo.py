@@ -1,0 +1,175 @@
+"""The PPO in one file: what it learns, and that its policy files do what its networks say."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import os
+import re
+import signal
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import desim_uav as du
+from desim_uav.policies import load_policy
+from desim_uav.policies.mlp import MlpFile
+from desim_uav.scenario.load import from_mapping
+
+ROOT = Path(__file__).parents[2]
+PPO = ROOT / "policies" / "ppo.py"
+torch = pytest.importorskip("torch")
+pytestmark = pytest.mark.thorough
+
+FAR: dict[str, Any] = {
+    "name": "far",
+    "world_seed": 0,
+    "map": {"size_m": [1200, 240], "cells": [5, 1], "dimensions": 2},
+    "drones": {
+        "count": 1,
+        "start_cells": [[0, 0]],
+        "footprint_radius_m": 120,
+        "bandwidth_kbps": None,
+        "battery": None,
+    },
+    "stations": {"count": 0},
+    "users": {"positions_m": [[1080, 120], [1080, 100]], "mobility": {"kind": "static"}},
+    "demand": {"kind": "continuous"},
+    "episode": {"steps": 12, "carry_over": False},
+    "observation": {"kind": "local"},
+    "reward": {"kind": "qoe"},
+}
+"""Two users four cells to the east of the only drone: nothing is gained on the way."""
+
+
+@pytest.fixture(scope="module")
+def ppo() -> Any:
+    spec = importlib.util.spec_from_file_location("ppo_in_one_file", PPO)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def trained(ppo: Any, **changes: Any) -> tuple[Any, Any]:
+    """The last network of a short training, as torch has it and as it is saved."""
+    saved: list[Any] = []
+    changes = {"steps": 16 * 32, "envs": 4, "rollout": 32, "hidden": 16, **changes}
+    options = ppo.options_of(**changes)
+    agent = ppo.train(from_mapping(FAR), options, saved.append)
+    return agent, saved[-1]
+
+
+def test_it_fits_in_one_file():
+    assert len(PPO.read_text(encoding="utf-8").splitlines()) <= 250
+
+
+def test_it_learns_to_fly_to_the_users(ppo: Any, tmp_path: Path):
+    """Nobody does better than to fly straight there: four steps, and then to stay."""
+    network = trained(ppo, steps=20_000, envs=16, gamma=0.9)[1]
+    (tmp_path / "far.npz").write_bytes(network.to_bytes())
+    script = tmp_path / "best.csv"
+    script.write_text("step,drone,action\n" + "".join(f"{k},0,right\n" for k in range(4)))
+    mine, best, hover = (
+        du.run(FAR, policy=policy, episodes=2, engine="batch", progress=False).summaries()[0]
+        for policy in (tmp_path / "far.npz", script, "hover")
+    )
+    assert mine["qoe3_percent"] == best["qoe3_percent"] > 60 and hover["qoe3_percent"] == 0
+
+
+@pytest.mark.parametrize("central", [False, True])
+def test_a_file_computes_what_the_network_does(ppo: Any, central: bool):
+    agent, network = trained(ppo, central=central)
+    rng = np.random.default_rng(0)
+    for _ in range(20):
+        seen = rng.normal(size=len(network.low)).astype(np.float32)
+        with torch.no_grad():
+            scores = agent.actor(torch.from_numpy((seen - network.low) * network.scale)).numpy()
+        assert np.allclose(network.scores(seen.tolist()), scores, atol=1e-5)
+
+
+def test_one_seed_gives_one_result(ppo: Any):
+    one, again, other = (trained(ppo, seed=seed)[1].to_bytes() for seed in (3, 3, 4))
+    assert one == again != other
+
+
+class Forced:
+    """What ``advantages`` reads of rollouts: drone 0 has no choice at the steps 1 and 2."""
+
+    def __init__(self, ppo: Any) -> None:
+        self.options = ppo.options_of(rollout=4, gamma=0.5, decay=0.25)
+        self.rewards = torch.tensor([1.0, 2.0, 4.0, 8.0, 0.0]).view(5, 1, 1)
+        self.values = torch.tensor([3.0, 50.0, 70.0, 5.0, 6.0]).view(5, 1, 1)
+        self.masks = torch.ones(5, 1, 1, 2, dtype=torch.bool)
+        self.masks[1:3, ..., 0] = False
+        self.terminated = torch.zeros(5, 1, 1, dtype=torch.bool)
+        self.over = torch.zeros(5, 1, 1, dtype=torch.bool)
+
+
+def test_values_of_forced_steps_cancel_out(ppo: Any):
+    """The discount of a decision is gamma to the power of the steps until the next one."""
+    rollouts = Forced(ppo)
+    found = ppo.Rollouts.advantages(rollouts).flatten().tolist()
+    last = 8 / 2 + 6 / 2 - 5
+    ahead = 1 / 2 + 2 / 4 + 4 / 8 + (5 + 0.25 * last) / 8
+    assert found[3] == last and found[0] == ahead - 3
+
+
+def test_a_new_episode_adds_nothing_to_the_one_before(ppo: Any):
+    """At a time limit the value of the last observation counts, and after a crash nothing."""
+    rollouts = Forced(ppo)
+    rollouts.masks[:] = True
+    rollouts.over[2] = True
+    cut = ppo.Rollouts.advantages(rollouts).flatten().tolist()
+    assert cut[1] == 2 / 2 + 70 / 2 - 50 and cut[2] == 0
+    rollouts.terminated[2] = True
+    assert ppo.Rollouts.advantages(rollouts).flatten().tolist()[1] == 2 / 2 - 50
+
+
+def started(*arguments: Any, **options: Any) -> subprocess.Popen[str]:
+    command = [sys.executable, str(PPO), *map(str, arguments)]
+    path = os.pathsep.join([str(ROOT), os.environ.get("PYTHONPATH", "")])
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    return subprocess.Popen(command, env=os.environ | {"PYTHONPATH": path}, **pipes, **options)
+
+
+def test_it_is_interrupted_and_says_what_is_wrong(tmp_path: Path):
+    (tmp_path / "far.yaml").write_text(json.dumps(FAR))
+    quick = ("--envs", 2, "--rollout", 8, "--hidden", 8, "--out", tmp_path / "far.npz")
+    running = started(tmp_path / "far.yaml", *quick, "--steps", 10**9)
+    assert running.stderr is not None
+    for line in running.stderr:
+        if re.match(r"[0-9,]+ steps", line) and (tmp_path / "far.npz").exists():
+            break
+    running.send_signal(signal.SIGINT)
+    out, err = running.communicate(timeout=60)
+    assert running.returncode == 130 and out == "" and "interrupted" in err
+    training = MlpFile(tmp_path / "far.npz").about["training"]
+    assert training["command"][0].endswith("ppo.py") and training["processor"]
+    load_policy(tmp_path / "far.npz")
+    for arguments, code, message in (
+        (("none.yaml",), 3, "none.yaml"),
+        ((tmp_path / "far.yaml", "--gamma", 2), 2, "--gamma 2.0: must be from 0.0"),
+        ((tmp_path / "far.yaml", "--out", tmp_path), 2, "is not a file"),
+    ):
+        failed = started(*arguments)
+        out, err = failed.communicate(timeout=60)
+        assert (failed.returncode, out) == (code, "") and message in err
+        assert "Traceback" not in err
+
+
+def test_it_names_the_missing_extra(tmp_path: Path):
+    (tmp_path / "torch.py").write_text("raise ModuleNotFoundError('torch')\n")
+    path = os.pathsep.join([str(tmp_path), str(ROOT)])
+    done = subprocess.run(
+        [sys.executable, str(PPO), "case1"],
+        env=os.environ | {"PYTHONPATH": path},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 5 and 'pip install -e ".[ppo]"' in done.stderr
