@@ -80,11 +80,12 @@ SLOWEST = [
     *(
         f"docs/howto/{name}.md"
         for name in (
-            *("engine", "environments", "policies", "python"),
+            *("engine", "environments", "fork", "policies", "python"),
             *("radio", "run", "scenario", "tensorboard"),
         )
     ),
-    "docs/explanation/line_of_sight.md",
+    *(f"docs/explanation/{name}.md" for name in ("line_of_sight", "planners", "rewards")),
+    "docs/reference/observations.md",
 ]
 """Pages with components of one's own, each of which is compiled, and the longest other ones."""
 

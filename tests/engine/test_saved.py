@@ -165,6 +165,7 @@ def test_random_scenarios_in_this_and_another_process(kind: str, tmp_path: Path)
     assert elsewhere(kept, tmp_path) == []
 
 
+@pytest.mark.thorough
 def test_in_another_process(tmp_path: Path):
     kept = [(seed, *check(world, seed)) for world, seed in random_worlds(2)]
     assert elsewhere(kept, tmp_path) == []

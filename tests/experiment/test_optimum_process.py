@@ -20,7 +20,7 @@ from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
 from tests.engine.helpers import HOP_US, US, in_3d, returning, strip
-from tests.selection import by_default
+from tests.selection import at_length, by_default
 
 
 @st.composite
@@ -151,7 +151,7 @@ class Both:
         return allowed
 
 
-@pytest.mark.parametrize("examples", by_default([40], [40, 200]))
+@pytest.mark.parametrize("examples", at_length(40, 200))
 def test_as_in_the_engine(examples):
     """States, observations, rewards and attached time, decision after decision."""
     check = settings(max_examples=examples, deadline=None)(

@@ -19,6 +19,7 @@ from desim_uav.scenario.cost import check_cost, cost
 from desim_uav.scenario.load import load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
+from tests.selection import at_length
 
 FACTOR = 4.0
 
@@ -42,7 +43,13 @@ def played(scenario, engine, policy="baseline", **options):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("name", LARGE)
+@pytest.mark.parametrize(
+    "name",
+    [
+        *(name for name in LARGE if name != "many users"),
+        pytest.param("many users", marks=pytest.mark.slow),
+    ],
+)
 def test_memory(name):
     engine, *overrides = LARGE[name]
     played(case8("episode.steps=2"), engine)  # what is compiled first is no cost of the scenario
@@ -58,7 +65,7 @@ def test_memory(name):
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize("engine", ["des", "batch"])
+@pytest.mark.parametrize("engine", at_length("batch", "des"))
 def test_memory_of_the_event_log(engine):
     scenario = case8("users.count=1500", "drones.count=12", "episode.steps=10")
     used = {}

@@ -300,7 +300,7 @@ def test_classes_are_those_of_a_sampler():
     check(survey_classes(15, 1), 3)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_classes_are_those_of_a_sampler_on_two_thousand_legs():
     check(survey_classes(2000, 2), 3)
 
@@ -309,6 +309,6 @@ def test_pairs_are_those_of_a_sampler():
     check(survey_pairs(20, 1), 0.5)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_pairs_are_those_of_a_sampler_on_two_thousand_legs():
     check(survey_pairs(2000, 2), 0.5)

@@ -133,6 +133,6 @@ def test_a_sampler_sees_the_same():
     check(survey(120, 1))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_a_sampler_sees_the_same_on_two_thousand_legs():
     check(survey(2500, 2))
