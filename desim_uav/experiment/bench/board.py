@@ -165,7 +165,8 @@ def _line(row: dict[str, Any]) -> list[str]:
 
 
 def _name(row: dict[str, Any]) -> str:
-    return row["policy"] + (" (knows the future: not a competitor)" if row["knows_future"] else "")
+    mark = " (knows the future: not a competitor)" if row["knows_future"] else ""
+    return f"{row['policy']}{mark}"
 
 
 def _cell(found: Interval | None, digits: int) -> str:

@@ -1,4 +1,4 @@
-"""One seed of a submission: the policy is run, and its commands are kept so that they can be replayed."""
+"""One seed of a submission: a policy is run, and its commands are kept for a replay."""
 
 from __future__ import annotations
 
