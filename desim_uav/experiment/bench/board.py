@@ -14,6 +14,9 @@ from desim_uav.experiment.bench.tasks import SEEDS, TRACKS, tasks
 REFERENCE = "baseline"
 MEANS = ("crashes_per_drone_episode", "fairness", "worst_tenth_qoe1_percent", "decision_ms")
 QUARTILES = ("qoe1_percent", "qoe3_percent")
+PROFILE = (0.0, 0.25, 0.5, 0.75, 0.9)
+"""The scores for which the profile of a policy says how many of its runs reach them."""
+
 HEADINGS = (
     *("Policy", "Score", "QoE1 %", "QoE3 %", "Crashes per drone and episode", "Fairness"),
     *("Worst tenth of users, QoE1 %", "Decision, ms", "Uses", "Seeds"),
@@ -110,6 +113,7 @@ def _of_all(track: str, of_tasks: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "policy": policy,
             "knows_future": any(row["knows_future"] for row in rows),
             "score": interquartile_mean([row["scores"] for row in rows]),
+            "profile": profile([row["scores"] for row in rows]),
             "seeds": sum(row["seeds"] for row in rows),
         }
         for policy, rows in by_policy.items()
@@ -117,6 +121,15 @@ def _of_all(track: str, of_tasks: Sequence[dict[str, Any]]) -> dict[str, Any]:
     ]
     names = [table["task"] for table in scored]
     return {"tasks": names, "track": track, "rows": sorted(rows, key=_rank, reverse=True)}
+
+
+def profile(strata: Sequence[Sequence[float]]) -> dict[str, float]:
+    """Return the share of runs that reach each score of ``PROFILE``; each task counts the same."""
+    return {
+        f"{least:g}": sum(sum(one >= least for one in stratum) / len(stratum) for stratum in strata)
+        / len(strata)
+        for least in PROFILE
+    }
 
 
 def _rank(row: dict[str, Any]) -> tuple[bool, float]:
@@ -139,8 +152,18 @@ def _mean(rows: Sequence[Any], name: str) -> float | None:
 def _section(table: dict[str, Any]) -> str:
     if "tasks" in table:
         heading = f"## All tasks above, track `{table['track']}`\n\n"
-        lines = [[_name(row), _cell(row["score"], 3), str(row["seeds"])] for row in table["rows"]]
-        return heading + _table(("Policy", "Score", "Runs"), lines)
+        shares = [f"Score ≥ {least:g}" for least in PROFILE]
+        return heading + _table(
+            ("Policy", "Score", *shares, "Runs"),
+            (
+                [
+                    *(_name(row), _cell(row["score"], 3)),
+                    *(f"{100 * share:.0f} %" for share in row["profile"].values()),
+                    str(row["seeds"]),
+                ]
+                for row in table["rows"]
+            ),
+        )
     heading = f"## `{table['task']}`, track `{table['track']}`\n\n"
     if not table["bounded"]:
         heading += "No bound of QoE3 is proven for this task's model, so there are no scores.\n\n"

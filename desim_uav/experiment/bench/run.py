@@ -52,6 +52,7 @@ def check(task: Task, track: Track, policy: str, seeds: Sequence[int]) -> list[s
 
     Raises PolicyError if the policy cannot be loaded or does not fit the task.
     """
+    load_policy(policy)  # before the engine is loaded, which takes seconds
     scenario = task.scenario(track)
     try_on(scenario, {policy: policy}, seeds, ENGINE)
     return out_of_place(scenario, {policy: policy}, seeds)

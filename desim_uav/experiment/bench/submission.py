@@ -125,7 +125,12 @@ def _read_rows(file: Path) -> list[dict[str, Any]]:
 
 
 def _values(row: Mapping[str, str | None]) -> dict[str, Any]:
-    return {name: _value(name, row[name]) for name in COLUMNS}
+    if len(row) != len(COLUMNS):
+        raise ValueError("a row is too long")
+    values = {name: _value(name, row[name]) for name in COLUMNS}
+    if values["qoe3_percent"] is None:
+        raise ValueError("qoe3_percent: there is no value")
+    return values
 
 
 def _value(name: str, text: str | None) -> Any:
