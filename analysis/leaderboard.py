@@ -4,7 +4,7 @@
 
 With PART only those are made whose folder's name contains it. Tables that do not ship are trained
 first, in world 0 with the settings of the task, into runs/. `desim-uav bench board
-analysis/leaderboard/*` makes the tables of them.
+analysis/leaderboard` makes the tables of them.
 """
 
 from __future__ import annotations

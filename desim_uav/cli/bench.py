@@ -197,7 +197,11 @@ def verify(
 
 def board(
     folders: Annotated[
-        list[Path], typer.Argument(metavar="DIR…", help="Submissions, as `bench run` writes them.")
+        list[Path],
+        typer.Argument(
+            metavar="DIR…",
+            help="Submissions, as `bench run` writes them, or folders of submissions.",
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -214,11 +218,11 @@ def board(
     """Make the leaderboard of submissions, in Markdown. It does not replay them."""
     from desim_uav.experiment.bench.board import board as ranked
     from desim_uav.experiment.bench.board import markdown, plain
-    from desim_uav.experiment.bench.submission import read
+    from desim_uav.experiment.bench.submission import read_all
     from desim_uav.run_folder import file_place, write_at
 
     place = None if out is None else file_place(out, "--out")
-    tables = ranked([read(folder) for folder in folders])
+    tables = ranked(read_all(folders))
     if place is not None:
         write_at(place, markdown(tables).encode())
     if as_json:

@@ -112,6 +112,18 @@ def read(folder: Path) -> Submission:
     return Submission(folder, about, task, track, rows, _read_commands(folder, about, task))
 
 
+def read_all(folders: Sequence[Path]) -> list[Submission]:
+    """Read submissions; a folder of submissions stands for all in it. Raises as ``read`` does."""
+    return [read(each) for folder in folders for each in _submissions(folder)]
+
+
+def _submissions(folder: Path) -> list[Path]:
+    """Return the folders of submissions in a folder, or the folder itself if there are none."""
+    if (folder / MANIFEST).exists() or not folder.is_dir():
+        return [folder]
+    return sorted(each.parent for each in folder.glob(f"*/{MANIFEST}")) or [folder]
+
+
 def _read_rows(file: Path) -> list[dict[str, Any]]:
     try:
         verify(file)
