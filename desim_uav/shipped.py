@@ -44,6 +44,11 @@ def find_scenario(argument: str) -> Path:
     return scenario_path(argument)
 
 
+def bench_folder() -> Path:
+    """Return the folder of the benchmark's tasks: scenarios, their hashes and bounds."""
+    return _folder("scenarios") / "bench" / "uav-v1"
+
+
 def table_names() -> list[str]:
     """Return the names of the shipped tables, case2.npz before case10.npz."""
     return [name for name in trained_names() if not name.startswith(NETWORKS)]

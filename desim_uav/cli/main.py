@@ -12,7 +12,7 @@ import typer
 
 from desim_uav import __version__
 from desim_uav.api.invocation import begun_by
-from desim_uav.cli import basics, gallery, learning, pictures, runs
+from desim_uav.cli import basics, bench, gallery, learning, pictures, runs
 from desim_uav.cli.ending import complain
 from desim_uav.cli.plain import Command, Group
 from desim_uav.errors import DesimError, UsageError
@@ -124,3 +124,4 @@ def _drop_output() -> None:
 
 for command in COMMANDS:
     app.command(cls=Command)(command)
+app.add_typer(bench.app, name="bench")

@@ -85,6 +85,33 @@ def print_fork(told: dict[str, Any]) -> None:
     print(told["run_dir"])
 
 
+BENCHED = {name: COMPARED[name] for name in ("qoe1_percent", "qoe3_percent")} | {
+    "qoe3_at_most_percent": ("at most\nQoE3 %", ".2f"),
+    "crashes_per_drone_episode": COMPARED["crashes_per_drone_episode"],
+    "fairness": ("fairness", ".4f"),
+    "worst_tenth_qoe1_percent": ("worst tenth\nQoE1 %", ".2f"),
+    "decision_ms": ("decision\nms", ".2f"),
+}
+"""The measures of a seed of a submission: headings and formats."""
+
+
+def print_bench(told: dict[str, Any]) -> None:
+    """Print the rows of a submission to the benchmark."""
+    table = Table(
+        title=_text("{task}, track {track}: {name}".format(**told)),
+        box=box.SIMPLE_HEAD,
+        padding=(0, 0, 0, 1),
+        title_justify="left",
+    )
+    table.add_column("seed", justify="right")
+    for heading, _ in BENCHED.values():
+        table.add_column(heading, justify="right")
+    for row in told["rows"]:
+        cells = (_cell(row, name, form) for name, (_, form) in BENCHED.items())
+        table.add_row(str(row["seed"]), *cells)
+    print_table(table)
+
+
 def links_in_words(summary: dict[str, Any]) -> str:
     """Return what happened to links, and what was delivered, of the summary of a run."""
     return (

@@ -18,7 +18,12 @@ def markdown() -> str:
 
 def _commands() -> list[tuple[str, Any]]:
     group: Any = typer.main.get_command(app)
-    return [(name, command) for name, command in group.commands.items() if not command.hidden]
+    return [
+        (f"{name} {within}" if within else name, each)
+        for name, command in group.commands.items()
+        if not command.hidden
+        for within, each in getattr(command, "commands", {"": command}).items()
+    ]
 
 
 def _section(name: str, command: Any) -> str:

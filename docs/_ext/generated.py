@@ -1,8 +1,9 @@
 """Writes the parts of the reference that the code itself knows, each time the site is built.
 
 They stand in ``_generated``: the commands (from typer), the keys of a scenario (from the JSON
-Schema), the columns of the tables (from ``desim_uav.records``), and the table of the paper (from
-what ``desim-uav reproduce`` has left in ``analysis/paper``). The pages include them.
+Schema), the columns of the tables (from ``desim_uav.records``), the table of the paper (from
+what ``desim-uav reproduce`` has left in ``analysis/paper``), and the leaderboard of the benchmark
+(from ``analysis/leaderboard``). The pages include them.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from typing import Any
 
 import cases
 import commands
+import leaderboard
 import paper
 import scenario_keys
 import tables
@@ -24,6 +26,7 @@ PARTS = {
     "paper_table.md": paper.default_table,
     "paper_preset.md": paper.paper_table,
     "claims.md": paper.claims,
+    "leaderboard.md": leaderboard.markdown,
 }
 
 

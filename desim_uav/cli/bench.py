@@ -1,0 +1,238 @@
+"""The commands of the benchmark."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from desim_uav.cli import options
+from desim_uav.cli.ending import complain, end_politely
+from desim_uav.cli.plain import Command, Group
+
+app = typer.Typer(
+    help="Compare policies on frozen tasks: list them, make and verify submissions, rank them.",
+    no_args_is_help=True,
+    cls=Group,
+    pretty_exceptions_enable=False,
+)
+
+Jobs = Annotated[
+    int,
+    typer.Option(
+        "-j",
+        "--jobs",
+        metavar="N",
+        callback=options.within(1, 1024),
+        help="The number of seeds that are run at a time.",
+        rich_help_panel=options.MAKING,
+    ),
+]
+
+
+def complete_tasks(incomplete: str) -> list[str]:
+    """Return the tasks, for a shell that completes what is typed."""
+    from desim_uav.experiment.bench.tasks import tasks
+
+    return [name for name in tasks() if name.startswith(incomplete)]
+
+
+def list_tasks(as_json: options.Json = False) -> None:
+    """List the tasks, their hashes, the tracks and the protocol."""
+    from desim_uav.experiment.bench.tasks import listing
+
+    found = listing()
+    if as_json:
+        print(json.dumps(found, indent=1))
+        return
+    for task in found["tasks"]:
+        print(f"{task['task']:30s} {task['scenario_hash'][:12]}  {task['about']}")
+    rules = found["protocol"]
+    print()
+    for name, track in rules["tracks"].items():
+        seeds = track["seeds"]
+        print(f"track {name}: {track['about']}; seeds {seeds[0]} to {seeds[-1]}")
+    budgets = ", ".join(f"{size} {steps:,}" for size, steps in rules["training_steps"].items())
+    print(
+        f"per seed: {rules['episodes']} episodes after {rules['warmup']} of warm-up\n"
+        f"training: {rules['training_seeds']} seeds, at most so many steps each: {budgets}"
+    )
+
+
+def run(
+    task: Annotated[
+        str,
+        typer.Argument(
+            metavar="TASK",
+            help="The task, such as uav-v1/coverage or uav-v1/coverage/small.",
+            autocompletion=complete_tasks,
+        ),
+    ],
+    policy: Annotated[
+        str,
+        typer.Option(
+            metavar="POLICY",
+            help="The policy: a name, a file or a class, as in `run --policy`.",
+            rich_help_panel=options.MAKING,
+        ),
+    ],
+    track: Annotated[
+        str,
+        typer.Option(
+            metavar="one|any",
+            help="The track: one world, or test worlds in which no policy was trained.",
+            rich_help_panel=options.MAKING,
+        ),
+    ] = "one",
+    seeds: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            callback=options.within(1, 10),
+            help="Run only the first N seeds of the protocol; the leaderboard then says so.",
+            rich_help_panel=options.MAKING,
+        ),
+    ] = None,
+    name: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="What the leaderboard calls the policy. By default it is the policy's name.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="The folder of the submission. By default it is a new one in runs/.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = None,
+    jobs: Jobs = 1,
+    as_json: options.Json = False,
+    quiet: options.NoProgress = False,
+) -> None:
+    """Evaluate a policy by the protocol, and write a submission that can be replayed."""
+    from desim_uav.api.arguments import warn
+    from desim_uav.api.invocation import command_line
+    from desim_uav.experiment.bench import run as running
+    from desim_uav.experiment.bench.submission import place_of
+    from desim_uav.experiment.bench.tasks import ENGINE, find_task, find_track
+    from desim_uav.experiment.command import label_of
+    from desim_uav.experiment.progress import progress
+
+    chosen, worlds = find_task(task), find_track(track)
+    drawn = list(worlds.seeds[:seeds])
+    for warning in running.check(chosen, worlds, policy, drawn):
+        warn(warning)
+    place = place_of(chosen, worlds, label_of(policy), out)
+    end_politely()
+    try:
+        with progress(not quiet, len(drawn), "seeds", ENGINE) as advance:
+            done = running.submit(
+                *(chosen, worlds, policy, place),
+                name=name,
+                seeds=drawn,
+                jobs=jobs,
+                command=command_line(),
+                on_seed=advance,
+            )
+    except KeyboardInterrupt:
+        complain("interrupted; no seed has ended")
+        raise typer.Exit(130) from None
+    if as_json:
+        print(json.dumps(done.content(), indent=1))
+    else:
+        from desim_uav.report.text import print_bench
+
+        print_bench(done.content())
+        print(done.folder)
+    if done.interrupted:
+        complain(f"interrupted; {len(done.rows)} of {len(drawn)} seeds are kept")
+        raise typer.Exit(130)
+
+
+def verify(
+    folder: Annotated[
+        Path, typer.Argument(metavar="DIR", help="The submission, as `bench run` writes it.")
+    ],
+    decide: Annotated[
+        bool,
+        typer.Option(
+            "--decide",
+            help="Load the policy as well, and let it decide again. This runs its code.",
+            rich_help_panel=options.MAKING,
+        ),
+    ] = False,
+    jobs: Jobs = 1,
+    as_json: options.Json = False,
+    quiet: options.NoProgress = False,
+) -> None:
+    """Replay a submission bit for bit, and name every difference."""
+    from desim_uav.experiment.bench.submission import read
+    from desim_uav.experiment.bench.tasks import ENGINE
+    from desim_uav.experiment.bench.verify import differences
+    from desim_uav.experiment.progress import progress
+
+    found = read(folder)
+    end_politely()
+    try:
+        with progress(not quiet, len(found.rows), "seeds", ENGINE) as advance:
+            said = differences(found, decide=decide, jobs=jobs, on_seed=advance)
+    except KeyboardInterrupt:
+        complain("interrupted; nothing was found out")
+        raise typer.Exit(130) from None
+    if as_json:
+        content = {"folder": str(folder), "verified": not said, "differences": said}
+        print(json.dumps(content, indent=1))
+    elif not said:
+        print(f"{folder}: {len(found.rows)} seeds replayed, bit for bit the same")
+    if said:
+        complain("\n".join(f"{folder}: {line}" for line in said))
+        raise typer.Exit(6)
+
+
+def board(
+    folders: Annotated[
+        list[Path],
+        typer.Argument(
+            metavar="DIR…",
+            help="Submissions, as `bench run` writes them, or folders of submissions.",
+        ),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "-o",
+            "--out",
+            metavar="FILE.md",
+            help="The file for the tables. By default they are printed.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = None,
+    as_json: options.Json = False,
+) -> None:
+    """Make the leaderboard of submissions, in Markdown. It does not replay them."""
+    from desim_uav.experiment.bench.board import board as ranked
+    from desim_uav.experiment.bench.board import markdown, plain
+    from desim_uav.experiment.bench.submission import read_all
+    from desim_uav.run_folder import file_place, write_at
+
+    place = None if out is None else file_place(out, "--out")
+    tables = ranked(read_all(folders))
+    if place is not None:
+        write_at(place, markdown(tables).encode())
+    if as_json:
+        print(json.dumps(plain(tables), indent=1))
+    elif out is None:
+        print(markdown(tables), end="")
+    else:
+        print(out)
+
+
+app.command("list", cls=Command)(list_tasks)
+for command in (run, verify, board):
+    app.command(cls=Command)(command)

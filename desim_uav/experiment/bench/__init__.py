@@ -1,0 +1,1 @@
+"""The benchmark: frozen tasks, submissions that can be replayed, and the leaderboard."""

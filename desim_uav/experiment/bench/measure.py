@@ -1,0 +1,180 @@
+"""One seed of a submission: a policy is run, and its commands are kept for a replay."""
+
+from __future__ import annotations
+
+import hashlib
+import math
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
+
+from desim_uav import qoe
+from desim_uav.engine.episode import Engine
+from desim_uav.experiment.bench.bounds import bound_of
+from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, WARMUP, Task, Track
+from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.run import Results, counted, headline, run
+from desim_uav.model.state import Observation
+from desim_uav.model.streams import Streams
+from desim_uav.policies import Policy, load_policy
+from desim_uav.policies.base import decide_by, show
+from desim_uav.world import World, build_world
+
+Commands = NDArray[np.int8]
+"""Of a seed: (episodes, steps, drones), indices of actions; NONE where no step was taken."""
+
+NONE = -1
+WORST_SHARE = 0.1
+
+REPLAYED = (*MEASURES, "fairness", "worst_tenth_qoe1_percent")
+"""The measures of a row that follow from the commands."""
+
+DIGESTED = {
+    "requests": (
+        *("episode", "request_id", "user", "t_request_s", "t_end_s", "served_s", "attached_s"),
+        *("interruptions", "handovers", "qoe1"),
+    ),
+    "steps": ("episode", "step", "drone", "x_m", "y_m", "z_m", "battery_s", "crashed", "reward"),
+}
+"""The columns of the tables of a run that its digest covers."""
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What a policy achieved on a seed, and its commands."""
+
+    row: dict[str, Any]
+    commands: Commands
+
+
+class Recorder:
+    """Lets a policy decide, and notes its commands and its processor time."""
+
+    def __init__(self, policy: Policy) -> None:
+        self.policy, self.ceiling = policy, policy.ceiling
+        self.episodes: list[list[list[int]]] = []
+        self.decisions, self.spent_s = 0, 0.0
+
+    def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
+        """Begin an episode."""
+        self.episodes.append([])
+        since_s = time.process_time()
+        self.policy.begin(world, streams, carried)
+        self.spent_s += time.process_time() - since_s
+
+    def watch(self, engine: Engine) -> None:
+        """Show the policy the engine if it is a planner."""
+        since_s = time.process_time()
+        show(self.policy, engine)
+        self.spent_s += time.process_time() - since_s
+
+    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+        """Return the action of one drone; episodes call ``act_jointly``."""
+        return self.policy.act(observation, mask)
+
+    def act_jointly(
+        self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
+    ) -> Sequence[int]:
+        """Return the policy's actions, and note them."""
+        since_s = time.process_time()
+        commands = decide_by(self.policy, observations, masks)
+        self.spent_s += time.process_time() - since_s
+        self.decisions += 1
+        self.episodes[-1].append(commands)
+        return commands
+
+    def commands(self, steps: int, drones: int) -> Commands:
+        """Return all commands so far."""
+        noted = np.full((len(self.episodes), steps, drones), NONE, np.int8)
+        for episode, rows in enumerate(self.episodes):
+            if rows:
+                noted[episode, : len(rows)] = rows
+        return noted
+
+    @property
+    def decision_ms(self) -> float:
+        """The mean processor time of a decision of all drones, with its share of preparations."""
+        return 1000.0 * self.spent_s / max(self.decisions, 1)
+
+
+class Replayer:
+    """Gives the commands of a submission again. Raises ValueError where there is none."""
+
+    def __init__(self, commands: Commands, ceiling: bool) -> None:
+        self._commands, self.ceiling = commands, ceiling
+        self._episode = -1
+
+    def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
+        """Go on to the next episode."""
+        self._episode += 1
+        self._actions = len(world.actions)
+
+    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+        """Return the command of one drone."""
+        command = int(self._commands[self._episode, observation.step, observation.drone])
+        if not 0 <= command < self._actions:
+            raise ValueError(f"the commands have {command} for drone {observation.drone}")
+        return command
+
+
+def measure(task: Task, track: Track, policy: str, seed: int) -> Measured:
+    """Run a policy on a seed by the protocol, and compute the bound of the run."""
+    recorder = Recorder(load_policy(policy))
+    world, results = _run(task, track, seed, recorder, policy)
+    scenario = world.scenario
+    row = {
+        "seed": seed,
+        "world_seed": world.seed,
+        **measures(results, scenario.drones.count),
+        "digest": digest(results),
+        "qoe3_at_most_percent": bound_of(task, track, seed),
+        "decision_ms": recorder.decision_ms,
+    }
+    return Measured(row, recorder.commands(scenario.episode.steps, scenario.drones.count))
+
+
+def replay(
+    task: Task, track: Track, seed: int, commands: Commands, ceiling: bool
+) -> dict[str, Any]:
+    """Give the commands of a submission again, and return its row without times and bounds."""
+    world, results = _run(task, track, seed, Replayer(commands, ceiling), "the submission")
+    found = measures(results, world.scenario.drones.count)
+    return {"world_seed": world.seed, **found, "digest": digest(results)}
+
+
+def measures(results: Results, drones: int) -> dict[str, float | None]:
+    """Return the measures of the counted episodes of a run."""
+    found: dict[str, Any] = headline(results.requests, results.episodes)
+    found["crashes_per_drone_episode"] = found["crashes"] / (EPISODES * drones)
+    found["worst_tenth_qoe1_percent"] = worst_tenth(counted(results.requests))
+    return {name: found[name] for name in REPLAYED}
+
+
+def worst_tenth(requests: pd.DataFrame) -> float | None:
+    """Return the mean QoE1 in percent of the tenth of users with the lowest, at least of one."""
+    of_users = np.sort(qoe.Fairness().add(requests).of_each_user())
+    worst = of_users[: math.ceil(WORST_SHARE * len(of_users))]
+    return float(100.0 * worst.mean()) if len(worst) else None
+
+
+def digest(results: Results) -> str:
+    """Return a SHA-256 of a run: of its requests and of the drones' states after each step."""
+    found = hashlib.sha256()
+    for name, columns in DIGESTED.items():
+        frame = getattr(results, name)
+        for column in columns:
+            values = frame[column].to_numpy(dtype=np.float64, na_value=np.nan)
+            found.update(f"{name}.{column}:{len(values)};".encode())
+            found.update(np.where(np.isnan(values), np.nan, values).astype("<f8").tobytes())
+    return found.hexdigest()
+
+
+def _run(task: Task, track: Track, seed: int, policy: Policy, name: str) -> tuple[World, Results]:
+    scenario = task.scenario(track).model_copy(update={"seed": seed})
+    world = build_world(scenario, scenario.effective_world_seed)
+    return world, run(world, policy, name, seed, EPISODES, WARMUP, engine=ENGINE)

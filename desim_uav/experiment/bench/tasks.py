@@ -1,0 +1,165 @@
+"""The frozen tasks of the benchmark, its tracks, and the protocol by which policies are compared.
+
+Each task is a scenario file. The registry holds the hash of each scenario, so that an edited
+scenario is refused.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+from desim_uav.env.tasks import WORLDS
+from desim_uav.errors import ScenarioError, UsageError
+from desim_uav.registry import did_you_mean
+from desim_uav.scenario.load import load, scenario_hash
+from desim_uav.scenario.schema import Scenario
+from desim_uav.shipped import bench_folder
+
+BENCHMARK = "uav-v1"
+FAMILIES = ("coverage", "multi-service", "rush", "swarm", "urban")
+SIZES = ("small", "medium", "large")
+USUAL = "medium"
+"""The size of a task whose name has no size."""
+
+EPISODES, WARMUP, SEEDS = 5, 1, 10
+"""The counted episodes of a seed, those of warm-up before them, and the number of seeds."""
+
+ENGINE = "batch"
+TRAINING_SEEDS = 10
+STEPS = {"small": 1_000_000, "medium": 3_000_000, "large": 10_000_000}
+"""The budget of a training: decision epochs of the environment, by the size of the task."""
+
+
+@dataclass(frozen=True)
+class Track:
+    """Which worlds a policy is evaluated in.
+
+    ``seeds`` draw the walks and requests, and the worlds too unless there is a ``world_seed``.
+    """
+
+    name: str
+    world_seed: int | None
+    seeds: Sequence[int]
+    about: str
+
+    def world_of(self, seed: int) -> int:
+        """Return the world seed of a run on this seed."""
+        return seed if self.world_seed is None else self.world_seed
+
+
+TRACKS = {
+    "one": Track("one", 0, range(100, 100 + SEEDS), "world 0, in which policies may be trained"),
+    "any": Track("any", None, WORLDS["test"][:SEEDS], "test worlds, in which none was trained"),
+}
+
+
+@dataclass(frozen=True)
+class Task:
+    """A frozen task: its family, its size, and the hash of its scenario."""
+
+    family: str
+    size: str
+    scenario_hash: str
+
+    @property
+    def name(self) -> str:
+        """The whole name, such as ``uav-v1/coverage/small``."""
+        return f"{BENCHMARK}/{self.family}/{self.size}"
+
+    @property
+    def path(self) -> Path:
+        """The scenario file."""
+        return bench_folder() / f"{self.family}-{self.size}.yaml"
+
+    @property
+    def about(self) -> str:
+        """The first comment of the scenario file."""
+        return self.path.read_text(encoding="utf-8").partition("\n")[0].lstrip("# ")
+
+    def scenario(self, track: Track) -> Scenario:
+        """Return the scenario of a track. Raises ScenarioError if the file has been edited."""
+        loaded = load(self.path)
+        found = scenario_hash(loaded)
+        if found != self.scenario_hash:
+            raise ScenarioError(
+                f"{self.path}: the scenario of {self.name} is frozen and has been changed: its "
+                f"hash is {found}, but the registry has {self.scenario_hash}"
+            )
+        return loaded.model_copy(update={"world_seed": track.world_seed})
+
+
+@cache
+def tasks() -> dict[str, Task]:
+    """Return all tasks by their whole names."""
+    hashes = json.loads((bench_folder() / "registry.json").read_text(encoding="utf-8"))
+    found = [
+        Task(family, size, hashes[f"{family}-{size}"]) for family in FAMILIES for size in SIZES
+    ]
+    return {task.name: task for task in found}
+
+
+def find_task(name: str) -> Task:
+    """Return the task of a name; its size may be left out. Raises UsageError."""
+    known = tasks()
+    for candidate in (name, f"{name}/{USUAL}"):
+        if candidate in known:
+            return known[candidate]
+    names = [*known, *(f"{BENCHMARK}/{family}" for family in FAMILIES)]
+    raise UsageError(
+        f"{name}: unknown task{did_you_mean(name, names)}; a task is "
+        f"{BENCHMARK}/{'|'.join(FAMILIES)}, and /{'|/'.join(SIZES)} may follow"
+    )
+
+
+def find_track(name: str) -> Track:
+    """Return the track of a name. Raises UsageError."""
+    if name not in TRACKS:
+        raise UsageError(
+            f"--track {name}: unknown track{did_you_mean(name, TRACKS)}; allowed: "
+            f"{', '.join(TRACKS)}"
+        )
+    return TRACKS[name]
+
+
+def protocol() -> dict[str, Any]:
+    """Return the protocol as plain data."""
+    return {
+        "episodes": EPISODES,
+        "warmup": WARMUP,
+        "engine": ENGINE,
+        "training_seeds": TRAINING_SEEDS,
+        "training_worlds": {"one": "world seed 0", "any": _words(WORLDS["train"])},
+        "training_steps": STEPS,
+        "tracks": {
+            track.name: {
+                "world_seed": track.world_seed,
+                "seeds": list(track.seeds),
+                "about": track.about,
+            }
+            for track in TRACKS.values()
+        },
+    }
+
+
+def listing() -> dict[str, Any]:
+    """Return all tasks and the protocol as plain data."""
+    listed = [
+        {
+            "task": task.name,
+            "size": task.size,
+            "about": task.about,
+            "scenario_hash": task.scenario_hash,
+            "file": str(task.path),
+        }
+        for task in tasks().values()
+    ]
+    return {"benchmark": BENCHMARK, "tasks": listed, "protocol": protocol()}
+
+
+def _words(seeds: range) -> str:
+    return f"world seeds {seeds[0]} to {seeds[-1]}"

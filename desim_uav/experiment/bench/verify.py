@@ -1,0 +1,121 @@
+"""The work of ``desim-uav bench verify``: a submission is replayed and compared bit for bit.
+
+The commands in the folder are given to the drones again, so the policy is not needed, and no code
+that came with the submission is run. Times of decisions cannot be checked.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+
+from desim_uav.errors import DesimError
+from desim_uav.experiment.bench.bounds import CLOSE, bound_of
+from desim_uav.experiment.bench.measure import Commands, measure, replay
+from desim_uav.experiment.bench.run import about
+from desim_uav.experiment.bench.submission import Submission
+from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, WARMUP, Task, Track
+from desim_uav.experiment.processes import run_each
+
+FIXED = {"engine": ENGINE, "episodes": EPISODES, "warmup": WARMUP}
+OF_POLICY = ("policy_sha256", "information", "knows_future", "ceiling")
+BOUND = "qoe3_at_most_percent"
+
+
+def differences(
+    found: Submission,
+    *,
+    decide: bool = False,
+    jobs: int = 1,
+    on_seed: Callable[[], None] = lambda: None,
+) -> list[str]:
+    """Return everything in which a submission differs from the protocol and from its replay.
+
+    With ``decide`` its policy is loaded and decides again as well. Raises DesimError if the policy
+    cannot be loaded.
+    """
+    task, track = found.task, found.track
+    listed = _of_protocol(found) + (_of_policy(found) if decide else [])
+    if any(line.startswith(tuple(FIXED)) for line in listed):
+        return listed  # other runs would be replayed
+    policy = found.about.policy if decide else None
+    work = [
+        (task, track, row, found.commands[row["seed"]], found.about.ceiling, policy)
+        for row in found.rows
+    ]
+    lines: dict[int, list[str]] = {}
+    with closing(run_each(of_seed, work, jobs)) as ended:
+        for number, said in ended:
+            lines[number] = said
+            on_seed()
+    return listed + [line for number in sorted(lines) for line in lines[number]]
+
+
+def of_seed(
+    task: Task,
+    track: Track,
+    row: Mapping[str, Any],
+    commands: Commands,
+    ceiling: bool,
+    policy: str | None = None,
+) -> list[str]:
+    """Return the differences of a row from its replay, and from what the policy does now."""
+    seed = row["seed"]
+    try:
+        again = replay(task, track, seed, commands, ceiling)
+    except DesimError as error:
+        return [f"seed {seed}: the commands cannot be replayed: {error}"]
+    said = [
+        f"seed {seed}: {name}: the folder has {_words(row[name])}, the replay {_words(value)}"
+        for name, value in again.items()
+        if row[name] != value
+    ]
+    said += [f"seed {seed}: {line}" for line in _of_bound(task, track, row)]
+    if policy is not None:
+        now = measure(task, track, policy, seed).commands
+        if not np.array_equal(now, commands):
+            episode, step, drone = (int(each[0]) for each in np.nonzero(now != commands))
+            said.append(
+                f"seed {seed}: commands: the policy decides otherwise, first in episode "
+                f"{episode - WARMUP}, step {step}, for drone {drone}"
+            )
+    return said
+
+
+def _of_bound(task: Task, track: Track, row: Mapping[str, Any]) -> Sequence[str]:
+    bound, given = bound_of(task, track, row["seed"]), row[BOUND]
+    if (bound is None) is not (given is None) or (bound is not None and abs(bound - given) > CLOSE):
+        return [f"{BOUND}: the folder has {_words(given)}, the task {_words(bound)}"]
+    if bound is not None and (row["qoe3_percent"] or 0.0) > bound:
+        return [f"qoe3_percent: {row['qoe3_percent']!r} exceeds the proven bound {bound!r}"]
+    return []
+
+
+def _of_protocol(found: Submission) -> list[str]:
+    said = [
+        f"{name}: the folder has {getattr(found.about, name)!r}, the protocol {value!r}"
+        for name, value in FIXED.items()
+        if getattr(found.about, name) != value
+    ]
+    foreign = sorted({*found.about.seeds} - {*found.track.seeds})
+    if foreign:
+        said.append(f"seeds: {foreign} are not in the track {found.track.name!r}")
+    if len({*found.about.seeds}) < len(found.about.seeds):
+        said.append("seeds: one is there twice")
+    return said
+
+
+def _of_policy(found: Submission) -> list[str]:
+    now = about(found.task, found.track, found.about.policy)
+    return [
+        f"{name}: the folder has {getattr(found.about, name)!r}, the policy now {now[name]!r}"
+        for name in OF_POLICY
+        if getattr(found.about, name) != now[name]
+    ]
+
+
+def _words(value: Any) -> str:
+    return "no value" if value is None else repr(value)
