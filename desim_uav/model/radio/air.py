@@ -30,6 +30,9 @@ from desim_uav.model.radio.links import (
     HIGH_DBM,
     HIGH_MW,
     LAST_MARK,
+    LEVEL_DBM,
+    LOOKED,
+    LOOKED_COLUMNS,
     LOW_DBM,
     LOW_MW,
     LOWEST,
@@ -38,9 +41,11 @@ from desim_uav.model.radio.links import (
     NOISE_MW,
     OTHER,
     OUT,
+    POWER_MW,
     PX,
     PY,
     PZ,
+    RATIO_DB,
     ROOM,
     ROWS,
     SENDER,
@@ -81,6 +86,9 @@ from desim_uav.model.relative import rounded_us
 GRAZE = 1e-14
 """How close to zero an extremum of the difference of squared distances, relative to them, touches
 it without a change of sign."""
+
+ROUNDED_DB = 1e-6
+"""By how much less two ratios differ, for one place, because of rounding."""
 
 FOUND_AT, FOUND_ROOM, FOUND = range(3)
 FOUND_COLUMNS = 3
@@ -268,6 +276,8 @@ def _follow(air: Air, links: Links, span_us: tuple[int, int], user: int, exact: 
     take_first_rows(air, links, user)
     while True:
         begins, marked = take_rows(air, links, t)
+        if begun and t >= end and not marked and not exact and _are_clear(links):
+            return
         turn = np.inf if leg + 1 == after else (legs[leg + 1, T0_US] - start_us) * 1e-6
         x, y = walked(legs, leg, now_us)
         relate(air, links, t, (x, y, air.heights_m[user]), (legs[leg, WALK_X], legs[leg, WALK_Y]))
@@ -293,7 +303,7 @@ def _follow(air: Air, links: Links, span_us: tuple[int, int], user: int, exact: 
 def _note_classes(links: Links, t: float, exact: bool) -> None:
     """Look at the start of a stretch, and write the classes that have changed."""
     words = links.words
-    if not exact:
+    if not exact and t > 0.0:  # that at the start of the span is known (_reach_dbm)
         look(links, 0, 0.0)
     for k in range(links.used):
         if words[k, SOUGHT]:
@@ -302,6 +312,21 @@ def _note_classes(links: Links, t: float, exact: bool) -> None:
             if state != words[k, STATE]:
                 note(links, k, rounded_us(links.start_us, t), state)
             words[k, STATE] = state
+
+
+@rule
+def _are_clear(links: Links) -> bool:
+    """Return whether the look in row 0 is of no other classes than if it were computed anew."""
+    words, looks = links.words, links.looks
+    for k in range(links.used):
+        if words[k, SOUGHT]:
+            value = looks[0, LOOKED + LOOKED_COLUMNS * k + RATIO_DB]
+            state = words[k, STATE]
+            if state != class_at(links, k, value - ROUNDED_DB):
+                return False
+            if state != class_at(links, k, value + ROUNDED_DB):
+                return False
+    return True
 
 
 # ---- bounds for a whole span
@@ -314,6 +339,8 @@ def _bound_span(air: Air, links: Links, span_us: tuple[int, int], user: int) -> 
     for k in range(links.used):
         table[k, LOW_DBM], table[k, HIGH_DBM] = _reach_dbm(air, links, k, walks)
         if links.used > 1:
+            at = LOOKED + LOOKED_COLUMNS * k
+            links.looks[0, at + POWER_MW] = np.exp(links.looks[0, at + LEVEL_DBM] / DB)
             table[k, LOW_MW] = np.exp(table[k, LOW_DBM] / DB)
             table[k, HIGH_MW] = np.exp(table[k, HIGH_DBM] / DB)
 
@@ -360,6 +387,7 @@ def _look_from(air: Air, links: Links, span_us: tuple[int, int], user: int) -> f
 def _reach_dbm(air: Air, links: Links, k: int, walks: float) -> tuple[float, float]:
     """Return bounds of a link's level in a span, after ``_look_from``."""
     table, words, low, high = links.table, links.words, np.inf, -np.inf
+    begun, at_start = False, LOOKED + LOOKED_COLUMNS * k
     first, last = place(air.tracks, words[k, FIRST], 0.0), words[k, AFTER] - 1
     at = place(air.tracks, last, air.tracks[last, BEGIN])
     level = walks + np.sqrt((at[0] - first[0]) ** 2 + (at[1] - first[1]) ** 2)
@@ -367,6 +395,9 @@ def _reach_dbm(air: Air, links: Links, k: int, walks: float) -> tuple[float, flo
     apart = np.sqrt(table[k, PX] * table[k, PX] + table[k, PY] * table[k, PY])
     while True:
         now, most = level_dbm(links, k, 0.0), 0.0
+        if not begun:
+            links.looks[0, at_start + LEVEL_DBM] = now
+            begun = True
         if level + climbs > 0.0:
             bound_rates(links, k, apart, table[k, PZ], level + climbs)
         if level > 0.0:
