@@ -22,14 +22,15 @@ from desim_uav.model.radio.links import (
     AY,
     AZ,
     BASE_DBM,
-    BEGAN,
     BOUND,
     BRANCH,
     FIRST,
-    HELD,
     HIGH_DBM,
     HIGH_MW,
     LAST_MARK,
+    LEVEL_DBM,
+    LOOKED,
+    LOOKED_COLUMNS,
     LOW_DBM,
     LOW_MW,
     LOWEST,
@@ -38,21 +39,24 @@ from desim_uav.model.radio.links import (
     NOISE_MW,
     OTHER,
     OUT,
+    POWER_MW,
     PX,
     PY,
     PZ,
-    ROOM,
     ROWS,
     SENDER,
     SIGNAL,
     SOUGHT,
     STATE,
+    STEEP_H,
+    STEEP_R,
     TOP,
     VX,
     VY,
     VZ,
-    WIDTH,
     Links,
+    are_clear,
+    begin_user,
     class_at,
     compare,
     level_dbm,
@@ -72,6 +76,7 @@ from desim_uav.model.radio.scene import (
     take_mark,
     take_rows,
     walk_ahead,
+    write_to,
 )
 from desim_uav.model.radio.search import search
 from desim_uav.model.radio.slopes import DB
@@ -121,10 +126,10 @@ def class_changes_in_air(
     end = begin_links(air, count, span_us)
     if end > len(air.tracks):
         return -end
-    _write_to(air, SIGNAL, out.ctypes.data, len(out), 3)
+    write_to(air, SIGNAL, out.ctypes.data, len(out), 3)
     links = Links(air.table, air.words, air.looks, count, air.thresholds_db, span_us[0])
     for user in range(len(air.heights_m)):
-        _begin_user(links, SIGNAL, 0 if fresh else held[user])
+        begin_user(links, SIGNAL, 0 if fresh else held[user])
         _find_classes(air, links, span_us, user)
     return int(air.words[SIGNAL, ROWS])
 
@@ -159,10 +164,10 @@ def class_changes_of_all(
         links = Links(air.table, air.words, air.looks, count, air.thresholds_db, span_us[0])
         for k in range(count):
             own = found[air.words[k, SENDER]]
-            _write_to(air, k, own[FOUND_AT], own[FOUND_ROOM], 3)
+            write_to(air, k, own[FOUND_AT], own[FOUND_ROOM], 3)
         for user in range(len(air.heights_m)):
             for k in range(count):
-                _begin_user(links, k, held[air.words[k, SENDER], user])
+                begin_user(links, k, held[air.words[k, SENDER], user])
             _find_classes(air, links, span_us, user)
         for k in range(count):
             found[air.words[k, SENDER], FOUND] = air.words[k, ROWS]
@@ -195,9 +200,9 @@ def pair_changes(
         return -end
     air.table[SIGNAL, NOISE_DBM], air.bound_db[0] = -np.inf, threshold_db
     air.words[SIGNAL, LOWEST], air.words[SIGNAL, TOP] = 0, 1
-    _write_to(air, SIGNAL, out.ctypes.data, len(out), 2)
+    write_to(air, SIGNAL, out.ctypes.data, len(out), 2)
     links = Links(air.table, air.words, air.looks, OTHER + 1, air.bound_db, span_us[0])
-    _begin_user(links, SIGNAL, held)
+    begin_user(links, SIGNAL, held)
     air.words[OTHER, SOUGHT] = 0
     if threshold_db == 0.0 and _are_alike(air, links, user):
         _follow(air, links, span_us, user, True)
@@ -214,22 +219,6 @@ def pair_changes(
 def _interferes(air: Air, sender: int, band: int) -> bool:
     """Return whether a transmitter interferes with others in a band."""
     return bool(air.senders[sender, SERVES] and air.senders[sender, BAND] == band)
-
-
-@rule
-def _write_to(air: Air, k: int, address: int, room: int, width: int) -> None:
-    """Have the changes of a signal written to a table."""
-    words = air.words
-    words[k, OUT], words[k, ROOM], words[k, WIDTH] = address, room, width
-    words[k, ROWS] = 0
-
-
-@rule
-def _begin_user(links: Links, k: int, held: int) -> None:
-    """Begin with the next user, whose class has been ``held`` before the span."""
-    words = links.words
-    words[k, BEGAN], words[k, HELD], words[k, STATE] = words[k, ROWS], held, -1
-    words[k, SOUGHT] = int(words[k, OUT] != 0)
 
 
 @kernel
@@ -268,6 +257,8 @@ def _follow(air: Air, links: Links, span_us: tuple[int, int], user: int, exact: 
     take_first_rows(air, links, user)
     while True:
         begins, marked = take_rows(air, links, t)
+        if begun and t >= end and not marked and not exact and are_clear(links):
+            return
         turn = np.inf if leg + 1 == after else (legs[leg + 1, T0_US] - start_us) * 1e-6
         x, y = walked(legs, leg, now_us)
         relate(air, links, t, (x, y, air.heights_m[user]), (legs[leg, WALK_X], legs[leg, WALK_Y]))
@@ -293,7 +284,7 @@ def _follow(air: Air, links: Links, span_us: tuple[int, int], user: int, exact: 
 def _note_classes(links: Links, t: float, exact: bool) -> None:
     """Look at the start of a stretch, and write the classes that have changed."""
     words = links.words
-    if not exact:
+    if not exact and t > 0.0:  # that at the start of the span is known (_reach_dbm)
         look(links, 0, 0.0)
     for k in range(links.used):
         if words[k, SOUGHT]:
@@ -314,6 +305,8 @@ def _bound_span(air: Air, links: Links, span_us: tuple[int, int], user: int) -> 
     for k in range(links.used):
         table[k, LOW_DBM], table[k, HIGH_DBM] = _reach_dbm(air, links, k, walks)
         if links.used > 1:
+            at = LOOKED + LOOKED_COLUMNS * k
+            links.looks[0, at + POWER_MW] = np.exp(links.looks[0, at + LEVEL_DBM] / DB)
             table[k, LOW_MW] = np.exp(table[k, LOW_DBM] / DB)
             table[k, HIGH_MW] = np.exp(table[k, HIGH_DBM] / DB)
 
@@ -360,6 +353,8 @@ def _look_from(air: Air, links: Links, span_us: tuple[int, int], user: int) -> f
 def _reach_dbm(air: Air, links: Links, k: int, walks: float) -> tuple[float, float]:
     """Return bounds of a link's level in a span, after ``_look_from``."""
     table, words, low, high = links.table, links.words, np.inf, -np.inf
+    begun, at_start = False, LOOKED + LOOKED_COLUMNS * k
+    table[k, STEEP_R] = table[k, STEEP_H] = 0.0
     first, last = place(air.tracks, words[k, FIRST], 0.0), words[k, AFTER] - 1
     at = place(air.tracks, last, air.tracks[last, BEGIN])
     level = walks + np.sqrt((at[0] - first[0]) ** 2 + (at[1] - first[1]) ** 2)
@@ -367,12 +362,19 @@ def _reach_dbm(air: Air, links: Links, k: int, walks: float) -> tuple[float, flo
     apart = np.sqrt(table[k, PX] * table[k, PX] + table[k, PY] * table[k, PY])
     while True:
         now, most = level_dbm(links, k, 0.0), 0.0
+        if not begun:
+            links.looks[0, at_start + LEVEL_DBM] = now
+            begun = True
         if level + climbs > 0.0:
             bound_rates(links, k, apart, table[k, PZ], level + climbs)
         if level > 0.0:
-            most += max(table[k, BOUND + R_MOST], -table[k, BOUND + R_LEAST]) * level
+            steep = max(table[k, BOUND + R_MOST], -table[k, BOUND + R_LEAST])
+            most += steep * level
+            table[k, STEEP_R] = max(table[k, STEEP_R], steep)
         if climbs > 0.0:
-            most += max(table[k, BOUND + H_MOST], -table[k, BOUND + H_LEAST]) * climbs
+            steep = max(table[k, BOUND + H_MOST], -table[k, BOUND + H_LEAST])
+            most += steep * climbs
+            table[k, STEEP_H] = max(table[k, STEEP_H], steep)
         low, high = min(low, now - most), max(high, now + most)
         words[k, MARK] += 1
         if words[k, MARK] > words[k, LAST_MARK]:

@@ -31,6 +31,9 @@ from desim_uav.model.radio.links import (
     PY,
     PZ,
     RATES_AT,
+    STEEP,
+    STEEP_H,
+    STEEP_R,
     TIME_S,
     VALUES,
     VX,
@@ -39,7 +42,7 @@ from desim_uav.model.radio.links import (
     Links,
     are_a_pair,
 )
-from desim_uav.model.radio.slopes import DB
+from desim_uav.model.radio.slopes import DB, least_share
 
 
 @rule
@@ -141,6 +144,26 @@ def _add(
 
 
 @kernel
+def bound_stretch(links: Links, lasts: float) -> None:
+    """Write the most that each level changes in a stretch in dB/s, by the bounds of the span."""
+    table = links.table
+    for k in range(links.used):
+        ux, uy, uz = table[k, VX], table[k, VY], table[k, VZ]
+        wx, wy, wz = (
+            ux + lasts * table[k, AX],
+            uy + lasts * table[k, AY],
+            uz + lasts * table[k, AZ],
+        )
+        steep, climb = 0.0, max(abs(uz), abs(wz))
+        square = max(ux * ux + uy * uy, wx * wx + wy * wy)
+        if square > 0.0:
+            steep += table[k, STEEP_R] * np.sqrt(square)
+        if climb > 0.0:
+            steep += table[k, STEEP_H] * climb
+        table[k, STEEP] = steep
+
+
+@kernel
 def bound_levels(links: Links, left: int) -> None:
     """Write bounds of all levels for the time from a look to the one in the row before it.
 
@@ -159,9 +182,10 @@ def bound_levels(links: Links, left: int) -> None:
             least, most = table[k, LEAST], table[k, MOST]
             if least < 0.0 < most:
                 rise = looks[left - 1, at + LEVEL_DBM] - looks[left, at + LEVEL_DBM]
-                factor = np.exp(max(turns_back(until - since, rise, least, most), 0.0) / DB)
-                table[k, LOW_MW] /= factor
-                table[k, HIGH_MW] *= factor
+                turns = max(turns_back(until - since, rise, least, most), 0.0)
+                share = least_share(turns / DB)
+                table[k, LOW_MW] *= share
+                table[k, HIGH_MW] /= share
 
 
 @rule

@@ -18,16 +18,18 @@ from desim_uav.model.radio.levels import RATES
 from desim_uav.model.radio.slopes import DB
 
 PX, PY, PZ, VX, VY, VZ, AX, AY, AZ, CARRIER, BASE_DBM, NOISE_DBM, NOISE_MW = range(13)
-LEAST, MOST, LOW_DBM, HIGH_DBM, LOW_MW, HIGH_MW, SETTLED_S, BOUND = range(13, 21)
-LINK_COLUMNS = BOUND + RATES
+LEAST, MOST, LOW_DBM, HIGH_DBM, LOW_MW, HIGH_MW, SETTLED_S, STEEP, BOUND = range(13, 22)
+STEEP_R, STEEP_H = range(BOUND + RATES, BOUND + RATES + 2)
+LINK_COLUMNS = STEEP_H + 1
 """The columns of a table of links, and their number.
 
 First, the place, velocity and acceleration of the drone relative to the user at the start of the
 stretch, the carrier in GHz, the level before the path loss in dBm, and the noise in dBm and in mW.
 Then, the least and the most that the level changes in dB/s; the lowest and the highest level in the
 span in dBm; the lowest and the highest power in the span, or in the time that is looked at, in mW;
-until when the class of a signal is settled, in seconds since the start of the stretch; and a row of
-rates (see ``levels``)."""
+until when the class of a signal is settled, in seconds since the start of the stretch; the most
+that the level changes in the stretch, in dB/s; a row of rates (see ``levels``); and the most that
+the level changes in the span for a metre of horizontal distance and for a metre of height."""
 
 LEVEL, RATES_AT, VALUES, BRANCH, FIRST, AFTER, ROW, MARK, LAST_MARK, MARKED, SENDER = range(11)
 LOWEST, TOP, SOUGHT, STATE, OUT, ROOM, WIDTH, ROWS, BEGAN, HELD = range(11, 21)
@@ -57,6 +59,9 @@ whose class was not settled before the look."""
 
 LOOKS = 64
 """The most looks that are kept at a time: each is a half of the time to the next one."""
+
+ROUNDED_DB = 1e-6
+"""By how much less two ratios differ, for one place, because of rounding."""
 
 ints_at = entries_at(int)
 
@@ -168,6 +173,29 @@ def class_at(links: Links, k: int, value: float) -> int:
     """Return the class of a signal at a ratio."""
     words = links.words
     return class_of(value, links.thresholds_db[words[k, LOWEST] : words[k, TOP]])
+
+
+@rule
+def are_clear(links: Links) -> bool:
+    """Return whether rounding cannot change the classes of the look in row 0, which are noted."""
+    words, looks = links.words, links.looks
+    for k in range(links.used):
+        if words[k, SOUGHT]:
+            value = looks[0, LOOKED + LOOKED_COLUMNS * k + RATIO_DB]
+            state = words[k, STATE]
+            if state != class_at(links, k, value - ROUNDED_DB):
+                return False
+            if state != class_at(links, k, value + ROUNDED_DB):
+                return False
+    return True
+
+
+@rule
+def begin_user(links: Links, k: int, held: int) -> None:
+    """Begin with the next user, whose class has been ``held`` before the span."""
+    words = links.words
+    words[k, BEGAN], words[k, HELD], words[k, STATE] = words[k, ROWS], held, -1
+    words[k, SOUGHT] = int(words[k, OUT] != 0)
 
 
 @kernel

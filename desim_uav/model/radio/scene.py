@@ -39,13 +39,16 @@ from desim_uav.model.radio.links import (
     PY,
     PZ,
     RATES_AT,
+    ROOM,
     ROW,
+    ROWS,
     SENDER,
     TOP,
     VALUES,
     VX,
     VY,
     VZ,
+    WIDTH,
     Links,
     look_columns,
 )
@@ -177,6 +180,14 @@ def begin_links(air: Air, used: int, span_us: tuple[int, int]) -> int:
         table[k, NOISE_DBM] = air.radios[radio, BAND_NOISE_DBM]
         table[k, NOISE_MW] = np.exp(table[k, NOISE_DBM] / DB)
     return int(end)
+
+
+@rule
+def write_to(air: Air, k: int, address: int, room: int, width: int) -> None:
+    """Have the changes of a signal written to a table."""
+    words = air.words
+    words[k, OUT], words[k, ROOM], words[k, WIDTH] = address, room, width
+    words[k, ROWS] = 0
 
 
 @kernel

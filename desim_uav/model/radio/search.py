@@ -8,8 +8,10 @@ until one of the two settles the classes. docs/explanation/sinr.md proves it.
 
 from __future__ import annotations
 
+import numpy as np
+
 from desim_uav.model.kernels import kernel, rule
-from desim_uav.model.radio.bounds import bound_levels, bound_ratio, turns_back
+from desim_uav.model.radio.bounds import bound_levels, bound_ratio, bound_stretch, turns_back
 from desim_uav.model.radio.links import (
     AX,
     AY,
@@ -22,6 +24,7 @@ from desim_uav.model.radio.links import (
     SETTLED_S,
     SOUGHT,
     STATE,
+    STEEP,
     TIME_S,
     TOP,
     VX,
@@ -56,6 +59,7 @@ def search(links: Links, begin: float, lasts: float) -> None:
     _copy(links, 0, 1)
     looks[1, TIME_S] = 0.0
     look(links, 0, lasts)
+    bound_stretch(links, lasts)
     for k in range(links.used):
         if words[k, SOUGHT]:
             table[k, SETTLED_S] = 0.0
@@ -67,6 +71,9 @@ def search(links: Links, begin: float, lasts: float) -> None:
         bounded, settled = False, True
         for k in range(links.used):
             if words[k, SOUGHT] and table[k, SETTLED_S] <= since:
+                if _keeps(links, k, left):
+                    table[k, SETTLED_S] = until
+                    continue
                 if not bounded:
                     bound_levels(links, left)
                     bounded = True
@@ -100,6 +107,24 @@ def _moves(links: Links) -> bool:
             if links.table[k, column] != 0.0:
                 return True
     return False
+
+
+@rule
+def _keeps(links: Links, k: int, left: int) -> bool:
+    """Return whether a signal keeps its class between two looks, by the bounds of the stretch."""
+    looks, table, at = links.looks, links.table, LOOKED + LOOKED_COLUMNS * k + RATIO_DB
+    others = 0.0
+    for i in range(links.used):
+        if i != k:
+            others = max(others, table[i, STEEP])
+    goes = (table[k, STEEP] + others) * (looks[left - 1, TIME_S] - looks[left, TIME_S])
+    before, after = looks[left, at], looks[left - 1, at]
+    if not goes < np.inf:
+        return False
+    # It turns back at most so far as if it were always as fast as it can be.
+    low, high = 0.5 * (before + after - goes), 0.5 * (before + after + goes)
+    low, high = min(low, before, after), max(high, before, after)
+    return _stays(links, k, links.words[k, STATE], low, high)
 
 
 @kernel

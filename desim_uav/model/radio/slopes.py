@@ -57,7 +57,7 @@ def logistic_rates(
         apart = share + 0.571 * share * share * share  # no less than asin(share)
         # The probability rises as fast at odds as at their inverse, and fastest at odds of 1.
         odds = a * np.exp(-b * (np.arctan2(height_m, distance_m) * DEGREES - a))
-        odds, away = min(odds, 1.0 / odds), np.exp(-b * DEGREES * apart)
+        odds, away = min(odds, 1.0 / odds), least_share(b * DEGREES * apart)
         most_db = fall_db * DEGREES * b
         across_low = most_db * _rise(odds * away)
         across_high = most_db * _rise(min(odds / away, 1.0))
@@ -72,6 +72,17 @@ def logistic_rates(
         _times(rises_least, farther_per_m, nearer_per_m),
         _times(rises_most, nearer_per_m, farther_per_m),
     )
+
+
+@part
+def least_share(x: float) -> float:
+    """Return a number slightly below exp(-x), or equal to it; x is at least 0.
+
+    A partial sum of the alternating series, which ends with an odd power, is below it.
+    """
+    if x < 0.5:
+        return 1.0 - x * (1.0 - x * (0.5 - x * (1.0 / 6.0)))
+    return float(np.exp(-x))
 
 
 @part
