@@ -19,3 +19,27 @@ def engine_name(request: pytest.FixtureRequest) -> str:
 def every_engine(engine_name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     """Let each engine in turn fly the flights of a test, whose log must then be that engine's."""
     monkeypatch.setattr(Flight, "flown_by", engine_name)
+
+
+COMPILED_IN_AIR = (
+    "test_access_points",
+    "test_line_of_sight",
+    "test_link_memory",
+    "test_radio_engines",
+)
+"""Files whose tests of the compiled engine need kernels for links in the air, which take more than
+a minute to compile. These tests are thorough; the default run has the same tests on SimPy."""
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Let tests that compile kernels for links in the air be thorough."""
+    for item in items:
+        if item.path.stem in COMPILED_IN_AIR and _engine_of(item) != "des":
+            item.add_marker(pytest.mark.thorough)
+
+
+def _engine_of(item: pytest.Item) -> str | None:
+    """Return the engine that is a parameter of a test, if there is one."""
+    params = item.callspec.params.values() if hasattr(item, "callspec") else ()
+    return next((value for value in params if isinstance(value, str) and value in ENGINES), None)
