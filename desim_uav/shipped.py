@@ -11,7 +11,7 @@ from desim_uav.registry import did_you_mean
 _PACKAGE = Path(__file__).resolve().parent
 
 NETWORKS = "ppo_"
-"""How the names of shipped networks begin."""
+"""The prefix of the names of shipped networks."""
 
 
 def scenario_names() -> list[str]:

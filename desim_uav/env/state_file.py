@@ -28,7 +28,7 @@ LARGEST_SEED, LARGEST_EPISODE = 2**63, 2**31
 
 
 class Kept(NamedTuple):
-    """What a file says of a state."""
+    """The content of a file of a saved state."""
 
     version: str
     scenario_hash: str

@@ -259,7 +259,7 @@ def _searches(scenario: Scenario) -> float:
 
 
 def _features(scenario: Scenario) -> int:
-    """How many numbers a drone observes."""
+    """Return the number of features in a drone's observation."""
     features_of = getattr(scenario.observation, "expected_features", None)
     if features_of is None:
         return 100

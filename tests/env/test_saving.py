@@ -256,7 +256,7 @@ def test_files_that_are_no_states(written: Path, tmp_path: Path):
 
 
 def test_an_engine_may_write_what_it_read(written: Path, tmp_path: Path):
-    """The same state gives the same bytes."""
+    """A state that is written twice gives files of equal bytes."""
     env = single("des")
     env.restore(written)
     env.save().write(tmp_path / "again.npz")

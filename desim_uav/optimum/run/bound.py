@@ -26,7 +26,7 @@ from desim_uav.sample_path import draw
 from desim_uav.world import World
 
 ROUNDS = 200
-"""How often prices are changed."""
+"""The number of times that the prices of users are changed."""
 
 TRIED = 40
 """The rounds after which QoE1 is given up if its bound is still 100 %."""

@@ -34,7 +34,7 @@ FLIGHTS = (*HEADINGS, Action.UP, Action.DOWN)
 """The actions that are legs, by their number."""
 
 TURNS = 6
-"""How often each drone gets new flights."""
+"""The number of times that each drone is given new flights."""
 
 
 class Team:

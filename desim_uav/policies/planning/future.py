@@ -19,7 +19,7 @@ from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
 WALKS, REQUESTS, NOISE, RESPAWNS = range(4)
-"""What is drawn, each from streams of its own."""
+"""The random streams of an imagined future, by what is drawn from them."""
 
 
 def imagined(saved: SavedState, seed: int, sample: int) -> SavedState:
