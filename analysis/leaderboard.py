@@ -1,91 +1,186 @@
-"""Make the submissions of the leaderboard that are still missing in analysis/leaderboard.
+"""Make the whole leaderboard: bounds, trainings, submissions, tables and figure.
 
     python analysis/leaderboard.py [-j 2] [PART]
 
-With PART only those are made whose folder's name contains it. Tables that do not ship are trained
-first, in world 0 with the settings of the task, into runs/. `desim-uav bench board
-analysis/leaderboard` makes the tables of them.
+Only what is missing or out of date is made: submissions in analysis/leaderboard, which are kept,
+and the policies that are trained for them, in runs/leaderboard, which are not. With PART only those
+submissions are made whose folder's name contains it. The tables and the performance profile are
+then made of all submissions that are there, also of those that this file does not make.
+
+The processor and wall-clock time of all of it are printed at the end.
 """
 
 from __future__ import annotations
 
 import argparse
+import resource
+import shutil
 import sys
 import time
+from collections.abc import Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
+from bench_bounds import complete
+
 import desim_uav as du
+from desim_uav.errors import PolicyError
 from desim_uav.experiment.bench.run import submit
-from desim_uav.experiment.bench.tasks import Task, find_task, find_track
+from desim_uav.experiment.bench.submission import read
+from desim_uav.experiment.bench.tasks import (
+    FAMILIES,
+    SIZES,
+    TRACKS,
+    TRAINING_SEEDS,
+    Task,
+    Track,
+    find_task,
+    tasks,
+)
+from desim_uav.experiment.processes import run_each
 from desim_uav.run_folder import Place
 
 FOLDER = Path(__file__).parent / "leaderboard"
-CHEAP = {"random": "random", "hover": "hover", "baseline": "baseline"}
-SARSA, OWN = {"SARSA": "train:sarsa"}, {"Q-learning": "train:q_learning"}
-GREEDY = {"greedy": "greedy"}
-ROLLOUT = {"rollout of Q-learning": "rollout:case8.npz"}
-CLAIRVOYANT = {"clairvoyant, 10 tries": "clairvoyant:tries=10"}
-MULTI, COVERAGE = "uav-v1/multi-service/medium", "uav-v1/coverage/medium"
-RUSH, URBAN = "uav-v1/rush/medium", "uav-v1/urban/medium"
+MADE = Path("runs") / "leaderboard"
 
-ROWS: list[tuple[str, str, dict[str, str], int]] = [
-    (MULTI, "one", CHEAP | {"Q-learning": "case8.npz"} | SARSA | GREEDY, 10),
-    (MULTI, "any", CHEAP | {"Q-learning": "case8.npz"} | SARSA | GREEDY, 10),
-    (COVERAGE, "one", CHEAP | {"Q-learning": "case5.npz"} | SARSA | GREEDY, 10),
-    (COVERAGE, "any", CHEAP | {"Q-learning": "case5.npz"} | SARSA | GREEDY, 10),
-    (RUSH, "one", CHEAP | OWN | SARSA | GREEDY, 10),
-    (URBAN, "one", CHEAP | {"Q-learning": "urban_downlink.npz"}, 10),
-    (MULTI, "one", ROLLOUT, 10),
-    (MULTI, "one", CLAIRVOYANT, 3),
-    (COVERAGE, "one", CLAIRVOYANT, 3),
-]
-"""Tasks, tracks, policies by the names that the leaderboard gives them, and numbers of seeds."""
+BUILT_IN, GREEDY = ("random", "hover", "baseline"), "greedy"
+LEARNED = {"Q-learning": "q_learning", "SARSA": "sarsa"}
+ROLLOUT, CLAIRVOYANT = "rollout of Q-learning", "clairvoyant, 10 tries"
+SEARCHED = {
+    *((family, size) for family in ("coverage", "multi-service") for size in ("small", "medium")),
+    ("rush", "medium"),
+    ("urban", "small"),
+}
+"""The tasks in which the planners fly that search by simulations: families and sizes."""
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What flies in a task: its name on the leaderboard, its tracks, and its trainings."""
+
+    task: Task
+    name: str
+    tracks: Sequence[str] = tuple(TRACKS)
+    trainings: int = 0
+
+    def label(self, track: str) -> str:
+        """Return the name of a submission's folder."""
+        said = "".join(letter if letter.isalnum() else "-" for letter in self.name.lower())
+        return f"{self.task.family}-{self.task.size}-{track}-{said}"
+
+    def policies(self) -> list[str]:
+        """Return the policies that fly, of which those that are learned may have to be trained."""
+        if self.name in (*BUILT_IN, GREEDY):
+            return [self.name]
+        if self.name == CLAIRVOYANT:
+            return ["clairvoyant:tries=10"]
+        if self.name == ROLLOUT:
+            return [f"rollout:{self.table('q_learning', 0)}"]
+        return [str(self.table(LEARNED[self.name], seed)) for seed in range(self.trainings)]
+
+    def table(self, algorithm: str, seed: int) -> Path:
+        """Return the place of a table that was trained in world 0 with the task's settings."""
+        return MADE / f"{self.task.family}-{self.task.size}-{algorithm}-{seed}" / "policy.npz"
+
+    def train(self) -> None:
+        """Train the tables that are not there."""
+        learned = {ROLLOUT: ("q_learning", 1)}.get(self.name)
+        algorithm, many = learned or (LEARNED.get(self.name, ""), self.trainings)
+        for seed in range(many):
+            table = self.table(algorithm, seed)
+            if not table.exists():
+                trained = du.train(
+                    self.task.path, algorithm=algorithm, seed=seed, world_seed=0, progress=False
+                )
+                trained.save(table.parent)
+
+    def training_steps(self) -> int | None:
+        """Return the decision epochs of a training; None if nothing is trained."""
+        if self.name in (*BUILT_IN, GREEDY, CLAIRVOYANT):
+            return None
+        scenario = self.task.scenario(TRACKS["one"])
+        return scenario.learning.episodes * scenario.episode.steps
+
+
+def entries() -> Iterator[Entry]:
+    """Yield what the leaderboard has, what is cheap first."""
+    by_size = [[find_task(f"uav-v1/{family}/{size}") for family in FAMILIES] for size in SIZES]
+    yield from (Entry(task, name) for own in by_size for task in own for name in BUILT_IN)
+    for own in by_size:
+        yield from (Entry(task, GREEDY) for task in own)
+        for name in LEARNED:
+            yield from (Entry(task, name, trainings=TRAINING_SEEDS) for task in own)
+        searched = [task for task in own if (task.family, task.size) in SEARCHED]
+        for name in (CLAIRVOYANT, ROLLOUT):
+            yield from (Entry(task, name, ("one",)) for task in searched)
 
 
 def main() -> None:
-    """Make what is missing, row by row."""
+    """Make what is missing, then the tables and the figure of all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-j", dest="jobs", type=int, default=1)
     parser.add_argument("part", nargs="?", default="")
     asked = parser.parse_args()
-    for task, track, policies, seeds in ROWS:
-        for name, policy in policies.items():
-            folder = FOLDER / _label(find_task(task), track, name)
-            if not folder.exists() and asked.part in folder.name:
-                since_s = time.perf_counter()
-                make(folder, task, track, name, policy, seeds, asked.jobs)
-                print(f"{folder.name}: {time.perf_counter() - since_s:.1f} s", file=sys.stderr)
-
-
-def make(
-    folder: Path, task_name: str, track_name: str, name: str, policy: str, seeds: int, jobs: int
-) -> None:
-    """Make one submission."""
-    task, track = find_task(task_name), find_track(track_name)
-    if policy.startswith("train:"):
-        policy = trained(task, policy.removeprefix("train:"))
-    command = ["desim-uav", "bench", "run", task.name, "--track", track.name]
-    command += ["--policy", policy, "--name", name, "--seeds", str(seeds)]
-    submit(
-        *(task, track, policy, Place(folder, folder.name)),
-        name=name,
-        seeds=track.seeds[:seeds],
-        jobs=jobs,
-        command=command,
+    since_s = time.perf_counter()
+    complete([*tasks().values()], asked.jobs)
+    work = [
+        (entry, track)
+        for entry in entries()
+        for track in [[name for name in entry.tracks if asked.part in entry.label(name)]]
+        if track and not all(is_up_to_date(entry, TRACKS[name]) for name in track)
+    ]
+    with closing(run_each(make, work, asked.jobs)) as ended:
+        for number, spent_s in ended:
+            entry, tracks = work[number]
+            print(f"{', '.join(map(entry.label, tracks))}: {spent_s:.1f} s of processor time")
+            sys.stdout.flush()
+    page = MADE / "leaderboard.md"
+    du.bench_board([FOLDER], out=page, figure=page.with_suffix(".svg"))
+    usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    print(
+        f"{page}: {len(work)} of {len([*entries()])} entries were made, "
+        f"{sum(each.ru_utime + each.ru_stime for each in usage):.0f} s of processor time, "
+        f"{time.perf_counter() - since_s:.0f} s in all"
     )
 
 
-def trained(task: Task, algorithm: str) -> str:
-    """Return the file of a table that was trained in world 0 of a task; train it if it is not."""
-    folder = Path("runs") / f"leaderboard-{task.family}-{task.size}-{algorithm}"
-    if not folder.exists():
-        du.train(task.path, world_seed=0, algorithm=algorithm, out=folder)
-    return str(folder / "policy.npz")
+def is_up_to_date(entry: Entry, track: Track) -> bool:
+    """Return whether a submission is there, of this version of the task, with all its runs."""
+    try:
+        found = read(FOLDER / entry.label(track.name))
+    except PolicyError:
+        return False
+    return (
+        found.about.seeds == [*track.seeds]
+        and len(found.about.trainings) == max(1, entry.trainings)
+        and not found.about.interrupted
+    )
 
 
-def _label(task: Task, track: str, name: str) -> str:
-    said = "".join(letter if letter.isalnum() else "-" for letter in name.lower())
-    return f"{task.family}-{task.size}-{track}-{said}"
+def make(entry: Entry, tracks: Sequence[str]) -> float:
+    """Make the submissions of an entry that are out of date, and return the processor time."""
+    since_s = time.process_time()
+    entry.train()
+    policies, steps = entry.policies(), entry.training_steps()
+    for track in (TRACKS[name] for name in tracks):
+        if is_up_to_date(entry, track):
+            continue
+        folder, new = (where / entry.label(track.name) for where in (FOLDER, MADE / "new"))
+        shutil.rmtree(new, ignore_errors=True)
+        command = ["desim-uav", "bench", "run", entry.task.name, "--track", track.name]
+        command += [word for policy in policies for word in ("--policy", policy)]
+        command += ["--name", entry.name]
+        command += [] if steps is None else ["--training-steps", str(steps)]
+        submit(
+            *(entry.task, track, policies, Place(new, new.name)),
+            name=entry.name,
+            training_steps=steps,
+            command=command,
+        )
+        shutil.rmtree(folder, ignore_errors=True)
+        shutil.move(new, folder)
+    return time.process_time() - since_s
 
 
 if __name__ == "__main__":

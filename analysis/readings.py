@@ -60,7 +60,7 @@ def of_baseline(case):
         flown = {"seeds": SEEDS, "episodes": EPISODES, "warmup": WARMUP}
         runs = du.run(scenario, **flown, engine="batch", progress=False)
         found = runs.qoe()
-        crashes = found["crashes"] / (EPISODES * scenario.drones.count)
+        crashes = found["crashes"] / (EPISODES * scenario.drone_count)
         cells = [*shown(found), f"{runs.covered_once().mean():.1f}", f"{crashes:.3f}"]
         yield row([case, name, *cells, f"{found['reward_mean']:.2f}"])
 

@@ -22,7 +22,7 @@ from desim_uav.errors import DesimError, MissingExtraError, UsageError
 from desim_uav.experiment.progress import progress
 
 PARTS = (
-    *("transit", "crossings", "planning", "queueing", "demand", "placement", "streams"),
+    *("transit", "crossings", "planning", "queueing", "demand", "placement", "mobility", "streams"),
     *("determinism", "conservation", "identities", "convergence", "links", "engines", "optimality"),
 )
 COLUMNS = ("", "ours", "theory", "difference", "limit", "n", "holds")

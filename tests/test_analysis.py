@@ -13,6 +13,7 @@ import pandas as pd
 import pytest
 from scipy import stats
 
+from desim_uav.experiment.bench.tasks import TRACKS, tasks
 from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.runs import read_runs
@@ -300,3 +301,50 @@ class TestEach:
             (renamed[-1] / "SHA256SUMS").unlink()
         code, out, _ = ask(question, *renamed, tmp_path / "picture.svg")
         assert code == 0 and r"$\frac$" in out
+
+
+@pytest.fixture
+def leaderboard(monkeypatch):
+    monkeypatch.syspath_prepend(str(SCRIPTS))
+    return runpy.run_path(str(SCRIPTS / "leaderboard.py"), run_name="leaderboard")
+
+
+def test_the_leaderboard_has_every_task_and_track(leaderboard):
+    entries = list(leaderboard["entries"]())
+    labels = [entry.label(track) for entry in entries for track in entry.tracks]
+    assert len(set(labels)) == len(labels)
+    assert {*labels} >= {
+        f"{task.family}-{task.size}-{track}-{name}"
+        for task in tasks().values()
+        for track in TRACKS
+        for name in ("random", "hover", "baseline", "greedy", "q-learning", "sarsa")
+    }
+    learners = [entry for entry in entries if entry.trainings]
+    assert {(len(entry.policies()), entry.training_steps()) for entry in learners} >= {
+        (10, 360_000)
+    }
+
+
+@pytest.mark.thorough
+def test_the_leaderboard_makes_what_is_missing_and_no_more(leaderboard, monkeypatch, tmp_path):
+    monkeypatch.setattr(sys, "argv", ["leaderboard.py", "coverage-small-one-hover"])
+    monkeypatch.chdir(tmp_path)
+    main = leaderboard["main"]
+    monkeypatch.setitem(main.__globals__, "FOLDER", tmp_path / "rows")
+    kept = SCRIPTS / "leaderboard" / "coverage-small-one-baseline"
+    shutil.copytree(kept, tmp_path / "rows" / kept.name)
+    rows = tmp_path / "rows" / "coverage-small-one-hover" / "rows.csv"
+    main()
+    page = (tmp_path / "runs" / "leaderboard" / "leaderboard.md").read_text(encoding="utf-8")
+    assert page.index("| baseline | 0.000") < page.index("| hover | -0.")
+    assert (tmp_path / "runs" / "leaderboard" / "leaderboard.svg").exists()
+    made = rows.stat().st_mtime_ns
+    main()
+    assert rows.stat().st_mtime_ns == made
+    (rows.parent / "manifest.json").write_text("{}", encoding="utf-8")
+    main()
+    assert rows.stat().st_mtime_ns > made
+    again, first = (
+        pd.read_csv(file) for file in (rows, kept.parent / rows.parent.name / rows.name)
+    )
+    assert [*again["digest"]] == [*first["digest"]]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
@@ -13,14 +14,15 @@ import pytest
 from desim_uav.errors import PolicyError, ScenarioError
 from desim_uav.experiment.bench import tasks as frozen
 from desim_uav.experiment.bench.board import board, markdown, profile
-from desim_uav.experiment.bench.bounds import compute, has_bound, kept
+from desim_uav.experiment.bench.bounds import CLOSE, compute, has_bound, kept
 from desim_uav.experiment.bench.measure import worst_tenth
-from desim_uav.experiment.bench.score import interquartile_mean, score
+from desim_uav.experiment.bench.profile import figure, panels, shares
+from desim_uav.experiment.bench.score import RESAMPLES, interquartile_mean, resampled, score
 from desim_uav.experiment.bench.submission import ROWS, read, read_all
 from desim_uav.experiment.bench.tasks import TRACKS, find_task, tasks
 from desim_uav.experiment.bench.verify import differences
 from desim_uav.scenario.load import load, scenario_hash
-from desim_uav.shipped import bench_folder
+from desim_uav.shipped import bench_folder, find_table
 from tests.command_line import ROOT, runner
 
 SAME = {
@@ -125,6 +127,33 @@ def test_intervals_draw_each_task_by_itself():
     assert (found.low, found.value, found.high) == (0.5, 0.5, 0.5)
 
 
+def test_intervals_draw_trainings_and_seeds_each_by_itself():
+    """All spread is between the trainings: four of one value draw their mean again and again.
+
+    The share of the upper of two trainings is 0, 1/2 or 1 with the probabilities 1/4, 1/2 and 1/4,
+    and how many seeds there are does not matter. One training of the same values has less spread,
+    because its eight seeds are drawn each by itself.
+    """
+    (drawn,) = resampled([np.array([[0.0] * 4, [1.0] * 4])])
+    assert drawn.shape == (RESAMPLES, 8)
+    shares, counts = np.unique(drawn.mean(axis=1), return_counts=True)
+    assert [*shares] == [0.0, 0.5, 1.0]
+    assert counts / RESAMPLES == pytest.approx([0.25, 0.5, 0.25], abs=0.04)
+    of_two = interquartile_mean([[[0.0] * 4, [1.0] * 4]])
+    of_one = interquartile_mean([[0.0] * 4 + [1.0] * 4])
+    assert (of_two.low, of_two.value, of_two.high) == (0.0, 0.5, 1.0)
+    assert of_one.value == 0.5 and 0.0 < of_one.high - of_one.low <= 1.0
+
+
+def test_intervals_of_trainings_and_seeds_have_the_variance_of_both():
+    """Of a mean of effects a + b, the pigeonhole variance is var(a) / T + var(b) / E."""
+    rng = np.random.default_rng(2)
+    trainings, seeds = rng.normal(0, 1, 10), rng.normal(0, 2, 8)
+    (drawn,) = resampled([trainings[:, None] + seeds[None, :]])
+    expected = trainings.var() / 10 + seeds.var() / 8
+    assert drawn.mean(axis=1).var() == pytest.approx(expected, rel=0.1)
+
+
 def test_intervals_are_those_of_rliable():
     """rliable 1.2.0 with 5,000 resamples gave these for 10 seeds in 3 tasks."""
     values = np.random.default_rng(1).normal(0.5, 0.2, (10, 3)) + np.array([0, 0.3, 0.6])
@@ -139,13 +168,21 @@ def test_the_worst_tenth_of_users_by_hand():
     assert worst_tenth(pd.DataFrame({"user": range(11), "qoe1": qoe1})) == pytest.approx(15.0)
 
 
-def submitted(name, qoe3, bound=90.0, future=False, task="uav-v1/coverage"):
-    """A submission with these values of QoE3, on seeds from 100 on."""
+def submitted(name, *qoe3, bound=90.0, future=False, task="uav-v1/coverage"):
+    """A submission with these values of QoE3 for each training, on seeds from 100 on."""
     rows = [
-        ROW | {"seed": 100 + k, "qoe3_percent": value, "qoe3_at_most_percent": bound}
-        for k, value in enumerate(qoe3)
+        ROW | {"training": n, "seed": 100 + k, "qoe3_percent": value, "qoe3_at_most_percent": bound}
+        for n, values in enumerate(qoe3)
+        for k, value in enumerate(values)
     ]
-    about = SimpleNamespace(policy=name, name=name, knows_future=future, information="local")
+    about = SimpleNamespace(
+        policy=name,
+        policy_sha256="0" if len(qoe3) > 1 else None,
+        training_steps=None,
+        name=name,
+        knows_future=future,
+        information="local",
+    )
     return SimpleNamespace(
         folder=name, about=about, rows=rows, task=find_task(task), track=TRACKS["one"]
     )
@@ -169,23 +206,42 @@ def test_the_board_by_hand():
     assert "| 75.00 [70.00, 80.00] |" in page and "| 2 of 10 |" in page
 
 
+def test_the_board_counts_trainings_and_seeds():
+    (table,) = board(
+        [submitted("learner", [70.0, 80.0], [60.0, 90.0]), submitted("baseline", [50.0, 70.0])]
+    )
+    learner, baseline = table["rows"]
+    assert learner["scores"] == [[0.5, 0.5], [0.25, 1.0]]
+    assert (learner["score"].value, learner["trainings"], learner["seeds"]) == (0.5, 2, 2)
+    assert baseline["trainings"] is None
+    page = markdown([table])
+    assert "| local | 2 of 10 | 2 of 10 |" in page and "| local | - | 2 of 10 |" in page
+
+
 def test_a_board_without_the_baseline_or_a_bound_has_no_scores():
     (table,) = board([submitted("mine", [70.0])])
     assert table["rows"][0]["score"] is None and "baseline is not among" in markdown([table])
-    (table,) = board([submitted("mine", [70.0], None), submitted("baseline", [50.0], None)])
+    (table,) = board(
+        [submitted("mine", [70.0], bound=None), submitted("baseline", [50.0], bound=None)]
+    )
     assert table["rows"][0]["policy"] == "mine" and "No bound" in markdown([table])
 
 
-def test_the_board_of_several_tasks_has_the_policies_that_are_in_all():
-    tasks_of = ("uav-v1/coverage", "uav-v1/rush")
+def test_the_board_of_several_tasks_has_first_the_policies_that_are_in_all():
+    tasks_of = ("uav-v1/coverage", "uav-v1/rush", "uav-v1/swarm")
     found = [submitted("baseline", [50.0, 50.0], task=task) for task in tasks_of]
     found += [submitted("mine", [70.0, 70.0], task=task) for task in tasks_of]
-    *_, last = board([*found, submitted("other", [80.0, 80.0])])
-    assert [(row["policy"], row["score"].value) for row in last["rows"]] == [
-        ("mine", 0.5),
-        ("baseline", 0.0),
+    found += [submitted("good at two", [80.0, 80.0], task=task) for task in tasks_of[:2]]
+    *_, last = tables = board([*found, submitted("good at one", [80.0, 80.0])])
+    assert [(row["policy"], row["score"].value, row["tasks"]) for row in last["rows"]] == [
+        ("mine", 0.5, 3),
+        ("baseline", 0.0, 3),
+        ("good at two", 0.75, 2),
     ]
     assert [*last["rows"][0]["profile"].values()] == [1, 1, 1, 0, 0]
+    assert "| 0 % | 2 of 3 | 4 |" in markdown(tables)
+    (panel,) = panels(tables)
+    assert [curve.name for curve in panel.curves] == ["mine", "baseline"]
 
 
 def test_a_profile_by_hand():
@@ -199,6 +255,43 @@ def test_a_profile_by_hand():
     }
 
 
+def test_the_curve_of_a_profile_by_hand():
+    """Half of the runs of the first task reach 0.5, all of the second, so three quarters do."""
+    found = shares([np.array([0.2, 0.5]), np.array([0.8])], np.array([0.0, 0.5, 0.6, 1.0]))
+    assert [*found] == [1.0, 0.75, 0.5, 0.0]
+
+
+def test_the_figure_has_a_curve_for_each_policy_with_a_score():
+    tables = board([submitted("mine", [60.0, 80.0, 85.0]), submitted("baseline", [50.0] * 3)])
+    (panel,) = panels(tables)
+    assert panel.title == "Track one: uav-v1/coverage/medium"
+    mine, baseline = panel.curves
+    assert (mine.name, baseline.name) == ("mine", "baseline")
+    at = {round(float(x), 2): k for k, x in enumerate(mine.x)}
+    assert [mine.y[at[x]] for x in (0.2, 0.5, 0.8, 0.9)] == pytest.approx([1, 2 / 3, 1 / 3, 0])
+    assert [baseline.y[at[x]] for x in (-1.0, 0.0, 0.02)] == [1, 1, 0]
+    assert (mine.low <= mine.y).all() and (mine.y <= mine.high).all()
+    assert mine.low[at[0.8]] == 0 and mine.high[at[0.5]] == 1
+    (axes,) = figure(tables).axes
+    assert len(axes.lines) == 3  # and one at zero
+    (panel,) = panels(
+        board([submitted("oracle", [60.0], future=True), submitted("baseline", [50.0])])
+    )
+    assert [curve.name for curve in panel.curves] == ["oracle*", "baseline"]
+
+
+def test_the_figure_of_several_tasks_is_of_all_together():
+    tasks_of = ("uav-v1/coverage", "uav-v1/rush")
+    found = [submitted("baseline", [50.0, 50.0], task=task) for task in tasks_of]
+    (panel,) = panels(board(found))
+    assert panel.title == "Track one: 2 tasks" and len(panel.curves) == 1
+
+
+def test_there_is_no_figure_without_scores():
+    with pytest.raises(PolicyError, match="no policy has a score"):
+        figure(board([submitted("mine", [70.0])]))
+
+
 def test_two_submissions_of_one_name_are_refused():
     with pytest.raises(PolicyError, match="are called 'mine'"):
         board([submitted("mine", [1.0]), submitted("mine", [2.0])])
@@ -207,18 +300,54 @@ def test_two_submissions_of_one_name_are_refused():
 KEPT = ROOT / "analysis" / "leaderboard"
 
 
-def test_the_kept_submissions_are_whole_and_below_the_bounds():
-    found = read_all([KEPT])
-    assert len(found) >= 20 and board(found)
-    for row in (row for each in found for row in each.rows):
-        assert (bound := row["qoe3_at_most_percent"]) is None or row["qoe3_percent"] <= bound
+@pytest.fixture(scope="module")
+def submissions():
+    return read_all([KEPT])
+
+
+def test_the_kept_submissions_are_whole(submissions):
+    tables = board(submissions)
+    assert {table["task"] for table in tables if "task" in table} == {*tasks()}
+    for table in (table for table in tables if "task" in table):
+        assert table["scored"] is has_bound(find_task(table["task"]), TRACKS[table["track"]])
+
+
+def test_no_kept_row_is_above_the_bound_of_its_run(submissions):
+    """Neither the bound that it states, which is the one that is kept, nor that one."""
+    compared = 0
+    for each in submissions:
+        for row in each.rows:
+            bound = kept().get((each.task.name, each.track.name, row["seed"]))
+            stated = row["qoe3_at_most_percent"]
+            if not has_bound(each.task, each.track):
+                assert stated is bound is None
+                continue
+            assert stated == pytest.approx(bound, abs=CLOSE), each.folder
+            assert row["qoe3_percent"] <= min(bound, stated), (each.folder, row["seed"])
+            compared += 1
+    assert compared > 1000
+
+
+@pytest.mark.parametrize("task", ["uav-v1/coverage/small", "uav-v1/coverage/medium"])
+@pytest.mark.parametrize("track", TRACKS)
+def test_bounds_of_cases_4_and_5_are_at_most_12_percent_above_the_best(submissions, task, track):
+    """On each seed, of all policies on the leaderboard."""
+    rows = [
+        row
+        for each in submissions
+        if (each.task.name, each.track.name) == (task, track)
+        for row in each.rows
+    ]
+    for seed in TRACKS[track].seeds:
+        best = max(row["qoe3_percent"] for row in rows if row["seed"] == seed)
+        assert best <= kept()[task, track, seed] <= 1.12 * best
 
 
 @pytest.mark.thorough
 def test_a_kept_submission_of_each_task_replays():
     chosen = {(found.task.name, found.track.name): found for found in read_all([KEPT])}
     for found in chosen.values():
-        first = replace(found, rows=found.rows[:1])
+        first = replace(found, rows=found.rows[:1], commands=found.commands[:1])
         assert not differences(first), found.folder
 
 
@@ -261,7 +390,32 @@ def test_a_policy_that_does_not_fit(cli):
 @pytest.mark.thorough
 def test_a_submission_replays_bit_for_bit(cli, folder):
     done = cli("bench", "verify", folder / "table", "--decide")
-    assert (done.code, "2 seeds replayed" in done.out) == (0, True), done.err
+    assert (done.code, "all runs replayed" in done.out) == (0, True), done.err
+
+
+@pytest.mark.thorough
+def test_a_network_flies_with_the_observation_that_it_needs(cli, tmp_path):
+    """That of the task is another one."""
+    import desim_uav as du
+
+    network = "ppo_case8_any.npz"
+    task = ("bench", "run", "uav-v1/multi-service", "--policy", network, "--seeds", 1)
+    done = cli(*task, "--out", tmp_path / "net")
+    assert done.code == 0, done.err
+    found = read(tmp_path / "net")
+    flown = du.run(
+        "case8",
+        policy=network,
+        world_seed=0,
+        seed=100,
+        episodes=5,
+        warmup=1,
+        engine="batch",
+        progress=False,
+    )
+    assert found.about.information == "radar"
+    assert found.rows[0]["qoe3_percent"] == flown.summaries()[0]["qoe3_percent"]
+    assert not differences(found, decide=True)
 
 
 @pytest.mark.thorough
@@ -272,6 +426,10 @@ def test_the_board_of_two_folders(cli, folder, tmp_path):
     table, baseline = page.index("| table | 0."), page.index("| baseline | 0.000")
     assert table < baseline
     assert cli("bench", "board", folder).out == page
+    done = cli("bench", "board", folder, "--figure", tmp_path / "a.svg", "--json")
+    assert done.json[0]["task"] == "uav-v1/multi-service/medium"
+    assert "</svg>" in (tmp_path / "a.svg").read_text(encoding="utf-8")
+    cli("bench", "board", folder, "--figure", "a.jpg").failed(2, "--figure a.jpg", "must end in")
 
 
 @pytest.mark.thorough
@@ -326,6 +484,90 @@ def test_changed_commands_are_refused(cli, folder, tmp_path):
     bad = np.zeros((1, 2, 3, 3), np.int8)
     (copy / "commands.npz").write_bytes(pack(stored.about, commands=bad))
     cli("bench", "verify", copy).failed(4, "commands.npz", "shape (2, 6, 30, 3)")
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """A submission of two tables, as if they were those of two trainings, on two seeds."""
+    from desim_uav.experiment.bench.run import submit
+    from desim_uav.run_folder import Place
+
+    here, track = tmp_path_factory.mktemp("trained"), TRACKS["one"]
+    table = Path(find_table("case8.npz"))
+    (here / "second.npz").write_bytes(table.read_bytes())
+    return submit(
+        find_task("uav-v1/multi-service"),
+        track,
+        ["case8.npz", str(here / "second.npz")],
+        Place(here / "both", "both"),
+        name="learner",
+        seeds=track.seeds[:2],
+        training_steps=360_000,
+    ).folder
+
+
+@pytest.mark.thorough
+def test_a_submission_of_two_trainings_replays(cli, trained, folder):
+    found = read(trained)
+    assert [(row["training"], row["seed"]) for row in found.rows] == [
+        (0, 100),
+        (0, 101),
+        (1, 100),
+        (1, 101),
+    ]
+    assert [row["digest"] for row in found.rows] == 2 * [
+        row["digest"] for row in read(folder / "table").rows
+    ]
+    done = cli("bench", "verify", trained, "--decide")
+    assert (done.code, "all runs replayed" in done.out) == (0, True), done.err
+    (table,) = cli("bench", "board", trained, "--json").json
+    (row,) = table["rows"]
+    assert (row["trainings"], row["seeds"], row["training_steps"]) == (2, 2, 360_000)
+
+
+@pytest.mark.thorough
+def test_a_submission_of_two_trainings_names_the_one_that_differs(cli, trained, tmp_path):
+    def other(content):
+        header, *rows = content.decode().splitlines()
+        cells = rows[3].split(",")
+        cells[header.split(",").index("qoe3_percent")] = "12.5"
+        return "\n".join([header, *rows[:3], ",".join(cells), ""]).encode()
+
+    copy = changed(trained, tmp_path, ROWS, other)
+    done = cli("bench", "verify", copy)
+    assert done.code == 6 and "seed 101 of training 1: qoe3_percent" in done.err
+    assert done.err.count("seed") == 1
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda about: about | {"format": 1}, "policies: they belong to format 2"),
+        (lambda about: about | {"policies": about["policies"][:1]}, "for each training in turn"),
+        (lambda about: {k: v for k, v in about.items() if k != "policies"}, "only to it"),
+    ],
+)
+def test_trainings_that_do_not_fit_together(cli, trained, tmp_path, change, said):
+    copy = changed(
+        trained,
+        tmp_path,
+        "manifest.json",
+        lambda content: json.dumps(change(json.loads(content))).encode(),
+    )
+    cli("bench", "board", copy).failed(4, said)
+
+
+def test_a_training_that_was_too_long_is_refused(cli):
+    task = ("uav-v1/coverage/small", "--policy", "hover", "--training-steps", "1000001")
+    cli("bench", "run", *task).failed(2, "--training-steps 1000001", "at most 1,000,000")
+    twice = ("uav-v1/coverage/small", "--policy", "hover", "--policy", "hover")
+    cli("bench", "run", *twice).failed(2, "--policy: one is given twice")
+
+
+def test_policies_that_know_different_things_are_refused(cli):
+    mixed = ("uav-v1/coverage/small", "--policy", "greedy", "--policy", "clairvoyant")
+    cli("bench", "run", *mixed).failed(2, "--policy clairvoyant", "not use the same as greedy")
 
 
 @pytest.mark.thorough

@@ -6,10 +6,13 @@ from collections.abc import Sequence
 from dataclasses import asdict
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
+
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.bench.score import Interval, interquartile_mean, score
 from desim_uav.experiment.bench.submission import Submission
-from desim_uav.experiment.bench.tasks import SEEDS, TRACKS, tasks
+from desim_uav.experiment.bench.tasks import SEEDS, TRACKS, TRAINING_SEEDS, tasks
 
 REFERENCE = "baseline"
 MEANS = ("crashes_per_drone_episode", "fairness", "worst_tenth_qoe1_percent", "decision_ms")
@@ -19,7 +22,7 @@ PROFILE = (0.0, 0.25, 0.5, 0.75, 0.9)
 
 HEADINGS = (
     *("Policy", "Score", "QoE1 %", "QoE3 %", "Crashes per drone and episode", "Fairness"),
-    *("Worst tenth of users, QoE1 %", "Decision, ms", "Uses", "Seeds"),
+    *("Worst tenth of users, QoE1 %", "Decision, ms", "Uses", "Trainings", "Seeds"),
 )
 
 
@@ -82,26 +85,34 @@ def _of_task(name: str, track: str, those: Sequence[Submission]) -> dict[str, An
 
 def _row(submission: Submission, reference: dict[int, float]) -> dict[str, Any]:
     rows, about = submission.rows, submission.about
+    trainings = 1 + max(row["training"] for row in rows)
+    is_trained = bool(about.policy_sha256) or about.training_steps is not None
     scores = [
         score(row["qoe3_percent"], reference[row["seed"]], row["qoe3_at_most_percent"])
         for row in rows
         if row["seed"] in reference and row["qoe3_at_most_percent"] is not None
     ]
-    given = [one for one in scores if one is not None]
+    given = _by_training([one for one in scores if one is not None], trainings)
+    whole = None not in scores and len(scores) == len(rows)
     return {
         "policy": about.name,
         "knows_future": about.knows_future,
         "information": about.information,
-        "seeds": len(rows),
-        "score": interquartile_mean([given]) if len(given) == len(rows) else None,
+        "trainings": trainings if is_trained else None,
+        "training_steps": about.training_steps,
+        "seeds": len(rows) // trainings,
+        "score": interquartile_mean([given]) if whole else None,
         "scores": given,
-        **{name: _quartiles(rows, name) for name in QUARTILES},
+        **{name: _quartiles(rows, name, trainings) for name in QUARTILES},
         **{name: _mean(rows, name) for name in MEANS},
     }
 
 
 def _of_all(track: str, of_tasks: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Return the table of the policies that have a score in each of several tasks."""
+    """Return the table of the policies that have a score in several tasks.
+
+    Those that have one in each task come first: others are not comparable with them.
+    """
     scored = [table for table in of_tasks if table["scored"]]
     by_policy: dict[str, list[dict[str, Any]]] = {}
     for table in scored:
@@ -114,22 +125,21 @@ def _of_all(track: str, of_tasks: Sequence[dict[str, Any]]) -> dict[str, Any]:
             "knows_future": any(row["knows_future"] for row in rows),
             "score": interquartile_mean([row["scores"] for row in rows]),
             "profile": profile([row["scores"] for row in rows]),
-            "seeds": sum(row["seeds"] for row in rows),
+            "strata": [row["scores"] for row in rows],
+            "tasks": len(rows),
+            "runs": sum(sum(map(len, row["scores"])) for row in rows),
         }
         for policy, rows in by_policy.items()
-        if len(rows) == len(scored)
+        if len(rows) > 1
     ]
-    names = [table["task"] for table in scored]
-    return {"tasks": names, "track": track, "rows": sorted(rows, key=_rank, reverse=True)}
+    rows.sort(key=lambda row: (row["tasks"] == len(scored), *_rank(row)), reverse=True)
+    return {"tasks": [table["task"] for table in scored], "track": track, "rows": rows}
 
 
-def profile(strata: Sequence[Sequence[float]]) -> dict[str, float]:
+def profile(strata: Sequence[ArrayLike]) -> dict[str, float]:
     """Return the share of runs that reach each score of ``PROFILE``; each task counts the same."""
-    return {
-        f"{least:g}": sum(sum(one >= least for one in stratum) / len(stratum) for stratum in strata)
-        / len(strata)
-        for least in PROFILE
-    }
+    shares = [[np.mean(np.asarray(stratum) >= least) for stratum in strata] for least in PROFILE]
+    return {f"{least:g}": float(np.mean(of)) for least, of in zip(PROFILE, shares, strict=True)}
 
 
 def _rank(row: dict[str, Any]) -> tuple[bool, float]:
@@ -139,9 +149,15 @@ def _rank(row: dict[str, Any]) -> tuple[bool, float]:
     return False, -1.0 if qoe3 is None else qoe3.value
 
 
-def _quartiles(rows: Sequence[Any], name: str) -> Interval | None:
-    there = [row[name] for row in rows if row[name] is not None]
-    return interquartile_mean([there]) if there else None
+def _quartiles(rows: Sequence[Any], name: str, trainings: int) -> Interval | None:
+    values = [row[name] for row in rows]
+    return None if None in values else interquartile_mean([_by_training(values, trainings)])
+
+
+def _by_training(values: Sequence[float], trainings: int) -> list[list[float]]:
+    """Return the values of all runs, in their order, in a list for each training."""
+    seeds = len(values) // trainings
+    return [list(values[n * seeds : (n + 1) * seeds]) for n in range(trainings)]
 
 
 def _mean(rows: Sequence[Any], name: str) -> float | None:
@@ -151,15 +167,16 @@ def _mean(rows: Sequence[Any], name: str) -> float | None:
 
 def _section(table: dict[str, Any]) -> str:
     if "tasks" in table:
-        heading = f"## All tasks above, track `{table['track']}`\n\n"
+        heading = f"## All {len(table['tasks'])} tasks with scores, track `{table['track']}`\n\n"
         shares = [f"Score ≥ {least:g}" for least in PROFILE]
         return heading + _table(
-            ("Policy", "Score", *shares, "Runs"),
+            ("Policy", "Score", *shares, "Tasks", "Runs"),
             (
                 [
                     *(_name(row), _cell(row["score"], 3)),
                     *(f"{100 * share:.0f} %" for share in row["profile"].values()),
-                    str(row["seeds"]),
+                    _of(row["tasks"], len(table["tasks"])),
+                    str(row["runs"]),
                 ]
                 for row in table["rows"]
             ),
@@ -183,7 +200,8 @@ def _line(row: dict[str, Any]) -> list[str]:
         _number(row["worst_tenth_qoe1_percent"], 2),
         _number(row["decision_ms"], 2),
         row["information"],
-        str(row["seeds"]) + (f" of {SEEDS}" if row["seeds"] < SEEDS else ""),
+        _of(row["trainings"], TRAINING_SEEDS),
+        _of(row["seeds"], SEEDS),
     ]
 
 
@@ -199,6 +217,10 @@ def _cell(found: Interval | None, digits: int) -> str:
     if found.low is None or found.high is None:
         return value
     return f"{value} [{found.low:.{digits}f}, {found.high:.{digits}f}]"
+
+
+def _of(count: int | None, asked: int) -> str:
+    return "-" if count is None else f"{count} of {asked}" if count < asked else str(count)
 
 
 def _number(value: float | None, digits: int) -> str:

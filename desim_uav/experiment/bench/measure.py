@@ -22,7 +22,7 @@ from desim_uav.experiment.run import Results, counted, headline, run
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.policies import Policy, load_policy
-from desim_uav.policies.base import decide_by, show
+from desim_uav.policies.base import as_seen, decide_by, show
 from desim_uav.world import World, build_world
 
 Commands = NDArray[np.int8]
@@ -57,6 +57,7 @@ class Recorder:
 
     def __init__(self, policy: Policy) -> None:
         self.policy, self.ceiling = policy, policy.ceiling
+        self.observation = getattr(policy, "observation", None)
         self.episodes: list[list[list[int]]] = []
         self.decisions, self.spent_s = 0, 0.0
 
@@ -130,12 +131,12 @@ def measure(task: Task, track: Track, policy: str, seed: int) -> Measured:
     row = {
         "seed": seed,
         "world_seed": world.seed,
-        **measures(results, scenario.drones.count),
+        **measures(results, scenario.drone_count),
         "digest": digest(results),
         "qoe3_at_most_percent": bound_of(task, track, seed),
         "decision_ms": recorder.decision_ms,
     }
-    return Measured(row, recorder.commands(scenario.episode.steps, scenario.drones.count))
+    return Measured(row, recorder.commands(scenario.episode.steps, scenario.drone_count))
 
 
 def replay(
@@ -143,7 +144,7 @@ def replay(
 ) -> dict[str, Any]:
     """Give the commands of a submission again, and return its row without times and bounds."""
     world, results = _run(task, track, seed, Replayer(commands, ceiling), "the submission")
-    found = measures(results, world.scenario.drones.count)
+    found = measures(results, world.scenario.drone_count)
     return {"world_seed": world.seed, **found, "digest": digest(results)}
 
 
@@ -175,6 +176,6 @@ def digest(results: Results) -> str:
 
 
 def _run(task: Task, track: Track, seed: int, policy: Policy, name: str) -> tuple[World, Results]:
-    scenario = task.scenario(track).model_copy(update={"seed": seed})
+    scenario = as_seen(task.scenario(track), policy).model_copy(update={"seed": seed})
     world = build_world(scenario, scenario.effective_world_seed)
     return world, run(world, policy, name, seed, EPISODES, WARMUP, engine=ENGINE)

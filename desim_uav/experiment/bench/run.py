@@ -5,19 +5,20 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Callable, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from desim_uav.errors import UsageError
 from desim_uav.experiment.bench import submission
 from desim_uav.experiment.bench.measure import Measured, measure
-from desim_uav.experiment.bench.tasks import BENCHMARK, ENGINE, EPISODES, WARMUP, Task, Track
+from desim_uav.experiment.bench.tasks import BENCHMARK, ENGINE, EPISODES, STEPS, WARMUP, Task, Track
 from desim_uav.experiment.compare import out_of_place, try_on
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.provenance import clock, versions
 from desim_uav.model.observations import information_of
 from desim_uav.policies import load_policy
-from desim_uav.policies.base import file_of
+from desim_uav.policies.base import as_seen, file_of
 from desim_uav.run_folder import Place
 from desim_uav.scenario.schema import Scenario
 
@@ -47,40 +48,69 @@ class Submitted:
         return self.manifest | {"folder": str(self.folder), "rows": list(self.rows)}
 
 
-def check(task: Task, track: Track, policy: str, seeds: Sequence[int]) -> list[str]:
-    """Return warnings about a policy in a task.
+def check(
+    task: Task,
+    track: Track,
+    policies: Sequence[str],
+    seeds: Sequence[int],
+    training_steps: int | None = None,
+) -> list[str]:
+    """Return warnings about policies in a task.
 
-    Raises PolicyError if the policy cannot be loaded or does not fit the task.
+    Raises UsageError if one is given twice, if they do not all know the same, or if a training was
+    longer than the task allows, and PolicyError if one cannot be loaded or does not fit the task.
     """
-    load_policy(policy)  # before the engine is loaded, which takes seconds
-    scenario = task.scenario(track)
-    try_on(scenario, {policy: policy}, seeds, ENGINE)
-    return out_of_place(scenario, {policy: policy}, seeds)
+    within_budget(task, training_steps)
+    if len({*policies}) < len(policies):
+        raise UsageError("--policy: one is given twice; each stands for a training of its own")
+    for policy in policies:
+        load_policy(policy)  # before the engine is loaded, which takes seconds
+    about(task, track, policies)
+    scenario, named = task.scenario(track), {policy: policy for policy in policies}
+    try_on(scenario, named, seeds, ENGINE)
+    return out_of_place(scenario, named, seeds)
+
+
+def within_budget(task: Task, training_steps: int | None) -> None:
+    """Raise UsageError if a training was longer than the task allows."""
+    if training_steps is not None and training_steps > STEPS[task.size]:
+        raise UsageError(
+            f"--training-steps {training_steps}: {task.name} allows at most {STEPS[task.size]:,}"
+        )
 
 
 def submit(
     task: Task,
     track: Track,
-    policy: str,
+    policy: str | Sequence[str],
     place: Place,
     *,
     name: str | None = None,
     seeds: Sequence[int] = (),
+    training_steps: int | None = None,
     jobs: int = 1,
     command: Sequence[str] = (),
-    on_seed: Callable[[], None] = lambda: None,
+    on_run: Callable[[], None] = lambda: None,
 ) -> Submitted:
     """Evaluate a policy on seeds of the protocol, by default all, and write the submission.
 
-    After Ctrl-C the seeds that have ended are written. Raises KeyboardInterrupt if there is none.
+    Several policies are those of several trainings: all are evaluated on all seeds. ``on_run`` is
+    called after each run. After Ctrl-C the seeds on which all policies have flown are written.
+    Raises KeyboardInterrupt if there is none, and UsageError if a training was longer than the task
+    allows.
     """
+    within_budget(task, training_steps)
+    policies = [policy] if isinstance(policy, str) else list(policy)
     chosen = list(seeds or track.seeds)
     now = clock()
     started = now()
-    measured, interrupted = _measured(task, track, policy, chosen, jobs, on_seed)
+    said = about(task, track, policies, name)
+    measured, interrupted = _measured(task, track, policies, chosen, jobs, on_run)
+    done = {one.row["seed"]: None for one in measured}
     manifest = {
-        **about(task, track, policy, name),
-        "seeds": [one.row["seed"] for one in measured],
+        **said,
+        **({} if training_steps is None else {"training_steps": training_steps}),
+        "seeds": list(done),
         "interrupted": interrupted,
         "command": list(command),
         "started": started,
@@ -91,31 +121,54 @@ def submit(
     return Submitted(folder, manifest, [one.row for one in measured])
 
 
-def about(task: Task, track: Track, policy: str, name: str | None = None) -> dict[str, Any]:
-    """Return the entries of a manifest that do not depend on what was reached."""
-    loaded = load_policy(policy)
+def about(
+    task: Task, track: Track, policies: Sequence[str], name: str | None = None
+) -> dict[str, Any]:
+    """Return the entries of a manifest that do not depend on what was reached.
+
+    Raises UsageError if the policies do not all know the same, as those of one algorithm do.
+    """
+    policy, *others = policies
+    known = _known(policy, task.scenario(track))
+    for other in others:
+        if _known(other, task.scenario(track)) != known:
+            raise UsageError(
+                f"--policy {other}: it does not use the same as {policy}; the policies of a "
+                "submission are those of several trainings of one algorithm"
+            )
+    listed = [{"policy": each, "policy_sha256": policy_sha256(each)} for each in policies]
     return {
-        "format": submission.FORMAT,
+        "format": submission.TRAINED_FORMAT if others else submission.FORMAT,
         "benchmark": BENCHMARK,
         "task": task.name,
         "track": track.name,
         "scenario_hash": task.scenario_hash,
         "policy": policy,
         "policy_sha256": policy_sha256(policy),
+        **({"policies": listed} if others else {}),
         "name": name or policy,
-        "information": information(policy, task.scenario(track)),
-        "knows_future": bool(getattr(loaded, "clairvoyant", False)),
-        "ceiling": loaded.ceiling,
+        **known,
         "engine": ENGINE,
         "episodes": EPISODES,
         "warmup": WARMUP,
     }
 
 
+def _known(policy: str, scenario: Scenario) -> dict[str, Any]:
+    """Return what a policy uses, and how high its drones may fly."""
+    loaded = load_policy(policy)
+    return {
+        "information": information(policy, scenario),
+        "knows_future": bool(getattr(loaded, "clairvoyant", False)),
+        "ceiling": loaded.ceiling,
+    }
+
+
 def information(policy: str, scenario: Scenario) -> str:
-    """Return what a policy uses: what it declares, or else what the observation declares."""
-    said = getattr(load_policy(policy), "information", None)
-    return str(said or OWN_KNOWLEDGE.get(policy) or information_of(scenario.observation))
+    """Return what a policy uses: what it declares, or else what its observation declares."""
+    loaded = load_policy(policy)
+    said = getattr(loaded, "information", None) or OWN_KNOWLEDGE.get(policy)
+    return str(said or information_of(as_seen(scenario, loaded).observation))
 
 
 def policy_sha256(policy: str) -> str | None:
@@ -133,22 +186,28 @@ def policy_sha256(policy: str) -> str | None:
 def _measured(
     task: Task,
     track: Track,
-    policy: str,
+    policies: Sequence[str],
     seeds: Sequence[int],
     jobs: int,
-    on_seed: Callable[[], None],
+    on_run: Callable[[], None],
 ) -> tuple[list[Measured], bool]:
-    """Return what was measured in the order of seeds, and whether Ctrl-C has ended it early."""
-    done: dict[int, Measured] = {}
+    """Return what was measured, training by training, and whether Ctrl-C has ended it early."""
+    runs = [(number, seed) for seed in seeds for number in range(len(policies))]
+    done: dict[tuple[int, int], Measured] = {}
     interrupted = False
     try:
-        tasks = [(task, track, policy, seed) for seed in seeds]
+        tasks = [(task, track, policies[number], seed) for number, seed in runs]
         with closing(run_each(measure, tasks, jobs)) as ended:
-            for number, measured in ended:
-                done[number] = measured
-                on_seed()
+            for run, measured in ended:
+                done[runs[run]] = measured
+                on_run()
     except KeyboardInterrupt:
-        if not done:
-            raise
         interrupted = True
-    return [done[number] for number in sorted(done)], interrupted
+    whole = [seed for seed in seeds if all((n, seed) in done for n in range(len(policies)))]
+    if not whole:
+        raise KeyboardInterrupt
+    return [
+        replace(done[n, seed], row={submission.TRAINING: n} | done[n, seed].row)
+        for n in range(len(policies))
+        for seed in whole
+    ], interrupted

@@ -2,7 +2,10 @@
 
 A score is 0 for what the baseline reaches on the same seed, and 1 for the proven bound of QoE3. The
 interquartile mean and the intervals are those of Agarwal et al., 2021, "Deep Reinforcement Learning
-at the Edge of the Statistical Precipice": seeds are drawn again with replacement within each task.
+at the Edge of the Statistical Precipice": runs are drawn again with replacement within each task.
+If several trainings of a policy have flown on the same seeds, both the trainings and the seeds are
+drawn again, each by itself, and all runs of a drawn training on drawn seeds count (a pigeonhole
+bootstrap: Owen, 2007, "The pigeonhole bootstrap").
 """
 
 from __future__ import annotations
@@ -12,14 +15,19 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
-from scipy.stats import bootstrap, trim_mean  # type: ignore[import-untyped]
+from numpy.typing import ArrayLike, NDArray
+from scipy.stats import trim_mean  # type: ignore[import-untyped]
 
 from desim_uav.experiment.statistics import LEVEL
 
 RESAMPLES, SEED = 2000, 0
 CUT = 0.25
 """The share of the values that an interquartile mean leaves out at each end."""
+
+ENDS = ((1.0 - LEVEL) / 2.0, (1.0 + LEVEL) / 2.0)
+"""The shares of resamples below the ends of an interval."""
+
+Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -36,26 +44,34 @@ def score(qoe3: float, baseline: float, bound: float) -> float | None:
     return None if bound <= baseline else (qoe3 - baseline) / (bound - baseline)
 
 
-def interquartile_mean(strata: Sequence[Sequence[float]]) -> Interval:
+def interquartile_mean(strata: Sequence[ArrayLike]) -> Interval:
     """Return the interquartile mean of all values, which are given task by task.
 
-    There is no interval if a task has fewer than two values.
+    The values of a task are an array (trainings, seeds), or (seeds) of a single training. There is
+    no interval if a task has fewer than two values.
     """
-    samples = [np.asarray(stratum, dtype=float) for stratum in strata]
-    value = float(_iqm(*samples))
-    if min(map(len, samples)) < 2:
+    arrays = [np.atleast_2d(np.asarray(stratum, dtype=float)) for stratum in strata]
+    value = float(_iqm(np.concatenate([array.ravel() for array in arrays])))
+    if min(array.size for array in arrays) < 2:
         return Interval(value, None, None)
-    found = bootstrap(
-        samples,
-        _iqm,
-        n_resamples=RESAMPLES,
-        vectorized=True,
-        confidence_level=LEVEL,
-        method="percentile",
-        rng=np.random.default_rng(SEED),
-    ).confidence_interval
-    return Interval(value, float(found.low), float(found.high))
+    means = _iqm(np.concatenate(resampled(arrays), axis=1))
+    low, high = np.quantile(means, ENDS)
+    return Interval(value, float(low), float(high))
 
 
-def _iqm(*samples: NDArray[np.float64], axis: int = -1) -> Any:
-    return trim_mean(np.concatenate(samples, axis=axis), CUT, axis=axis)
+def resampled(arrays: Sequence[Floats], resamples: int = RESAMPLES) -> list[Floats]:
+    """Return values drawn again of each task's array (trainings, seeds): (resamples, values)."""
+    rng = np.random.default_rng(SEED)
+    drawn = []
+    for array in arrays:
+        trainings, seeds = (
+            rng.integers(many, size=(resamples, many)) if many > 1 else np.zeros((1, 1), int)
+            for many in array.shape
+        )
+        runs = array[trainings[:, :, None], seeds[:, None, :]]
+        drawn.append(np.broadcast_to(runs, (resamples, *array.shape)).reshape(resamples, -1))
+    return drawn
+
+
+def _iqm(values: Floats) -> Any:
+    return trim_mean(values, CUT, axis=-1)

@@ -1,4 +1,9 @@
-"""Submissions: the folder with the rows and the commands of a policy in a task of the benchmark."""
+"""Submissions: the folder with the rows and the commands of a policy in a task of the benchmark.
+
+The policies of several trainings may be in one submission. It is then of format 2: its rows have
+the number of the training, and its manifest lists the policies in this order. A submission of
+format 1 is one of a single policy.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +13,10 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from desim_uav.array_file import Stored, pack
 from desim_uav.checksums import verify
@@ -22,27 +27,42 @@ from desim_uav.regular_file import text_of
 from desim_uav.report.json_file import Form, read_json
 from desim_uav.run_folder import Place
 
-FORMAT = 1
+FORMAT, TRAINED_FORMAT = 1, 2
+"""The formats of a submission of one policy, and of the policies of several trainings."""
+
 MOST_BYTES = 2**24
 ROWS, COMMANDS, MANIFEST = "rows.csv", "commands.npz", "manifest.json"
+TRAINING = "training"
 WHOLE, WORDS = ("seed", "world_seed"), ("digest",)
 COLUMNS = (*WHOLE, *REPLAYED, *WORDS, "qoe3_at_most_percent", "decision_ms")
-"""The columns of ``rows.csv``; an empty cell has no value."""
+"""The columns of ``rows.csv``, after ``TRAINING`` in format 2; an empty cell has no value."""
 
 Text = Annotated[str, Field(max_length=10_000)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
 
 
-class About(Form):
-    """What a submission says of itself, without its versions and times."""
+class OfTraining(Form):
+    """The policy of a training."""
 
-    format: Literal[1]
+    policy: Text
+    policy_sha256: Text | None
+
+
+class About(Form):
+    """What a submission says of itself, without its versions and times.
+
+    ``policies`` are those of all trainings; then ``policy`` is the first of them.
+    """
+
+    format: Literal[1, 2]
     benchmark: Literal["uav-v1"]
     task: Text
     track: Text
     scenario_hash: Text
     policy: Text
     policy_sha256: Text | None
+    policies: Annotated[list[OfTraining], Field(min_length=1, max_length=100)] | None = None
+    training_steps: Seed | None = None
     name: Text
     information: Text
     knows_future: bool
@@ -53,36 +73,59 @@ class About(Form):
     seeds: Annotated[list[Seed], Field(min_length=1, max_length=1000)]
     interrupted: bool
 
+    @model_validator(mode="after")
+    def _policies_fit_the_format(self) -> Self:
+        if (self.policies is None) == (self.format == TRAINED_FORMAT):
+            raise ValueError(f"policies: they belong to format {TRAINED_FORMAT}, and only to it")
+        return self
+
+    @property
+    def trainings(self) -> Sequence[OfTraining]:
+        """The policies of all trainings; a single policy is its only one."""
+        return self.policies or [OfTraining(policy=self.policy, policy_sha256=self.policy_sha256)]
+
+    @property
+    def runs(self) -> list[tuple[int, int]]:
+        """The training and the seed of each row, in their order."""
+        return [(number, seed) for number in range(len(self.trainings)) for seed in self.seeds]
+
 
 @dataclass(frozen=True)
 class Submission:
-    """A submission that was read: what it says of itself, its rows and its commands by seed."""
+    """A submission that was read: what it says of itself, its rows, and the commands of each row.
+
+    Each row has the number of its training, which is 0 if there is only one.
+    """
 
     folder: Path
     about: About
     task: Task
     track: Track
     rows: Sequence[Mapping[str, Any]]
-    commands: Mapping[int, Commands]
+    commands: Sequence[Commands]
 
 
 def write(place: Place, manifest: dict[str, Any], measured: Sequence[Measured]) -> Path:
     """Write the folder of a submission completely or not at all, and return its place."""
-    seeds = [one.row["seed"] for one in measured]
     commands = np.stack([one.commands for one in measured])
+    form = {"format": FORMAT, "seeds": manifest["seeds"]}
     with place.draft() as draft:
         draft.write_json(MANIFEST, manifest)
-        draft.write_text(ROWS, as_csv([one.row for one in measured]))
-        (draft.path / COMMANDS).write_bytes(
-            pack({"format": FORMAT, "seeds": seeds}, commands=commands)
-        )
+        rows = [one.row for one in measured]
+        draft.write_text(ROWS, as_csv(rows, columns_of(manifest["format"])))
+        (draft.path / COMMANDS).write_bytes(pack(form, commands=commands))
         return place.publish(draft)
 
 
-def as_csv(rows: Sequence[Mapping[str, Any]]) -> str:
-    """Return rows as CSV, with all digits of each number."""
+def columns_of(form: int) -> tuple[str, ...]:
+    """Return the columns of ``rows.csv`` in a format."""
+    return COLUMNS if form == FORMAT else (TRAINING, *COLUMNS)
+
+
+def as_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
+    """Return these columns of rows as CSV, with all digits of each number."""
     text = io.StringIO()
-    writer = csv.DictWriter(text, COLUMNS, lineterminator="\n")
+    writer = csv.DictWriter(text, columns, extrasaction="ignore", lineterminator="\n")
     writer.writeheader()
     writer.writerows(rows)
     return text.getvalue()
@@ -106,9 +149,11 @@ def read(folder: Path) -> Submission:
             f"{folder / MANIFEST}: scenario_hash: it is of another version of {task.name}, whose "
             f"hash is {task.scenario_hash}"
         )
-    rows = _read_rows(folder / ROWS)
-    if [row["seed"] for row in rows] != about.seeds:
-        raise PolicyError(f"{folder / ROWS}: its seeds are not those of {MANIFEST}")
+    rows = _read_rows(folder / ROWS, columns_of(about.format))
+    if [(row[TRAINING], row["seed"]) for row in rows] != about.runs:
+        raise PolicyError(
+            f"{folder / ROWS}: its seeds are not those of {MANIFEST}, for each training in turn"
+        )
     return Submission(folder, about, task, track, rows, _read_commands(folder, about, task))
 
 
@@ -124,22 +169,22 @@ def _submissions(folder: Path) -> list[Path]:
     return sorted(each.parent for each in folder.glob(f"*/{MANIFEST}")) or [folder]
 
 
-def _read_rows(file: Path) -> list[dict[str, Any]]:
+def _read_rows(file: Path, columns: Sequence[str]) -> list[dict[str, Any]]:
     try:
         verify(file)
         reader = csv.DictReader(io.StringIO(text_of(file, MOST_BYTES)), strict=True)
-        if tuple(reader.fieldnames or ()) != COLUMNS:
-            raise ValueError(f"its columns must be {', '.join(COLUMNS)}")
-        return [_values(row) for row in reader]
+        if tuple(reader.fieldnames or ()) != columns:
+            raise ValueError(f"its columns must be {', '.join(columns)}")
+        return [{TRAINING: 0} | _values(row, columns) for row in reader]
     except (OSError, ValueError, csv.Error) as error:
         reason = getattr(error, "strerror", None) or error
         raise PolicyError(f"{file}: not readable rows of a submission: {reason}") from error
 
 
-def _values(row: Mapping[str, str | None]) -> dict[str, Any]:
-    if len(row) != len(COLUMNS):
+def _values(row: Mapping[str, str | None], columns: Sequence[str]) -> dict[str, Any]:
+    if len(row) != len(columns):
         raise ValueError("a row is too long")
-    values = {name: _value(name, row[name]) for name in COLUMNS}
+    values = {name: _value(name, row[name]) for name in columns}
     if values["qoe3_percent"] is None:
         raise ValueError("qoe3_percent: there is no value")
     return values
@@ -151,7 +196,7 @@ def _value(name: str, text: str | None) -> Any:
     if name in WORDS:
         return text
     try:
-        value = int(text) if name in WHOLE else float(text) if text else None
+        value = int(text) if name in (TRAINING, *WHOLE) else float(text) if text else None
     except ValueError:
         raise ValueError(f"{name}: {text[:40]!r} is not a number") from None
     if value is not None and not math.isfinite(value):
@@ -159,17 +204,17 @@ def _value(name: str, text: str | None) -> Any:
     return value
 
 
-def _read_commands(folder: Path, about: About, task: Task) -> dict[int, Commands]:
+def _read_commands(folder: Path, about: About, task: Task) -> list[Commands]:
     file = folder / COMMANDS
     verify(file)
     stored = Stored(file, "file of commands", ["commands"], FORMAT)
     scenario = task.scenario(find_track(about.track))
     episodes, steps = about.warmup + about.episodes, scenario.episode.steps
-    expected = (len(about.seeds), episodes, steps, scenario.drones.count)
+    expected = (len(about.runs), episodes, steps, scenario.drone_count)
     form = stored.forms["commands"]
     if form.dtype != np.int8 or form.shape != expected:
         raise PolicyError(
-            f"{file}: commands must be int8 of shape {expected} (seeds, episodes, steps, drones), "
+            f"{file}: commands must be int8 of shape {expected} (rows, episodes, steps, drones), "
             f"not {form.dtype} of shape {form.shape}"
         )
     if stored.about.get("seeds") != about.seeds:
@@ -177,7 +222,7 @@ def _read_commands(folder: Path, about: About, task: Task) -> dict[int, Commands
     commands = stored.arrays()["commands"]
     if commands.min() < NONE:
         raise PolicyError(f"{file}: a command is less than {NONE}")
-    return dict(zip(about.seeds, commands, strict=True))
+    return list(commands)
 
 
 def place_of(task: Task, track: Track, name: str, out: Path | None) -> Place:

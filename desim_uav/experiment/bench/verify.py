@@ -17,7 +17,7 @@ from desim_uav.experiment.bench.bounds import CLOSE, bound_of
 from desim_uav.experiment.bench.measure import Commands, measure, replay
 from desim_uav.experiment.bench.run import about
 from desim_uav.experiment.bench.submission import Submission
-from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, WARMUP, Task, Track
+from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, STEPS, WARMUP, Task, Track
 from desim_uav.experiment.processes import run_each
 
 FIXED = {"engine": ENGINE, "episodes": EPISODES, "warmup": WARMUP}
@@ -30,7 +30,7 @@ def differences(
     *,
     decide: bool = False,
     jobs: int = 1,
-    on_seed: Callable[[], None] = lambda: None,
+    on_run: Callable[[], None] = lambda: None,
 ) -> list[str]:
     """Return everything in which a submission differs from the protocol and from its replay.
 
@@ -41,16 +41,16 @@ def differences(
     listed = _of_protocol(found) + (_of_policy(found) if decide else [])
     if any(line.startswith(tuple(FIXED)) for line in listed):
         return listed  # other runs would be replayed
-    policy = found.about.policy if decide else None
+    policies = [each.policy if decide else None for each in found.about.trainings]
     work = [
-        (task, track, row, found.commands[row["seed"]], found.about.ceiling, policy)
-        for row in found.rows
+        (task, track, row, commands, found.about.ceiling, policies[row["training"]])
+        for row, commands in zip(found.rows, found.commands, strict=True)
     ]
     lines: dict[int, list[str]] = {}
     with closing(run_each(of_seed, work, jobs)) as ended:
         for number, said in ended:
             lines[number] = said
-            on_seed()
+            on_run()
     return listed + [line for number in sorted(lines) for line in lines[number]]
 
 
@@ -64,22 +64,23 @@ def of_seed(
 ) -> list[str]:
     """Return the differences of a row from its replay, and from what the policy does now."""
     seed = row["seed"]
+    run = f"seed {seed}" + (f" of training {row['training']}" if row["training"] else "")
     try:
         again = replay(task, track, seed, commands, ceiling)
     except DesimError as error:
-        return [f"seed {seed}: the commands cannot be replayed: {error}"]
+        return [f"{run}: the commands cannot be replayed: {error}"]
     said = [
-        f"seed {seed}: {name}: the folder has {_words(row[name])}, the replay {_words(value)}"
+        f"{run}: {name}: the folder has {_words(row[name])}, the replay {_words(value)}"
         for name, value in again.items()
         if row[name] != value
     ]
-    said += [f"seed {seed}: {line}" for line in _of_bound(task, track, row)]
+    said += [f"{run}: {line}" for line in _of_bound(task, track, row)]
     if policy is not None:
         now = measure(task, track, policy, seed).commands
         if not np.array_equal(now, commands):
             episode, step, drone = (int(each[0]) for each in np.nonzero(now != commands))
             said.append(
-                f"seed {seed}: commands: the policy decides otherwise, first in episode "
+                f"{run}: commands: the policy decides otherwise, first in episode "
                 f"{episode - WARMUP}, step {step}, for drone {drone}"
             )
     return said
@@ -105,16 +106,23 @@ def _of_protocol(found: Submission) -> list[str]:
         said.append(f"seeds: {foreign} are not in the track {found.track.name!r}")
     if len({*found.about.seeds}) < len(found.about.seeds):
         said.append("seeds: one is there twice")
+    if (found.about.training_steps or 0) > STEPS[found.task.size]:
+        said.append(f"training_steps: more than the {STEPS[found.task.size]:,} of the task")
     return said
 
 
 def _of_policy(found: Submission) -> list[str]:
-    now = about(found.task, found.track, found.about.policy)
-    return [
-        f"{name}: the folder has {getattr(found.about, name)!r}, the policy now {now[name]!r}"
-        for name in OF_POLICY
-        if getattr(found.about, name) != now[name]
-    ]
+    said = []
+    for number, training in enumerate(found.about.trainings):
+        given = {name: getattr(found.about, name) for name in OF_POLICY} | training.model_dump()
+        now = about(found.task, found.track, [training.policy])
+        said += [
+            f"{name}{f' of training {number}' if number else ''}: the folder has {given[name]!r}, "
+            f"the policy now {now[name]!r}"
+            for name in OF_POLICY
+            if given[name] != now[name]
+        ]
+    return said
 
 
 def _words(value: Any) -> str:

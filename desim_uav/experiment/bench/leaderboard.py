@@ -1,0 +1,63 @@
+"""The leaderboard of submissions: its tables as data and in Markdown, and its figure."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from desim_uav.experiment.bench import profile
+from desim_uav.experiment.bench.board import board, markdown, plain
+from desim_uav.experiment.bench.submission import Submission
+from desim_uav.run_folder import file_place, write_at
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+@dataclass(frozen=True)
+class Leaderboard:
+    """The tables of a leaderboard: one for each task and track, and one of several tasks."""
+
+    tables: Sequence[dict[str, Any]]
+
+    @classmethod
+    def of(cls, found: Sequence[Submission]) -> Leaderboard:
+        """Return the leaderboard of submissions.
+
+        Raises PolicyError if two in a task and track have the same name.
+        """
+        return cls(board(found))
+
+    def content(self) -> list[dict[str, Any]]:
+        """Return the tables as plain data."""
+        return plain(self.tables)
+
+    def markdown(self) -> str:
+        """Return the tables in Markdown."""
+        return markdown(self.tables)
+
+    def figure(self) -> Figure:
+        """Draw the performance profiles. Raises PolicyError if no policy has a score."""
+        return profile.figure(self.tables)
+
+    def save(self, page: Path | None, figure: Path | None) -> None:
+        """Write the tables in Markdown and the figure to files, where these are given.
+
+        Raises UsageError, before anything is written, if one cannot be, or if the figure's file has
+        another ending than those of figures.
+        """
+        from desim_uav.report.figures.style import ending, to_bytes
+
+        files = []
+        if page is not None:
+            files.append((file_place(page, "--out"), self.markdown().encode()))
+        if figure is not None:
+            suffix, place = ending(figure, "--figure"), file_place(figure, "--figure")
+            files.append((place, to_bytes(self.figure(), suffix)))
+        for place, content in files:
+            write_at(place, content)
+
+    def _repr_markdown_(self) -> str:
+        return self.markdown()
