@@ -18,7 +18,7 @@ class Climber:
 
     def begin(self, world, streams, carried=False):
         """Remember each drone's heading and how many users it had."""
-        drones = world.scenario.drones.count
+        drones = world.scenario.drone_count
         self.index = {action: k for k, action in enumerate(world.actions)}
         self.share = len(world.homes) / drones
         self.chance = [streams.generator(drone) for drone in range(drones)]

@@ -50,7 +50,7 @@ OPTIONS = {
     "gamma": (0.97, 0.0, 0.99999, "the discount per step"),
     "decay": (0.95, 0.0, 1.0, "lambda of the generalised advantage estimate"),
     "clip": (0.2, 1e-9, 1.0, "how far the ratio of probabilities counts"),
-    "entropy": (0.01, 0.0, 100.0, "the weight of the entropy"),
+    "entropy": (0.01, 0.0, 100.0, "the weight of the entropy, which falls linearly to 0"),
     "hidden": (128, 1, 4096, "units of each of the two hidden layers"),
 }
 """The default of each option, the least and the greatest value, and what it is."""
@@ -151,8 +151,8 @@ class Rollouts:
         return found[:-1]
 
 
-def update(agent, optimizer, rollouts, options):
-    """Improve the networks on a rollout, by the clipped objective."""
+def update(agent, optimizer, rollouts, options, weight):
+    """Improve the networks on a rollout, by the clipped objective and ``weight`` of entropy."""
     gains = rollouts.advantages().flatten()
     targets = gains + rollouts.values[:-1].flatten()
     whole = (rollouts.seen, rollouts.masks, rollouts.states, rollouts.actions, rollouts.chances)
@@ -169,8 +169,7 @@ def update(agent, optimizer, rollouts, options):
                 gain = (gains[free] - gains[free].mean()) / (gains[free].std() + 1e-8)
                 clipped = ratios.clamp(1 - options.clip, 1 + options.clip)
                 entropy = -(logs.exp() * logs * masks[free]).sum(-1).mean()
-                loss -= torch.minimum(ratios * gain, clipped * gain).mean()
-                loss -= options.entropy * entropy
+                loss -= torch.minimum(ratios * gain, clipped * gain).mean() + weight * entropy
             optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
@@ -193,9 +192,10 @@ def train(scenario, options, save=lambda network: None, say=lambda line: None):
     optimizer = torch.optim.Adam(agent.parameters(), options.rate, eps=1e-5)
     of_rollout = rollouts.actions[1:].numel()
     for k in range(updates := max(1, options.steps // of_rollout)):
-        optimizer.param_groups[0]["lr"] = options.rate * (1 - k / updates)
+        left = 1 - k / updates  # the best action is taken in the end, so draws must become certain
+        optimizer.param_groups[0]["lr"] = options.rate * left
         rollouts.play(agent)
-        update(agent, optimizer, rollouts, options)
+        update(agent, optimizer, rollouts, options, options.entropy * left)
         done, last = (k + 1) * of_rollout, zip(*rollouts.ends[-200:], strict=True)
         words = [f", {name} {np.mean(of):.3f}" for name, of in zip(SHOWN, last, strict=False)]
         reward = f"reward {rollouts.rewards[:-1].mean():.3f}{''.join(words)}"

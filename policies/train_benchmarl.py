@@ -1,136 +1,136 @@
-"""Train the drones with MAPPO of BenchMARL (extra marl-test, in an environment of its own).
+"""Train one network for all drones with BenchMARL (pip install -e ".[benchmarl]").
 
-python policies/train_benchmarl.py case8 runs/mappo --iterations 10 --seed 0
+python policies/train_benchmarl.py case8 mappo.npz --algorithm mappo --steps 200000 --seed 0
+desim-uav run case8 --seed 0 --policy mappo.npz
 
-The networks stay with BenchMARL: ``desim-uav run`` cannot fly them.
+BenchMARL needs an environment of its own; a run needs neither BenchMARL nor PyTorch.
 """
 
 import argparse
+import sys
+import tempfile
 from pathlib import Path
 
-import torch
-from benchmarl.algorithms import MappoConfig
-from benchmarl.environments import TaskClass
-from benchmarl.experiment import Experiment, ExperimentConfig
-from benchmarl.models.mlp import MlpConfig
-from torchrl.envs.libs.pettingzoo import PettingZooWrapper
+from desim_uav.errors import DesimError, UsageError
+from desim_uav.run_folder import file_place
+from desim_uav.scenario.load import load
+from desim_uav.shipped import find_scenario
 
-from desim_uav import UavParallelEnv
+DEFAULTS = ("observation={kind: radar}", "reward={kind: qoe, crash: 10}")
+"""What a drone sees and is paid for; ``-S observation=… -S reward=…`` change that."""
 
-ENVS = 4
+ALGORITHMS = ("mappo", "ippo", "qmix", "vdn", "iql")
+
+ENVS = 32
 """Environments side by side."""
 
-EPISODES = 4
-"""Episodes of each environment between two updates."""
+ROLLOUT = 60
+"""Steps of each environment between two updates."""
 
 
-class DronesTask(TaskClass):
-    """A scenario as a task of BenchMARL; ``config`` holds the arguments of ``UavParallelEnv``.
+def settings_of(iterations, folder, gamma):
+    """The settings of an experiment for networks as small as these, on the CPU."""
+    from benchmarl.experiment import ExperimentConfig
 
-    BenchMARL's networks take real numbers, so the scenario's observation must be ``local``.
-    """
-
-    @staticmethod
-    def env_name():
-        """The folder in which BenchMARL would look for settings of the task."""
-        return "desim_uav"
-
-    def get_env_fun(self, num_envs, continuous_actions, seed, device):
-        """What makes an environment."""
-        return lambda: PettingZooWrapper(UavParallelEnv(**self.config), seed=seed, device=device)
-
-    def supports_continuous_actions(self):
-        """Actions are discrete."""
-        return False
-
-    def supports_discrete_actions(self):
-        """Actions are discrete."""
-        return True
-
-    def has_state(self):
-        """There is no state beside the observations; MAPPO's critic sees all of these."""
-        return False
-
-    def has_render(self, env):
-        """Frames only if the environment was asked for them."""
-        return env.render_mode == "rgb_array"
-
-    def max_steps(self, env):
-        """The steps of an episode."""
-        return env.session.scenario.episode.steps
-
-    def group_map(self, env):
-        """One group of all drones."""
-        return env.group_map
-
-    def state_spec(self, env):
-        """There is no state beside the observations."""
-        return
-
-    def observation_spec(self, env):
-        """What the networks see."""
-        return _only("observation", env)
-
-    def action_mask_spec(self, env):
-        """What says which actions are allowed."""
-        return _only("action_mask", env)
-
-    def info_spec(self, env):
-        """What else is told."""
-        return _only("info", env)
-
-    def action_spec(self, env):
-        """One action per drone."""
-        return env.full_action_spec
-
-
-def _only(kept, env):
-    """The specification of what is shown, with one key per group."""
-    spec = env.observation_spec.clone()
-    for group in env.group_map:
-        for key in set(spec[group].keys()) - {kept}:
-            del spec[group][key]
-    return spec
-
-
-def experiment(scenario, folder, seed, iterations, config=None):
-    """MAPPO with shared networks on a scenario, in the world of seed 0."""
     settings = ExperimentConfig.get_from_yaml()
-    steps = UavParallelEnv(scenario, config).session.scenario.episode.steps
-    settings.max_n_iters = iterations
-    settings.max_n_frames = None
-    settings.on_policy_n_envs_per_worker = ENVS
-    settings.on_policy_collected_frames_per_batch = ENVS * EPISODES * steps
-    settings.on_policy_minibatch_size = 4 * steps
-    settings.on_policy_n_minibatch_iters = 5
-    settings.lr = 1e-3
+    settings.max_n_iters, settings.max_n_frames = iterations, None
+    settings.gamma = gamma
     settings.evaluation = False
     settings.loggers = ["csv"]
     settings.create_json = False
     settings.save_folder = str(folder)
-    changes = {"observation.kind": "local", "world_seed": 0, **(config or {})}
+    settings.lr = 1e-3
+    settings.clip_grad_val = 0.5
+    settings.on_policy_n_envs_per_worker = settings.off_policy_n_envs_per_worker = ENVS
+    settings.on_policy_collected_frames_per_batch = ENVS * ROLLOUT
+    settings.on_policy_minibatch_size = ENVS * ROLLOUT // 8
+    settings.on_policy_n_minibatch_iters = 4
+    settings.off_policy_collected_frames_per_batch = ENVS * ROLLOUT
+    settings.off_policy_n_optimizer_steps = 64
+    settings.off_policy_train_batch_size = 256
+    settings.off_policy_memory_size = 100_000
+    return settings
+
+
+def algorithm_of(name):
+    """The settings of an algorithm."""
+    from benchmarl.algorithms import algorithm_config_registry
+
+    algorithm = algorithm_config_registry[name].get_from_yaml()
+    if name in ("mappo", "ippo"):
+        algorithm.entropy_coef = 0.01
+        algorithm.lmbda = 0.95
+        algorithm.share_param_critic = name == "ippo"  # MAPPO: what each drone can expect differs
+    return algorithm
+
+
+def experiment(
+    scenario, folder, name="mappo", steps=200_000, seed=0, worlds="own", gamma=0.97, callbacks=()
+):
+    """An experiment of BenchMARL that is ready to run. ``steps`` are those of all drones."""
+    import torch
+    from benchmarl.experiment import Experiment
+    from benchmarl.models.mlp import MlpConfig
+
+    from desim_uav.env.benchmarl import UavTask
+
+    torch.set_num_threads(1)  # on several, networks as small as these only wait for each other
+    own = scenario.model_copy(update={"seed": seed}).effective_world_seed
+    scenario = scenario.model_copy(update={"world_seed": None})  # every episode begins afresh
+    task = UavTask.of(scenario, world_seed=range(own, own + 1) if worlds == "own" else worlds)
+    layers = [128, 128], torch.nn.Linear, torch.nn.ReLU  # what a policy file can hold
+    iterations = max(1, steps // (ENVS * ROLLOUT * scenario.drone_count))
     return Experiment(
-        task=DronesTask("DRONES", {"scenario": scenario, "config": changes, "engine": "batch"}),
-        algorithm_config=MappoConfig.get_from_yaml(),
-        model_config=MlpConfig.get_from_yaml(),
-        critic_model_config=MlpConfig.get_from_yaml(),
+        task=task,
+        algorithm_config=algorithm_of(name),
+        model_config=MlpConfig(*layers),
+        critic_model_config=MlpConfig(*layers),
         seed=seed,
-        config=settings,
+        config=settings_of(iterations, folder, gamma),
+        callbacks=list(callbacks),
     )
 
 
 def main(arguments=None):
-    """Train."""
+    """Train, and write the policy file after each update."""
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
-    parser.add_argument("scenario", help="a scenario file, or a shipped name: case5")
-    parser.add_argument("folder", type=Path, help="where BenchMARL puts its tables")
-    parser.add_argument("--iterations", type=int, default=100)
+    parser.add_argument("scenario", help="a scenario file, or a shipped name: case8")
+    parser.add_argument("file", type=Path, help="the policy file: mappo.npz")
+    parser.add_argument("-S", dest="changes", action="append", default=[], metavar="KEY=VALUE")
+    parser.add_argument("--algorithm", choices=ALGORITHMS, default="mappo")
+    parser.add_argument("--steps", type=int, default=200_000, help="of all drones together")
     parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--worlds", choices=("own", "train"), default="own", help="to fly in")
+    parser.add_argument("--folder", type=Path, help="where BenchMARL puts its tables and pickles")
     asked = parser.parse_args(arguments)
-    asked.folder.mkdir(parents=True, exist_ok=True)
-    torch.set_num_threads(1)  # on several, networks as small as these only wait for each other
-    experiment(asked.scenario, asked.folder.resolve(), asked.seed, asked.iterations).run()
+    try:
+        train(asked)
+    except DesimError as error:
+        print(error, file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print(f"interrupted; {asked.file} has the policy of the last update", file=sys.stderr)
+        return 130
+    print(f"desim-uav run {asked.scenario} --seed {asked.seed} --policy {asked.file}")
+    return 0
+
+
+def train(asked):
+    """Train what is asked for. Raises DesimError, before anything begins."""
+    for name, least, most in (("steps", 1, 2**50), ("seed", 0, 2**20)):
+        if not least <= getattr(asked, name) <= most:
+            raise UsageError(f"--{name} {getattr(asked, name)}: must be from {least} to {most}")
+    file_place(asked.file, "the policy file")
+    scenario = load(find_scenario(asked.scenario), [*DEFAULTS, *asked.changes])
+    from desim_uav.env.benchmarl import SavePolicy  # raises MissingExtraError
+
+    with tempfile.TemporaryDirectory() as unwanted:
+        folder = (asked.folder or Path(unwanted)).resolve()
+        folder.mkdir(parents=True, exist_ok=True)
+        saving = [SavePolicy(asked.file)]
+        options = (asked.algorithm, asked.steps, asked.seed, asked.worlds)
+        experiment(scenario, folder, *options, callbacks=saving).run()
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(main())

@@ -61,7 +61,7 @@ def configuration(scenario, seed, shared=False):
     """PPO in the world that ``desim-uav run --seed`` draws: a network a drone, or one for all."""
     scenario = configured(scenario, {"seed": seed})
     scenario = configured(scenario, {"world_seed": scenario.effective_world_seed})
-    drones = [f"drone_{drone}" for drone in range(scenario.drones.count)]
+    drones = [f"drone_{drone}" for drone in range(scenario.drone_count)]
     tune.register_env("drones", lambda _: Restarts(scenario))
     return (
         PPOConfig()

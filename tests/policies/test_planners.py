@@ -12,6 +12,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.run import headline, play, run
+from desim_uav.model.coverage import all_walked
 from desim_uav.model.rules import Mode
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy
@@ -231,6 +232,28 @@ def test_an_imagined_future_can_be_played_and_is_of_the_model():
         truth.append(engine.requests_made() - before)
     assert abs(np.mean(opened) - np.mean(truth)) < 3 * (np.std(opened) + np.std(truth)) / 6**0.5
     assert len(set(opened)) > 1
+
+
+def test_an_imagined_future_goes_on_from_here_and_from_now():
+    """A stationary start would put users elsewhere, and the day would begin once more."""
+    changes = [
+        "users.mobility={kind: random_waypoint, speed_mps: [1, 9], pause_s: [0, 60]}",
+        "demand={kind: profile, profiles: [[[0, 0], [0.25, 60]]]}",
+    ]
+    world = build_world(load("case8", changes), 0)
+    engine = make_engine("batch", world, RunSettings((True,) * 3, False))
+    engine.reset(draw(world, 0, 0))
+    for _ in range(10):
+        engine.step([4] * 3)
+    saved, now_us = engine.save(), 10 * world.step_us
+    true, future = saved.path, imagined(saved, 0, 0).path
+    here_m = all_walked(*true.walks, now_us)
+    assert all_walked(*future.walks, now_us) == pytest.approx(here_m, abs=1e-4)
+    assert not np.allclose(all_walked(*future.walks, now_us + 10**8), here_m, atol=1.0)
+    arrivals_us = future.requests.rows[:, 0]
+    assert len(arrivals_us) > 100
+    assert 900_000_000 <= arrivals_us.min() < 960_000_000  # as the day goes, not the future
+    assert ground_of(world).spread_m[0] == 0.0
 
 
 def test_a_rollout_of_hovering_flies_to_the_users():

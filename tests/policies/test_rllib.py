@@ -372,7 +372,10 @@ def test_other_scenarios(scenario: str, config: dict[str, Any], told: str, train
 @pytest.mark.parametrize(
     ("change", "told"),
     [
-        ({"ray": "2.9.1"}, r"of ray 2\.9\.1, and .* is installed: pip install 'ray\[rllib\]==2\.9"),
+        (
+            {"ray": "2.9.1"},
+            r"saved with ray 2\.9\.1, but .* is installed: pip install 'ray\[rllib\]==2\.9",
+        ),
         ({"connectors": []}, "its pipelines are"),
         ({"pipelines": [[], []]}, "its pipelines are"),
         ({"fcnet_hiddens": [17]}, "the weights of drone_0 do not fit its settings"),
