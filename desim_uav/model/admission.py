@@ -58,7 +58,7 @@ class RowAdmission:
 
         They are in order of (request time, user), and ``state.users[u].request`` is the request of
         user u. ``rules.admission.admit`` serves one, whose bandwidth must fit ``drone.free_hz``
-        unless ``world.bandwidth_hz`` is -1; ``turn_away`` refuses one for good. Both remove it
+        unless its radio's is unlimited; ``turn_away`` refuses one for good. Both remove it
         from ``drone.waiting``. The others continue to wait.
         """
         raise NotImplementedError

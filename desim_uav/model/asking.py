@@ -79,11 +79,12 @@ class ManyRequests(Sequence[Requests]):
 
 @row
 class Asker(Row):
-    """A user who makes requests: its number of draws, the time left, and its present draw.
+    """A user who makes requests: its number and draws so far, the time left, its present draw.
 
     The askers of a demand model also have the numbers that the model remembers.
     """
 
+    user: int
     draws: int
     left_us: int
     wait_us: int
@@ -148,11 +149,18 @@ class RowDemand:
         """Draw a user's next request, and the waiting time before it.
 
         Write ``asker.wait_us``, ``service`` (or NOTHING), ``required_us`` and ``bandwidth_bps``
-        (see ``ask_for`` and ``ask_for_mix``). ``asker.draws`` counts the draws before. Draw from
-        ``stream`` only, with ``uniform`` and the like from ``model.streams``. ``services`` is the
-        Offer.
+        (see ``ask_for`` and ``ask_for_mix``). ``asker.user`` is the number of the user, and
+        ``asker.draws`` that of the draws before. Draw from ``stream`` only, with ``uniform`` and
+        the like from ``model.streams``. ``services`` is the Offer.
         """
         raise NotImplementedError
+
+    def from_now(self, now_us: int) -> RowDemand:
+        """Return this model as it goes on at a time, from which its times are counted then.
+
+        A model whose draws depend on the time returns one that begins later.
+        """
+        return self
 
     def requests(
         self, users: int, services: Catalogue, streams: Streams, horizon_us: int
@@ -161,6 +169,11 @@ class RowDemand:
         states = streams.states(users)[np.newaxis]
         drawn: Requests = RowDraws(self, services, horizon_us).of(states)[0]
         return drawn
+
+
+def from_now(demand: Any, now_us: int) -> Any:
+    """Return a demand model as it goes on at a time of the episode."""
+    return demand.from_now(now_us) if isinstance(demand, RowDemand) else demand
 
 
 # ---- what models draw
@@ -270,6 +283,7 @@ def _draw_by(
             if k % users == 0:
                 first = asking.count
             asker = held(asking.asker)
+            asker.user = k % users
             begin_stream(asker.stream, asking.states, 4 * k)
             ask(demand, asking, asker, services)
             if asking.lost:

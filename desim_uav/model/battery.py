@@ -1,6 +1,7 @@
 """Energy models, by which flight drains a battery, and charging.
 
-The charge of a battery is measured in microseconds of autonomy (flight time).
+The charge of a battery is measured in microseconds of autonomy (flight time), or by an energy model
+with a ``capacity_uj`` in microjoules; names such as ``battery_us`` stand for both.
 """
 
 from __future__ import annotations
@@ -17,6 +18,12 @@ from desim_uav.registry import register
 
 LONGEST_MIN = 1_000_000
 """The longest autonomy and the longest full charge, in minutes, that ``charged_us`` allows."""
+
+WH_UJ = 3_600_000_000
+"""The microjoules of a watt-hour."""
+
+MOST_UJ = 2.0**46
+"""The most energy of a leg that is told: 100,000 such legs add up to less than 2^63."""
 
 
 class Energy(Protocol):
@@ -65,6 +72,33 @@ class RowEnergy:
     def lasts_us(self, flight: Any, battery_us: int) -> int:
         """Return the time until the battery is empty, by ``lasts``."""
         return self.lasts(flight, battery_us)
+
+
+def capacity_of(energy: Energy | None) -> int:
+    """Return what a full battery holds, in microseconds or microjoules; 0 if it is unlimited."""
+    if energy is None:
+        return 0
+    return in_joules(energy) or round(energy.autonomy_min * 60 * US)
+
+
+def in_joules(energy: Energy | None) -> int:
+    """Return the capacity in microjoules, or 0 if a battery is not measured in them."""
+    return getattr(energy, "capacity_uj", 0)
+
+
+def per_second_of(energy: Energy | None) -> int:
+    """Return how much charge a second of hovering takes: in microseconds, or in microjoules."""
+    return getattr(energy, "hover_uw", US)
+
+
+def time_of_hover_problems(capacity_wh: float, power_w: float, autonomy_min: float) -> list[str]:
+    """Return why a battery does not last for a time that can be counted, if so."""
+    if 1 / 60 <= autonomy_min <= LONGEST_MIN:
+        return []
+    return [
+        f"{capacity_wh:g} Wh last {60 * autonomy_min:g} s in a hover at {power_w:g} W; capacity_wh "
+        f"must suffice for 1 s to {LONGEST_MIN} min"
+    ]
 
 
 @register("battery", "endurance")

@@ -27,7 +27,10 @@ def works_on_rows(component: Any, base: Any) -> bool:
 
 
 def over_rows(component: C, services: tuple[str, ...]) -> C:
-    """Return a component whose mappings from services to numbers are tables, by service."""
+    """Return a component whose mappings from services to numbers are tables, by service.
+
+    Its tuples of numbers are tables too.
+    """
     if not is_dataclass(component):
         return component
     made = copy.copy(component)
@@ -36,6 +39,8 @@ def over_rows(component: C, services: tuple[str, ...]) -> C:
         if isinstance(value, Mapping):
             table = Table(float(value.get(name, 0.0)) for name in services)
             object.__setattr__(made, field.name, table)
+        elif type(value) is tuple and all(isinstance(one, int | float) for one in value):
+            object.__setattr__(made, field.name, Table(map(float, value)))
     return made
 
 

@@ -41,12 +41,13 @@ MOST_BUCKETS = 128
 
 
 class DroneLeg(NamedTuple):
-    """A leg of a drone that serves: a transit along one axis, then a hover until the leg ends.
+    """A leg of a drone that serves: a straight transit, then a hover until the leg ends.
 
     ``profile`` (pieces, 4) is the transit (see ``model.motion``), and ``route`` the x and y of its
     start and of its destination, in metres. ``span_us`` holds the times at which the leg begins and
     ends, and ``radius_m`` is the radius of the footprint. If ``fresh``, the drone begins to serve,
-    so that users who are inside at the start enter then.
+    so that users who are inside at the start enter then. ``climb_m`` is how much higher the
+    destination is than the start; compiled code must give it, because it knows no defaults.
     """
 
     profile: NDArray[np.float64]
@@ -54,6 +55,7 @@ class DroneLeg(NamedTuple):
     span_us: tuple[int, int]
     radius_m: float
     fresh: bool
+    climb_m: float = 0.0
 
 
 class Users(NamedTuple):
@@ -170,6 +172,20 @@ def look_around(users: Users, start_us: int, end_us: int) -> None:
             stray = max(stray, abs(aside_x) + abs(aside_y))
         seen[LEG, user], seen[AT_X, user], seen[AT_Y, user] = first - begin, x, y
         seen[TO_X, user], seen[TO_Y, user], seen[STRAY, user] = to_x, to_y, stray
+
+
+@part
+def heading_of(leg: DroneLeg) -> tuple[float, float]:
+    """Return how many metres along x and along y a drone flies for each metre of its transit.
+
+    For a level leg along an axis, these are exactly 0, 1 or -1.
+    """
+    x0, y0, x1, y1 = leg.route
+    dx, dy, dz = x1 - x0, y1 - y0, leg.climb_m
+    length = np.sqrt(dx * dx + dy * dy + dz * dz)
+    if length == 0.0:
+        return 0.0, 0.0
+    return dx / length, dy / length
 
 
 @kernel

@@ -24,6 +24,7 @@ from desim_uav.model.coverage import (
     Users,
     bucket_of,
     comes_near,
+    heading_of,
     leg_near,
     walked,
     ways_of,
@@ -128,7 +129,7 @@ def _roots(
 
     ``latest`` is the time of the last crossing that has been written, or -1 if there is none.
     """
-    profile, legs, radius = leg.profile, users.legs, leg.radius_m
+    profile, legs, radius, heading = leg.profile, users.legs, leg.radius_m, heading_of(leg)
     start_us, end_us = leg.span_us
     duration = (end_us - start_us) * 1e-6
     stop = users.offsets[user + 1]
@@ -145,7 +146,7 @@ def _roots(
             end = min(end, profile[phase + 1, START])
         if walk + 1 < stop:
             end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
-        piece = relative_to(leg, legs, phase, walk, at)
+        piece = relative_to(leg, heading, legs, phase, walk, at)
         if _stays_away(piece, radius, end - at):
             at = end
             continue

@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import groupby, pairwise
-from operator import itemgetter
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Protocol
 
 import numpy as np
@@ -19,7 +16,6 @@ from desim_uav.model.components import kind_of, works_on_rows
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import US
 from desim_uav.model.streams import Purpose, Seeds, Streams, heading, seed_of_each, states_of
-from desim_uav.model.traces import index, quantity, read_table
 from desim_uav.model.walking import Area, ManyRowWalks, RowMobility, RowWalks, Walks, go_on, off_map
 from desim_uav.registry import register
 
@@ -89,72 +85,6 @@ class RandomWalk(RowMobility):
         """
         walls = 2.0 / math.pi * self.speed_mps * horizon_s * sum(1.0 / side for side in area)
         return users * (math.ceil(horizon_s / self.leg_s) + walls)
-
-
-@register("mobility", "trace")
-@dataclass(frozen=True)
-class Trace:
-    """Takes way points from a CSV file with the columns user, t_s, x_m, y_m.
-
-    A user stands at its first way point until that point's time, walks straight from each way
-    point to the next, and stays at the last. A user without way points stays at home.
-    """
-
-    file: Path
-    """The CSV file, relative to the scenario's file."""
-    draws: ClassVar = False
-
-    def __post_init__(self) -> None:
-        """Read the file. Raises ValueError with file and line if it is not such a table."""
-        for user, points in self._way_points().items():
-            for (t0, *_), (t1, _, _, line) in pairwise(points):
-                if t1 <= t0:
-                    raise ValueError(f"{self.file}:{line}: t_s: user {user}: times must increase")
-
-    def problems(self, users: int, area: Area) -> list[str]:
-        """Return the problems of the file in a scenario: unknown users, way points off its map."""
-        found = []
-        for user, points in self._way_points().items():
-            for _, x, y, line in points:
-                if user >= users:
-                    found.append(f"{self.file}:{line}: user: {user}: must be from 0 to {users - 1}")
-                if x > area.width_m or y > area.depth_m:
-                    found.append(
-                        f"{self.file}:{line}: ({x:g}, {y:g}) m is off the map of "
-                        f"{area.width_m:g} x {area.depth_m:g} m"
-                    )
-        return found
-
-    def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
-        """Return the number of legs of all users in an episode."""
-        return 2 * users + sum(len(points) for points in self._way_points().values())
-
-    def walks(
-        self, homes: NDArray[np.float64], streams: Streams, area: Area, horizon_us: int
-    ) -> Walks:
-        """Return the recorded walks, which are the same in every episode."""
-        legs: list[tuple[float, ...]] = []
-        offsets = [0]
-        way_points = self._way_points()
-        for user, (home_x, home_y) in enumerate(homes):
-            points = [p[:3] for p in way_points.get(user, [(0, home_x, home_y, 0)])]
-            if points[0][0] > 0:
-                points.insert(0, (0, *points[0][1:]))
-            for (t0, x0, y0), (t1, x1, y1) in pairwise(points):
-                seconds = (t1 - t0) / US
-                legs.append((t0, x0, y0, (x1 - x0) / seconds, (y1 - y0) / seconds))
-            legs.append((*points[-1], 0.0, 0.0))
-            offsets.append(len(legs))
-        return Walks(np.array(legs, float), np.array(offsets))
-
-    def _way_points(self) -> dict[int, list[tuple[int, float, float, int]]]:
-        """Return (t_us, x, y, line of the file) of each user's way points, in the file's order."""
-        columns = {"user": index, "t_s": quantity, "x_m": quantity, "y_m": quantity}
-        rows = sorted(read_table(self.file, columns), key=itemgetter(0))
-        return {
-            user: [(round(t * US), x, y, line) for _, t, x, y, line in group]
-            for user, group in groupby(rows, key=itemgetter(0))
-        }
 
 
 def walks_of(

@@ -15,7 +15,7 @@ import numpy as np
 from annotated_types import Ge, Le
 from numpy.typing import NDArray
 
-from desim_uav.model.kernels import kernel
+from desim_uav.model.kernels import kernel, rule
 from desim_uav.model.rules import US
 from desim_uav.registry import register
 
@@ -32,11 +32,15 @@ class Piece(NamedTuple):
 
 
 class Transit(NamedTuple):
-    """A rest-to-rest flight along one axis."""
+    """A rest-to-rest flight along one axis.
+
+    ``rises`` is the height gained per metre of the way: 1.0 straight up, -1.0 straight down.
+    """
 
     profile: NDArray[np.float64]
     duration_us: int
     distance_m: float
+    rises: float = 0.0
 
     @property
     def pieces(self) -> list[Piece]:
@@ -122,12 +126,10 @@ class BangCoastBang:
         return _trapezoid(distance_m, speed, self.max_acceleration_mps2, step_s)
 
     def fastest_transit(self, distance_m: float) -> Transit:
-        """Return the transit in T = d/v + v/a if d >= v²/a, else in 2 sqrt(d/a) (triangular)."""
-        a, v = self.max_acceleration_mps2, self.max_speed_mps
-        if distance_m >= v * v / a:
-            return _trapezoid(distance_m, v, a, distance_m / v + v / a)
-        duration = 2.0 * math.sqrt(distance_m / a)
-        return _trapezoid(distance_m, a * duration / 2.0, a, duration)
+        """Return the transit in minimum time."""
+        a = self.max_acceleration_mps2
+        speed, duration = fastest(distance_m, self.max_speed_mps, a)
+        return _trapezoid(distance_m, speed, a, duration)
 
 
 def cruise_speed(distance_m: float, duration_s: float, acceleration_mps2: float) -> float:
@@ -145,17 +147,46 @@ def cruise_speed(distance_m: float, duration_s: float, acceleration_mps2: float)
     return 2.0 * acceleration_mps2 * distance_m / (at + math.sqrt(discriminant))
 
 
-def _trapezoid(distance: float, speed: float, acceleration: float, duration: float) -> Transit:
+@rule
+def fastest(distance: float, speed: float, acceleration: float) -> tuple[float, float]:
+    """Return the cruise speed and the duration of a transit in minimum time, rest to rest.
+
+    T = d/v + v/a if d >= v²/a, else 2 sqrt(d/a) (triangular).
+    """
+    if distance >= speed * speed / acceleration:
+        return speed, distance / speed + speed / acceleration
+    duration = 2.0 * math.sqrt(distance / acceleration)
+    return acceleration * duration / 2.0, duration
+
+
+TRAPEZOID = 4
+"""The rows of the profile of a transit."""
+
+
+@rule
+def write_trapezoid(
+    profile: NDArray[np.float64],
+    distance: float,
+    speed: float,
+    acceleration: float,
+    duration: float,
+) -> None:
+    """Write the profile of a transit with this cruise speed into the first rows of a table."""
     ramp = speed / acceleration
     ramp_distance = speed * ramp / 2.0
-    profile = np.array(
-        [
-            (0.0, 0.0, 0.0, acceleration),
-            (ramp, ramp_distance, speed, 0.0),
-            (duration - ramp, distance - ramp_distance, speed, -acceleration),
-            (duration, distance, 0.0, 0.0),
-        ]
-    )
+    for row in range(TRAPEZOID):
+        for column in range(ACCELERATION + 1):
+            profile[row, column] = 0.0
+    profile[0, ACCELERATION] = acceleration
+    profile[1, START], profile[1, DISTANCE], profile[1, SPEED] = ramp, ramp_distance, speed
+    profile[2, START], profile[2, DISTANCE] = duration - ramp, distance - ramp_distance
+    profile[2, SPEED], profile[2, ACCELERATION] = speed, -acceleration
+    profile[3, START], profile[3, DISTANCE] = duration, distance
+
+
+def _trapezoid(distance: float, speed: float, acceleration: float, duration: float) -> Transit:
+    profile = np.empty((TRAPEZOID, ACCELERATION + 1))
+    write_trapezoid(profile, distance, speed, acceleration, duration)
     return Transit(profile, round(duration * US), distance)
 
 

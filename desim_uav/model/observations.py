@@ -78,12 +78,36 @@ def table_sizes(features: Sequence[Feature]) -> tuple[int, ...]:
     return tuple(int(feature.high) + 1 for feature in features)
 
 
-def table_row(code: Sequence[float], sizes: Sequence[int]) -> int:
+def common_features(of_types: Sequence[tuple[Feature, ...]]) -> tuple[Feature, ...]:
+    """Return features with bounds that hold for drones of all types, in the order of their numbers.
+
+    There are as many as the type has that has the most; others have zeros behind their own.
+    """
+    longest = max(of_types, key=len)
+    if all(own == longest for own in of_types):
+        return longest
+    none = Feature("", 0.0, 0.0, True)
+    padded = [(*own, *[none] * (len(longest) - len(own))) for own in of_types]
+    return tuple(
+        Feature(
+            feature.name,
+            min(own[k].low for own in padded),
+            max(own[k].high for own in padded),
+            all(own[k].whole for own in padded),
+        )
+        for k, feature in enumerate(longest)
+    )
+
+
+def table_row(code: Sequence[float], sizes: Sequence[int], features: int | None = None) -> int:
     """Return the index of a state in a table, in which the last feature varies fastest.
 
-    ``sizes`` are those of ``table_sizes``. Raises SimulationError for a state outside of them.
+    ``sizes`` are those of ``table_sizes``. A drone may have fewer ``features`` than there are
+    sizes; the others are 0. Raises SimulationError for a state outside of ``sizes``, or with fewer
+    numbers than features.
     """
-    row = row_or_none(code, sizes)
+    expected = len(sizes) if features is None else features
+    row = row_or_none(code, sizes) if len(code) >= expected else -1
     if row < 0:
         raise SimulationError(
             f"observation: {tuple(code)} is outside the bounds of its features, which have "
@@ -94,10 +118,15 @@ def table_row(code: Sequence[float], sizes: Sequence[int]) -> int:
 
 @rule
 def row_or_none(code: Sequence[float], sizes: Sequence[int]) -> int:
-    """Return the row of a state in a table (see ``table_row``), or -1."""
-    row = 0
+    """Return the row of a state in a table (see ``table_row``), or -1.
+
+    Numbers that are missing at the end of ``code`` are 0.
+    """
+    row, given = 0, len(code)
     for k in range(len(sizes)):
-        if not 0 <= code[k] < sizes[k]:
-            return -1
-        row = row * sizes[k] + int(code[k])
+        row *= sizes[k]
+        if k < given:
+            if not 0 <= code[k] < sizes[k]:
+                return -1
+            row += int(code[k])
     return row

@@ -20,6 +20,9 @@ HOPS: dict[Node, Node] = {
 }
 """The hops there are: all plans share these, since a large map has millions of hops."""
 
+DIRECTIONS: dict[Node, int] = {hop: number for number, hop in enumerate(HOPS)}
+"""The numbers of the hops, in the order of HOPS."""
+
 
 @dataclass(frozen=True)
 class Return:
@@ -36,7 +39,7 @@ class Planner:
     """Plans returns and keeps the plans, because a world does not change.
 
     ``hop_us``: the time of a hop along x, y and between levels, in microseconds;
-    ``drain_us``: the battery that a hop takes (None: its time).
+    ``drain_us``: the battery that each of the HOPS takes (None: its time).
     """
 
     grid: Grid
@@ -73,9 +76,15 @@ class Planner:
             hops = tuple(HOPS[dx, dy, dz] for dx, dy, dz in np.diff(path, axis=0).tolist())
             duration = sum(self.hop_us[_axis(hop)] for hop in hops)
             if best is None or (duration, station) < (best.duration_us, best.station):
-                drained = sum((self.drain_us or self.hop_us)[_axis(hop)] for hop in hops)
+                drained = duration
+                if self.drain_us is not None:
+                    drained = sum(self.drain_us[DIRECTIONS[hop]] for hop in hops)
                 best = Return(station, duration, drained, hops)
         return best
+
+    def plans_as(self, other: Planner) -> bool:
+        """Return whether the plans of another planner, in the same world, are the same."""
+        return (self.hop_us, self.drain_us) == (other.hop_us, other.drain_us)
 
     def _bounds(self, start: Node) -> list[tuple[int, int]]:
         """Return a lower bound of the time to each station, and the station's index, in order."""

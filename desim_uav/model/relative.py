@@ -38,11 +38,18 @@ class Relative(NamedTuple):
 
 @part
 def relative_to(
-    leg: DroneLeg, legs: NDArray[np.float64], phase: int, walk: int, at: float
+    leg: DroneLeg,
+    heading: tuple[float, float],
+    legs: NDArray[np.float64],
+    phase: int,
+    walk: int,
+    at: float,
 ) -> Relative:
-    """Return a drone in a phase of its transit relative to a user on a walk, at a time."""
-    profile, (x0, y0, x1, y1) = leg.profile, leg.route
-    ex, ey = _sign(x1 - x0), _sign(y1 - y0)
+    """Return a drone in a phase of its transit relative to a user on a walk, at a time.
+
+    ``heading`` is that of the leg (``coverage.heading_of``).
+    """
+    profile, (x0, y0, x1, y1), (ex, ey) = leg.profile, leg.route, heading
     since = at - profile[phase, START]
     acceleration = profile[phase, ACCELERATION]
     speed = profile[phase, SPEED] + acceleration * since
@@ -56,13 +63,6 @@ def relative_to(
     py -= legs[walk, Y0] + legs[walk, VY] * since_walk
     wx, wy = ex * speed - legs[walk, VX], ey * speed - legs[walk, VY]
     return Relative(px, py, wx, wy, ex * acceleration, ey * acceleration)
-
-
-@part
-def _sign(x: float) -> float:
-    if x > 0.0:
-        return 1.0
-    return -1.0 if x < 0.0 else 0.0
 
 
 @part

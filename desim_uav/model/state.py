@@ -17,7 +17,9 @@ class Facts(NamedTuple):
 
     ``capacity_s`` (a full battery) is None if the battery is unlimited, and ``bandwidth_kbps`` is
     inf if the bandwidth is. ``clusters``: rows of x, y and radius, in metres. ``three_d``: whether
-    drones change altitude. ``graded``: whether the links of drones have classes.
+    drones change altitude. ``graded``: whether the links of drones have classes. If drones differ,
+    ``capacity_s``, ``bandwidth_kbps`` and ``graded`` are those of one type of drones; ``limited``
+    says whether the battery of some type is limited.
     """
 
     grid: Grid
@@ -32,6 +34,12 @@ class Facts(NamedTuple):
     capacity_s: float | None
     bandwidth_kbps: float
     graded: bool = False
+    limited: bool = False
+
+    @property
+    def some_charge(self) -> bool:
+        """Whether some drones have to charge."""
+        return self.limited or self.capacity_s is not None
 
 
 class Observation(NamedTuple):

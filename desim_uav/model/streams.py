@@ -232,6 +232,17 @@ def uniform(stream: Any) -> float:
 
 
 @rule
+def apart(stream: Any) -> None:
+    """Turn a stream that has just begun into another one, which is independent of it.
+
+    One of the words of its state is changed, and then it is mixed as SFC64 is when it is seeded.
+    """
+    stream.a, stream.counter = np.uint64(stream.a) ^ np.uint64(0x9E3779B97F4A7C15), 1
+    for _ in range(12):
+        uniform(stream)
+
+
+@rule
 def exponential_us(stream: Any, mean_s: float) -> int:
     """Return an exponential time in whole microseconds, which takes one number of a stream.
 

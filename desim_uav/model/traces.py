@@ -47,29 +47,43 @@ def read_table(path: Path, columns: Mapping[str, Callable[[str], Any]]) -> list[
 
     The line number of each row is appended to it. Raises ValueError with file and line.
     """
+    return list(_read_table(path, tuple(columns.items()), version_of(path)))
+
+
+Version = tuple[str, int, int]
+"""What distinguishes a file from what it was before: its path, time of change and size."""
+
+
+def version_of(path: Path) -> Version:
+    """Return the present version of a file. Raises ValueError if there is none."""
     try:
         status = path.stat()
     except OSError as error:
         raise ValueError(f"{path}: {error.strerror}") from error
-    version = (str(path.resolve()), status.st_mtime_ns, status.st_size)
-    return list(_read_table(path, tuple(columns.items()), version))
+    return str(path.resolve()), status.st_mtime_ns, status.st_size
+
+
+def bytes_of(path: Path) -> bytes:
+    """Return the content of a file. Raises ValueError if it cannot be read, or is too large."""
+    try:
+        return content_of(path, MAX_BYTES)
+    except OSError as error:
+        raise ValueError(f"{path}: {error.strerror}") from error
+    except ValueError as error:
+        raise ValueError(f"{path}: {error}") from error
 
 
 @lru_cache(maxsize=16)
 def _read_table(
     path: Path,
     columns: tuple[tuple[str, Callable[[str], Any]], ...],
-    version: tuple[str, int, int],
+    version: Version,
 ) -> list[tuple[Any, ...]]:
-    """Read the file at this ``version`` (path, time of change, size)."""
+    """Read the file at this version."""
     try:
-        text = content_of(path, MAX_BYTES).decode("utf-8-sig")
-    except OSError as error:
-        raise ValueError(f"{path}: {error.strerror}") from error
+        text = bytes_of(path).decode("utf-8-sig")
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: it is not UTF-8 text") from error
-    except ValueError as error:
-        raise ValueError(f"{path}: {error}") from error
     try:
         return _rows(path, csv.DictReader(io.StringIO(text, newline=""), strict=True), columns)
     except csv.Error as error:

@@ -11,7 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -41,6 +41,10 @@ LEG_COLUMNS = 5
 STRAY_M, NEAR_M = 1e-4, 1e-3
 """Tolerances in metres: how far rounding may put a user off the map, and how far a leg's end may be
 from the point to which its velocity leads, because its time is in whole microseconds."""
+
+
+Start = Literal["stationary", "home"]
+"""Where users begin: anywhere, as they are in the long run, or at their homes."""
 
 
 class Area(NamedTuple):
@@ -106,9 +110,9 @@ class Walking(Row):
 class RowMobility:
     """A mobility model over rows, which can be compiled.
 
-    A subclass is a frozen dataclass whose fields are numbers. ``remembers`` has the names and types
-    (int or float) of the numbers that a walker has besides its place and velocity; they are 0 at
-    first.
+    A subclass is a frozen dataclass whose fields are numbers or tuples of numbers. ``remembers``
+    has the names and types (int or float) of the numbers that a walker has besides its place and
+    velocity; they are 0 at first. A walker may also have a further random stream (Stream).
     """
 
     remembers: ClassVar[dict[str, type]] = {}
@@ -116,6 +120,14 @@ class RowMobility:
     """Whether all legs are made by ``go_on`` and ``stay``, so that they need not be checked."""
     plain: ClassVar = ("walks",)
     """The methods of which a subclass overrides one if it makes whole tables of legs."""
+
+    def begin(self, walker: Any, user: int, homes: Any, streams: Any, area: Any) -> None:
+        """Put a user where it is at time 0, which is at home if this is not overridden.
+
+        Write ``walker.x_m`` and ``y_m``, and what the model remembers; the user's random stream
+        ``walker.stream`` has begun. ``homes`` has x and y of user u at 2 u and 2 u + 1, and
+        ``streams`` the four words with which its random stream begins, from 4 u on.
+        """
 
     def next_leg(self, walker: Any, stream: Any, area: Any) -> None:
         """Let a user walk its next leg, from where it is at ``walker.t_us``.
@@ -132,12 +144,30 @@ class RowMobility:
         """Draw the walks of one episode, with one random stream per user."""
         return RowWalks(self, homes, streams.states(len(homes)), area, horizon_us).drawn()
 
+    def from_here(self) -> RowMobility:
+        """Return this model as it goes on for users who are at given places ("homes").
+
+        A model that chooses itself where users begin returns one that begins at their homes.
+        """
+        return self
+
     def expected_legs(self, users: int, area: Area, horizon_s: float) -> float:
         """Return an estimate of all users' legs in this time; by default one each ten seconds."""
         return users * (1.0 + horizon_s / 10.0)
 
 
+def from_here(mobility: Any) -> Any:
+    """Return a mobility model as it goes on for users who are at given places ("homes")."""
+    return mobility.from_here() if isinstance(mobility, RowMobility) else mobility
+
+
 # ---- what models do with walkers
+
+
+@rule
+def later(t_us: int, seconds: float) -> int:
+    """Return a time some seconds later, and at least a microsecond."""
+    return t_us + max(int(np.rint(seconds * 1e6)), 1)
 
 
 @rule
@@ -152,10 +182,17 @@ def go_to(walker: Any, x_m: float, y_m: float, speed_mps: float) -> None:
     """Let a user walk straight to a place on the map, at a speed above 0."""
     away_x_m, away_y_m = x_m - walker.x_m, y_m - walker.y_m
     far_m = math.sqrt(away_x_m * away_x_m + away_y_m * away_y_m)
-    lasts_us = max(int(np.rint(far_m / speed_mps * 1e6)), 1)
-    walker.vx_mps, walker.vy_mps = away_x_m / (lasts_us * 1e-6), away_y_m / (lasts_us * 1e-6)
+    go_until(walker, x_m, y_m, later(walker.t_us, far_m / speed_mps))
+
+
+@rule
+def go_until(walker: Any, x_m: float, y_m: float, until_us: int) -> None:
+    """Let a user walk straight to a place on the map, where it arrives at a time."""
+    lasts_us = until_us - walker.t_us
+    walker.vx_mps = (x_m - walker.x_m) / (lasts_us * 1e-6)
+    walker.vy_mps = (y_m - walker.y_m) / (lasts_us * 1e-6)
     walker.x_m, walker.y_m = x_m, y_m
-    walker.t_us += lasts_us
+    walker.t_us = until_us
 
 
 @rule
@@ -211,14 +248,19 @@ def _next_wall(at: float, velocity: float, size: float, most_us: int) -> tuple[f
 # ---- legs of a span of time
 
 
-@rule
-def _begin(walking: Any, homes: Any, streams: Any) -> None:
-    """Put all users at their homes, at time 0."""
-    walking.begun = 1
-    for user in range(len(walking.walkers)):
-        walker = walking.walkers[user]
-        walker.x_m, walker.y_m = homes[2 * user], homes[2 * user + 1]
-        begin_stream(walker.stream, streams, 4 * user)
+def _begin_by(begin: Callable[..., None]) -> Callable[..., None]:
+    """Return a function that puts all users where they are at time 0."""
+
+    def begin_all(mobility: Any, walking: Any, homes: Any, streams: Any) -> None:
+        walking.begun = 1
+        area = Area(walking.width_m, walking.depth_m)
+        for user in range(len(walking.walkers)):
+            walker = walking.walkers[user]
+            walker.x_m, walker.y_m = homes[2 * user], homes[2 * user + 1]
+            begin_stream(walker.stream, streams, 4 * user)
+            begin(mobility, walker, user, homes, streams, area)
+
+    return begin_all
 
 
 def _walk_by(
@@ -318,10 +360,8 @@ floats_at, words_at = entries_at(float), entries_at(int)
 
 def _around(cls: Any, values_at: Any) -> Any:
     """Return the function ``walk`` of a class of models (see ``Function.around``)."""
-    walk_on, walking_at = (
-        ruled(_walk_by(ruled(cls.next_leg), cls.stays_on_map, held, put_back)),
-        pointer_to(walking_of(cls)),
-    )
+    walk_on = ruled(_walk_by(ruled(cls.next_leg), cls.stays_on_map, held, put_back))
+    begin_all, walking_at = ruled(_begin_by(ruled(cls.begin))), pointer_to(walking_of(cls))
     words = remembering(Walker, cls).words
 
     def walk(values: int, at: int, homes: int, streams: int, start_us: int, end_us: int) -> None:
@@ -332,7 +372,8 @@ def _around(cls: Any, values_at: Any) -> Any:
             numbers = as_array(memory, (users * words,))  # which may alias all fields
             for k in range(users * words):
                 numbers[k] = 0
-            _begin(walking, floats_at(homes, 2 * users), words_at(streams, 4 * users))
+            places, states = floats_at(homes, 2 * users), words_at(streams, 4 * users)
+            begin_all(values_at(values), walking, places, states)
         walk_on(values_at(values), walking, start_us, end_us)
 
     return walk
@@ -398,9 +439,10 @@ class RowWalks(Unchanging):
         if made is None:
             walking.legs, walking.legs_at = legs.reshape(-1), offsets
             walking.walkers = Table(blank(own) for _ in self.homes)
-            _begin(walking, self.homes.reshape(-1).tolist(), self.states.reshape(-1).tolist())
-            by_hand = _walk_by(model.next_leg, model.stays_on_map)
-            by_hand(over_rows(self.mobility, ()), walking, 0, self.horizon_us)
+            mobility = over_rows(self.mobility, ())
+            at, words = self.homes.reshape(-1).tolist(), self.states.reshape(-1).tolist()
+            _begin_by(model.begin)(mobility, walking, at, words)
+            _walk_by(model.next_leg, model.stays_on_map)(mobility, walking, 0, self.horizon_us)
             return walking
         for name, array in (("walkers", block[cls.words :]), ("legs", legs), ("legs_at", offsets)):
             attach(block, cls, name, array)

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
-from desim_uav.model.mobility import Area, RandomWalk, Static, Trace
+from desim_uav.model.mobility import Area, RandomWalk, Static
+from desim_uav.model.recorded_walks import Trace
 from desim_uav.model.streams import Purpose, Streams
 
 US = 1_000_000

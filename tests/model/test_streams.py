@@ -7,8 +7,18 @@ from hypothesis import strategies as st
 
 from desim_uav.model.demand import Dynamic, Poisson, Static
 from desim_uav.model.mobility import Area, RandomWalk
+from desim_uav.model.rows import blank
 from desim_uav.model.services import PAPER, catalogue
-from desim_uav.model.streams import Purpose, Streams, next_uniform, next_word
+from desim_uav.model.streams import (
+    Purpose,
+    Stream,
+    Streams,
+    apart,
+    begin_stream,
+    next_uniform,
+    next_word,
+    uniform,
+)
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import loads
 from desim_uav.world import build_world
@@ -50,6 +60,23 @@ class TestNumPys:
         states = Streams(3, Purpose.RESPAWN, 1).states(1)
         raw = numpys(3, 5, 0, 1).bit_generator.random_raw(100)
         assert [int(next_word(states[0])) for _ in range(100)] == raw.tolist()
+
+    def test_a_stream_that_is_turned_apart_says_nothing_of_what_it_was(self):
+        """It is NumPy's SFC64 from the changed state, after twelve words."""
+        states = Streams(3, Purpose.MOBILITY, 1).states(400)
+        stream, pairs = blank(Stream), []
+        for state in states.tolist():
+            begin_stream(stream, state, 0)
+            first = uniform(stream)
+            begin_stream(stream, state, 0)
+            apart(stream)
+            pairs.append((first, uniform(stream)))
+            generator = np.random.SFC64(0)
+            words = np.array([state[0] ^ 0x9E3779B97F4A7C15, *state[1:3], 1], np.uint64)
+            generator.state = {**generator.state, "state": {"state": words}}
+            expected = np.random.Generator(generator).random(13)[-1]
+            assert pairs[-1][1] == expected
+        assert abs(np.corrcoef(np.array(pairs).T)[0, 1]) < 4 / 400**0.5
 
     def test_no_two_streams_are_alike(self):
         first = {

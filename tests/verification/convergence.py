@@ -21,6 +21,7 @@ from desim_uav.model.rules import Action
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
+from tests.reference.energy import Charger, Rotor
 from tests.reference.fixed_step import simulate
 from tests.reference.inputs import US, Inputs, Request, Result
 from tests.reference.scenario import access_points_of, association_of, links_of
@@ -117,6 +118,30 @@ def scenario_of(seed: int) -> dict[str, Any]:
     }
 
 
+def energetic(seed: int) -> dict[str, Any]:
+    """A scenario as that of ``scenario_of``, with a battery whose flights take energy."""
+    mapping, rng = scenario_of(seed), np.random.default_rng([9, seed])
+    battery = mapping["drones"]["battery"]
+    if battery is not None:
+        minutes = battery.pop("autonomy_min")
+        capacity_wh = minutes * Rotor().power_w(0.0, 0.0) / 60
+        battery |= {
+            "kind": "rotary_wing",
+            "capacity_wh": capacity_wh,
+            "climb": bool(rng.random() < 0.7),
+            "electronics_w": float(rng.choice([0.0, 25.0])),
+        }
+        if rng.random() < 0.6:
+            del mapping["stations"]["full_charge_min"]
+            mapping["stations"]["charging"] = {
+                "kind": "cc_cv",
+                "power_w": capacity_wh * 3600 / 90,
+                "taper_from": float(rng.choice([0.5, 0.8])),
+                "full_at": float(rng.choice([0.9, 0.97])),
+            }
+    return mapping
+
+
 def inputs_of(
     mapping: dict[str, Any], world: World, path: SamplePath, ceilings: tuple[bool, ...]
 ) -> Inputs:
@@ -171,7 +196,20 @@ def inputs_of(
         users_height_m=world.homes[:, 2],
         association=association_of(mapping),
         access_points=access_points_of(mapping),
+        **energy_of(mapping),
     )
+
+
+def energy_of(mapping: dict[str, Any]) -> dict[str, Any]:
+    """The rotor and the charger that a scenario's mapping describes, if it has them."""
+    battery, charging = mapping["drones"]["battery"] or {}, mapping["stations"].get("charging")
+    if battery.get("kind") != "rotary_wing":
+        return {}
+    found = {"rotor": Rotor(climbs=battery["climb"], electronics_w=battery["electronics_w"])}
+    if charging is not None:
+        rate = charging["power_w"] / (battery["capacity_wh"] * 3600)
+        found["charger"] = Charger(rate, charging["taper_from"], charging["full_at"])
+    return found
 
 
 def transfers_of(mapping: dict[str, Any], world: World) -> list[bool]:

@@ -19,14 +19,14 @@ FILL = BangCoastBang(timing="fill_epoch").epoch_transit(240.0, 60.0)
 FAST = BangCoastBang(timing="minimum_time").fastest_transit(240.0)
 
 
-def find(transit, route, span_us, users, *, fresh=False, radius=R, room=1000):
+def find(transit, route, span_us, users, *, fresh=False, radius=R, climb=0.0, room=1000):
     """The crossings as (t_us, user, enters); ``users``: a list of legs (t0, x, y, vx, vy) each."""
     legs = np.array([leg for user in users for leg in user], float).reshape(-1, 5)
     offsets = np.cumsum([0, *map(len, users)])
     out = np.full((room, 3), -7, np.int64)
     walking = Users(legs, offsets, np.zeros((SEEN_ROWS, len(users))))
     look_around(walking, *span_us)
-    leg = DroneLeg(transit.profile, tuple(map(float, route)), span_us, radius, fresh)
+    leg = DroneLeg(transit.profile, tuple(map(float, route)), span_us, radius, fresh, climb)
     count = crossings(leg, walking, out)
     return [(int(t), int(u), bool(e)) for t, u, e in out[:count]]
 
@@ -191,14 +191,25 @@ class Survey:
         yield Exact(worst, self.worst_us, 0.0, 1.5, cases=found)
 
 
-def survey(drones: int = 400) -> Survey:
+def random_heading(rng, oblique):
+    """What a metre of flight is along x, y and z: along an axis of the map, or any way."""
+    if not oblique:
+        return np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0)][rng.integers(4)])
+    heading, steep = rng.uniform(0.0, 2 * np.pi), rng.choice([0.0, rng.uniform(-1.5, 1.5)])
+    return np.array(
+        [np.cos(heading) * np.cos(steep), np.sin(heading) * np.cos(steep), np.sin(steep)]
+    )
+
+
+def survey(drones: int = 400, oblique: bool = False) -> Survey:
     """Random legs, accelerating and coasting, past users that walk and stand."""
     rng = np.random.default_rng(20_240)
     result = Survey(pairs=drones * USERS)
     for _ in range(drones):
         transit, flight, span_us = random_flight(rng)
         radius = R if rng.random() < 0.6 else rng.uniform(20.0, 600.0)
-        heading = np.array([(1, 0), (-1, 0), (0, 1), (0, -1)][rng.integers(4)])
+        *heading, climbs = random_heading(rng, oblique)
+        heading = np.array(heading)
         origin = rng.uniform(0.0, 2400.0, 2)
         start_us = int(rng.integers(0, 1800 * US))
         pairs = []
@@ -222,6 +233,7 @@ def survey(drones: int = 400) -> Survey:
                 for pair in pairs
             ],
             radius=radius,
+            climb=climbs * flight.distance,
         )
         for user, pair in enumerate(pairs):
             seen = look(pair)

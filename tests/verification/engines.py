@@ -30,7 +30,7 @@ def figures(quick: bool = False) -> Iterator[Figure]:
     for case in range(1, 10):
         for seed in range(1 if quick else 10):
             world = build_world(load(scenario_path(f"case{case}")), seed)
-            one, other = engines(world, (True,) * world.scenario.drones.count)
+            one, other = engines(world, (True,) * world.scenario.drone_count)
             for episode in range(2):
                 unlike += bool(differences(one, other, seed, episode))
                 episodes += 1

@@ -64,7 +64,7 @@ from desim_uav.model.radio.links import (
     note,
     sign,
 )
-from desim_uav.model.radio.polynomial import Coefficients, sign_changes
+from desim_uav.model.radio.polynomial import Coefficients, sign_changes, square_of
 from desim_uav.model.radio.scene import (
     BAND,
     RADIO,
@@ -410,16 +410,9 @@ def _closer(links: Links) -> float:
 @rule
 def _square(table: NDArray[np.float64], k: int) -> Coefficients:
     """Return the squared distance as a polynomial of the time since the start of the stretch."""
-    px, py, pz = table[k, PX], table[k, PY], table[k, PZ]
-    vx, vy, vz = table[k, VX], table[k, VY], table[k, VZ]
-    ax, ay, az = table[k, AX], table[k, AY], table[k, AZ]
-    return (
-        px * px + py * py + pz * pz,
-        2.0 * (px * vx + py * vy + pz * vz),
-        vx * vx + vy * vy + vz * vz + px * ax + py * ay + pz * az,
-        vx * ax + vy * ay + vz * az,
-        0.25 * (ax * ax + ay * ay + az * az),
-    )
+    at = (table[k, PX], table[k, PY], table[k, PZ])
+    speed = (table[k, VX], table[k, VY], table[k, VZ])
+    return square_of(at, speed, (table[k, AX], table[k, AY], table[k, AZ]))
 
 
 @kernel

@@ -34,7 +34,6 @@ from desim_uav.model.coverage import (
 )
 from desim_uav.model.kernels import kernel, part
 from desim_uav.model.motion import ACCELERATION, DISTANCE, SPEED, START
-from desim_uav.model.radio.circles import wider
 from desim_uav.model.radio.fits import CURVED, STEEP, TERMS
 from desim_uav.model.radio.nested import bounds_of, sift, sifted
 from desim_uav.model.relative import beyond, rounded_us
@@ -113,9 +112,8 @@ def class_changes_between(
         seen[NEAR, user], seen[FAR, user] = bounds_of(stay, seen, user)
     total = 0
     for k in range(sift(users, climb.least_m, climb.most_m, groups, leg.fresh)):
-        user, first = sifted(seen, k)
+        user, first, stop = sifted(seen, k)
         of = user, groups[user]
-        stop = wider(climb.most_m[of[1]], max(seen[NEAR, user], 0.0))
         total = _follow(leg, climb, users, of, (first, stop, windows), out, total)
     return total
 
@@ -188,11 +186,9 @@ def _follow(
     centre_x, centre_y = leg.route[0], leg.route[1]
     before, after = climb.rings_m[0][group], climb.rings_m[1][group]
     x, y = centre_x - users.seen[AT_X, user], centre_y - users.seen[AT_Y, user]
-    now = min(max(wider(before, np.sqrt(x * x + y * y)), first), stop)
+    now = first
     while now < stop and beyond(x, y, before[now]) <= 0.0:
         now += 1
-    while now > first and beyond(x, y, before[now - 1]) > 0.0:
-        now -= 1
     held, latest, noted = now, start_us - 1, 0
     if leg.fresh:
         held, latest, noted = 0, start_us, int(now > 0)

@@ -9,7 +9,6 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.compiled_registers import either
 from desim_uav.model.coverage import (
     AT_X,
     AT_Y,
@@ -21,6 +20,7 @@ from desim_uav.model.coverage import (
     T0_US,
     DroneLeg,
     Users,
+    heading_of,
     leg_near,
     walked,
 )
@@ -64,15 +64,13 @@ def cross_rings(
     those of ``cross`` for each circle alone, and crossings in the same microsecond are one change,
     or cancel.
     """
-    profile, legs = leg.profile, users.legs
+    profile, legs, heading = leg.profile, users.legs, heading_of(leg)
     start_us, end_us = leg.span_us
     duration = (end_us - start_us) * 1e-6
     x, y = leg.route[0] - users.seen[AT_X, user], leg.route[1] - users.seen[AT_Y, user]
-    now = min(max(wider(radii, np.sqrt(x * x + y * y)), first), stop)
+    now = first
     while now < stop and beyond(x, y, radii[now]) <= 0.0:
         now += 1
-    while now > first and beyond(x, y, radii[now - 1]) > 0.0:
-        now -= 1
     held, latest, noted = now, start_us - 1, 0
     bounded = len(profile) > MOST_REST
     if leg.fresh:
@@ -98,7 +96,7 @@ def cross_rings(
             end = min(end, profile[phase + 1, START])
         if walk + 1 < end_walk:
             end = min(end, (legs[walk + 1, T0_US] - start_us) * 1e-6)
-        piece = relative_to(leg, legs, phase, walk, at)
+        piece = relative_to(leg, heading, legs, phase, walk, at)
         moved, apart = moved_by(piece, end - at)
         stays_in = now == first or is_within(radii[now - 1], moved, apart)
         if stays_in and (now == stop or is_beyond(radii[now], moved, apart)):
@@ -147,20 +145,6 @@ def cross_rings(
             before = after
         at = end
     return total
-
-
-@part
-def wider(radii_m: NDArray[np.float64], distance_m: float) -> int:
-    """Return how many circles, the widest first, are wider than a distance.
-
-    The code has no branches, which could not be predicted.
-    """
-    first, count = 0, len(radii_m)
-    while count > 1:
-        half = count >> 1
-        first = either(radii_m[first + half - 1] > distance_m, first + half, first)
-        count -= half
-    return first + int(radii_m[first] > distance_m)
 
 
 @part

@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.compiled_registers import either
 from desim_uav.model.coverage import (
     AT_X,
     AT_Y,
@@ -31,7 +32,7 @@ from desim_uav.model.coverage import (
 )
 from desim_uav.model.crossings import crossings
 from desim_uav.model.kernels import kernel, part
-from desim_uav.model.radio.circles import MOST_REST, cross_rings, wider
+from desim_uav.model.radio.circles import MOST_REST, cross_rings
 from desim_uav.model.relative import ENTERS
 
 CHANGE = ENTERS
@@ -65,7 +66,7 @@ def class_changes(
     are those of ``crossings``. If ``out`` is too short, the number is larger than its length, and
     with that many rows it is long enough.
     """
-    flight, stay = ways_of(DroneLeg(leg.profile, leg.route, leg.span_us, 0.0, leg.fresh))
+    flight, stay = ways_of(DroneLeg(leg.profile, leg.route, leg.span_us, 0.0, leg.fresh, 0.0))
     seen = users.seen
     for user in range(len(users.offsets) - 1):  # a loop of its own, so that it can be vectorised
         seen[NEAR, user], seen[FAR, user] = bounds_of(flight, seen, user)
@@ -82,8 +83,7 @@ def class_changes(
             seen[STOP_NEAR, user], seen[STOP_FAR, user] = bounds_of(halt, seen, user)
     total = 0
     for k in range(sift(users, radii_m, radii_m, groups, leg.fresh)):
-        user, first = sifted(seen, k)
-        stop = wider(radii_m[groups[user]], max(seen[NEAR, user], 0.0))
+        user, first, stop = sifted(seen, k)
         total = cross_rings(leg, users, user, radii_m[groups[user]], first, stop, out, total)
     return total
 
@@ -126,18 +126,34 @@ def sift(
         user = int(seen[SIFTED, k])
         least, most = least_m[groups[user]], most_m[groups[user]]
         first = 0 if fresh else wider(least, seen[FAR, user])
-        nearest = max(seen[NEAR, user], 0.0)
-        crosses = (first < len(most)) & (most[min(first, len(most) - 1)] > nearest)
-        seen[SIFTED, kept] = user * (CIRCLES + 0.0) + first
-        kept += int(crosses)
+        stop = wider(most, max(seen[NEAR, user], 0.0))
+        seen[SIFTED, kept] = (user * (CIRCLES + 0.0) + first) * CIRCLES + stop
+        kept += int(first < stop)
     return kept
 
 
 @part
-def sifted(seen: NDArray[np.float64], k: int) -> tuple[int, int]:
-    """Return the k-th user found by ``sift``, and the first circle that the user may cross."""
+def wider(radii_m: NDArray[np.float64], distance_m: float) -> int:
+    """Return how many circles, the widest first, are wider than a distance.
+
+    The code has no branches, which could not be predicted.
+    """
+    first, count = 0, len(radii_m)
+    while count > 1:
+        half = count >> 1
+        first = either(radii_m[first + half - 1] > distance_m, first + half, first)
+        count -= half
+    return first + int(radii_m[first] > distance_m)
+
+
+@part
+def sifted(seen: NDArray[np.float64], k: int) -> tuple[int, int, int]:
+    """Return the k-th user found by ``sift``, and the circles that the user may cross.
+
+    These are the number of the first one and of the one after the last one.
+    """
     code = int(seen[SIFTED, k])
-    return code // CIRCLES, code % CIRCLES
+    return code // CIRCLES**2, code // CIRCLES % CIRCLES, code % CIRCLES
 
 
 @part

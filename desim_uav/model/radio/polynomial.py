@@ -16,7 +16,22 @@ Coefficients = tuple[float, float, float, float, float]
 
 Points = tuple[float, float, float, float]
 
+Vector = tuple[float, float, float]
+
 NOTHING: Points = (np.inf, np.inf, np.inf, np.inf)
+
+
+@part
+def square_of(at: Vector, speed: Vector, pull: Vector) -> Coefficients:
+    """Return the squared length of ``at`` + t ``speed`` + t² ``pull`` / 2 as a polynomial of t."""
+    (px, py, pz), (vx, vy, vz), (ax, ay, az) = at, speed, pull
+    return (
+        px * px + py * py + pz * pz,
+        2.0 * (px * vx + py * vy + pz * vz),
+        vx * vx + vy * vy + vz * vz + px * ax + py * ay + pz * az,
+        vx * ax + vy * ay + vz * az,
+        0.25 * (ax * ax + ay * ay + az * az),
+    )
 
 
 @kernel

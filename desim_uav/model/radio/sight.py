@@ -84,7 +84,6 @@ def prisms(
     The map begins at (0, 0). Raises ValueError for a footprint that is not convex and
     counterclockwise, or that reaches off the map.
     """
-    buckets: list[list[int]] = [[] for _ in range(shape[0] * shape[1])]
     for number, corners in enumerate(footprints_m):
         ahead = np.roll(corners, -1, axis=0) - corners
         beyond = np.roll(ahead, -1, axis=0)
@@ -93,19 +92,39 @@ def prisms(
         low, high = corners.min(axis=0) / side_m, corners.max(axis=0) / side_m
         if (low < -1e-9).any() or (high > np.array(shape) + 1e-9).any():
             raise ValueError(f"footprint {number} reaches off the map")
-        for ix in range(max(int(low[0]), 0), min(int(np.ceil(high[0])), shape[0])):
-            for iy in range(max(int(low[1]), 0), min(int(np.ceil(high[1])), shape[1])):
-                buckets[ix * shape[1] + iy].append(number)
     return Buildings(
         np.concatenate([np.zeros((0, 2)), *footprints_m]),
         np.cumsum([0, *map(len, footprints_m)]),
         np.array(roofs_m, float),
         shape,
         side_m,
-        np.cumsum([0, *map(len, buckets)]),
-        np.array([number for bucket in buckets for number in bucket], np.int64),
+        *bucketed(footprints_m, shape, side_m),
         max(roofs_m, default=0.0),
     )
+
+
+def bucketed(
+    footprints_m: Sequence[NDArray[np.float64]],
+    shape: tuple[int, int],
+    side_m: tuple[float, float],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the ``heads`` and the ``members`` of buckets that footprints reach into.
+
+    What is off the map belongs to the nearest buckets.
+    """
+    buckets: list[list[int]] = [[] for _ in range(shape[0] * shape[1])]
+    for number, corners in enumerate(footprints_m):
+        (west, south), (east, north) = corners.min(axis=0) / side_m, corners.max(axis=0) / side_m
+        for ix in _reached(west, east, shape[0]):
+            for iy in _reached(south, north, shape[1]):
+                buckets[ix * shape[1] + iy].append(number)
+    members = [number for bucket in buckets for number in bucket]
+    return np.cumsum([0, *map(len, buckets)]), np.array(members, np.int64)
+
+
+def _reached(low: float, high: float, count: int) -> range:
+    """Return the buckets, of ``count`` along an axis, in which a range of them has its places."""
+    return range(min(max(int(low), 0), count - 1), max(min(int(np.ceil(high)), count), 1))
 
 
 def cells_as_prisms(height_m: NDArray[np.float64], side_m: tuple[float, float]) -> Buildings:

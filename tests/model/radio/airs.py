@@ -155,15 +155,18 @@ def offsets(parts):
     return np.cumsum([0, *map(len, parts)])
 
 
-def random_sky(rng, drones, users, alike=None):
-    """Drones on oblique, level and vertical legs or at rest around users who walk."""
+def random_sky(rng, drones, users, oblique=False):
+    """Drones on oblique, level and vertical legs or at rest around users who walk.
+
+    If ``oblique``, no drone is at rest or flies straight up.
+    """
     span_s = round(rng.uniform(5.0, 70.0), 6)
     legs = []
     for _ in range(drones):
         start = np.array([*rng.uniform(-600.0, 600.0, 2), rng.uniform(25.0, 200.0)])
         stop = start + rng.uniform(-1.0, 1.0, 3) * (250.0, 250.0, 100.0)
         stop[2] = max(stop[2], 20.0)
-        kind = rng.random()
+        kind = rng.choice([0.1, 0.5]) if oblique else rng.random()
         if kind < 0.2:
             stop[2] = start[2]
         elif kind < 0.4:

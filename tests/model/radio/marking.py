@@ -172,8 +172,11 @@ def kept_chance(a, b):
     return compiled_chance(AlHourani(a=a, b=b, eta_los_db=1.0, eta_nlos_db=20.0))
 
 
-def random_street(rng, users=2, kind=DRAWN):
-    """A drone on an oblique, level or vertical leg over cells, or at rest, and walking users."""
+def random_street(rng, users=2, kind=DRAWN, oblique=False):
+    """A drone on an oblique, level or vertical leg over cells, or at rest, and walking users.
+
+    If ``oblique``, it does not fly along an axis and is not at rest.
+    """
     span_s = round(rng.uniform(5.0, 70.0), 6)
     cells = tuple(rng.integers(1, 13, 2).tolist())
     cell_m = tuple(rng.uniform(15.0, 100.0, 2).tolist())
@@ -181,7 +184,7 @@ def random_street(rng, users=2, kind=DRAWN):
     start = np.array([*rng.uniform(-0.1, 1.1, 2) * size, rng.uniform(25.0, 200.0)])
     stop = start + rng.uniform(-1.0, 1.0, 3) * (500.0, 500.0, 100.0)
     stop[2] = max(stop[2], 20.0)
-    choice = rng.random()
+    choice = rng.choice([0.3, 0.7]) if oblique else rng.random()
     if choice < 0.4:
         stop[2] = start[2]
         if choice < 0.2:

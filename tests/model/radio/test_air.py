@@ -253,11 +253,11 @@ def test_a_path_loss_of_ones_own():
     check(seen, 2)
 
 
-def survey_classes(count, seed):
+def survey_classes(count, seed, oblique=False):
     """Random drones and users, held against the sampler."""
     rng, seen = np.random.default_rng(seed), Seen()
     for number in range(count):
-        sky = random_sky(rng, 1 + number % 4, 2)
+        sky = random_sky(rng, 1 + number % 4, 2, oblique)
         times = np.linspace(0.0, sky.span_s, 200)
         values = np.concatenate([sky.ratio_db(0, user, times) for user in range(2)])
         low, high = values.min() - 0.5, values.max() + 0.5
@@ -274,10 +274,10 @@ def survey_classes(count, seed):
     return seen
 
 
-def survey_pairs(count, seed):
+def survey_pairs(count, seed, oblique=False):
     rng, seen = np.random.default_rng(seed), Seen()
     for number in range(count):
-        sky = random_sky(rng, 2, 1)
+        sky = random_sky(rng, 2, 1, oblique)
         at = rng.uniform(0.0, sky.span_s - 0.1)
         passes, soon = sky.gain_db(0, 1, 0, [at, at + 0.1])
         threshold = float(passes) + (abs(soon - passes) < 1e-6)  # then hardly anything moves

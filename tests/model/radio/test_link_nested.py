@@ -22,7 +22,8 @@ def changes(leg, walking, radii, span_s, *, fresh=True, room=500):
     )
     look_around(users, *span)
     route = (*leg.route[:2], *leg.route[3:5])
-    drone, out = DroneLeg(leg.profile, route, span, -1.0, fresh), np.full((room, 3), -7)
+    climb = leg.route[5] - leg.route[2]
+    drone, out = DroneLeg(leg.profile, route, span, -1.0, fresh, climb), np.full((room, 3), -7)
     count = class_changes(drone, users, np.array(radii, float), np.arange(len(walking)), out)
     plain = [(t, u, abs(c)) for t, u, c in out[:count].tolist()] if count <= room else count
     return plain, drone, users
@@ -88,13 +89,16 @@ class TestByHand:
             assert changes(REST_LEG, walking, radii, 300.0, room=count)[0] == whole
 
 
-def survey(count, seed):
-    """Random users of level legs, each with 14 circles, held against the sampler."""
+def survey(count, seed, oblique=False):
+    """Random users of legs, each with 14 circles, held against the sampler."""
     rng, seen = np.random.default_rng(seed), Seen()
     for number in range(count):
         span_s = round(rng.uniform(5.0, 70.0), 6)
         start = np.array([*rng.uniform(-400.0, 400.0, 2), 100.0])
         ahead = np.eye(3)[rng.integers(2)] * rng.choice([-1.0, 1.0])
+        if oblique:
+            ahead = rng.normal(size=3) * (1.0, 1.0, rng.choice([0.0, 0.5]))
+            ahead /= np.linalg.norm(ahead)
         stop = start + ahead * rng.uniform(5.0, 400.0)
         leg = hovering(start) if rng.random() < 0.2 else flying(rng, start, stop, span_s)
         if leg.before_us:

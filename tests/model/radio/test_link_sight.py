@@ -112,7 +112,7 @@ def sight_of(leg, walk, height_m, buildings, span, held=-1, stretches=500):
     return rows_of(out, count) if count >= 0 else count
 
 
-def survey(maps, seed):
+def survey(maps, seed, oblique=False):
     rng, seen = np.random.default_rng(seed), Seen()
     for number in range(maps):
         make = random_cells if number % 2 else random_polygons
@@ -124,7 +124,8 @@ def survey(maps, seed):
         start[2], stop[2] = rng.uniform(0.2 * top, 1.2 * top, 2)
         if rng.random() < 0.5:
             stop[2] = start[2] = top * rng.uniform(1.0, 1.3)
-        leg = hovering(start) if rng.random() < 0.25 else flying(rng, start, stop, span_s)
+        rests = rng.random() < 0.25 and not oblique
+        leg = hovering(start) if rests else flying(rng, start, stop, span_s)
         walk = moving(rng, span_s, 5, speed=20.0)
         scale, middle = np.array(size) / 750.0, np.array(size) / 2.0
         walk = Walk(walk.times, walk.points * scale + middle, walk.velocities * scale)

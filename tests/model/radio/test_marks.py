@@ -18,10 +18,10 @@ from tests.model.radio.test_link_sight import Caster, random_cells
 from tests.model.sampler import Walk
 
 
-def survey(streets, seed):
+def survey(streets, seed, oblique=False):
     rng, seen = np.random.default_rng(seed), Seen()
     for number in range(streets):
-        street = random_street(rng)
+        street = random_street(rng, oblique=oblique)
         for user, rows in enumerate(street.marks()):
             check_form(rows, street.span_s)
             seen.add(rows[1:], *street.hold(user, rows), (number, user))

@@ -1,0 +1,51 @@
+"""Decisions: when drones are asked what to do next."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Annotated, ClassVar, Protocol
+
+from annotated_types import Ge, Le
+
+from desim_uav.model.kernels import kernel
+from desim_uav.registry import register
+
+
+class Decisions(Protocol):
+    """When drones are asked, as the scenario's component ``decisions``.
+
+    ``by_event``: a drone is asked when it is free, and hovers for at most ``patience_s`` seconds.
+    If not, all drones are asked together at the end of each step.
+    """
+
+    by_event: bool
+    patience_s: float
+
+
+@register("decisions", "clock")
+@dataclass(frozen=True)
+class ByClock:
+    """All drones are asked at the end of each step, as in the paper."""
+
+    by_event: ClassVar[bool] = False
+    patience_s: ClassVar[float] = 0.0
+
+
+@register("decisions", "event")
+@dataclass(frozen=True)
+class ByEvent:
+    """Each drone is asked when it is free: it has arrived, is charged, or has hovered for a time.
+
+    A drone that replaces a crashed one is asked when it appears.
+    """
+
+    patience_s: Annotated[float, Ge(1), Le(86_400)] = 60.0
+    """How long a drone hovers until it is asked again, in seconds."""
+
+    by_event: ClassVar[bool] = True
+
+
+@kernel
+def discount_of(gamma: float, share: float) -> float:
+    """Return the discount of the time between two decision epochs, a share of a step."""
+    return float(gamma**share)

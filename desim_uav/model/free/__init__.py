@@ -1,0 +1,1 @@
+"""Free flight: straight legs of any direction, wind, obstacles, ways round them, separation."""

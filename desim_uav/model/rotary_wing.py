@@ -1,0 +1,194 @@
+"""The battery of a rotary-wing drone, whose flights take energy by their speeds and climbs.
+
+The battery is measured in microjoules: where other batteries have microseconds of autonomy, names
+such as ``battery_us`` stand for microjoules here.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import Annotated, Any, Literal
+
+from annotated_types import Ge, Gt, Le
+
+from desim_uav.model.battery import MOST_UJ, WH_UJ, RowEnergy, time_of_hover_problems
+from desim_uav.model.kernels import rule
+from desim_uav.model.motion import Motion
+from desim_uav.model.propulsion.rotary_wing import (
+    ROTORS,
+    BestSpeeds,
+    Powers,
+    Rotor,
+    best_speeds,
+    power_w,
+    powers_of,
+    speeding_j,
+)
+from desim_uav.model.rules import US
+from desim_uav.registry import NameOr, register
+
+
+@register("battery", "rotary_wing")
+@dataclass(frozen=True)
+class RotaryWing(RowEnergy):
+    """Drains the energy that a rotary wing takes (Zeng, Xu and Zhang 2019).
+
+    The energy of each leg is exact: it is integrated over its speeds in closed form. A battery that
+    hovers for half an hour by the paper's parameters holds 84.242 Wh.
+    """
+
+    capacity_wh: Annotated[float, Ge(1e-3), Le(1e4)] = 84.242
+    """What a full battery holds, in watt-hours."""
+    parameters: Annotated[
+        Any, NameOr(tuple(ROTORS), Rotor, "a mapping with all parameters of a rotor")
+    ] = "zeng2019"
+    """The rotor: `zeng2019` are the parameters of the paper's Table I, `zeng2018` those of its
+    first version; or a mapping with `weight_n`, `air_density_kg_m3`, `rotor_radius_m`,
+    `disc_area_m2`, `blade_speed_rad_s`, `tip_speed_mps`, `solidity`, `profile_drag`,
+    `fuselage_drag`, `induced_factor` and `induced_speed_mps`.
+    """
+    climb: bool = True
+    """Whether a climb takes, beside the power of a hover, the weight times the height. A descent
+    takes the power of a hover.
+    """
+    electronics_w: Annotated[float, Ge(0), Le(1e5)] = 0.0
+    """What radio, processor and other electronics take in the air all the time, in watts."""
+    return_below: Annotated[float, Gt(0), Le(1)] = 0.2
+    """`goto_charging_station` is allowed at or below this share of the capacity."""
+    on_crash: Literal["respawn", "remove", "end_episode"] = "respawn"
+    """What happens after a crash: the drone is replaced (`respawn`), stays away (`remove`), or
+    the episode ends (`end_episode`).
+    """
+    respawn_after_min: Annotated[float, Ge(0)] = 10.0
+    """How many minutes after a crash the drone is replaced, at the next decision epoch."""
+
+    autonomy_min: float = field(init=False, repr=False, default=0.0)
+    """How long a full battery lasts in a hover, in minutes."""
+    capacity_uj: int = field(init=False, repr=False, default=0)
+    hover_uw: int = field(init=False, repr=False, default=0)
+    hover_w: float = field(init=False, repr=False, default=0.0)
+    lifts_n: float = field(init=False, repr=False, default=0.0)
+    blade_w: float = field(init=False, repr=False, default=0.0)
+    induced_w: float = field(init=False, repr=False, default=0.0)
+    drag_w: float = field(init=False, repr=False, default=0.0)
+    tip_mps: float = field(init=False, repr=False, default=0.0)
+    flow_mps: float = field(init=False, repr=False, default=0.0)
+
+    def __post_init__(self) -> None:
+        """Set the numbers that follow from the parameters."""
+        rotor = self.rotor
+        powers = powers_of(rotor)
+        hover_w = power_w(powers, 0.0) + self.electronics_w
+        capacity_uj = round(self.capacity_wh * WH_UJ)
+        follows = powers._asdict() | {
+            "lifts_n": float(rotor.weight_n) if self.climb else 0.0,
+            "hover_w": hover_w,
+            "hover_uw": max(1, round(hover_w * US)),
+            "capacity_uj": capacity_uj,
+            "autonomy_min": capacity_uj / (hover_w * 60 * US),
+        }
+        for name, value in follows.items():
+            object.__setattr__(self, name, value)
+
+    @property
+    def rotor(self) -> Rotor:
+        """The parameters of the rotor."""
+        named: Rotor = ROTORS.get(self.parameters, self.parameters)
+        return named
+
+    @property
+    def powers(self) -> Powers:
+        """The coefficients of the power of level flight, without the electronics."""
+        return powers_of(self.rotor)
+
+    def level_w(self, speed_mps: float) -> float:
+        """Return the power in level flight at a constant speed, in watts."""
+        return float(power_w(self.powers, speed_mps) + self.electronics_w)
+
+    def best_speeds(self) -> BestSpeeds:
+        """Return the speeds of the longest flight in time, and of the longest in distance."""
+        return best_speeds(self.powers, self.electronics_w)
+
+    def drains(self, flight: Any, elapsed_us: int) -> int:
+        """Return the energy used in µJ, rounded down."""
+        return used_uj(self, flight, elapsed_us)
+
+    def lasts(self, flight: Any, battery_us: int) -> int:
+        """Return the time until the energy used reaches the battery, rounded up to a microsecond.
+
+        The energy rises with time, so that the microsecond is found by halving an interval. The
+        time of a hover, which may be the rest after a flight, follows from a division.
+        """
+        duration_us = int(flight.duration_us)
+        used = used_uj(self, flight, duration_us)
+        if used < battery_us:
+            lasts_us = duration_us + int((battery_us - used) / self.hover_w)
+            while used_uj(self, flight, lasts_us) < battery_us:
+                lasts_us += 1
+            while used_uj(self, flight, lasts_us - 1) >= battery_us:
+                lasts_us -= 1
+            return lasts_us
+        least_us, most_us = -1, duration_us
+        while most_us - least_us > 1:
+            middle_us = (least_us + most_us) // 2
+            if used_uj(self, flight, middle_us) < battery_us:
+                least_us = middle_us
+            else:
+                most_us = middle_us
+        return most_us
+
+    def problems(self, motion: Motion, step_s: float) -> list[str]:
+        """Return why the battery would not last for a time that can be counted."""
+        return time_of_hover_problems(self.capacity_wh, self.hover_w, self.autonomy_min)
+
+
+@rule
+def used_uj(own: Any, flight: Any, elapsed_us: int) -> int:
+    """Return the energy of the first ``elapsed_us`` of a flight in µJ, rounded down.
+
+    It is at most ``MOST_UJ``, which is more than any battery holds.
+    """
+    return int(min(energy_j(own, flight, elapsed_us) * 1e6, MOST_UJ))
+
+
+@rule
+def energy_j(own: Any, flight: Any, elapsed_us: int) -> float:
+    """Return the energy of the first ``elapsed_us`` of a flight or of a hover, in joules.
+
+    ``flight.rises`` is the sine of the angle at which it climbs: 0 in level flight, 1 straight up.
+    """
+    elapsed_s = elapsed_us / US
+    if flight.distance_m == 0.0:
+        return float(own.hover_w * elapsed_s)
+    pieces, energy, flown_m = flight.pieces, 0.0, 0.0
+    level = math.sqrt(1.0 - flight.rises * flight.rises)
+    for k in range(len(pieces)):
+        piece = pieces[k]
+        passes_s = elapsed_s - piece.start_s
+        if passes_s <= 0.0:
+            break
+        if k + 1 < len(pieces):
+            passes_s = min(passes_s, pieces[k + 1].start_s - piece.start_s)
+        flown_m = piece.from_m + (
+            piece.speed_mps * passes_s + 0.5 * piece.acceleration_mps2 * passes_s * passes_s
+        )
+        energy += piece_j(own, piece, level, passes_s)
+    if flight.rises > 0.0:
+        energy += own.lifts_n * flight.rises * flown_m
+    return energy
+
+
+@rule
+def piece_j(own: Any, piece: Any, level: float, passes_s: float) -> float:
+    """Return the energy of the beginning of a piece of a flight, without that of climbing.
+
+    ``level`` is the horizontal part of its speed, as a share.
+    """
+    electronics_j = (own.hover_w - own.blade_w - own.induced_w) * passes_s
+    acceleration, speed = level * piece.acceleration_mps2, level * piece.speed_mps
+    if acceleration == 0.0:
+        return float(power_w(own, speed) * passes_s + electronics_j)
+    reached = max(0.0, speed + acceleration * passes_s)
+    drag_j = (speeding_j(own, reached) - speeding_j(own, speed)) / acceleration
+    return float(drag_j + electronics_j)

@@ -1,0 +1,116 @@
+"""Reads measured walks from the floating car data (FCD) that the traffic simulator SUMO writes.
+
+The file is XML: ``<timestep time="0.00"><vehicle id="a" x="1.0" y="2.0" …/></timestep>``, with
+``<person …/>`` for pedestrians. Document types and entities are refused, so a file can neither name
+another one nor grow while it is read.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from functools import lru_cache
+from pathlib import Path
+from typing import Any, NamedTuple
+from xml.parsers import expat
+
+from desim_uav.model.traces import Version, bytes_of, quantity, version_of
+
+ROOT, STEP, MOVERS = "fcd-export", "timestep", ("vehicle", "person")
+
+_TAG = re.compile(rb"\s*<")
+
+
+class WayPoint(NamedTuple):
+    """Where somebody is at a time, and the line of the file that says so."""
+
+    mover: str
+    t_s: float
+    x_m: float
+    y_m: float
+    line: int
+
+
+def looks_like_xml(path: Path) -> bool:
+    """Return whether a file begins as XML does. Raises ValueError if it cannot be read."""
+    return _looks_like_xml(path, version_of(path))
+
+
+@lru_cache(maxsize=16)
+def _looks_like_xml(path: Path, version: Version) -> bool:
+    return _TAG.match(bytes_of(path).removeprefix(b"\xef\xbb\xbf")) is not None
+
+
+def read_fcd(path: Path) -> list[WayPoint]:
+    """Return the way points of an FCD file, in its order. Raises ValueError with file and line."""
+    return list(_read_fcd(path, version_of(path)))
+
+
+@lru_cache(maxsize=16)
+def _read_fcd(path: Path, version: Version) -> list[WayPoint]:
+    reader = _Reader(path)
+    parser = expat.ParserCreate()
+    reader.parser = parser
+    parser.StartDoctypeDeclHandler = reader.refuse
+    parser.EntityDeclHandler = reader.refuse
+    parser.StartElementHandler = reader.begin
+    parser.EndElementHandler = reader.end
+    try:
+        parser.Parse(bytes_of(path), True)
+    except expat.ExpatError as error:
+        why = expat.ErrorString(error.code)
+        raise ValueError(f"{path}:{error.lineno}: it is not well-formed XML: {why}") from error
+    return reader.found
+
+
+class _Reader:
+    """Collects way points while an FCD file is parsed."""
+
+    parser: Any
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.found: list[WayPoint] = []
+        self.open: list[str] = []
+        self.t_s = 0.0
+
+    def refuse(self, *_: Any) -> None:
+        """Raise ValueError for a document type or an entity."""
+        raise self._error("a document type or entity is not allowed")
+
+    def begin(self, tag: str, attributes: Mapping[str, str]) -> None:
+        """Begin an element: a time step, or somebody in one."""
+        if not self.open and tag != ROOT:
+            raise self._error(f"<{tag}>: expected <{ROOT}>, as SUMO's option --fcd-output writes")
+        if tag == STEP:
+            self.t_s = self._number(tag, attributes, "time")
+        elif tag in MOVERS:
+            if self.open[-1:] != [STEP]:
+                raise self._error(f"<{tag}>: expected within <{STEP}>")
+            x_m, y_m = (self._number(tag, attributes, name) for name in ("x", "y"))
+            mover = f"{tag} {self._text(tag, attributes, 'id')!r}"
+            self.found.append(WayPoint(mover, self.t_s, x_m, y_m, self._line))
+        self.open.append(tag)
+
+    def end(self, tag: str) -> None:
+        """End an element."""
+        self.open.pop()
+
+    @property
+    def _line(self) -> int:
+        return int(self.parser.CurrentLineNumber)
+
+    def _text(self, tag: str, attributes: Mapping[str, str], name: str) -> str:
+        if name not in attributes:
+            raise self._error(f"<{tag}> has no attribute {name!r}")
+        return attributes[name]
+
+    def _number(self, tag: str, attributes: Mapping[str, str], name: str) -> float:
+        text = self._text(tag, attributes, name)
+        try:
+            return quantity(text)
+        except ValueError as error:
+            raise self._error(f"{name}: {text!r}: {error}") from error
+
+    def _error(self, problem: str) -> ValueError:
+        return ValueError(f"{self.path}:{self._line}: {problem}")
