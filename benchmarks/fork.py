@@ -39,7 +39,7 @@ def measured_us(call: Callable[[], object], per: int, least_s: float = 0.02) -> 
 
 def begun(name: str, world: World) -> BatchSimulation:
     """An engine in the middle of an episode, in which the drones hover."""
-    drones, steps = world.scenario.drones.count, world.scenario.episode.steps
+    drones, steps = world.scenario.drone_count, world.scenario.episode.steps
     settings = RunSettings((True,) * drones, carry_over=True, keep_steps=False)
     engine = make_engine(name, world, settings)
     engine.reset(draw(world, 0, 0))

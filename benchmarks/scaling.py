@@ -161,7 +161,7 @@ def scenario_of(drones: int, users: int) -> Scenario:
 
 def rehearse(world: World, path: SamplePath) -> tuple[Commands, int]:
     """The commands of an episode, each any that is allowed, and its crossings."""
-    ceilings = (True,) * world.scenario.drones.count
+    ceilings = (True,) * world.scenario.drone_count
     engine = Simulation(world, RunSettings(ceilings, False, keep_events=True))
     rng = np.random.default_rng(path.episode)
     told: list[list[int]] = []

@@ -10,6 +10,14 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 if TYPE_CHECKING:
+    from desim_uav.api.bench import (
+        Leaderboard,
+        Submitted,
+        bench_board,
+        bench_list,
+        bench_run,
+        bench_verify,
+    )
     from desim_uav.api.compare import Comparison, compare, compare_runs
     from desim_uav.api.fork import Counterfactual, counterfactual
     from desim_uav.api.pictures import film, plot, write_replay, write_report
@@ -46,6 +54,7 @@ _PUBLIC = {
     "DesimError": "desim_uav.errors",
     "DesimWarning": "desim_uav.errors",
     "Interrupted": "desim_uav.errors",
+    "Leaderboard": "desim_uav.api.bench",
     "Policy": "desim_uav.policies",
     "Replay": "desim_uav.api.replay",
     "RunResult": "desim_uav.api.run",
@@ -55,6 +64,7 @@ _PUBLIC = {
     "SkipForced": "desim_uav.env",
     "SkipForcedParallel": "desim_uav.env",
     "StopTraining": "desim_uav.api.train",
+    "Submitted": "desim_uav.api.bench",
     "TensorBoardCallback": "desim_uav.api.tensorboard",
     "TrainingProgress": "desim_uav.api.train",
     "TrainingResult": "desim_uav.api.train",
@@ -65,6 +75,10 @@ _PUBLIC = {
     "UavVecEnv": "desim_uav.env",
     "UavVectorEnv": "desim_uav.env",
     "World": "desim_uav.world",
+    "bench_board": "desim_uav.api.bench",
+    "bench_list": "desim_uav.api.bench",
+    "bench_run": "desim_uav.api.bench",
+    "bench_verify": "desim_uav.api.bench",
     "build_world": "desim_uav.world",
     "compare": "desim_uav.api.compare",
     "compare_runs": "desim_uav.api.compare",
@@ -93,6 +107,7 @@ __all__ = [
     "DesimError",
     "DesimWarning",
     "Interrupted",
+    "Leaderboard",
     "Policy",
     "Replay",
     "RunResult",
@@ -102,6 +117,7 @@ __all__ = [
     "SkipForced",
     "SkipForcedParallel",
     "StopTraining",
+    "Submitted",
     "TensorBoardCallback",
     "TrainingProgress",
     "TrainingResult",
@@ -113,6 +129,10 @@ __all__ = [
     "UavVectorEnv",
     "World",
     "__version__",
+    "bench_board",
+    "bench_list",
+    "bench_run",
+    "bench_verify",
     "build_world",
     "compare",
     "compare_runs",

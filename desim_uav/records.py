@@ -22,12 +22,14 @@ class Columns(dict[str, str]):
     the columns that only tables of some scenarios have, after the others.
     """
 
-    def __init__(self, about: str, more: Columns | None = None, **columns: tuple[str, str]) -> None:
+    def __init__(self, about: str, *more: Columns, **columns: tuple[str, str]) -> None:
         super().__init__((name, dtype) for name, (dtype, _) in columns.items())
         self.about = about
         self.meanings = {name: meaning for name, (_, meaning) in columns.items()}
-        self.more: dict[str, str] = {} if more is None else more
-        self.meanings |= {} if more is None else more.meanings
+        self.more: dict[str, str] = {}
+        for others in more:
+            self.more |= others
+            self.meanings |= others.meanings
 
     def among(self, names: Iterable[str]) -> dict[str, str]:
         """Return the columns of a table that has these names: all but those that it lacks."""
@@ -95,8 +97,16 @@ REQUESTS = Columns(
 )
 """The columns of requests. QoE3 of active users follows from ``attached_s``."""
 
+STORED = Columns(
+    "If batteries are measured in Wh:",
+    battery_wh=(FLOAT, "What its battery holds, in Wh. Null if batteries are not measured in Wh."),
+    n_b_wh=(FLOAT, "`n_b_s` in Wh. Null as above, or if there is no way."),
+    energy_wh=(FLOAT, "What the drone has used in this step, in Wh. Null as above."),
+)
+
 STEPS = Columns(
     "One row per step and drone: the state at the end of the step, before the next command.",
+    STORED,
     episode=_EPISODE,
     step=(INT, "The number of the step in its episode, from 0."),
     t_s=(FLOAT, "The time of the end of the step."),
@@ -104,7 +114,11 @@ STEPS = Columns(
     x_m=(FLOAT, "The true position of the drone to the east, in metres."),
     y_m=(FLOAT, "The true position of the drone to the north, in metres."),
     z_m=(FLOAT, "The altitude of the drone, in metres. 0 if it has crashed."),
-    battery_s=(FLOAT, "Seconds of flight that its battery holds. Null if batteries are unlimited."),
+    battery_s=(
+        FLOAT,
+        "Seconds of flight that its battery holds, or of hovering if the battery is measured in "
+        "Wh. Null if batteries are unlimited.",
+    ),
     mode=(TEXT, f"{', '.join(_MODES[:-1])} or {_MODES[-1]}."),
     action=(TEXT, "The action that was commanded at the start of the step. Null if it was none."),
     action_taken=(TEXT, "The action that was taken. It differs if the command was masked."),
@@ -144,9 +158,22 @@ LINKS = Columns(
     delivered_mbit=(FLOAT, "The volume that was delivered to all users together, in Mbit."),
 )
 
+ENERGY = Columns(
+    "If batteries are measured in Wh:",
+    energy_wh=(FLOAT, "What the drones used in flight, in Wh, summed over them."),
+    charged_wh=(FLOAT, "What they were charged with, in Wh, summed over them."),
+    served_mbit=(
+        FLOAT,
+        "What was served to all users together, in Mbit: the rate of a request times the time for "
+        "which it was served, or the volume that was delivered.",
+    ),
+    j_per_mbit=(FLOAT, "`energy_wh` in joules over `served_mbit`. Null if nothing was served."),
+)
+
 EPISODES = Columns(
     "One row per episode: its measures.",
     LINKS,
+    ENERGY,
     episode=_EPISODE,
     qoe1_percent=_QOE1_PERCENT,
     qoe2_iterations=_QOE2_ITERATIONS,

@@ -76,6 +76,13 @@ class NameOr(Mark):
     made: Callable[[Any], Any] | None = None
 
 
+@dataclass(frozen=True)
+class Checked(Mark):
+    """Marks a field whose value must pass a check, which raises ValueError with the reason."""
+
+    check: Callable[[Any], None]
+
+
 def register(slot: str, name: str) -> Callable[[T], T]:
     """Register the decorated class as ``name`` in ``slot``, for instance as a "mobility".
 

@@ -139,11 +139,11 @@ def _position_errors(
     if noise is None:
         return None
     shape = (world.scenario.episode.steps + 1, 2)
-    errors = np.empty((len(episodes), world.scenario.drones.count, *shape))
+    errors = np.empty((len(episodes), world.scenario.drone_count, *shape))
     own = zip(seed_of_each(seed, episodes), episodes, strict=True)
     for k, (one, episode) in enumerate(own):
         streams = Streams(one, Purpose.POSITION_NOISE, episode)
-        for drone in range(world.scenario.drones.count):
+        for drone in range(world.scenario.drone_count):
             rng = streams.generator(drone)
             mistaken = rng.random(shape) < noise.probability
             errors[k, drone] = np.where(mistaken, rng.normal(0.0, noise.sigma_cells, shape), 0.0)
@@ -151,7 +151,7 @@ def _position_errors(
 
 
 def _respawns(world: World, seed: Seeds, episodes: Sequence[int]) -> NDArray[np.int64]:
-    drones, epochs = world.scenario.drones.count, world.scenario.episode.steps + 1
+    drones, epochs = world.scenario.drone_count, world.most_epochs + 1
     if not world.stations or not world.scenario.limited_battery:
         return np.empty((len(episodes), drones, 0), np.int64)
     states = states_of(seed, Purpose.RESPAWN, episodes, drones)

@@ -10,8 +10,8 @@ from desim_uav.registry import did_you_mean
 
 _PACKAGE = Path(__file__).resolve().parent
 
-NETWORKS = "ppo_"
-"""The prefix of the names of shipped networks."""
+NETWORKS = ("ppo_", "mappo_")
+"""How the names of shipped networks begin."""
 
 
 def scenario_names() -> list[str]:

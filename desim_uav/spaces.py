@@ -13,7 +13,7 @@ from gymnasium.spaces import Box, Discrete, MultiDiscrete
 from numpy.typing import NDArray
 
 from desim_uav.model.grid import altitudes
-from desim_uav.model.observations import Feature
+from desim_uav.model.observations import Feature, common_features
 from desim_uav.model.state import Facts
 from desim_uav.scenario.schema import DrawnObstacles
 from desim_uav.world import World
@@ -22,18 +22,40 @@ Mask = tuple[bool, ...]
 
 
 def features(world: World) -> tuple[Feature, ...]:
-    """Return the features of a drone's observation, with bounds that hold in all possible worlds.
+    """Return the features of any drone's observation in an array, with bounds that hold for all.
 
-    If the scenario has a ``world_seed``, the only possible world is ``world``.
+    They hold in all possible worlds. If drones differ, each has as many numbers as the one with the
+    most, with zeros behind its own, and bounds are those of all.
     """
-    scenario = world.scenario
-    facts = world.facts if scenario.world_seed is not None else widest(world)
+    return common_features([_features_of_type(world, number) for number in range(len(world.types))])
+
+
+def features_of(world: World, drone: int) -> tuple[Feature, ...]:
+    """Return the features of a drone's own observation, with bounds as ``features`` does."""
+    return _features_of_type(world, world.type_numbers[drone])
+
+
+def _features_of_type(world: World, number: int) -> tuple[Feature, ...]:
+    """Return the features of a type; with a ``world_seed``, the only possible world is this one."""
+    scenario, facts = world.scenario, world.facts_of_types[number]
+    if scenario.world_seed is None:
+        facts = widest(world, facts)
     return scenario.observation.features(facts)
 
 
-def widest(world: World) -> Facts:
-    """Return the facts of a world, with the largest number of levels its scenario can draw."""
-    scenario, facts = world.scenario, world.facts
+def padded(world: World, encoded: Iterable[tuple[float, ...]]) -> list[tuple[float, ...]]:
+    """Return drones' encoded observations, each with as many numbers as ``features``."""
+    more = [world.most_features - len(own) for own in world.features_of_types]
+    numbered = zip(world.type_numbers, encoded, strict=True)
+    return [(*own, *(0.0,) * more[number]) for number, own in numbered]
+
+
+def widest(world: World, facts: Facts | None = None) -> Facts:
+    """Return facts of a world, with the largest number of levels its scenario can draw.
+
+    They are those of its only type of drones unless others are given.
+    """
+    scenario, facts = world.scenario, facts or world.facts
     obstacles = scenario.map.obstacles
     if not isinstance(obstacles, DrawnObstacles):
         return facts

@@ -12,22 +12,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
+from desim_uav.drone_type import DroneType
 from desim_uav.errors import ScenarioError
 from desim_uav.model.asking import Requests, RowDemand, RowDraws
+from desim_uav.model.charging import Charging
 from desim_uav.model.components import works_on_rows
 from desim_uav.model.demand import requests_of
 from desim_uav.model.grid import Cell, Grid, altitudes, connected
 from desim_uav.model.mobility import walks_of
-from desim_uav.model.motion import Transit, return_transit
+from desim_uav.model.motion import Transit
+from desim_uav.model.observations import Feature
 from desim_uav.model.planner import Node, Planner
 from desim_uav.model.radio.link import thresholds_db
-from desim_uav.model.rules import MOVES, US, Action, actions
+from desim_uav.model.rules import US, Action, actions
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
 from desim_uav.model.streams import Purpose, Seeds, Streams, states_of
 from desim_uav.model.walking import Area, RowMobility, RowWalks, Walks, compiled_walk
 from desim_uav.registry import naming_plug_ins
 from desim_uav.scenario import cost, layout
+from desim_uav.scenario.epochs import most_epochs
 from desim_uav.scenario.schema import DrawnObstacles, Scenario
 
 REDRAWS = 100
@@ -51,6 +55,11 @@ class Links(NamedTuple):
     def efficiencies(self) -> tuple[int, ...]:
         """The millionths of a bit/s per Hz of each class, class 0 (none) first."""
         return (0, *self.radio.efficiencies())
+
+    @property
+    def reach_m(self) -> float:
+        """The radius of the widest class in metres; a micrometre if none holds anywhere."""
+        return max(float(self.rings_m.max()), 1e-6)
 
     @property
     def thresholds_db(self) -> list[float]:
@@ -81,8 +90,57 @@ class World(Unchanging):
 
     @cached_property
     def actions(self) -> tuple[Action, ...]:
-        """The actions of a drone. A command is an index into this tuple."""
+        """The actions of all drones. A command is an index into this tuple.
+
+        A drone whose battery is unlimited takes none of those of charging, which are the last ones.
+        """
         return actions(self.scenario.three_d, self.scenario.limited_battery)
+
+    @cached_property
+    def types(self) -> tuple[DroneType, ...]:
+        """The types of drones, in the order of the scenario."""
+        return tuple(
+            DroneType(drones, self.scenario, self.grid, self.stations)
+            for drones in self.scenario.fleet
+        )
+
+    @cached_property
+    def type_numbers(self) -> tuple[int, ...]:
+        """The number of each drone's type."""
+        return self.scenario.type_numbers
+
+    def type_of(self, drone: int) -> DroneType:
+        """Return the type of a drone."""
+        return self.types[self.type_numbers[drone]]
+
+    @cached_property
+    def only_type(self) -> DroneType:
+        """The type of all drones. Raises ScenarioError if there are types that differ."""
+        return self.require_one_type("what was asked for")
+
+    def require_one_type(self, what: str) -> DroneType:
+        """Return the type of all drones.
+
+        Raises ScenarioError, which says that ``what`` needs it, if there are types that differ.
+        """
+        self.scenario.require_one_type(what)
+        return self.types[0]
+
+    @cached_property
+    def planners(self) -> tuple[Planner, ...]:
+        """The planners of returns, each of one or more types of drones."""
+        found: list[Planner] = []
+        for planner in (each.planner for each in self.types if each.limited):
+            if not any(planner.plans_as(other) for other in found):
+                found.append(planner)
+        return tuple(found)
+
+    def planner_number(self, number: int) -> int:
+        """Return the number of the planner of a type of drones; 0 if it never returns."""
+        own = self.types[number]
+        if not own.limited:
+            return 0
+        return next(k for k, each in enumerate(self.planners) if each.plans_as(own.planner))
 
     @cached_property
     def services(self) -> Catalogue:
@@ -112,9 +170,12 @@ class World(Unchanging):
 
     @cached_property
     def row_mobility(self) -> RowMobility | None:
-        """The mobility model if compiled code walks by it step by step, else None."""
+        """The mobility model if compiled code walks by it step by step, else None.
+
+        If drones are asked by event, their legs overlap, and walks are drawn for whole episodes.
+        """
         mobility: Any = self.scenario.users.mobility
-        return mobility if compiled_walk(mobility) else None
+        return mobility if compiled_walk(mobility) and not self.by_event else None
 
     def requests(self, seed: int, episode: int) -> Requests:
         """Draw the users' requests in an episode."""
@@ -149,24 +210,52 @@ class World(Unchanging):
         """The requests of every episode if they are not random, else None."""
         return None if getattr(self.scenario.demand, "draws", True) else self.requests(0, 0)
 
-    @cached_property
+    @property
     def facts(self) -> Facts:
-        """The constants that rewards, observations and learners may use."""
-        scenario, battery = self.scenario, self.scenario.drones.battery
-        return Facts(
-            self.grid,
-            self.stations,
-            self.clusters,
-            scenario.drones.count,
-            len(self.homes),
-            self.services.names,
-            scenario.episode.steps,
-            self.step_us / US,
-            scenario.three_d,
-            None if battery is None else self.capacity_us / US,
-            self.bandwidth_hz / 1000,
-            bool(scenario.drones.radio.graded),
+        """The constants that rewards, observations and learners may use, of the drones' type."""
+        number = self.types.index(self.only_type)
+        return self.facts_of_types[number]
+
+    def facts_of(self, drone: int) -> Facts:
+        """Return the constants that a drone's rewards, observations and learners may use."""
+        return self.facts_of_types[self.type_numbers[drone]]
+
+    @cached_property
+    def facts_of_types(self) -> tuple[Facts, ...]:
+        """The constants that rewards, observations and learners may use, by type of drones."""
+        scenario = self.scenario
+        return tuple(
+            Facts(
+                self.grid,
+                self.stations,
+                self.clusters,
+                scenario.drone_count,
+                len(self.homes),
+                self.services.names,
+                scenario.episode.steps,
+                self.step_us / US,
+                scenario.three_d,
+                each.capacity_us / each.per_second if each.limited else None,
+                links.bandwidth_hz / 1000,
+                bool(links.radio.graded),
+                scenario.limited_battery,
+            )
+            for each, links in zip(self.types, self.links, strict=False)
         )
+
+    @cached_property
+    def features_of_types(self) -> tuple[tuple[Feature, ...], ...]:
+        """The features that learners observe of a drone, by its type."""
+        return tuple(self.scenario.observation.features(facts) for facts in self.facts_of_types)
+
+    def features_of(self, drone: int) -> tuple[Feature, ...]:
+        """Return the features that learners observe of a drone."""
+        return self.features_of_types[self.type_numbers[drone]]
+
+    @property
+    def most_features(self) -> int:
+        """The number of features of drones that have the most of them."""
+        return max(map(len, self.features_of_types))
 
     @cached_property
     def step_us(self) -> int:
@@ -178,16 +267,34 @@ class World(Unchanging):
         """The length of an episode, in microseconds."""
         return self.step_us * self.scenario.episode.steps
 
+    @property
+    def by_event(self) -> bool:
+        """Whether a drone is asked when it is free, and not at each step."""
+        return self.scenario.decisions.by_event
+
+    @cached_property
+    def patience_us(self) -> int:
+        """How long a drone hovers until it is asked again, in microseconds."""
+        return round(self.scenario.decisions.patience_s * US) if self.by_event else self.step_us
+
+    @cached_property
+    def most_epochs(self) -> int:
+        """The largest number of decision epochs in an episode after the first one."""
+        return most_epochs(self.scenario)
+
     @cached_property
     def links(self) -> tuple[Links, ...]:
-        """The links of the drones, and then those of each access point."""
+        """The links of each type of drones, and then those of each access point."""
         scenario, groups_m = self.scenario, self._groups[0]
-        drones, disc_m = scenario.drones, scenario.drones.footprint_radius_m
         by_level = bool(scenario.association.by_level)
-        antennas = [(drones.radio, drones.bandwidth_kbps, self.grid.levels_m)]
-        antennas += [(point.radio, None, (point.height_m,)) for point in scenario.access_points]
+        antennas = [
+            (drones.radio, drones.bandwidth_kbps, drones.footprint_radius_m, self.grid.levels_m)
+            for drones in scenario.fleet
+        ]
+        points = scenario.access_points
+        antennas += [(point.radio, None, 0.0, (point.height_m,)) for point in points]
         made = []
-        for radio, kbps, antennas_m in antennas:
+        for radio, kbps, disc_m, antennas_m in antennas:
             radii_m = [
                 [radio.radii_m(antenna_m - user_m, disc_m) for user_m in groups_m]
                 for antenna_m in antennas_m
@@ -215,22 +322,21 @@ class World(Unchanging):
             heights_m, groups = heights_m[:1], np.zeros(len(self.homes), np.int64)
         return heights_m.tolist(), groups.reshape(-1).astype(np.int64)
 
-    @property
-    def bandwidth_hz(self) -> float:
-        """The bandwidth of a drone in Hz, a whole number or inf."""
-        return self.links[0].bandwidth_hz
-
     @cached_property
     def bandwidth_of_all_hz(self) -> float:
         """The bandwidth of all drones and access points together, in Hz; inf if it is unlimited."""
-        drones = self.scenario.drones.count * self.bandwidth_hz
-        return drones + sum(links.bandwidth_hz for links in self.links[1:])
+        counts = [drones.count for drones in self.scenario.fleet]
+        counts += [1] * len(self.scenario.access_points)
+        return sum(
+            count * links.bandwidth_hz for count, links in zip(counts, self.links, strict=True)
+        )
 
     @cached_property
     def graded(self) -> bool:
         """Whether links of drones or access points have classes other than the paper's disc."""
         scenario = self.scenario
-        return bool(scenario.drones.radio.graded or scenario.access_points)
+        any_graded = any(drones.radio.graded for drones in scenario.fleet)
+        return bool(any_graded or scenario.access_points)
 
     @cached_property
     def in_air(self) -> bool:
@@ -245,76 +351,79 @@ class World(Unchanging):
     @cached_property
     def reach_m(self) -> float:
         """The radius of the drones' widest class in metres; a micrometre if none holds anywhere."""
-        return max(float(self.links[0].rings_m.max()), 1e-6)
+        return max(links.reach_m for links in self.links[: len(self.types)])
 
-    @cached_property
-    def capacity_us(self) -> int:
-        """The capacity of a battery in microseconds of autonomy; 0 if it is unlimited."""
-        battery = self.scenario.drones.battery
-        return 0 if battery is None else round(battery.autonomy_min * 60 * US)
+    @property
+    def charging(self) -> Charging | None:
+        """How the stations charge; None if batteries are unlimited."""
+        return self.scenario.charging
+
+    def until_full_us(self, battery: int) -> int:
+        """Return the time to charge a battery that holds so much, in microseconds."""
+        return self.only_type.until_full_us(battery)
 
     @cached_property
     def full_charge_us(self) -> int:
-        """The time to charge an empty battery, in microseconds."""
-        return round(self.scenario.stations.full_charge_min * 60 * US)
+        """The time to charge an empty battery, in microseconds; 0 if batteries are unlimited."""
+        return self.until_full_us(0)
 
-    @cached_property
+    @property
+    def in_joules(self) -> bool:
+        """Whether some batteries are measured in microjoules, and not in time."""
+        return any(each.in_joules for each in self.types)
+
+    # ---- what all drones have in common, if they are of one type
+
+    @property
+    def capacity_us(self) -> int:
+        """The capacity of a battery in units of the energy model; 0 if it is unlimited."""
+        return self.only_type.capacity_us
+
+    @property
+    def full_us(self) -> int:
+        """The charge at which a battery counts as full, in units of the energy model."""
+        return self.only_type.full_us
+
+    @property
+    def per_second(self) -> int:
+        """How many units of its battery a drone takes in a second of hovering."""
+        return self.only_type.per_second
+
+    @property
     def return_below_us(self) -> int:
-        """The battery level at or below which a drone may return, in microseconds."""
-        battery = self.scenario.drones.battery
-        return 0 if battery is None else round(battery.return_below * self.capacity_us)
+        """The battery level at or below which a drone may return, in units of the battery."""
+        return self.only_type.return_below_us
 
-    @cached_property
+    @property
     def respawn_after_us(self) -> int:
         """The least time from a crash to the drone's replacement, in microseconds."""
-        battery = self.scenario.drones.battery
-        return 0 if battery is None else round(battery.respawn_after_min * 60 * US)
+        return self.only_type.respawn_after_us
 
-    @cached_property
+    @property
     def on_crash(self) -> str:
         """What happens after a crash: respawn, remove or end_episode."""
-        battery = self.scenario.drones.battery
-        return "remove" if battery is None else battery.on_crash
+        return self.only_type.on_crash
 
-    @cached_property
+    @property
     def epoch_transits(self) -> dict[Action, Transit]:
         """The transit that each moving action commands."""
-        motion, step_s = self.scenario.drones.motion, self.scenario.episode.step_s
-        return {
-            action: motion.epoch_transit(self._hop_m(move), step_s)
-            for action, move in MOVES.items()
-            if action in self.actions and self._has_hop(move)
-        }
+        return self.only_type.epoch_transits
 
-    @cached_property
+    @property
     def return_transits(self) -> dict[Node, Transit]:
         """The transit of each hop (dx, dy, dlevel) of a return."""
-        motion, step_s = self.scenario.drones.motion, self.scenario.episode.step_s
-        return {
-            move: return_transit(motion, self._hop_m(move), step_s)
-            if self._has_hop(move)
-            else motion.fastest_transit(self._hop_m(move))  # never flown: it need not fit a step
-            for move in MOVES.values()
-        }
+        return self.only_type.return_transits
 
-    @cached_property
+    @property
     def planner(self) -> Planner:
         """The planner of returns to the stations."""
-        hops = [self.return_transits[axis] for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-        hop_us = tuple(hop.duration_us for hop in hops)
-        energy = self.scenario.drones.battery
-        if energy is None:
-            return Planner(self.grid, self.stations, hop_us)
-        drain_us = tuple(energy.drained_us(hop, hop.duration_us) for hop in hops)
-        return Planner(self.grid, self.stations, hop_us, drain_us)
+        return self.only_type.planner
 
-    def _has_hop(self, move: Node) -> bool:
-        sizes = (*self.grid.cells, len(self.grid.levels_m))
-        return any(step != 0 and size > 1 for step, size in zip(move, sizes, strict=True))
-
-    def _hop_m(self, move: tuple[int, int, int]) -> float:
-        dx, dy = self.grid.cell_m
-        return dx if move[0] else dy if move[1] else self.grid.level_step_m
+    @property
+    def bandwidth_hz(self) -> float:
+        """The bandwidth of a drone in Hz, a whole number or inf."""
+        number = self.types.index(self.only_type)
+        return self.links[number].bandwidth_hz
 
 
 @naming_plug_ins()

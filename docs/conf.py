@@ -36,4 +36,7 @@ autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_type_aliases = {"NDArray": "NDArray"}
 # An extra's packages need not be installed for the documentation of what uses them.
-autodoc_mock_imports = ["ray", "sb3_contrib", "stable_baselines3", "tensorboard", "torch"]
+autodoc_mock_imports = [
+    *("benchmarl", "ray", "sb3_contrib", "stable_baselines3", "tensorboard", "tensordict"),
+    *("torch", "torchrl"),
+]

@@ -36,12 +36,14 @@ DIRECTIVES = {"{code-cell}", "{eval-rst}", "{include}", "{toctree}"}
 """What the build of the site runs or resolves by itself."""
 
 NEEDED = {
+    "benchmarl": ("benchmarl",),
     "optuna": ("optuna",),
     "ppo": ("torch",),
     "ray": ("ray",),
     "rllib": ("ray.rllib", "tree", "torch"),  # Ray alone has the first of them
     "sb3": ("sb3_contrib",),
     "tensorboard": ("tensorboard",),
+    "torchrl": ("torchrl",),
     "video": ("imageio_ffmpeg",),
 }
 """Modules of each extra that blocks may ask for."""

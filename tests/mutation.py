@@ -69,8 +69,8 @@ MUTATIONS = (
     Mutation(
         "no deceleration before a drone arrives",
         "model/motion.py",
-        "(duration - ramp, distance - ramp_distance, speed, -acceleration),",
-        "(duration - ramp, distance - ramp_distance, speed, 0.0),",
+        "profile[2, ACCELERATION] = speed, -acceleration",
+        "profile[2, ACCELERATION] = speed, 0.0",
         ("model/test_motion.py",),
     ),
     Mutation(
@@ -254,8 +254,8 @@ MUTATIONS = (
     Mutation(
         "the way back is planned under the ceiling for drones that have none",
         "rules/flight.py",
-        "world.plans[world.ceilings[drone.index] * places + from_place]",
-        "world.plans[1 * places + from_place]",
+        "first + world.ceilings[drone.index] * places + from_place",
+        "first + 1 * places + from_place",
         ("engine/test_returns.py",),
     ),
     # ---- batteries, stations, episodes
@@ -321,22 +321,22 @@ MUTATIONS = (
     Mutation(
         "a crashed drone is replaced only after more than its downtime",
         "rules/crash.py",
-        "down_us >= world.respawn_after_us",
-        "down_us > world.respawn_after_us",
+        "down_us >= own.respawn_after_us",
+        "down_us > own.respawn_after_us",
         ("engine/test_crashes.py",),
     ),
     Mutation(
         "a return is allowed at any charge of the battery",
         "rules/decide.py",
-        "may_return = battery_us <= world.return_below_us",
-        "may_return = True",
+        "may_return = limited and battery_us <= return_below_of(world, drone)",
+        "may_return = limited",
         ("engine/test_masks.py",),
     ),
     Mutation(
         "a drone with a full battery is allowed to charge",
         "rules/decide.py",
-        "may_charge = battery_us < world.capacity_us and",
-        "may_charge = battery_us <= world.capacity_us and",
+        "is_full = battery_us >= full_of(world, drone)",
+        "is_full = battery_us > full_of(world, drone)",
         ("engine/test_masks.py",),
     ),
     Mutation(
@@ -472,9 +472,66 @@ MUTATIONS = (
     Mutation(
         "the quality of links counts users who are not attached",
         "rules/decide.py",
-        "        if user.holder == drone.index:\n            carried +=",
-        "        if user.covering[drone.index] >= 0:\n            carried +=",
+        "int(user.holder == drone.index)",
+        "int(user.covering[drone.index] >= 0)",
         ("engine/test_line_of_sight.py",),
+    ),
+    # ---- free flight
+    Mutation(
+        "free flight: a climb counts as level flight",
+        "model/coverage.py",
+        "dx * dx + dy * dy + dz * dz",
+        "dx * dx + dy * dy + 0.0 * dz",
+        ("model/free/test_oblique.py",),
+    ),
+    Mutation(
+        "free flight: the wind pushes the wrong way",
+        "model/free/limits.py",
+        "tail, side = (wx * x + wy * y) / level,",
+        "tail, side = -(wx * x + wy * y) / level,",
+        ("model/free/test_limits.py",),
+    ),
+    Mutation(
+        "free flight: the corners of obstacles are grown by less than the margin",
+        "model/free/polygons.py",
+        "margin_m / (1.0 + one @ other)",
+        "margin_m / 2.0",
+        ("model/free/test_polygons.py",),
+    ),
+    Mutation(
+        "free flight: obstacles have no bottom",
+        "model/free/prisms.py",
+        "    begin, end = _cut(z0 - bottom, z1 - bottom, 0.0, 1.0)\n",
+        "    begin, end = 0.0, 1.0\n",
+        ("model/free/test_prisms.py",),
+    ),
+    Mutation(
+        "free flight: a drone at an obstacle cannot fly away",
+        "model/free/prisms.py",
+        "deepest > max(held, TOUCH_M)",
+        "deepest > -TOUCH_M",
+        ("model/free/test_prisms.py",),
+    ),
+    Mutation(
+        "free flight: the nearest node that is seen is taken for the best one",
+        "model/free/roads.py",
+        "through = away_m[k] + ways.lengths_m[station, k]",
+        "through = away_m[k] + 0.0 * ways.lengths_m[station, k]",
+        ("model/free/test_roads.py",),
+    ),
+    Mutation(
+        "free flight: two drones that come near do not part again",
+        "model/free/separation.py",
+        "state = 1 - state",
+        "state = NEAR",
+        ("model/free/test_separation.py",),
+    ),
+    Mutation(
+        "free flight: the air speed is least at the start of each ramp",
+        "model/free/work.py",
+        "if low < 0.0:",
+        "if high < 0.0:",
+        ("model/free/test_work.py",),
     ),
 )
 

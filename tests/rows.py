@@ -18,18 +18,21 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     world, state, services = blank(Constants), blank(State), len(facts.services)
     nx, ny = facts.grid.cells
     limited = observation.battery_s is not None
-    world.limited, world.capacity_us = int(limited), round((observation.capacity_s or 0.0) * US)
+    world.limited, own = int(limited), blank(rows.TypeRow)
+    own.limited, own.capacity_us = int(limited), round((observation.capacity_s or 0.0) * US)
+    own.per_second = US
+    world.types = Table([own])
     world.sharers = facts.drones
     world.services, world.three_d, world.steps = services, int(facts.three_d), facts.steps
     world.nx, world.ny, world.levels = nx, ny, len(facts.grid.levels_m)
     world.cell_x_m, world.cell_y_m = facts.grid.cell_m
     world.levels_under_ceiling = facts.grid.levels_under_ceiling
     unlimited = math.isinf(facts.bandwidth_kbps)
-    world.bandwidth_hz = -1 if unlimited else round(facts.bandwidth_kbps * 1000)
     world.stations = Table(fill(Cell, cell) for cell in facts.stations)
     world.ceilings = Table([0] * facts.drones)
     radio = blank(rows.Radio)
     radio.flat = 1  # the paper's disc
+    radio.bandwidth_hz = -1 if unlimited else round(facts.bandwidth_kbps * 1000)
     world.radios = Table([radio])
     plan = (-1, 0, 0, 0, 0)
     if limited and not math.isinf(observation.return_s or 0.0):
@@ -50,7 +53,10 @@ def rows_of(observation: Observation, facts: Facts, asked: tuple[int, ...] = ())
     for name, counts in (("served", observation.served), ("asking", observation.asking)):
         first = 2 * services * observation.drone + services * (name == "asking")
         state.counts[first : first + len(counts)] = counts
-    state.step = observation.step
+    state.step, state.share = observation.step, 1.0
+    world.step_us = round(facts.step_s * US)
+    world.horizon_us = facts.steps * world.step_us
+    state.now_us = state.epoch_us = observation.step * world.step_us
     drone, seen = state.drones[observation.drone], state.observations[observation.drone]
     drone.index = observation.drone
     drone.mode = seen.mode = int(observation.mode)

@@ -26,7 +26,7 @@ from desim_uav.records import (
     misfit,
     to_frame,
 )
-from desim_uav.scenario.load import load
+from desim_uav.scenario.load import load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
 
@@ -170,9 +170,10 @@ class TestSteps:
     def test_what_is_unknown_or_without_end_is_null(self, return_us, battery_us, action, expected):
         step = Step(
             *(0, 60_000_000, 0, 1.0, 2.0, 3.0, battery_us, Mode.FLYING, action, Action.HOVER),
-            *(0, 0, 96_000, return_us, 0.25),
+            *(0, 0, 96_000, return_us, 0, 0.25),
         )
-        row = steps_table([EpisodeLog(0, steps=[step])]).iloc[0]
+        world = build_world(loads("seed: 0"), 0)
+        row = steps_table([EpisodeLog(0, steps=[step])], world).iloc[0]
         found = [
             None if pd.isna(row[name]) else row[name] for name in ("n_b_s", "battery_s", "action")
         ]

@@ -71,10 +71,11 @@ def run(
         ),
     ],
     policy: Annotated[
-        str,
+        list[str],
         typer.Option(
             metavar="POLICY",
-            help="The policy: a name, a file or a class, as in `run --policy`.",
+            help="The policy: a name, a file or a class, as in `run --policy`. Given several "
+            "times, these are the policies of several trainings, which make one submission.",
             rich_help_panel=options.MAKING,
         ),
     ],
@@ -87,19 +88,29 @@ def run(
         ),
     ] = "one",
     seeds: Annotated[
-        int | None,
+        int,
         typer.Option(
             metavar="N",
             callback=options.within(1, 10),
             help="Run only the first N seeds of the protocol; the leaderboard then says so.",
             rich_help_panel=options.MAKING,
         ),
-    ] = None,
+    ] = 10,
     name: Annotated[
         str | None,
         typer.Option(
             metavar="NAME",
             help="What the leaderboard calls the policy. By default it is the policy's name.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = None,
+    training_steps: Annotated[
+        int | None,
+        typer.Option(
+            metavar="N",
+            callback=options.within(1, 10**12),
+            help="The steps (decision epochs) of a training, at most those that the task allows. "
+            "They are stated in the submission and cannot be checked.",
             rich_help_panel=options.OUTPUT,
         ),
     ] = None,
@@ -116,30 +127,24 @@ def run(
     quiet: options.NoProgress = False,
 ) -> None:
     """Evaluate a policy by the protocol, and write a submission that can be replayed."""
-    from desim_uav.api.arguments import warn
-    from desim_uav.api.invocation import command_line
-    from desim_uav.experiment.bench import run as running
-    from desim_uav.experiment.bench.submission import place_of
-    from desim_uav.experiment.bench.tasks import ENGINE, find_task, find_track
-    from desim_uav.experiment.command import label_of
-    from desim_uav.experiment.progress import progress
+    import desim_uav as du
 
-    chosen, worlds = find_task(task), find_track(track)
-    drawn = list(worlds.seeds[:seeds])
-    for warning in running.check(chosen, worlds, policy, drawn):
-        warn(warning)
-    place = place_of(chosen, worlds, label_of(policy), out)
     end_politely()
+    interrupted = None
     try:
-        with progress(not quiet, len(drawn), "seeds", ENGINE) as advance:
-            done = running.submit(
-                *(chosen, worlds, policy, place),
-                name=name,
-                seeds=drawn,
-                jobs=jobs,
-                command=command_line(),
-                on_seed=advance,
-            )
+        done = du.bench_run(
+            task,
+            policy,
+            track=track,
+            seeds=seeds,
+            name=name,
+            training_steps=training_steps,
+            out=out,
+            jobs=jobs,
+            progress=not quiet,
+        )
+    except du.Interrupted as stopped:
+        done, interrupted = stopped.result, str(stopped)
     except KeyboardInterrupt:
         complain("interrupted; no seed has ended")
         raise typer.Exit(130) from None
@@ -150,8 +155,8 @@ def run(
 
         print_bench(done.content())
         print(done.folder)
-    if done.interrupted:
-        complain(f"interrupted; {len(done.rows)} of {len(drawn)} seeds are kept")
+    if interrupted is not None:
+        complain(interrupted)
         raise typer.Exit(130)
 
 
@@ -172,16 +177,11 @@ def verify(
     quiet: options.NoProgress = False,
 ) -> None:
     """Replay a submission bit for bit, and name every difference."""
-    from desim_uav.experiment.bench.submission import read
-    from desim_uav.experiment.bench.tasks import ENGINE
-    from desim_uav.experiment.bench.verify import differences
-    from desim_uav.experiment.progress import progress
+    import desim_uav as du
 
-    found = read(folder)
     end_politely()
     try:
-        with progress(not quiet, len(found.rows), "seeds", ENGINE) as advance:
-            said = differences(found, decide=decide, jobs=jobs, on_seed=advance)
+        said = du.bench_verify(folder, decide=decide, jobs=jobs, progress=not quiet)
     except KeyboardInterrupt:
         complain("interrupted; nothing was found out")
         raise typer.Exit(130) from None
@@ -189,7 +189,7 @@ def verify(
         content = {"folder": str(folder), "verified": not said, "differences": said}
         print(json.dumps(content, indent=1))
     elif not said:
-        print(f"{folder}: {len(found.rows)} seeds replayed, bit for bit the same")
+        print(f"{folder}: all runs replayed, bit for bit the same")
     if said:
         complain("\n".join(f"{folder}: {line}" for line in said))
         raise typer.Exit(6)
@@ -213,24 +213,28 @@ def board(
             rich_help_panel=options.OUTPUT,
         ),
     ] = None,
+    figure: Annotated[
+        Path | None,
+        typer.Option(
+            "--figure",
+            metavar="FILE",
+            help="The file for the performance profiles: .png, .pdf or .svg.",
+            rich_help_panel=options.OUTPUT,
+        ),
+    ] = None,
     as_json: options.Json = False,
 ) -> None:
     """Make the leaderboard of submissions, in Markdown. It does not replay them."""
-    from desim_uav.experiment.bench.board import board as ranked
-    from desim_uav.experiment.bench.board import markdown, plain
-    from desim_uav.experiment.bench.submission import read_all
-    from desim_uav.run_folder import file_place, write_at
+    import desim_uav as du
 
-    place = None if out is None else file_place(out, "--out")
-    tables = ranked(read_all(folders))
-    if place is not None:
-        write_at(place, markdown(tables).encode())
+    found = du.bench_board(folders, out=out, figure=figure)
     if as_json:
-        print(json.dumps(plain(tables), indent=1))
+        print(json.dumps(found.content(), indent=1))
     elif out is None:
-        print(markdown(tables), end="")
-    else:
-        print(out)
+        print(found.markdown(), end="")
+    for file in (out, figure):
+        if file is not None and not as_json:
+            print(file)
 
 
 app.command("list", cls=Command)(list_tasks)

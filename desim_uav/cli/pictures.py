@@ -104,17 +104,18 @@ def plot(
         typer.Argument(
             metavar="KIND",
             help="The kind of figure: training, compare, sweep, visits, policy, battery, "
-            "episodes, services, radio or snapshot.",
+            "energy, episodes, services, radio or snapshot.",
         ),
     ],
     runs: Annotated[
-        list[Path],
+        list[Path] | None,
         typer.Argument(
             metavar="RUN…",
             help="The folder of a run, a training or a sweep; for policy it may be the file of a "
-            "table, and for radio a scenario file or the name of a shipped scenario.",
+            "table, and for radio and energy a scenario file or the name of a shipped scenario. "
+            "For energy it may be left out.",
         ),
-    ],
+    ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -204,13 +205,13 @@ def plot(
         ),
     ] = None,
 ) -> None:
-    """Draw a figure of runs, of trainings, of a sweep, of a learned policy or of a radio."""
+    """Draw a figure of runs, trainings, a sweep, a learned policy, a radio or of energy."""
     import desim_uav as du
 
     asked: dict[str, Any] = {"episode": episode, "minute": minute, "drone": drone, "window": window}
     asked |= {"battery_min": battery_min, "level": level, "at": at, "against": against}
     asked |= {"measure": measure or None, "key": key or None}
-    print(du.plot(kind, runs, out, asked))
+    print(du.plot(kind, runs or [], out, asked))
 
 
 def video(

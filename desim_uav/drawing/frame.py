@@ -75,7 +75,9 @@ class Painter:
         self.scale = min((WIDTH - PANEL) / grid.width_m, HEIGHT / grid.depth_m)
         size = (round(grid.width_m * self.scale), round(grid.depth_m * self.scale))
         self.corner = ((WIDTH - PANEL - size[0]) // 2, (HEIGHT - size[1]) // 2)
-        self.radius_px = min(world.reach_m * self.scale, FARTHEST * math.hypot(*size))
+        reaches_m = [links.reach_m for links in world.links[: len(world.types)]]
+        farthest_px = FARTHEST * math.hypot(*size)
+        self.radii_px = [min(reach_m * self.scale, farthest_px) for reach_m in reaches_m]
         self.map = self._drawn_map(size)
         self.background = self._drawn_background()
 
@@ -91,7 +93,8 @@ class Painter:
         where = [self._pixel(x, y) for x, y, _ in drones_m.tolist()]
         for seen, (x, y) in zip(shown.observations, where, strict=True):
             if seen.mode is Mode.FLYING:
-                stick(picture, ring(drone_colour(seen.drone), self.radius_px), x, y)
+                radius_px = self.radii_px[self.world.type_numbers[seen.drone]]
+                stick(picture, ring(drone_colour(seen.drone), radius_px), x, y)
         for state, (x, y, _) in sorted(zip(states, users_m.tolist(), strict=True)):
             stick(picture, _user(state), *self._pixel(x, y))
         self._draw_drones(picture, shown.observations, where)
@@ -217,7 +220,7 @@ class Painter:
         for row, observation in enumerate(seen[:LISTED]):
             y = 319 + 30 * row
             words = observation.mode.name.lower()
-            if self.world.facts.three_d and observation.mode in (Mode.FLYING, Mode.RETURNING):
+            if self.world.scenario.three_d and observation.mode in (Mode.FLYING, Mode.RETURNING):
                 words += f", {altitudes_m[row]:.0f} m"
             colour = drone_colour(observation.drone)
             stick(frame, dot(colour, 18), LEFT + 8, y + 13)

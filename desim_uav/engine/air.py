@@ -90,7 +90,7 @@ def buildings_of(world: World) -> Buildings:
 def set_memory(tables: Any, world: World) -> None:
     """Set the tables in which kernels work, if the world needs them."""
     if world.in_air:
-        senders = world.scenario.drones.count + len(world.scenario.access_points)
+        senders = world.scenario.drone_count + len(world.scenario.access_points)
         longest = max(len(transit.profile) for transit in transits_of(world))
         for name, array in memory(senders, longest).items():
             setattr(tables, "link_words" if name == "words" else name, array.reshape(-1))
@@ -107,7 +107,7 @@ def set_room(tables: Any, world: World, room: Room) -> None:
     """Set the tables of marks, and those in which they are made, if the world needs them."""
     if not world.marked:
         return
-    senders = world.scenario.drones.count + len(world.scenario.access_points)
+    senders = world.scenario.drone_count + len(world.scenario.access_points)
     longest = max(len(transit.profile) for transit in transits_of(world))
     made = memory_for(longest, room.legs, world.grid.cells, buildings_of(world), room.stretches)
     tables.mark_rows = room.marks

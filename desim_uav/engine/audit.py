@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.audit_sight import possible_levels_dbm
 from desim_uav.model.coverage import all_walked
-from desim_uav.rules.battery import battery_now
+from desim_uav.rules.battery import battery_now, capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.words import CHARGING, CRASHED, FLYING, QUEUED
 
@@ -42,10 +42,16 @@ def audit(simulation: Simulation) -> None:
 
 
 def _battery(world: Any, state: Any, drone: Any) -> None:
-    """Check that the battery is between empty and full, and empty if the drone has crashed."""
-    if world.limited:
+    """Check that the battery is between empty and full, and empty if the drone has crashed.
+
+    It must hold what it began with, less what is counted as used and with what as gained.
+    """
+    if is_limited(world, drone):
         held_us = battery_now(world, state, drone)
-        assert 0 <= held_us <= world.capacity_us, f"battery of {drone.index}"
+        assert 0 <= held_us <= capacity_of(world, drone), f"battery of {drone.index}"
+        counted = drone.battery_us - held_us - drone.counted
+        balance = drone.began - drone.used + drone.gained - counted
+        assert held_us == balance, f"battery of {drone.index}: what it used and gained"
         if drone.mode == CRASHED:
             assert held_us == 0, f"battery of crashed drone {drone.index}"
 
@@ -158,8 +164,9 @@ def _geometry(simulation: Simulation) -> None:
             x, y, _ = position(world, state, drone)
             distance_m = np.hypot(users[:, 0] - x, users[:, 1] - y)
             covered = np.array([user.classes[drone.index] > 0 for user in state.users])
-            far = np.abs(distance_m - world.radius_m) > TOLERANCE_M
-            wrong = far & (covered != (distance_m < world.radius_m))
+            radius_m = float(simulation.world.links[drone.radio].rings_m.max())
+            far = np.abs(distance_m - radius_m) > TOLERANCE_M
+            wrong = far & (covered != (distance_m < radius_m))
             assert not wrong.any(), f"coverage by {drone.index} of users {np.flatnonzero(wrong)}"
 
 

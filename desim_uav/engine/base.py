@@ -97,7 +97,8 @@ class EpisodeLog:
     integral of the number of attached users over time, and ``bandwidth_us_hz`` that of the
     bandwidth in use. ``queueing_us`` is the drones' time between landing and charging. ``crashed``
     lists the drone of each crash, and ``suppressed`` counts the arrivals that were dropped.
-    ``links`` is None if the drones' radio is the paper's disc.
+    ``links`` is None if the drones' radio is the paper's disc. If batteries are in microjoules, the
+    drones ``used`` and ``gained`` (by charging) so many together.
     """
 
     episode: int
@@ -114,6 +115,8 @@ class EpisodeLog:
     distance_m: float = 0.0
     crashed: list[int] = field(default_factory=list)
     charges: int = 0
+    used: int = 0
+    gained: int = 0
     suppressed: int = 0
     links: LinkCounts | None = None
 

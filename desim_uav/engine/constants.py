@@ -11,18 +11,25 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.model.components import works_on_rows
 from desim_uav.model.coverage import bucket_grid
 from desim_uav.model.motion import REST, Transit
-from desim_uav.model.planner import Node
+from desim_uav.model.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.radio.marks import KINDS
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.rules import MOVES
-from desim_uav.rules.rows import Cell, Constants, Move, Piece, Place, Point, Radio, TransitRow
+from desim_uav.rules.rows import (
+    Cell,
+    Constants,
+    Move,
+    Piece,
+    Place,
+    Point,
+    Radio,
+    TransitRow,
+    TypeRow,
+)
 from desim_uav.rules.words import CRASHES
 from desim_uav.scenario.cost import expected_requests
 from desim_uav.world import Links, World
-
-AXES = ((1, 0, 0), (0, 1, 0), (0, 0, 1))
-"""The directions of hops: along x, along y and between levels."""
 
 
 def constants_of(world: World, settings: RunSettings) -> Constants:
@@ -31,13 +38,10 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants = blank(Constants)
     constants.steps = scenario.episode.steps
     constants.step_us, constants.horizon_us = world.step_us, world.horizon_us
+    constants.by_event, constants.patience_us = int(world.by_event), world.patience_us
     constants.limited = int(scenario.limited_battery)
-    constants.capacity_us, constants.full_charge_us = world.capacity_us, world.full_charge_us
-    constants.return_below_us = world.return_below_us
-    constants.respawn_after_us = world.respawn_after_us
-    constants.on_crash = CRASHES[world.on_crash]
+    constants.types = Table(_type(world, number) for number in range(len(world.types)))
     constants.pads = scenario.stations.pads
-    constants.bandwidth_hz = whole_hz(world.bandwidth_hz)
     constants.services = len(world.services.names)
     _set_links(constants, world)
     constants.nx, constants.ny = grid.cells
@@ -45,7 +49,6 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants.three_d = int(scenario.three_d)
     constants.cell_x_m, constants.cell_y_m = grid.cell_m
     constants.lowest_m, constants.level_step_m = grid.levels_m[0], grid.level_step_m
-    constants.radius_m = world.reach_m
     constants.width_m, constants.depth_m = world.area
     _set_flights(constants, world)
     constants.levels_m = Table(grid.levels_m)
@@ -59,7 +62,7 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants.ceilings = Table(map(int, settings.ceilings))
     constants.homes = Table(fill(Place, home) for home in world.homes[:, :2].tolist())
     constants.expected_requests = expected_requests(scenario)
-    constants.features = len(scenario.observation.features(world.facts))
+    constants.features = world.most_features
     buckets = bucket_grid(*world.area, world.reach_m)
     constants.buckets_x, constants.buckets_y = buckets
     constants.bucket_x_m, constants.bucket_y_m = (
@@ -68,23 +71,47 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     return constants
 
 
+def _type(world: World, number: int) -> TypeRow:
+    """Return a type of drones as a row, without its functions."""
+    made, own, places = blank(TypeRow), world.types[number], math.prod(world.grid.blocked.shape)
+    made.limited = int(own.limited)
+    made.capacity_us, made.return_below_us = own.capacity_us, own.return_below_us
+    made.full_us, made.per_second = own.full_us, own.per_second
+    made.respawn_after_us, made.on_crash = own.respawn_after_us, CRASHES[own.on_crash]
+    made.first_transit = number * _transits(world)
+    made.first_plan = 2 * places * world.planner_number(number)
+    return made
+
+
+def _transits(world: World) -> int:
+    """Return the number of the transits of a type of drones, which all types have."""
+    return len(world.types[0].epoch_transits) + len(HOPS)
+
+
 def transits_of(world: World) -> list[Transit]:
-    """Return the transits in the order of their numbers: the hover, moves, and hops along axes."""
-    return [REST, *world.epoch_transits.values(), *(world.return_transits[axis] for axis in AXES)]
+    """Return the transits in the order of their numbers: the hover, and those of each type.
+
+    These are the moves, and the hops in the order of ``HOPS``.
+    """
+    transits = [REST]
+    for each in world.types:
+        transits += [*each.epoch_transits.values(), *(each.return_transits[hop] for hop in HOPS)]
+    return transits
 
 
-def hop_transit(world: World, hop: Node) -> int:
-    """Return the number of the transit of a hop, given as its (dx, dy, dlevel)."""
-    return 1 + len(world.epoch_transits) + next(axis for axis in range(3) if hop[axis])
+def hop_transit(world: World, number: int, hop: Node) -> int:
+    """Return the number of the transit of a hop (dx, dy, dlevel) of a type of drones."""
+    first = number * _transits(world) + 1 + len(world.types[0].epoch_transits)
+    return first + DIRECTIONS[hop]
 
 
 def _set_links(made: Constants, world: World) -> None:
     """Set the links of drones and access points, and what requests ask for, of the constants."""
     scenario, association = world.scenario, world.scenario.association
-    made.reuse = scenario.drones.radio.reuse
+    made.reuse = world.links[0].radio.reuse
     made.trigger_us, made.margin_db = association.trigger_us, association.margin_db
     points = scenario.access_points
-    made.sharers = scenario.drones.count + sum(point.counts_in_reward for point in points)
+    made.sharers = scenario.drone_count + sum(point.counts_in_reward for point in points)
     made.points = Table(fill(Point, (*point.at_m, point.height_m)) for point in points)
     made.radios = Table(map(_radio, world.links))
     made.groups = Table(world.groups.tolist())
@@ -120,19 +147,19 @@ def whole_hz(bandwidth_hz: float) -> int:
 
 def _set_flights(made: Constants, world: World) -> None:
     """Set the actions and the transits of the constants."""
-    by_action = {action: 1 + k for k, action in enumerate(world.epoch_transits)}
+    by_action = {action: 1 + k for k, action in enumerate(world.types[0].epoch_transits)}
     made.moves = Table(
         fill(Move, (int(action), *MOVES.get(action, (0, 0, 0)), by_action.get(action, 0)))
         for action in world.actions
     )
-    made.first_hop = hop_transit(world, AXES[0])
+    made.first_hop = hop_transit(world, 0, next(iter(HOPS)))
     made.transits = Table(map(_transit, transits_of(world)))
 
 
 def _transit(transit: Transit) -> TransitRow:
     """Return a transit as a row."""
     pieces = Table(fill(Piece, piece) for piece in transit.profile.tolist())
-    return fill(TransitRow, (transit.duration_us, transit.distance_m, pieces))
+    return fill(TransitRow, (transit.duration_us, transit.distance_m, transit.rises, pieces))
 
 
 def term_names(world: World) -> tuple[str, ...]:

@@ -174,7 +174,7 @@ class Engine(Restorable):
             if one.hop is not None:
                 to = [int(at) + by for at, by in zip(one.node, one.hop, strict=True)]
                 drone.to_x, drone.to_y, drone.to_level = to
-                drone.transit, drone.hopping = hop_transit(self.world, one.hop), 1
+                drone.transit, drone.hopping = hop_transit(self.world, drone.type, one.hop), 1
             if one.fallen_m is not None:
                 drone.fallen = 1
                 drone.fallen_x_m, drone.fallen_y_m = one.fallen_m
@@ -207,7 +207,8 @@ class Engine(Restorable):
                 f"number between -{LARGEST_REWARD:g} and {LARGEST_REWARD:g}"
             )
         if faults & OVERBOOKED:
-            name = type(scenario.drones.admission).__name__
+            rules = {type(drones.admission).__name__ for drones in scenario.fleet}
+            name = "' or '".join(sorted(rules))
             raise SimulationError(f"admission {name!r} served more than a drone's bandwidth")
 
     def terms(self) -> tuple[dict[str, float], ...]:
@@ -217,20 +218,24 @@ class Engine(Restorable):
 
     def observations(self) -> tuple[Observation, ...]:
         """Return the drones' observations at the present decision epoch."""
-        facts, grid, step = self.world.facts, self.world.grid, int(self.state.step)
-        places = len(grid.levels_m) * grid.cells[0] * grid.cells[1]
-        capacity_s, counts = facts.capacity_s, self.entries("counts")
-        observations, first, services = [], 0, len(facts.services)
+        world, counts = self.world, self.entries("counts")
+        step = int(self.state.now_us) // world.step_us
+        places = math.prod(world.grid.blocked.shape)
+        observations, first, services = [], 0, len(world.services.names)
+        first_plans = [own.first_plan for own in self.constants.types]
         for index, (row, ceiling, features) in enumerate(
             zip(self.entries("observations"), self.settings.ceilings, self.features(), strict=True)
         ):
             station = duration_s = drained_s = None
+            number = world.type_numbers[index]
+            facts = world.facts_of_types[number]
+            capacity_s, per_second = facts.capacity_s, world.types[number].per_second
             if capacity_s is not None:
                 drained_s = math.inf
-                plan = self.plan(ceiling * places + row.believed)
+                plan = self.plan(first_plans[number] + ceiling * places + row.believed)
                 if plan.station >= 0:
                     station, duration_s = plan.station, plan.duration_us / US
-                    drained_s = plan.drained_us / US
+                    drained_s = plan.drained_us / per_second
             observations.append(
                 observation_of(
                     (
@@ -240,7 +245,7 @@ class Engine(Restorable):
                         (row.x, row.y),
                         row.level,
                         MODES[row.mode],
-                        None if capacity_s is None else row.battery_us / US,
+                        None if capacity_s is None else row.battery_us / per_second,
                         capacity_s,
                         drained_s,
                         row.attached_users,
@@ -337,9 +342,10 @@ class Engine(Restorable):
 
     def _log_steps(self) -> None:
         """Log the records, with drones' modes and actions in the place of their numbers."""
-        actions, limited = self.world.actions, self.world.facts.capacity_s is not None
+        actions, world = self.world.actions, self.world
         for record in self.entries("records"):
             return_us = math.inf if record.return_us == NEVER else record.return_us
+            limited = world.type_of(record.drone).limited
             step = base.Step(*AS_LOGGED(record))
             self.log.steps.append(
                 step._replace(
@@ -362,6 +368,9 @@ class Engine(Restorable):
         log.queueing_us = int(state.queueing_us)
         log.distance_m = float(state.distance_m)
         log.charges = int(state.charges)
+        if self.world.in_joules:
+            log.used = sum(int(drone.used) for drone in self.drones)
+            log.gained = sum(int(drone.gained) for drone in self.drones)
         log.suppressed = int(state.suppressed)
         if state.keeps_links:
             counts = (state.handed_over, state.ping_pongs, state.outages, state.outage_us)
@@ -395,7 +404,7 @@ class Engine(Restorable):
     def whole_state(self) -> NDArray[np.float64]:
         """Return the whole state now, as numbers (see ``rules.whole_state``)."""
         scenario, cells = self.world.scenario, self.world.grid.cells
-        names = names_of(scenario.drones.count, self.world.services.names, cells)
+        names = names_of(scenario.drone_count, self.world.services.names, cells)
         out, places = (
             np.zeros(len(names)),
             all_walked(*self.walking.drawn(), int(self.state.now_us)),

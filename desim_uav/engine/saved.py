@@ -39,8 +39,10 @@ NOT_TOLD = {
     *("history", "doing", "came_us", "marked_us", "since_us", "landed_in", "held_since_us"),
     *("rival", "turns_us", "needs_hz", "rate", "used_hz", "counted_us", "fallen_x_m", "fallen_y_m"),
     *("command", "taken", "terms", "rewards"),
+    *("used", "gained", "counted"),
 }
-"""The fields that may hold what an earlier episode has left there, until they are next needed."""
+"""The fields that may hold what an earlier episode has left there, until they are next needed; and
+what a battery used and gained as far as it is counted, which depends on what is recorded."""
 
 Hops = tuple[tuple[int, int, int], ...]
 
@@ -100,7 +102,7 @@ class SavedState(Unchanging):
     @property
     def commands(self) -> list[list[int]]:
         """The commands of all steps so far, one per drone; -1 is none of the actions."""
-        state, drones = self.rows.state, self.world.scenario.drones.count
+        state, drones = self.rows.state, self.world.scenario.drone_count
         told = state.history[: state.step * drones]
         return [list(told[k : k + drones]) for k in range(0, len(told), drones)]
 

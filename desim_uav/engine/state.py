@@ -29,15 +29,16 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     """Return a new state, whose queues have buffers for this many entries in compiled code."""
     state = blank(kind)
     scenario = world.scenario
-    drones, users = scenario.drones.count, len(world.homes)
+    drones, users = scenario.drone_count, len(world.homes)
     senders = drones + len(scenario.access_points)
-    services, steps = len(world.services.names), scenario.episode.steps
+    services, epochs = len(world.services.names), world.most_epochs
     state.keeps_links = int(world.graded)
     state.keeps_credit = int(getattr(scenario.reward, "keeps_credit", False))
     state.keeps_events, state.keeps_requests = int(settings.keep_events), int(settings.keep_steps)
     observation = scenario.observation
-    features = len(observation.features(world.facts))
-    state.senders = Table(_sender(world, index, buffers, features) for index in range(senders))
+    state.senders = Table(_sender(world, index, buffers) for index in range(senders))
+    for drone in state.senders[:drones]:
+        drone.features = Table([0.0] * len(world.features_of_types[drone.type]))
     state.drones = Table(state.senders[:drones])
     state.users = Table(_user(index, senders) for index in range(users))
     state.stations = Table(blank(rows.Station) for _ in world.stations)
@@ -56,8 +57,8 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
         state.firsts = _zeros(math.prod(world.grid.cells))
     state.masks = _zeros(drones * len(world.actions))
     state.rewards = Table([0.0] * drones)
-    state.crashed.buffer = drones * (steps + 2)
-    state.history = _zeros(steps * drones)
+    state.crashed.buffer = drones * (epochs + 2)
+    state.history = _zeros(epochs * drones)
     state.events = Queue(of=rows.Event, buffer=buffers.log * settings.keep_events)
     state.closed = Queue(of=rows.Closed, buffer=buffers.log * settings.keep_steps)
     state.handovers = Queue(of=rows.Handover, buffer=2 * buffers.log * settings.keep_steps)
@@ -69,18 +70,19 @@ def _zeros(count: int) -> Table[int]:
     return Table([0] * count)
 
 
-def _sender(world: World, index: int, buffers: Buffers, features: int) -> rows.Drone:
+def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
     """Return a blank drone with this index, or an access point if no drone has it."""
     drone = blank(rows.Drone)
     drone.index = index
-    drone.point = max(index - world.scenario.drones.count, -1)
-    drone.radio, drone.mode = drone.point + 1, words.FLYING
+    drone.point = max(index - len(world.type_numbers), -1)
+    drone.type = 0 if drone.point >= 0 else world.type_numbers[index]
+    drone.radio = drone.type if drone.point < 0 else len(world.types) + drone.point
+    drone.mode = words.FLYING
     drone.waiting.buffer = drone.sharing.buffer = len(world.homes)
     drone.ahead = Queue(of=rows.Change, buffer=buffers.crossings)
     services = len(world.services.names)
     drone.served, drone.asking = _zeros(services), _zeros(services)
     drone.terms = Table([0.0] * len(term_names(world)))
-    drone.features = Table([0.0] * features)
     return drone
 
 

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
+from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import Carried, CarriedDrone
 from desim_uav.model.planner import Node
 from desim_uav.model.rules import Mode
@@ -16,36 +17,39 @@ HIGHEST = 2**53
 
 def checked(value: Any, world: World, ceilings: Sequence[bool]) -> Carried:
     """Return plain data as the states of drones. Raises ValueError if no drone can be in one."""
-    drones = _listed(value, world.scenario.drones.count)
-    return tuple(_drone(one, world, under) for one, under in zip(drones, ceilings, strict=True))
+    drones = _listed(value, world.scenario.drone_count)
+    return tuple(
+        _drone(one, world, under, world.type_of(d))
+        for d, (one, under) in enumerate(zip(drones, ceilings, strict=True))
+    )
 
 
-def _drone(value: Any, world: World, ceiling: bool) -> CarriedDrone:
+def _drone(value: Any, world: World, ceiling: bool, own: DroneType) -> CarriedDrone:
     mode, node, battery_us, age_us, hop, route, counted_m, place, fallen_m = _listed(value, 9)
     returns = mode == Mode.RETURNING  # what another drone has of a route is left from before
     (nx, ny), levels = world.grid.cells, world.grid.levels(ceiling)
     one = CarriedDrone(
         Mode(_whole(mode, 0, HIGHEST)),
         _node(node, (0, 0, 0), (nx - 1, ny - 1, levels - 1)),
-        _whole(battery_us, 0, world.capacity_us),
+        _whole(battery_us, 0, own.capacity_us),
         _whole(age_us, 0, HIGHEST),
         _hop(hop) if returns and hop is not None else None,
         tuple(map(_hop, _listed(route))) if returns else (),
         _number(counted_m),
-        _whole(place, 0, world.scenario.drones.count),
+        _whole(place, 0, world.scenario.drone_count),
         None if fallen_m is None else _place(fallen_m, world),
     )
     if (one.mode is Mode.CRASHED) != (one.fallen_m is not None):
         raise ValueError("only a crashed drone has fallen")
     if one.mode is not Mode.CRASHED:
-        _check_way(one, world, ceiling)
+        _check_way(one, world, ceiling, own)
     return one
 
 
-def _check_way(one: CarriedDrone, world: World, ceiling: bool) -> None:
+def _check_way(one: CarriedDrone, world: World, ceiling: bool, own: DroneType) -> None:
     """Raise ValueError if a drone is not on its way, or not at a station that it needs."""
     at = one.node
-    if one.hop is not None and one.age_us >= world.return_transits[one.hop].duration_us:
+    if one.hop is not None and one.age_us >= own.return_transits[one.hop].duration_us:
         raise ValueError("a hop is over before the episode begins")
     hops = (*([one.hop] if one.hop else []), *one.route)
     for node in _along(at, hops):

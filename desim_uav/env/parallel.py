@@ -17,7 +17,7 @@ from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.saving import Saving
 from desim_uav.env.session import ActionError
 from desim_uav.env.tasks import Change, Curriculum, tasks_of
-from desim_uav.spaces import features, observation_space, state_space
+from desim_uav.spaces import features_of, observation_space, state_space
 
 Parts = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
@@ -30,6 +30,9 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
     if it has real numbers), and ``action_mask``, int8 with one entry per action, never all 0.
     Drones that return, charge or have crashed stay agents, and their mask leaves one action. The
     time limit truncates an episode; a crash terminates it if the scenario says so.
+
+    If the scenario has several types of drones, the spaces are those of the drone's own type: one
+    without a battery has no actions for charging. Actions have the same numbers for all.
 
     An agent's reward is its drone's own. Its info holds numbers only, under the same keys at every
     reset and step (see ``Session.info``): attached users, crashes and the terms of the reward are
@@ -62,17 +65,18 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         self.render_mode = render_mode
         self.possible_agents = [f"drone_{d}" for d in range(self.session.drones)]
         self.agents: list[str] = []
-        numbers, actions = features(self.session.world), len(self.session.world.actions)
-        self.observation_spaces = {
-            agent: Dict(
+        world, self.observation_spaces, self.action_spaces = self.session.world, {}, {}
+        self._counts: list[tuple[int, int]] = []
+        for drone, agent in enumerate(self.possible_agents):
+            numbers, actions = features_of(world, drone), len(world.type_of(drone).actions)
+            self.observation_spaces[agent] = Dict(
                 {
                     "observation": observation_space(numbers),
                     "action_mask": Box(0, 1, (actions,), np.int8),
                 }
             )
-            for agent in self.possible_agents
-        }
-        self.action_spaces = {agent: Discrete(actions) for agent in self.possible_agents}
+            self.action_spaces[agent] = Discrete(actions)
+            self._counts.append((len(numbers), actions))
         self.state_space = state_space(len(self.session.state_names))
 
     def observation_space(self, agent: str) -> Dict:
@@ -114,6 +118,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
                 f"there must be one action for each of {self.agents}, not for {list(actions)}"
             )
         ordered = [actions[agent] for agent in self.agents]
+        self._refuse_those_of_others(ordered)
         _, terminated, truncated = self.session.step(ordered if len(ordered) != 1 else ordered[0])
         if terminated or truncated:
             self.agents = []
@@ -123,6 +128,16 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         for agent, reward in zip(infos, self.session.rewards(), strict=True):
             rewards[agent], ends[agent], cuts[agent] = reward, terminated, truncated
         return observations, rewards, ends, cuts, infos
+
+    def _refuse_those_of_others(self, ordered: Sequence[Any]) -> None:
+        """Raise ActionError for actions that only drones of another type can take."""
+        if self.session.world.scenario.differing:
+            for agent, action in zip(self.agents, ordered, strict=True):
+                if action not in self.action_spaces[agent]:
+                    raise ActionError(
+                        f"{agent}: actions must be from 0 to {self.action_spaces[agent].n - 1}, "
+                        f"not {action}"
+                    )
 
     def state(self) -> NDArray[np.float32]:
         """Return the whole state, for learners that train centrally (see ``rules.whole_state``)."""
@@ -143,8 +158,9 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
     def _observations_and_infos(self) -> tuple[dict[str, Parts], Infos]:
         session, observations = self.session, {}
         masks = session.mask().reshape(session.drones, -1)
-        for agent, encoded, mask in zip(
-            self.possible_agents, session.observations(), masks, strict=True
+        for agent, encoded, mask, (numbers, actions) in zip(
+            self.possible_agents, session.observations(), masks, self._counts, strict=True
         ):
-            observations[agent] = {"observation": encoded, "action_mask": mask}
+            own = {"observation": encoded[:numbers], "action_mask": mask[:actions]}
+            observations[agent] = own
         return observations, dict(zip(self.possible_agents, session.infos(), strict=True))

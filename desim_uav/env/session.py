@@ -24,7 +24,7 @@ from desim_uav.model.state import Snapshot
 from desim_uav.model.sums import in_order
 from desim_uav.rules.whole_state import names_of
 from desim_uav.sample_path import SamplePath, SamplePaths, at_once, draw_all
-from desim_uav.spaces import features, flat_mask, observation_space
+from desim_uav.spaces import features, flat_mask, observation_space, padded
 from desim_uav.world import World
 
 SEEDS = ("seed", "world_seed", "episode_number")
@@ -59,7 +59,7 @@ class Session(Independent):
         """
         self.tasks = tasks
         self.scenario = scenario = tasks.stages[0][1]
-        self.drones = scenario.drones.count
+        self.drones = scenario.drone_count
         self.shape = () if self.drones == 1 else (self.drones,)
         given = "seed" in scenario.model_fields_set
         self.seed = scenario.seed if given else secrets.randbits(32)
@@ -168,7 +168,8 @@ class Session(Independent):
     def _show(self, snapshot: Snapshot, episode: int) -> None:
         """Begin the infos of an episode with a snapshot."""
         self._snapshot = snapshot
-        first, asked, facts = snapshot.observations[0], snapshot.open_requests, self.world.facts
+        first, asked = snapshot.observations[0], snapshot.open_requests
+        facts = self.world.facts_of(0)
         names = term_names(self.world) or self.scenario.reward.terms(first, asked, facts)
         self.terms = {name: f"reward_{name}" for name in names}
         self._blank: dict[str, Any] = dict.fromkeys(info_keys(tuple(names)), 0)
@@ -214,9 +215,11 @@ class Session(Independent):
         return observation_space(features(self.world)).dtype
 
     def encoded(self) -> list[tuple[float, ...]]:
-        """Return the observation of each drone, encoded as numbers."""
-        encode, facts = self.scenario.observation.encode, self.world.facts
-        return [encode(observation, facts) for observation in self._snapshot.observations]
+        """Return the observation of each drone, encoded as numbers (see ``spaces.features``)."""
+        encode, world = self.scenario.observation.encode, self.world
+        return padded(
+            world, (encode(o, world.facts_of(o.drone)) for o in self._snapshot.observations)
+        )
 
     def observation(self) -> NDArray[Any]:
         """Return the encoded observations of all drones, one after the other."""
@@ -284,12 +287,17 @@ class Session(Independent):
         each = self.engine.entries("observations")
         info["attached_users"] = sum(one.attached_users for one in each)
         info["crashes"] = self.engine.log.crashes
-        info["elapsed_steps"] = min(int(one.elapsed) for one in each)
+        info["elapsed_steps"] = self._steps(min(one.elapsed_us for one in each))
         info["forced"] = min(int(one.forced) for one in each)
         for name, key in self.terms.items():
             info[key] = in_order([float(terms[name]) for terms in drones]) / self.drones
         info["action_mask"] = self.mask()
         return info
+
+    def _steps(self, time_us: int) -> float:
+        """Return a time in steps: a whole number, unless drones are asked by event."""
+        steps = int(time_us) / self.world.step_us
+        return steps if self.world.by_event else int(steps)
 
     def infos(self) -> list[dict[str, Any]]:
         """Return the info of each drone: the counts OWN_COUNTS and the terms are its own.
@@ -302,7 +310,7 @@ class Session(Independent):
             info, one = of_all.copy(), each[drone]
             info["attached_users"] = int(one.attached_users)
             info["crashes"] = crashed.count(drone)
-            info["elapsed_steps"], info["forced"] = int(one.elapsed), int(one.forced)
+            info["elapsed_steps"], info["forced"] = self._steps(one.elapsed_us), int(one.forced)
             for name, key in keys:
                 info[key] = float(own[name])
             infos.append(info)

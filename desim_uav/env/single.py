@@ -28,6 +28,9 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
     ``action_masks``, are those of the drones, one after the other; each allows at least one
     action. The time limit truncates an episode; a crash terminates it if the scenario says so.
 
+    If the scenario has several types of drones, each has as many numbers and actions as the one
+    with the most: behind its own numbers are zeros, and its mask forbids the actions of others.
+
     ``copy.copy``, ``copy.deepcopy`` and ``pickle`` make an independent environment at any point of
     an episode. It continues exactly as this one would. A pickle does so in any process that has
     the same versions of desim-uav and Python. ``save`` and ``restore`` go back to an epoch, with

@@ -1,9 +1,10 @@
 """Wrappers that skip the decision epochs at which there is nothing to decide.
 
 A drone that returns, queues, charges or has crashed has one allowed action: its step is *forced*
-(info ``forced``). Rewards r1, r2, … of the steps from a free decision to the next one are one
-reward, r1 + gamma r2 + gamma² r3 + …; what follows the next decision is to be discounted by gamma
-to the power of the info ``elapsed_steps`` there.
+(info ``forced``), and so is that of a drone that is asked later, if decisions are by event. Rewards
+r1, r2, … of the steps from a free decision to the next one are one reward, r1 + gamma r2 + gamma²
+r3 + …; what follows the next decision is to be discounted by gamma to the power of the info
+``elapsed_steps`` there. By event, epochs are not whole steps apart, and neither are the exponents.
 """
 
 from __future__ import annotations
@@ -35,13 +36,14 @@ class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
 
     def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
         """Take an action, and then the only allowed ones until there is a choice."""
-        gained, discount = 0.0, 1.0
+        gained, discount, passed = 0.0, 1.0, 0.0
         while True:
             seen, reward, terminated, truncated, info = self.env.step(action)
             gained += discount * float(reward)
             if terminated or truncated or not info["forced"]:
                 return seen, gained, terminated, truncated, info
-            discount *= self.gamma
+            discount *= self.gamma ** (info["elapsed_steps"] - passed)
+            passed = info["elapsed_steps"]
             only = np.asarray(info["action_mask"]).reshape(self._drones, -1).argmax(axis=1)
             action = only if self._drones > 1 else int(only[0])
 
@@ -63,6 +65,7 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
         self.gamma = _checked(gamma)
         self._gained: dict[str, float] = {}
         self._discounts: dict[str, float] = {}
+        self._passed: dict[str, float] = {}
 
     def reset(
         self, seed: int | None = None, options: dict[str, Any] | None = None
@@ -71,6 +74,7 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
         told: tuple[dict[str, Any], dict[str, Any]] = super().reset(seed=seed, options=options)
         self._gained = dict.fromkeys(self.agents, 0.0)
         self._discounts = dict.fromkeys(self.agents, 1.0)
+        self._passed = dict.fromkeys(self.agents, 0.0)
         return told
 
     def step(self, actions: dict[str, Any]) -> tuple[dict[str, Any], ...]:
@@ -80,7 +84,9 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
             seen, rewards, ends, cuts, infos = super().step(chosen)
             for agent, reward in rewards.items():
                 self._gained[agent] += self._discounts[agent] * reward
-                self._discounts[agent] *= self.gamma
+                elapsed = infos[agent]["elapsed_steps"]
+                self._discounts[agent] *= self.gamma ** (elapsed - self._passed[agent])
+                self._passed[agent] = elapsed if infos[agent]["forced"] else 0.0
             over = not self.agents
             if over or not all(info["forced"] for info in infos.values()):
                 return seen, self._paid(infos, over), ends, cuts, infos

@@ -45,7 +45,7 @@ class Kept(NamedTuple):
         world = engine.world
         try:
             told, drones = self.commands.shape
-            if drones != len(engine.drones) or told > world.scenario.episode.steps:
+            if drones != len(engine.drones) or told > world.most_epochs:
                 raise ValueError(f"commands of the shape {self.commands.shape} do not fit")
             before, ceilings = self.before, engine.settings.ceilings
             engine.carry(None if before is None else checked(before, world, ceilings))
@@ -79,7 +79,7 @@ def write(path: Path, saved: SavedState, seed: int, steps: int) -> None:
         "digest": saved.digest(),
         "before": saved.before,
     }
-    drones = saved.world.scenario.drones.count
+    drones = saved.world.scenario.drone_count
     commands = np.array(saved.commands, np.int64).reshape(-1, drones)
     write_whole(path, array_file.pack(about, commands=commands))
 

@@ -14,7 +14,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.streams import Purpose, uniforms_of
 from desim_uav.registry import did_you_mean
 from desim_uav.scenario.schema import Scenario
-from desim_uav.spaces import features
+from desim_uav.spaces import features_of
 from desim_uav.world import World, build_world
 
 WORLDS = {
@@ -189,10 +189,11 @@ def _misfits(scenario: Scenario, changes: Mapping[str, Any]) -> Iterable[str]:
 def _shape(scenario: Scenario) -> dict[str, Any]:
     """Return what must be the same in all stages, by name."""
     world = build_world(scenario, scenario.world_seed or 0)
+    drones = range(scenario.drone_count)
     return {
-        "number of drones": scenario.drones.count,
-        "actions": world.actions,
-        "observation space": features(world),
+        "number of drones": scenario.drone_count,
+        "actions": [world.type_of(drone).actions for drone in drones],
+        "observation space": [features_of(world, drone) for drone in drones],
         "terms of the reward": term_names(world),
         "whole state": (world.services.names, world.grid.cells),
     }

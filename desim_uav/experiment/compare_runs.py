@@ -69,7 +69,7 @@ def _read(folder: Path) -> _Run:
         raise PolicyError(f"{folder}: the run has no counted episode")
     policy, seed = summary["policy"], summary["seed"]
     summary["crashes_per_drone_episode"] = summary["crashes"] / (
-        summary["episodes"] * scenario.drones.count
+        summary["episodes"] * scenario.drone_count
     )
     return _Run(
         folder,

@@ -31,7 +31,7 @@ CONFLICTS = {
 }
 """Packages that require other versions than this one does, each with the message about it."""
 
-ALONE = dict.fromkeys(("marl-test", "rllib"), " in an environment of its own")
+ALONE = dict.fromkeys(("benchmarl", "marl-test", "rllib"), " in an environment of its own")
 """Extras that need an environment of their own."""
 
 

@@ -50,6 +50,6 @@ def evaluate(
         engine=engine,
     )
     measured: dict[str, Any] = headline(results.requests, results.episodes)
-    drone_episodes = episodes * scenario.drones.count
+    drone_episodes = episodes * scenario.drone_count
     measured["crashes_per_drone_episode"] = measured["crashes"] / drone_episodes
     return {name: measured[name] for name in MEASURES}

@@ -58,13 +58,13 @@ def optimum(
     refuse_other_models(scenario)
     world = build_world(scenario, scenario.effective_world_seed)
     static = type(scenario.users.mobility) is Static
-    lone = scenario.drones.count == 1 and static
+    lone = scenario.drone_count == 1 and static
     process = DroneProcess(world) if lone else None
     found: dict[str, Any] = {
         "scenario": scenario.name,
         "seed": scenario.seed,
         "world_seed": scenario.effective_world_seed,
-        "drones": scenario.drones.count,
+        "drones": scenario.drone_count,
         "users": len(world.homes),
         **(_covers(world) if static else NO_COVERS),
         "one_drone": None,
@@ -89,7 +89,7 @@ def optimum(
 
 def bounds_runs(scenario: Scenario) -> bool:
     """Return whether bounds of runs say more than the best cells and the best of one drone."""
-    several = scenario.drones.count > 1 and scenario.limited_battery
+    several = scenario.drone_count > 1 and scenario.limited_battery
     return several or type(scenario.users.mobility) is not Static
 
 
@@ -107,7 +107,7 @@ def _covers(world: World) -> dict[str, Any]:
             "exact": best.exact,
         },
         "instant_at_most_percent": 100 * instant_bound(places) / users,
-        "fair_cover": None if fair is None else _fair(fair, users, world.scenario.drones.count),
+        "fair_cover": None if fair is None else _fair(fair, users, world.scenario.drone_count),
     }
 
 

@@ -20,11 +20,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of figure: how it is drawn, its options, and whether it takes several folders."""
+    """A kind of figure: how it is drawn, its options, and whether it takes several folders.
+
+    If it is ``optional``, it takes none too.
+    """
 
     draw: Callable[..., Figure]
     options: Sequence[str] = ()
     several: bool = field(default=False)
+    optional: bool = field(default=False)
+
+
+ZENG = "{name: zeng2019, map: {obstacles: null}, drones: {battery: {kind: rotary_wing}}}"
+"""The scenario whose energy is drawn by default."""
 
 
 def _training(folders: Sequence[Path], **options: Any) -> Figure:
@@ -72,6 +80,21 @@ def _radio(source: Path, at: str | None = None, **options: Any) -> Figure:
     return radio_figure(world, **options)
 
 
+def _energy(source: Path | None) -> Figure:
+    """Draw the energy of a scenario, of the folder of a run, or of a drone with the defaults."""
+    from desim_uav.report.figures import energy_figure
+    from desim_uav.report.run import Run
+    from desim_uav.scenario.load import load, loads
+    from desim_uav.world import build_world
+
+    if source is not None and source.is_dir():
+        return energy_figure(Run(source).world)
+    scenario = loads(ZENG) if source is None else load(source)
+    with located(source or Path("energy")):
+        world = build_world(scenario, scenario.effective_world_seed)
+    return energy_figure(world)
+
+
 def _point(text: str) -> tuple[float, float]:
     """Return the numbers of a text such as ``1200,800``. Raises UsageError for any other text."""
     try:
@@ -101,6 +124,7 @@ KINDS: Mapping[str, Kind] = {
     "visits": Kind(_of_run("visits"), ("episode", "drone")),
     "policy": Kind(_policy, ("battery_min", "level", "drone")),
     "battery": Kind(_of_run("battery"), ("episode", "drone")),
+    "energy": Kind(_energy, optional=True),
     "episodes": Kind(_of_run("episodes")),
     "services": Kind(_of_run("services"), ("episode",)),
     "radio": Kind(_radio, ("level", "at")),
@@ -124,13 +148,16 @@ def plot(kind: str, sources: Sequence[Path], out: Path | None, options: Mapping[
             raise UsageError(
                 f"--{key.replace('_', '-')} is an option of {', '.join(of)}, not of {kind}"
             )
+    if not sources and not chosen.optional:
+        raise UsageError(f"{kind}: give a folder to draw: desim-uav plot {kind} RUN")
     if len(sources) > 1 and not chosen.several:
         many = ", ".join(map(str, sources))
         raise UsageError(f"{kind}: give one folder, not {len(sources)}: {many}")
     place = _default(kind, sources) if out is None else out
     suffix = ending(place)
     target = file_place(place, "" if out is None else "--out")
-    figure = chosen.draw(list(sources) if chosen.several else sources[0], **asked)
+    source = sources[0] if sources else None
+    figure = chosen.draw(list(sources) if chosen.several else source, **asked)
     write_at(target, to_bytes(figure, suffix))
     return place
 

@@ -180,7 +180,7 @@ def run_job(job: Job, folder: Path, engine: str = "batch") -> dict[str, Any]:
         write_whole(file, table.to_bytes())
         policy = str(file)
         row["episodes"] = scenario.learning.episodes
-        last = progress[-scenario.drones.count :]
+        last = progress[-scenario.drone_count :]
         row |= {f"last_{key}": _mean([getattr(one, key) for one in last]) for key in LAST_EPISODE}
     row |= evaluate(scenario, policy, job.seed, EPISODES, WARMUP, engine)
     file = folder / "jobs" / f"{job.name}.json"
@@ -208,7 +208,7 @@ def best_cover(case: int, seed: int) -> dict[str, float | None]:
     found["cover_qoe3_percent"] = percent * best.users if best.exact else None
     fair = None if scenario.limited_battery else fair_cover(places)
     if fair is not None:
-        reward = fair.score / len(world.homes) / scenario.drones.count
+        reward = fair.score / len(world.homes) / scenario.drone_count
         found["fair_reward"] = reward * scenario.episode.steps
         found["fair_qoe3_percent"] = percent * fair.users
         found["fair_least_qoe3_percent"] = None if fair.least is None else percent * fair.least

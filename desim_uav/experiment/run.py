@@ -18,7 +18,7 @@ from desim_uav.experiment import tables
 from desim_uav.model.state import Snapshot
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.base import Policy, decide, show
-from desim_uav.records import FLOAT, LINKS
+from desim_uav.records import ENERGY, FLOAT, LINKS
 from desim_uav.registry import FAULTS, naming_plug_ins, what_failed
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.world import World
@@ -46,7 +46,7 @@ Played = tuple[EpisodeLog, SamplePath]
 
 def run_settings(world: World, policy: Policy, keep_events: bool) -> RunSettings:
     """Return the engine's settings for a policy and the scenario of a world."""
-    ceilings = (policy.ceiling,) * world.scenario.drones.count
+    ceilings = (policy.ceiling,) * world.scenario.drone_count
     return RunSettings(ceilings, world.scenario.episode.carry_over, keep_events)
 
 
@@ -137,7 +137,7 @@ class Tally:
         self._requests = qoe.Totals()
         self._suppressed = self._crashes = 0
         self._qoe3, self._reward = qoe.Mean(), qoe.Mean()
-        self._links: dict[str, float] = {}
+        self._sums: dict[str, Any] = {}
 
     def add(self, requests: pd.DataFrame, episodes: pd.DataFrame) -> None:
         """Add the tables of some episodes; warm-up does not count."""
@@ -148,10 +148,14 @@ class Tally:
         self._crashes += int(episodes["crashes"].sum())
         self._qoe3.add(episodes["qoe3_percent"].to_numpy())
         self._reward.add(episodes["reward"].to_numpy())
-        for name, kind in LINKS.items():
+        for name, kind in (LINKS | ENERGY).items():
             if name in episodes:
-                total = self._links.get(name, 0) + episodes[name].sum()
-                self._links[name] = float(total) if kind == FLOAT else int(total)
+                total = self._sums.get(name, 0) + episodes[name].sum()
+                self._sums[name] = float(total) if kind == FLOAT else int(total)
+        if "j_per_mbit" in self._sums:
+            served = self._sums["served_mbit"]
+            per_mbit = 3600 * self._sums["energy_wh"] / served if served > 0.0 else None
+            self._sums["j_per_mbit"] = per_mbit
 
     def headline(self) -> dict[str, Any]:
         """Return the measures over all episodes added so far."""
@@ -161,7 +165,7 @@ class Tally:
             "qoe3_percent": self._qoe3.value(),
             "crashes": self._crashes,
             "reward_mean": self._reward.value(),
-            **self._links,
+            **self._sums,
         }
 
 
@@ -205,7 +209,7 @@ def tabulate(world: World, played: Sequence[Played], keep_events: bool) -> Resul
     requests = tables.requests_table(logs, world)
     return Results(
         requests,
-        tables.steps_table(logs),
+        tables.steps_table(logs, world),
         tables.episodes_table(logs, world, requests),
         tables.users_table([path for _, path in played], world),
         tables.events_table(logs) if keep_events else None,

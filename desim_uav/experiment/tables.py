@@ -15,11 +15,26 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from desim_uav import qoe
+from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import ClosedRequest, EpisodeLog
+from desim_uav.model.battery import WH_UJ
 from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
-from desim_uav.records import EPISODES, EVENTS, LEGS, POINTS, REQUESTS, STEPS, USERS, to_frame
+from desim_uav.records import (
+    ENERGY,
+    EPISODES,
+    EVENTS,
+    LEGS,
+    LINKS,
+    POINTS,
+    REQUESTS,
+    STEPS,
+    STORED,
+    USERS,
+    to_frame,
+)
+from desim_uav.report.links import mean_rate_bps
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -70,24 +85,52 @@ def _volumes(request: ClosedRequest, in_bits: bool) -> tuple[float | None, ...]:
 
 STEP_VALUES: dict[str, Callable[[Any], Any]] = {
     "t_s": lambda step: step.t_us / US,
-    "battery_s": lambda step: None if step.battery_us is None else step.battery_us / US,
     "mode": lambda step: step.mode.name.lower(),
     "action": lambda step: None if step.action is None else step.action.name.lower(),
     "action_taken": lambda step: step.action_taken.name.lower(),
     "bandwidth_kbps": lambda step: step.bandwidth_bps / 1000,
-    "n_b_s": lambda step: (
-        None if step.return_us is None or math.isinf(step.return_us) else step.return_us / US
-    ),
     "crashed": lambda step: step.mode is Mode.CRASHED,
 }
 """How columns of steps follow from a record; the others are fields of it, of the same name."""
 
 
-def steps_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
+def steps_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     """Return one row per step and drone."""
-    values = [STEP_VALUES.get(name, attrgetter(name)) for name in STEPS if name != "episode"]
+    columns = STEPS.among(STORED if world.in_joules else ())
+    types = [world.type_of(drone) for drone in range(world.scenario.drone_count)]
+    own = STEP_VALUES | _charge_values(types)
+    values = [own.get(name, attrgetter(name)) for name in columns if name != "episode"]
     rows = ((log.episode, *(of(step) for of in values)) for log in logs for step in log.steps)
-    return to_frame(STEPS, rows)
+    frame = to_frame(columns, rows)
+    if world.in_joules:  # what the records hold is summed over the episode
+        used = frame.groupby(["episode", "drone"], sort=False)["energy_wh"]
+        frame["energy_wh"] = (used.diff().fillna(frame["energy_wh"]) / WH_UJ).astype(float)
+    return frame
+
+
+def _charge_values(types: Sequence[DroneType]) -> dict[str, Callable[[Any], Any]]:
+    """Return how columns of batteries follow from a record, given the type of each drone."""
+
+    def in_seconds(name: str) -> Callable[[Any], Any]:
+        return lambda step: _over(getattr(step, name), types[step.drone].per_second)
+
+    def in_wh(name: str) -> Callable[[Any], Any]:
+        return lambda step: (
+            _over(getattr(step, name), WH_UJ) if types[step.drone].in_joules else None
+        )
+
+    return {
+        "battery_s": in_seconds("battery_us"),
+        "battery_wh": in_wh("battery_us"),
+        "n_b_s": in_seconds("return_us"),
+        "n_b_wh": in_wh("return_us"),
+        "energy_wh": lambda step: step.used if types[step.drone].in_joules else None,
+    }
+
+
+def _over(charge: float | None, unit: int) -> float | None:
+    """Return a charge in larger units; None if there is none, or if it is infinite."""
+    return None if charge is None or math.isinf(charge) else charge / unit
 
 
 def points_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
@@ -102,7 +145,8 @@ def episodes_table(
 ) -> pd.DataFrame:
     """Return one row per episode with its measures."""
     by_episode = dict(list(requests.groupby("episode")))
-    columns = EPISODES.among(EPISODES.more if world.graded else ())
+    more = [*(LINKS if world.graded else ()), *(ENERGY if world.in_joules else ())]
+    columns = EPISODES.among(more)
     rows = (
         _episode_row(log, world, by_episode.get(log.episode, requests.iloc[:0]), columns)
         for log in logs
@@ -118,7 +162,7 @@ def _episode_row(
         "episode": log.episode,
         "qoe3_percent": 100 * log.attached_us / (log.duration_us * len(world.homes)),
         "crashes": log.crashes,
-        "reward": in_order(step.reward for step in log.steps) / world.scenario.drones.count,
+        "reward": in_order(step.reward for step in log.steps) / world.scenario.drone_count,
         "suppressed": log.suppressed,
         "charges": log.charges,
         "queueing_s": log.queueing_us / US,
@@ -133,7 +177,21 @@ def _episode_row(
         values |= {"link_handovers": handovers, "ping_pongs": ping_pongs, "outages": outages}
         delivered = requests["delivered_mbit"].sum() if "delivered_mbit" in requests else 0.0
         values |= {"outage_s": outage_us / US, "delivered_mbit": delivered}
+    if world.in_joules:
+        values |= _energy(log, requests)
     return tuple(values[name] for name in columns)
+
+
+def _energy(log: EpisodeLog, requests: pd.DataFrame) -> dict[str, float | None]:
+    """Return what drones used and were charged with in an episode, and what was served with it."""
+    rates = mean_rate_bps(requests) * requests["served_s"].to_numpy(float)
+    served_mbit = in_order(rates.tolist()) / 1e6
+    return {
+        "energy_wh": log.used / WH_UJ,
+        "charged_wh": log.gained / WH_UJ,
+        "served_mbit": served_mbit,
+        "j_per_mbit": log.used / 1e6 / served_mbit if served_mbit > 0.0 else None,
+    }
 
 
 def events_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:

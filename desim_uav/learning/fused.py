@@ -22,7 +22,7 @@ from desim_uav.model.components import own_kernel, ruled
 from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.model.observations import row_or_none
 from desim_uav.rules.requests import measures
-from desim_uav.rules.words import CRASHED, HAS_A_CHOICE, REMOVES
+from desim_uav.rules.words import CRASHED, REMOVES
 
 Floats = NDArray[np.float64]
 
@@ -92,7 +92,7 @@ def _step(engine: Any, episode: Any) -> Any:
             state.drones[d].command = episode.learners[d].command
         call(engine.world.run, (engine.world, engine.path, state, STEP))
         for d in range(len(state.drones)):
-            episode.learners[d].reward = state.rewards[d]
+            episode.learners[d].reward, episode.learners[d].share = state.rewards[d], state.share
         _show(engine, episode)
 
     return step
@@ -106,13 +106,14 @@ def _show(engine: Compiled, episode: Episode) -> None:
     call(world.describe, (world, state))
     for d in range(len(episode.learners)):
         one, mode = episode.learners[d], state.observations[d].mode
+        own = world.types[state.drones[d].type]
         lesson = one.lesson
         for k in range(len(lesson.allowed)):
             lesson.allowed[k] = state.masks[d * len(lesson.allowed) + k]
         drawn = engine.draws[d, state.step]
         one.explore, one.which, lesson.coin = drawn[0], drawn[1], drawn[2]
-        one.lost = int(mode == CRASHED and world.on_crash == REMOVES)
-        one.decides = int(mode in HAS_A_CHOICE)
+        one.lost = int(mode == CRASHED and own.on_crash == REMOVES)
+        one.decides = 1 - state.observations[d].forced
         if one.decides:
             lesson.next_state = row_or_none(state.drones[d].features, episode.sizes)
             if lesson.next_state < 0:

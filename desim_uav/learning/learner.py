@@ -2,7 +2,8 @@
 
 Steps in which a drone has no choice (it returns, queues, charges or has crashed) belong to the
 decision before them: that decision gains their discounted rewards, and the value of the next
-decision, k steps later, is multiplied by γ^k. The value of a return is thus that of the full
+decision, k steps later, is multiplied by γ^k (k is no whole number if drones are asked by event).
+The value of a return is thus that of the full
 battery to which it leads.
 
 Python runs these functions as they stand, with any engine, observation and algorithm, and compiled
@@ -17,6 +18,7 @@ from typing import Any
 
 from desim_uav.learning.rows import Episode, Learner, value_of
 from desim_uav.model.compiled_rows import call
+from desim_uav.model.decisions import discount_of
 from desim_uav.model.kernels import rule
 
 Parameters = tuple[float, float, float]
@@ -111,7 +113,10 @@ def gain(learner: Learner) -> None:
     """Add the discounted reward of a step that has ended to the gain of the open decision."""
     lesson = learner.lesson
     lesson.gained += lesson.discount * learner.reward
-    lesson.discount *= learner.gamma
+    if learner.share == 1.0:
+        lesson.discount *= learner.gamma
+    else:
+        lesson.discount *= discount_of(learner.gamma, learner.share)
     learner.rewards += learner.reward
 
 

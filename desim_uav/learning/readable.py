@@ -9,7 +9,7 @@ from typing import Any
 from desim_uav.engine.episode import Engine
 from desim_uav.learning.rows import Episode
 from desim_uav.model.observations import table_row
-from desim_uav.model.rules import DECIDES, Mode
+from desim_uav.model.rules import Mode
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath
 
@@ -33,13 +33,13 @@ class Readable:
         """Give the drones their commands, and run to the next decision epoch."""
         snapshot = self.engine.step([learner.command for learner in episode.learners])
         for learner, reward in zip(episode.learners, snapshot.rewards, strict=True):
-            learner.reward = reward
+            learner.reward, learner.share = reward, self.engine.state.share
         self._show(episode, snapshot)
 
     def _show(self, episode: Episode, snapshot: Snapshot) -> None:
         """Write a decision epoch into the rows of the learners."""
         world, draws = self.engine.world, self.draws[snapshot.step]
-        encode, removes = world.scenario.observation.encode, world.on_crash == "remove"
+        encode = world.scenario.observation.encode
         episode.terminated, episode.truncated = snapshot.terminated, snapshot.truncated
         for learner, observation, mask, drawn in zip(
             episode.learners, snapshot.observations, snapshot.masks, draws, strict=True
@@ -47,7 +47,10 @@ class Readable:
             lesson: Any = learner.lesson
             lesson.allowed = mask
             learner.explore, learner.which, lesson.coin = drawn
+            removes = world.type_of(observation.drone).on_crash == "remove"
             learner.lost = removes and observation.mode is Mode.CRASHED
-            learner.decides = observation.mode in DECIDES
+            learner.decides = sum(mask) > 1
             if learner.decides:
-                lesson.next_state = table_row(encode(observation, world.facts), episode.sizes)
+                code = encode(observation, world.facts_of(observation.drone))
+                features = len(world.features_of(observation.drone))
+                lesson.next_state = table_row(code, episode.sizes, features)

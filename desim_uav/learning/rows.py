@@ -120,7 +120,8 @@ class Learner(Row):
     ``decides``, or it has no choice; if it is ``lost``, it has crashed and will not be replaced.
     ``explore`` and ``which`` are random numbers, uniform in [0, 1): whether it explores, and which
     action it then takes. ``command`` is the index of the action that it is commanded, ``reward``
-    its reward of the last step, and ``rewards`` the sum of its rewards in the episode so far.
+    its reward of the last step, ``share`` how much of a whole step that has lasted, and ``rewards``
+    the sum of its rewards in the episode so far.
     """
 
     q: Values
@@ -133,6 +134,7 @@ class Learner(Row):
     which: float
     command: int
     reward: float
+    share: float
     rewards: float
 
 

@@ -21,7 +21,7 @@ from desim_uav.learning.learner import Parameters, forget, play
 from desim_uav.learning.readable import Readable
 from desim_uav.learning.rows import Episode, Learner, Values
 from desim_uav.model.components import NOT_COMPILED, cause_of
-from desim_uav.model.observations import Feature, table_row, table_sizes
+from desim_uav.model.observations import Feature, common_features, table_row, table_sizes
 from desim_uav.model.rows import Table, View, blank, fill, packed
 from desim_uav.model.streams import Purpose, Streams, uniforms_of
 from desim_uav.notices import notice
@@ -99,7 +99,7 @@ class Training:
         self.sizes = table_sizes(self.features)
         self.episode = 0
         self.carries_over = scenario.episode.carry_over
-        count = scenario.drones.count
+        count = scenario.drone_count
         settings = RunSettings((True,) * count, self.carries_over, keep_steps=False)
         self.engine = make_engine(engine, world, settings)
         states, actions = math.prod(self.sizes), len(world.actions)
@@ -108,8 +108,9 @@ class Training:
         for drone in range(count):
             rng = streams.generator(drone)
             for table in self.q[drone]:
+                facts = world.facts_of(drone)
                 table[:] = initial_q(
-                    self.settings.initial_q, self.features, world.actions, world.facts, rng
+                    self.settings.initial_q, self.features, world.actions, facts, rng
                 )
         self.together = at_once(world)
         update = self._compiled(algorithm)
@@ -203,8 +204,8 @@ class Training:
         )
         engine.check()
         if self.episode_row.lost:
-            for code in engine.features():
-                table_row(code, self.sizes)
+            for drone, code in enumerate(engine.features()):
+                table_row(code, self.sizes, len(self.world.features_of(drone)))
         missing = np.isnan(results)
         if missing.any():
             results = results.astype(object)
@@ -222,7 +223,7 @@ class Training:
 
     def _draws(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Return the random numbers of episodes, in [0, 1): (episodes, drones, epochs, DRAWS)."""
-        count, epochs = len(self.learners), self.world.scenario.episode.steps + 1
+        count, epochs = len(self.learners), self.world.most_epochs + 1
         drawn = uniforms_of(self.seed, Purpose.LEARNER, numbers, count, epochs * DRAWS)
         return drawn.reshape(-1, count, epochs, DRAWS)
 
@@ -267,7 +268,7 @@ def table_features(world: World, tables: int = 1) -> tuple[Feature, ...]:
     ``tables`` is the number of tables per drone. Raises UsageError if the observation has real
     numbers, or if the tables would be too large.
     """
-    features = world.scenario.observation.features(world.facts)
+    features = common_features(world.features_of_types)
     kind = getattr(world.scenario.observation, "kind", "it")
     if not all(feature.whole and feature.low == 0 for feature in features):
         raise UsageError(
@@ -275,10 +276,10 @@ def table_features(world: World, tables: int = 1) -> tuple[Feature, ...]:
             "use {kind: position}"
         )
     states = math.prod(table_sizes(features))
-    entries = states * len(world.actions) * world.scenario.drones.count * tables
+    entries = states * len(world.actions) * world.scenario.drone_count * tables
     if entries > LARGEST_TABLE:
         raise UsageError(
-            f"observation: {states:,} states for {world.scenario.drones.count} drones make tables "
+            f"observation: {states:,} states for {world.scenario.drone_count} drones make tables "
             f"of {entries * 4 / 2**30:.1f} GiB; at most {LARGEST_TABLE * 4 >> 30} are allowed"
         )
     return features

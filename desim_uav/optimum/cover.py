@@ -85,7 +85,7 @@ class Places:
     def __init__(self, world: World) -> None:
         self.world = world
         self.footprints = Footprints(world)
-        self.drones = world.scenario.drones.count
+        self.drones = world.scenario.drone_count
         self.users = len(world.homes)
         held = self.footprints.by_cell()
         cells = sorted({(ix, iy) for ix, iy, _ in flown_to(world)})

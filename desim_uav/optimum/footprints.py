@@ -58,7 +58,7 @@ class Footprints:
         """Return the entries and exits of a leg; users inside at its start enter then."""
         look_around(self.users, 0, span_us)
         route = (*leg.from_m, *leg.to_m)
-        radius_m = self.world.scenario.drones.footprint_radius_m
+        radius_m = self.world.only_type.drones.footprint_radius_m
         flown = DroneLeg(leg.transit.profile, route, (0, span_us), radius_m, fresh=True)
         count = crossings(flown, self.users, self._found)
         if count > len(self._found):

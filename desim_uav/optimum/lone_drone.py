@@ -22,7 +22,7 @@ from desim_uav.rules.charging import await_full, begin_charging, end_charging
 from desim_uav.rules.coverage import on_crossing, silence, track
 from desim_uav.rules.crash import crash
 from desim_uav.rules.decide import observe, on_arrival
-from desim_uav.rules.due import arrival_slot, crossing_slot, depletion_slot, key, settle_slot
+from desim_uav.rules.due import arrival_slot, crossing_slot, depletion_slot, settle_slot
 from desim_uav.rules.episode import command, end_step, show_first
 from desim_uav.rules.flight import appear, hover_at, orient, station_under
 from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
@@ -50,6 +50,7 @@ class Events:
     """The event queue of the rules (see ``rules.due``): the (time, key) of each slot in use."""
 
     def __init__(self) -> None:
+        self._end = 0, 0
         self._at: dict[int, tuple[int, int]] = {}
 
     def due(self, slot: int, t_us: int, key: int) -> None:
@@ -68,10 +69,14 @@ class Events:
         """Return whether no event is scheduled, whatever its time and its key."""
         return not self._at
 
-    def next_before(self, t_us: int, key: int) -> tuple[int, int] | None:
-        """Remove the next event, if it precedes a place in an instant; return its slot and time."""
+    def run_until(self, t_us: int, key: int) -> None:
+        """Let ``next`` return only events before this place in an instant."""
+        self._end = t_us, key
+
+    def next(self) -> tuple[int, int] | None:
+        """Remove the next event, if it is before the end; return its slot and its time."""
         slot = min(self._at, key=self._at.__getitem__, default=None)
-        if slot is None or self._at[slot] >= (t_us, key):
+        if slot is None or self._at[slot] >= self._end:
             return None
         return slot, self._at.pop(slot)[0]
 
@@ -93,7 +98,7 @@ class LoneDrone:
         self._events = self.state.clock = Events()
         self.state.keeps_requests = 0
         if world.on_crash == "end_episode":  # which would close all requests
-            self.constants.on_crash = words.REMOVES
+            self.constants.types[0].on_crash = words.REMOVES
         self._pay, self.constants.pay = self.constants.pay, self._note
         self._rules = {
             arrival_slot(self.state, 0): on_arrival,
@@ -113,12 +118,12 @@ class LoneDrone:
         silence(world, path, rows, drone, words.COVERAGE)
         self._events.clear()
         self._hovers_over = None
-        rows.now_us = rows.step = rows.attached_us = rows.crashes = 0
+        rows.now_us = rows.epoch_us = rows.step = rows.attached_us = rows.crashes = 0
         rows.crashed.clear()
         appear(world, rows, drone, x, y)
         hover_at(drone, x, y, level)
         drone.battery_us, drone.waits, drone.respawns = battery_us, 1, 0
-        orient(world, path, rows, drone, 0)
+        orient(world, path, rows, drone)
         show_first(world, path, rows)
 
     def run(self, state: State, action: Action) -> tuple[tuple[Step, ...], State | None]:
@@ -132,7 +137,7 @@ class LoneDrone:
         over = False
         while not over:
             self._run_step()
-            gone = rows.crashes and self.constants.on_crash == words.REMOVES
+            gone = rows.crashes and self.constants.types[0].on_crash == words.REMOVES
             over = bool(drone.waits or gone)
         there = (drone.x, drone.y, drone.level), rows.observations[0].battery_us
         return tuple(self._steps), None if rows.crashes else there
@@ -176,14 +181,14 @@ class LoneDrone:
     def _run_step(self) -> None:
         """Run a step, in which each event calls its rule."""
         world, path, rows, drone = self.constants, self._path, self.state, self.drone
-        rows.step, end_us = 0, rows.now_us + world.step_us
+        rows.step = 0
         command(world, path, rows)
         self._charge()
-        while event := self._events.next_before(end_us, key(words.RECORD, -1, -1)):
+        while event := self._events.next():
             slot, rows.now_us = event
             self._rules[slot](world, path, rows, drone)
             self._charge()
-        rows.step, rows.now_us = -1, end_us  # so it ends as step 0, which ends no episode
+        rows.step, rows.now_us = -1, rows.next_us  # so it ends as step 0, which ends no episode
         end_step(world, path, rows)
 
     def _charge(self) -> None:

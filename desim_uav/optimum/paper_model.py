@@ -27,7 +27,15 @@ def refuse_other_models(scenario: Scenario) -> None:
 
 def _problems(scenario: Scenario) -> Iterator[str]:
     """Yield what is not the paper's model: the key, its value, and what is allowed."""
-    radio: Any = scenario.drones.radio
+    if scenario.differing:
+        yield (
+            f"drones: the types {', '.join(scenario.type_names)} differ in "
+            f"{', '.join(scenario.differing)}: {ONLY} for drones of one type"
+        )
+        return
+    if scenario.decisions.by_event:
+        yield f"decisions: event: {ONLY} with clock, where all drones are asked at each step"
+    radio: Any = scenario.fleet[0].radio
     association = scenario.association
     if type(radio) is not Disc:
         yield (

@@ -98,10 +98,10 @@ class DroneProcess:
 def refuse_what_is_random(world: World) -> None:
     """Raise UsageError, with the key, unless there is one drone and nothing random but crashes."""
     scenario = world.scenario
-    drones, demand, admission = scenario.drones, scenario.demand, scenario.drones.admission
+    demand, admission = scenario.demand, scenario.fleet[0].admission
     only = "the best policy can be computed only"
-    if drones.count > 1:
-        raise UsageError(f"drones.count: {only} for one drone, not for {drones.count}")
+    if scenario.drone_count > 1:
+        raise UsageError(f"drones.count: {only} for one drone, not for {scenario.drone_count}")
     if scenario.position_noise is not None:
         raise UsageError(f"position_noise: {only} without position noise (null)")
     if getattr(scenario.reward, "keeps_credit", False):

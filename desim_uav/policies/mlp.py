@@ -140,7 +140,7 @@ def description_of(world: World, own: bool = False) -> dict[str, Any]:
     scenario = world.scenario
     shown = to_plain(scenario)["observation"]
     return {
-        "features": [feature.name for feature in scenario.observation.features(world.facts)],
+        "features": [feature.name for feature in max(world.features_of_types, key=len)],
         "actions": [action.name.lower() for action in world.actions],
         "observation": shown if shown["kind"] in names("observation") else None,
         "scenario": scenario.name,
@@ -227,7 +227,7 @@ class NetworkPolicy:
 
     def _fit(self, world: World) -> None:
         """Check that the network fits the world, and read it."""
-        self._facts = world.facts
+        self._world = world
         self._encode = world.scenario.observation.encode
         here = description_of(world)
         if self.observation is not None:
@@ -262,5 +262,7 @@ class NetworkPolicy:
         if observation.mode not in DECIDES:
             return list(mask).index(True)
         assert self._network is not None, "begin comes first"
-        scores = self._network.scores(self._encode(observation, self._facts))
+        seen = self._encode(observation, self._world.facts_of(observation.drone))
+        more = len(self.about["features"]) - len(seen)  # where other types observe more
+        scores = self._network.scores((*seen, *(0.0,) * more))
         return int(np.where(mask, scores, -np.inf).argmax())

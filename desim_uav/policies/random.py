@@ -21,7 +21,7 @@ class Random:
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Take a new random stream for each drone."""
-        self._streams = [streams.generator(d) for d in range(world.scenario.drones.count)]
+        self._streams = [streams.generator(d) for d in range(world.scenario.drone_count)]
 
     def memory(self) -> list[list[int]]:
         """Return the state of each drone's random stream, as four whole numbers."""

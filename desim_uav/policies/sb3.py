@@ -85,6 +85,7 @@ class StableBaselines:
         """Build the network, once per world. Raises PolicyError if it does not fit."""
         if world is self._world:
             return
+        world.require_one_type("a network of stable-baselines3")
         observations, actions, jointly = self._fitting(world)
         try:
             self._network = _network(self._saved, observations, actions)
@@ -98,7 +99,7 @@ class StableBaselines:
         """Return the spaces of the training, and whether they are those of all drones."""
         from desim_uav.spaces import action_space, observation_space, widest
 
-        drones, actions = world.scenario.drones.count, len(world.actions)
+        drones, actions = world.scenario.drone_count, len(world.actions)
         encoding, trained = world.scenario.observation, self._saved.spaces
         here: dict[Spaces, None] = {}
         for count, facts in itertools.product((drones, 1), (widest(world), world.facts)):

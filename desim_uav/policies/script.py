@@ -40,7 +40,7 @@ class Script:
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Check the script. Raises PolicyError if it does not fit the scenario."""
         self._index = {action: k for k, action in enumerate(world.actions)}
-        drones = world.scenario.drones.count
+        drones = world.scenario.drone_count
         for (step, drone), action in self.commands.items():
             where = f"{self.file}:{self._lines[step, drone]}"
             if drone >= drones:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from desim_uav import array_file
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError, in_short
-from desim_uav.model.observations import Feature, table_row, table_sizes
+from desim_uav.model.observations import Feature, common_features, table_row, table_sizes
 from desim_uav.model.rules import DECIDES
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
@@ -154,11 +154,11 @@ class Greedy:
 
     def _fit(self, world: World) -> None:
         """Check that the table fits the world, and read it."""
-        self._facts = world.facts
+        self._world = world
         self._encode = world.scenario.observation.encode
-        features = world.scenario.observation.features(world.facts)
+        features = common_features(world.features_of_types)
         about = self.about
-        self._require("drones", self._stored.drones, world.scenario.drones.count)
+        self._require("drones", self._stored.drones, world.scenario.drone_count)
         self._require("actions", about["actions"], [a.name.lower() for a in world.actions])
         self._require("states", about["features"], described(features))
         self._sizes = table_sizes(features)
@@ -188,8 +188,10 @@ class Greedy:
         if observation.mode not in DECIDES:
             return list(mask).index(True)
         assert self._q is not None, "begin comes first"
-        row = table_row(self._encode(observation, self._facts), self._sizes)
-        return int(np.where(mask, self._q[observation.drone, row], -np.inf).argmax())
+        world, drone = self._world, observation.drone
+        code = self._encode(observation, world.facts_of(drone))
+        row = table_row(code, self._sizes, len(world.features_of(drone)))
+        return int(np.where(mask, self._q[drone, row], -np.inf).argmax())
 
 
 def described(features: Sequence[Feature]) -> list[list[Any]]:

@@ -1,41 +1,51 @@
-"""The charge of drones' batteries at any time of an episode."""
+"""The charge of drones' batteries at any time of an episode, in the units of the energy model."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 
+import pandas as pd
+
+from desim_uav.drone_type import DroneType
 from desim_uav.errors import PolicyError
-from desim_uav.model.battery import charged_us
-from desim_uav.model.rules import US
+from desim_uav.model.charging import Charging
 from desim_uav.report.run import Run
 
 Knot = tuple[int, int]
-"""A time and the charge at that time, both in microseconds; the charge is linear in between."""
+"""A time in microseconds and the charge at that time; the charge is linear in between."""
+
+PARTS = 16
+"""The number of pieces of which a charge is drawn that is not linear."""
 
 
 def batteries_before_us(run: Run, episode: int) -> list[int]:
     """Return each drone's charge at the start of an episode: full, or that of the episode before.
 
-    Raises PolicyError if the table of steps lacks it.
+    It is 0 if the battery is unlimited. Raises PolicyError if the table of steps lacks it.
     """
-    drones, battery = run.scenario.drones.count, run.scenario.drones.battery
-    assert battery is not None
+    types = [run.world.type_of(drone) for drone in range(run.scenario.drone_count)]
     steps = run.of("steps", episode - 1)
     ends = steps[steps["step"] == run.scenario.episode.steps - 1].sort_values("drone")
-    ended = battery.on_crash == "end_episode" and ends["crashed"].any()
-    if not run.settings.carry_over or len(ends) != drones or ended:
-        return [run.world.capacity_us] * drones
-    if ends["battery_s"].isna().any():
+    if not run.settings.carry_over or len(ends) != len(types) or _ended(types, ends["crashed"]):
+        return [own.capacity_us for own in types]
+    held_s = [s if own.limited else 0.0 for own, s in zip(types, ends["battery_s"], strict=True)]
+    if pd.isna(held_s).any():
         raise PolicyError(f"{run.folder / 'steps.parquet'}: battery_s: a value is missing")
-    return [round(battery_s * US) for battery_s in ends["battery_s"]]
+    return [round(battery_s * own.per_second) for own, battery_s in zip(types, held_s, strict=True)]
+
+
+def _ended(types: Sequence[DroneType], crashed: Iterable[bool]) -> bool:
+    """Return whether a drone had crashed whose type's crashes end episodes."""
+    fallen = zip(types, crashed, strict=True)
+    return any(has and own.on_crash == "end_episode" for own, has in fallen)
 
 
 def battery_knots(
-    begins_with_us: int,
+    begins_with: int,
     records: Sequence[Knot],
     events: Sequence[tuple[int, str]],
-    capacity_us: int,
-    full_charge_us: int,
+    capacity: int,
+    charging: Charging,
 ) -> list[Knot]:
     """Return the charge of a battery: its records, and exact values at events between them.
 
@@ -43,34 +53,68 @@ def battery_knots(
     full after charging and in a replacement. The charge at landing is computed backwards from the
     charging that follows, so it does not depend on the energy model.
     """
-    knots = [(0, begins_with_us), *records]
+    knots, full = [(0, begins_with), *records], charging.full(capacity)
     for k, (t_us, kind) in enumerate(events):
         if kind == "crash":
             knots.append((t_us, 0))
         elif kind == "respawn":
-            knots += [(t_us, 0), (t_us, capacity_us)]
+            knots += [(t_us, 0), (t_us, capacity)]
         elif kind == "charged":
-            knots.append((t_us, capacity_us))
+            knots.append((t_us, max(full, knots[-1][1] if knots[-1][0] == t_us else 0)))
         elif kind in ("land", "charge"):
-            held_us = _on_landing(events[k:], records, capacity_us, full_charge_us)
-            knots.append((t_us, held_us))
+            held, until_us = _on_landing(events[k:], records, capacity, charging)
+            knots.append((t_us, held))
+            if kind == "charge":
+                knots += _while_charging(held, t_us, until_us, capacity, charging)
     # The sort is stable: jumps keep their order, and a replacement at a record comes after it.
     return sorted(knots, key=lambda knot: knot[0])
 
 
+def _while_charging(
+    held: int, t_us: int, until_us: int, capacity: int, charging: Charging
+) -> list[Knot]:
+    """Return knots between the start and the end of a charge; none if it is linear."""
+    span_us = until_us - t_us
+    halfway = charging.charged(held, span_us // 2, capacity)
+    ends = charging.charged(held, span_us, capacity)
+    if span_us < PARTS or abs(2 * halfway - held - ends) <= 4 + 2 * (ends - held) // span_us:
+        return []
+    parts = [span_us * k // PARTS for k in range(1, PARTS)] + [span_us - 1]
+    return [(t_us + part_us, charging.charged(held, part_us, capacity)) for part_us in parts]
+
+
 def _on_landing(
-    events: Sequence[tuple[int, str]],
-    records: Sequence[Knot],
-    capacity_us: int,
-    full_charge_us: int,
-) -> int:
-    """Return the charge of a drone that lands or begins to charge at the first of these events."""
+    events: Sequence[tuple[int, str]], records: Sequence[Knot], capacity: int, charging: Charging
+) -> tuple[int, int]:
+    """Return the charge of a drone that lands or begins to charge at the first of these events.
+
+    The second number is the time until which it charges; if it does not, that of the last record.
+    """
+    lands_us, (ends_us, held) = events[0][0], records[-1]
     charge_us = next((t_us for t_us, kind in events if kind == "charge"), None)
-    if charge_us is None:  # it waits for a pad until the end
-        return records[-1][1]
     full_at_us = next((t_us for t_us, kind in events if kind == "charged"), None)
-    held_us, when_us = records[-1][1], records[-1][0]
-    if full_at_us is not None:
-        held_us, when_us = capacity_us, full_at_us
-    gained_us = charged_us(0, when_us - charge_us, capacity_us, full_charge_us)
-    return min(capacity_us, max(0, held_us - gained_us))
+    until_us = ends_us if full_at_us is None else full_at_us
+    waits = [charge for t_us, charge in records if lands_us <= t_us <= (charge_us or lands_us)]
+    if charge_us is None:  # it waits for a pad until the end
+        return held, ends_us
+    if waits:
+        return waits[0], until_us
+    known = next(((t, c) for t, c in records if charge_us < t < until_us), None)
+    if known is not None or full_at_us is None:
+        t_us, held = known or records[-1]
+        span_us = t_us - charge_us
+        return _least(capacity, lambda b: charging.charged(b, span_us, capacity) >= held), until_us
+    span_us = full_at_us - charge_us
+    return _least(capacity, lambda b: charging.until_full_us(b, capacity) <= span_us), until_us
+
+
+def _least(most: int, holds: Callable[[int], bool]) -> int:
+    """Return the least number up to ``most`` from which on a condition holds."""
+    least = -1
+    while most - least > 1:
+        middle = (least + most) // 2
+        if holds(middle):
+            most = middle
+        else:
+            least = middle
+    return most

@@ -2,29 +2,39 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from desim_uav.model.battery import WH_UJ
 from desim_uav.world import World
 
 
-def rings_m(world: World, z_m: float) -> NDArray[np.float64]:
+def rings_m(world: World, z_m: float, drone: int) -> NDArray[np.float64]:
     """Return the radius of each class around a drone at an altitude, the widest first, in metres.
 
     It is that for users on the ground (or the lowest ones) at the mean loss, without interference;
     between two levels of altitude it is interpolated. A class that holds nowhere has 0.
     """
-    levels_m, radii_m = world.grid.levels_m, np.maximum(world.links[0].rings_m[:, 0, :], 0.0)
+    return rings_of_type_m(world, z_m, world.type_numbers[drone])
+
+
+def rings_of_type_m(world: World, z_m: float, number: int) -> NDArray[np.float64]:
+    """Return the radius of each class around drones of a type, as ``rings_m`` does for one."""
+    levels_m, links = world.grid.levels_m, world.links[number]
+    radii_m = np.maximum(links.rings_m[:, 0, :], 0.0)
     found: NDArray[np.float64] = np.array([np.interp(z_m, levels_m, own) for own in radii_m.T])
     return found
 
 
 def point_rings_m(world: World, number: int) -> NDArray[np.float64]:
     """Return the radius of each class around an access point, as ``rings_m`` does for a drone."""
-    found: NDArray[np.float64] = np.maximum(world.links[1 + number].rings_m[0, 0], 0.0)
+    found: NDArray[np.float64] = np.maximum(
+        world.links[len(world.types) + number].rings_m[0, 0], 0.0
+    )
     return found
 
 
@@ -63,16 +73,10 @@ def mean_rate_bps(requests: pd.DataFrame) -> NDArray[np.float64]:
 def links_content(world: World) -> dict[str, Any]:
     """Return what a page has to know of links: rings by level, classes and access points."""
     points = world.scenario.access_points
-    radio: Any = world.scenario.drones.radio
+    types = range(len(world.types))
     return {
-        "footprint_m": float(world.reach_m),
-        "rings": None
-        if not radio.graded
-        else {
-            "levels_m": list(map(float, world.grid.levels_m)),
-            "radii_m": [_decimetres(rings_m(world, z_m)) for z_m in world.grid.levels_m],
-            **_ladder(radio),
-        },
+        "types": [_type_content(world, number) for number in types],
+        "type_of": list(world.type_numbers),
         "points": [
             {
                 "at": [*map(float, point.at_m), float(point.height_m)],
@@ -82,7 +86,28 @@ def links_content(world: World) -> dict[str, Any]:
             for number, point in enumerate(points)
         ],
         "graded": world.graded,
-        "interference": bool(radio.reuse),
+        "interference": bool(world.links[0].radio.reuse),
+    }
+
+
+def _type_content(world: World, number: int) -> dict[str, Any]:
+    """Return what a page has to know of a type of drones."""
+    own, links, levels_m = world.types[number], world.links[number], world.grid.levels_m
+    unlimited = links.radio.graded or math.isinf(links.bandwidth_hz)
+    rings = None
+    if links.radio.graded:
+        rings = {
+            "levels_m": list(map(float, levels_m)),
+            "radii_m": [_decimetres(rings_of_type_m(world, z_m, number)) for z_m in levels_m],
+            **_ladder(links.radio),
+        }
+    return {
+        "name": world.scenario.type_names[number],
+        "capacity_us": own.hover_us(own.capacity_us) if own.limited else None,
+        "capacity_wh": own.capacity_us / WH_UJ if own.in_joules else None,
+        "bandwidth_bps": None if unlimited else round(links.bandwidth_hz),
+        "footprint_m": links.reach_m,
+        "rings": rings,
     }
 
 

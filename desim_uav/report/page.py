@@ -160,18 +160,13 @@ def scenario_section(run: Reported) -> markup.Html:
 def scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
     """Return the main properties of a scenario, in words."""
     plain = to_plain(scenario)
-    drones, users, stations = plain["drones"], plain["users"], plain["stations"]
+    users, stations, episode = plain["users"], plain["stations"], plain["episode"]
     width, depth = plain["map"]["size_m"]
     nx, ny = plain["map"]["cells"]
-    battery, episode = drones["battery"], plain["episode"]
     return [
         ("name", plain["name"]),
         ("map", f"{width:g} × {depth:g} m, {nx} × {ny} cells, {plain['map']['dimensions']}D"),
-        ("drones", f"{drones['count']}{_footprint(drones)}"),
-        ("bandwidth", _bandwidth(drones)),
-        *_radio_facts(plain),
-        ("battery", "unlimited" if battery is None else _component(battery)),
-        ("motion", _component(drones["motion"])),
+        *_fleet_facts(plain),
         ("stations", f"{stations['count']}, {count(stations['pads'], 'pad')} each"),
         ("users", f"{len(users.get('positions_m') or []) or users['count']}"),
         ("mobility", _component(users["mobility"])),
@@ -181,6 +176,34 @@ def scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
         ("position noise", _component(plain["position_noise"] or {}) or "none"),
         ("episode", f"{episode['steps']} steps of {episode['step_s']:g} s"),
         ("carry-over", "yes" if episode["carry_over"] else "no"),
+    ]
+
+
+def _fleet_facts(plain: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return the properties of the drones and of access points; a type of drones has one line."""
+    drones = plain["drones"]
+    if isinstance(drones, dict):
+        return _type_facts(drones, _radio_facts(plain, drones["radio"]))
+    graded = [own["radio"] for own in drones if own["radio"]["kind"] != "disc"]
+    shared = _radio_facts(plain, (graded or [drones[0]["radio"]])[0])
+    types = []
+    for own in drones:
+        facts = _type_facts(own, [("radio", _component(own["radio"]))])
+        count, *rest = [value if name == "drones" else f"{name} {value}" for name, value in facts]
+        types.append((own["name"], "; ".join([count, *rest])))
+    return [*types, *(fact for fact in shared if fact[0] != "radio")]
+
+
+def _type_facts(
+    drones: dict[str, Any], radio_facts: list[tuple[str, str]]
+) -> list[tuple[str, str]]:
+    battery = drones["battery"]
+    return [
+        ("drones", f"{drones['count']}{_footprint(drones)}"),
+        ("bandwidth", _bandwidth(drones)),
+        *radio_facts,
+        ("battery", "unlimited" if battery is None else _component(battery)),
+        ("motion", _component(drones["motion"])),
     ]
 
 
@@ -195,9 +218,9 @@ def _bandwidth(drones: dict[str, Any]) -> str:
     return _or_unlimited(drones["bandwidth_kbps"], "{:g} kbit/s per drone")
 
 
-def _radio_facts(plain: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return the radio, the association and the access points, if links have classes."""
-    radio, points = plain["drones"]["radio"], plain.get("access_points") or []
+def _radio_facts(plain: dict[str, Any], radio: dict[str, Any]) -> list[tuple[str, str]]:
+    """Return a radio, the association and the access points, if links have classes."""
+    points = plain.get("access_points") or []
     if radio["kind"] == "disc" and not points:
         return []
     facts = [("radio", _component(radio)), ("association", _component(plain["association"]))]

@@ -125,10 +125,10 @@ class Playback:
     @cached_property
     def _tracks(self) -> list[Track]:
         legs = self.run.of("legs", self.episode)
-        drones = range(self.run.scenario.drones.count)
+        drones = range(self.run.scenario.drone_count)
         if set(legs["drone"]) != set(drones) or not set(legs["mode"]) <= set(MODES):
             raise self._unfit("legs", "the drones or modes are not those of the scenario")
-        return [Track(legs[legs["drone"] == drone], self.run) for drone in drones]
+        return [Track(legs[legs["drone"] == drone], self.run, drone) for drone in drones]
 
     def _unfit(self, name: str, why: str) -> PolicyError:
         file = self.run.folder / f"{name}.parquet"
@@ -161,33 +161,35 @@ class Playback:
     def batteries(self) -> list[tuple[Floats, Floats]]:
         """The times and charges (s, s) of each drone's battery; the charge is linear in between.
 
-        The list is empty if batteries are unlimited.
+        There are none of a drone whose battery is unlimited.
         """
-        if self.run.scenario.drones.battery is None:
-            return []
         world, steps = self.run.world, self.run.of("steps", self.episode)
         found = []
         for drone, begins_us in enumerate(batteries_before_us(self.run, self.episode)):
-            own = steps[steps["drone"] == drone]
+            own, drone_type = steps[steps["drone"] == drone], world.type_of(drone)
+            if not drone_type.limited:
+                found.append((np.empty(0), np.empty(0)))
+                continue
+            assert world.charging is not None
             events = self._events[(self._events["drone"] == drone) & self._events["user"].isna()]
             knots = battery_knots(
                 begins_us,
                 [
-                    (round(t_s * US), round(left_s * US))
+                    (round(t_s * US), round(left_s * drone_type.per_second))
                     for t_s, left_s in zip(own["t_s"], own["battery_s"], strict=True)
                 ],
                 [*zip(events["t_us"].tolist(), events["kind"], strict=True)],
-                world.capacity_us,
-                world.full_charge_us,
+                drone_type.capacity_us,
+                world.charging,
             )
-            t_us, left_us = np.array(knots, np.float64).T
-            found.append((t_us / US, left_us / US))
+            t_us, left = np.array(knots, np.float64).T
+            found.append((t_us / US, left / drone_type.per_second))
         return found
 
     def _battery_s(self, drone: int, t_us: int) -> float | None:
-        if not self.batteries:
-            return None
         t_s, battery_s = self.batteries[drone]
+        if not len(t_s):
+            return None
         after = int(np.searchsorted(t_s, t_us / US, "right"))
         if after == len(t_s):
             return float(battery_s[-1])

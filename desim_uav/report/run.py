@@ -107,10 +107,10 @@ class Run:
     def settings(self) -> Settings:
         """The settings of the run. Raises PolicyError if there is not one ceiling per drone."""
         settings = read_settings(self.folder)
-        if len(settings.ceilings) != self.scenario.drones.count:
+        if len(settings.ceilings) != self.scenario.drone_count:
             raise PolicyError(
                 f"{self.folder / 'manifest.json'}: ceilings: {len(settings.ceilings)}, but "
-                f"scenario.yaml has {self.scenario.drones.count} drones"
+                f"scenario.yaml has {self.scenario.drone_count} drones"
             )
         return settings
 

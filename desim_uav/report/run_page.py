@@ -58,6 +58,11 @@ def _quality(run: Reported) -> Html:
             ("outages", f"{found['outages']}, {number(found['outage_s'], '.0f')} s"),
             ("delivered", f"{number(found['delivered_mbit'], '.0f')} Mbit"),
         ]
+    if "energy_wh" in found:
+        first += [
+            ("energy used", f"{number(found['energy_wh'], '.1f')} Wh"),
+            ("per Mbit served", f"{number(found['j_per_mbit'], '.1f') or '-'} J"),
+        ]
     every = {"service": "all"} | {name: found[name] for name in MEASURES}
     rows = [every, *qoe.grouped(run.counted("requests"), "service")]
     return joined(
@@ -124,9 +129,9 @@ def _figures(run: Reported) -> Html:
 
 def _no_battery(run: Reported, episode: int) -> str | None:
     """Return why the batteries cannot be drawn, or None if they can."""
-    if run.scenario.drones.battery is None:
+    if not run.scenario.limited_battery:
         return "Batteries are unlimited."
-    if run.scenario.drones.count > MOST_PANELS:
+    if run.scenario.drone_count > MOST_PANELS:
         return (
             "There are too many drones to draw all batteries; "
             "desim-uav plot battery --drone draws one."

@@ -61,6 +61,8 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
     _print("service", rows, title.format(**summary))
     if "link_handovers" in summary:
         print(links_in_words(summary))
+    if "energy_wh" in summary:
+        print(energy_in_words(summary))
     print(summary["run_dir"])
 
 
@@ -103,12 +105,14 @@ def print_bench(told: dict[str, Any]) -> None:
         padding=(0, 0, 0, 1),
         title_justify="left",
     )
-    table.add_column("seed", justify="right")
+    trained = ["training"] if len({row["training"] for row in told["rows"]}) > 1 else []
+    for heading in (*trained, "seed"):
+        table.add_column(heading, justify="right")
     for heading, _ in BENCHED.values():
         table.add_column(heading, justify="right")
     for row in told["rows"]:
         cells = (_cell(row, name, form) for name, (_, form) in BENCHED.items())
-        table.add_row(str(row["seed"]), *cells)
+        table.add_row(*(str(row[name]) for name in (*trained, "seed")), *cells)
     print_table(table)
 
 
@@ -118,6 +122,14 @@ def links_in_words(summary: dict[str, Any]) -> str:
         "{link_handovers} handover(s) between drones, {ping_pongs} of them ping-pong(s); "
         "{outages} outage(s) of {outage_s:.1f} s in all; {delivered_mbit:.1f} Mbit delivered"
     ).format(**summary)
+
+
+def energy_in_words(summary: dict[str, Any]) -> str:
+    """Return what energy the drones used and were charged with, of the summary of a run."""
+    told = "{energy_wh:.2f} Wh used in flight, {charged_wh:.2f} Wh charged"
+    if summary["j_per_mbit"] is not None:
+        told += "; {j_per_mbit:.2f} J per Mbit of the {served_mbit:.1f} Mbit served"
+    return told.format(**summary)
 
 
 def print_training(summary: dict[str, Any]) -> None:

@@ -20,7 +20,8 @@ Place = tuple[float, float, float]
 class Track:
     """The legs of a drone in an episode, and its position at any time."""
 
-    def __init__(self, legs: pd.DataFrame, run: Run) -> None:
+    def __init__(self, legs: pd.DataFrame, run: Run, drone: int) -> None:
+        self._motion = run.world.type_of(drone).drones.motion
         self.starts_us: Ints = (legs["t_s"] * US).round().to_numpy(np.int64)
         self.modes = [Mode[mode.upper()] for mode in legs["mode"]]
         self.ends_us = self.starts_us + (legs["duration_s"] * US).round().to_numpy(np.int64)
@@ -32,7 +33,7 @@ class Track:
         length_m = in_order(abs(b - a) for a, b in zip(start, end, strict=True))
         transit: Transit = REST
         if self.ends_us[number] > self.starts_us[number]:
-            motion, step_s = run.scenario.drones.motion, run.scenario.episode.step_s
+            motion, step_s = self._motion, run.scenario.episode.step_s
             if self.modes[number] is Mode.FLYING:
                 transit = motion.epoch_transit(length_m, step_s)
             else:

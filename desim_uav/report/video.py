@@ -98,7 +98,7 @@ class Film:
                 grid.level_of(z),
                 moment.modes[drone],
                 moment.batteries_s[drone],
-                world.facts.capacity_s,
+                world.facts_of(drone).capacity_s,
                 None,
                 int(held[drone]),
                 int(served[drone]),

@@ -1,46 +1,99 @@
-"""Batteries: the autonomy that they hold at a time, and when they are depleted."""
+"""Batteries: the charge that they hold at a time, and when they are depleted.
+
+A charge is a whole number, of microseconds of autonomy or, by some energy models, of microjoules.
+"""
 
 from __future__ import annotations
 
-from desim_uav.model.battery import charged_us
 from desim_uav.model.compiled_rows import call_for_int
 from desim_uav.model.kernels import rule
 from desim_uav.rules.due import depletion_slot, due, key, undo
-from desim_uav.rules.rows import Constants, Drone, State
+from desim_uav.rules.rows import Constants, Drone, State, TypeRow
 from desim_uav.rules.words import CHARGING, DEPLETION, FLYING, RETURNING
+
+# ---- what a drone's type says
+
+
+@rule
+def type_of(world: Constants, drone: Drone) -> TypeRow:
+    """Return the type of a drone."""
+    return world.types[drone.type]
+
+
+@rule
+def is_limited(world: Constants, drone: Drone) -> bool:
+    """Return whether a drone's battery is limited, so that it has to charge."""
+    return world.types[drone.type].limited != 0
+
+
+@rule
+def capacity_of(world: Constants, drone: Drone) -> int:
+    """Return what a drone's full battery holds; 0 if it is unlimited."""
+    return world.types[drone.type].capacity_us
+
+
+@rule
+def full_of(world: Constants, drone: Drone) -> int:
+    """Return the charge at which a drone's battery counts as full."""
+    return world.types[drone.type].full_us
+
+
+@rule
+def per_second_of(world: Constants, drone: Drone) -> int:
+    """Return the charge that a second of hovering takes."""
+    return world.types[drone.type].per_second
+
+
+@rule
+def return_below_of(world: Constants, drone: Drone) -> int:
+    """Return the charge at or below which a drone may return to a station."""
+    return world.types[drone.type].return_below_us
+
+
+# ---- the charge
+
+
+@rule
+def until_full_us(world: Constants, drone: Drone) -> int:
+    """Return for how long a drone has to charge until its battery is full."""
+    return call_for_int(world.until_full_us, (world, drone.battery_us, capacity_of(world, drone)))
 
 
 @rule
 def drained_us(world: Constants, drone: Drone, elapsed_us: int) -> int:
-    """Return the autonomy in µs that the first ``elapsed_us`` of a drone's transit use."""
-    return call_for_int(world.drained_us, (world, world.transits[drone.transit], elapsed_us))
+    """Return the charge that the first ``elapsed_us`` of a drone's transit use."""
+    own = world.types[drone.type]
+    return call_for_int(own.drained_us, (own, world.transits[drone.transit], elapsed_us))
 
 
 @rule
 def lasts_us(world: Constants, drone: Drone) -> int:
     """Return after how many µs of its transit a drone's battery is empty."""
-    return call_for_int(world.lasts_us, (world, world.transits[drone.transit], drone.battery_us))
+    own, flight = world.types[drone.type], world.transits[drone.transit]
+    return call_for_int(own.lasts_us, (own, flight, drone.battery_us))
 
 
 @rule
 def battery_now(world: Constants, state: State, drone: Drone) -> int:
-    """Return the charge of a drone's battery now, in µs of autonomy; 0 if it is unlimited."""
-    if not world.limited:
+    """Return the charge of a drone's battery now; 0 if it is unlimited."""
+    if not is_limited(world, drone):
         return 0
     elapsed_us = state.now_us - drone.since_us
     if drone.mode in (FLYING, RETURNING):
         # A model that drains faster than time passes may drain more than is left in a microsecond.
         return max(0, drone.battery_us - drained_us(world, drone, elapsed_us))
     if drone.mode == CHARGING:
-        held_us, capacity_us = drone.battery_us, world.capacity_us
-        return int(charged_us(held_us, elapsed_us, capacity_us, world.full_charge_us))
+        held, capacity = drone.battery_us, capacity_of(world, drone)
+        return call_for_int(world.charged, (world, held, elapsed_us, capacity))
     return drone.battery_us
 
 
 @rule
 def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None:
     """Begin a new leg or mode: update the battery to now, and cancel the scheduled depletion."""
-    drone.battery_us = battery_now(world, state, drone)
+    held = battery_now(world, state, drone)
+    count_charge(drone, held)
+    drone.battery_us, drone.counted = held, 0
     drone.since_us = state.now_us
     drone.counted_m = 0.0
     drone.mode = mode
@@ -48,9 +101,36 @@ def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None
 
 
 @rule
+def count_charge(drone: Drone, held: int) -> None:
+    """Count what a battery, which holds so much now, has lost or gained since it was counted."""
+    lost = drone.battery_us - held - drone.counted
+    drone.counted += lost
+    if lost > 0:
+        drone.used += lost
+    else:
+        drone.gained -= lost
+
+
+@rule
+def begin_count(world: Constants, state: State, drone: Drone) -> None:
+    """Begin to count anew what a battery loses and gains, with what it holds now."""
+    drone.began = battery_now(world, state, drone)
+    drone.counted = drone.battery_us - drone.began
+    drone.used = drone.gained = 0
+
+
+@rule
+def refill(world: Constants, drone: Drone) -> None:
+    """Give a drone a full battery, which is not counted as charging."""
+    capacity = capacity_of(world, drone)
+    drone.began += capacity - drone.battery_us
+    drone.battery_us, drone.counted = capacity, 0
+
+
+@rule
 def foresee_depletion(world: Constants, state: State, drone: Drone, span_us: int) -> None:
     """Schedule the depletion of the battery if it does not outlast a leg of ``span_us``."""
-    if world.limited:
+    if is_limited(world, drone):
         lasts = lasts_us(world, drone)
         if lasts <= span_us:
             slot = depletion_slot(state, drone.index)

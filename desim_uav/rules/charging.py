@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import Any
 
-from desim_uav.model.battery import time_to_full_us
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules import words
-from desim_uav.rules.battery import change_mode
+from desim_uav.rules.battery import change_mode, until_full_us
 from desim_uav.rules.coverage import silence
 from desim_uav.rules.due import arrival_slot, due, key
+from desim_uav.rules.epochs import ask_at
 from desim_uav.rules.flight import hover_at, station_under
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, State
@@ -49,7 +49,7 @@ def begin_charging(world: Constants, state: State, drone: Drone, station: int) -
 @rule
 def await_full(world: Constants, state: State, drone: Drone) -> bool:
     """Schedule the end of a charge; return False if the battery is full already."""
-    rest_us = time_to_full_us(drone.battery_us, world.capacity_us, world.full_charge_us)
+    rest_us = until_full_us(world, drone)
     if rest_us <= 0:
         return False
     slot, full_us = arrival_slot(state, drone.index), drone.since_us + rest_us
@@ -65,6 +65,8 @@ def end_charging(world: Constants, state: State, drone: Drone, station: int, pha
     state.charges += 1
     state.stations[station].queue.remove(drone.index)
     drone.waits = 1
+    if world.by_event:
+        ask_at(state, state.now_us)
 
 
 @rare_rule

@@ -5,9 +5,10 @@ from __future__ import annotations
 from desim_uav.model.grid import cell_index
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules import words
-from desim_uav.rules.battery import change_mode
+from desim_uav.rules.battery import change_mode, type_of
 from desim_uav.rules.coverage import silence
 from desim_uav.rules.due import arrival_slot, undo
+from desim_uav.rules.epochs import ask_at, asked_after_crash_us
 from desim_uav.rules.flight import appear, count_distance, hover_at, orient, position
 from desim_uav.rules.note import note, note_drone, note_leg
 from desim_uav.rules.rows import Constants, Drone, Path, State
@@ -33,20 +34,28 @@ def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
     state.crashes += 1
     note_drone(state, words.DEPLETION, words.ON_CRASH, drone)
     note_leg(world, state, drone)
+    if world.by_event:
+        ask_at(state, asked_after_crash_us(world, drone))
 
 
 @rule
 def respawn(world: Constants, path: Path, state: State) -> bool:
     """Replace crashed drones whose downtime is over; return whether there were any."""
     any_back = False
-    if world.on_crash != words.REMOVES:
-        for d in range(len(state.drones)):
-            drone = state.drones[d]
-            down_us = state.now_us - drone.since_us
-            if drone.mode == words.CRASHED and down_us >= world.respawn_after_us:
-                _replace(world, path, state, drone)
-                any_back = True
+    for d in range(len(state.drones)):
+        drone = state.drones[d]
+        own, down_us = type_of(world, drone), state.now_us - drone.since_us
+        is_down = drone.mode == words.CRASHED and own.on_crash != words.REMOVES
+        if is_down and down_us >= own.respawn_after_us:
+            _replace(world, path, state, drone)
+            any_back = True
     return any_back
+
+
+@rule
+def ends_episode(world: Constants, drone: Drone) -> bool:
+    """Return whether a drone has crashed, and its type's crashes end the episode."""
+    return drone.mode == words.CRASHED and type_of(world, drone).on_crash == words.ENDS_EPISODE
 
 
 @rule
@@ -59,4 +68,4 @@ def _replace(world: Constants, path: Path, state: State, drone: Drone) -> None:
     note_leg(world, state, drone)
     drone.waits = 1
     drone.respawns += 1
-    orient(world, path, state, drone, state.step)
+    orient(world, path, state, drone)

@@ -5,7 +5,13 @@ from __future__ import annotations
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.model.rules import Action, Mode
 from desim_uav.rules import words
-from desim_uav.rules.battery import battery_now
+from desim_uav.rules.battery import (
+    battery_now,
+    count_charge,
+    full_of,
+    is_limited,
+    return_below_of,
+)
 from desim_uav.rules.charging import land, on_full
 from desim_uav.rules.flight import (
     arrive,
@@ -17,7 +23,7 @@ from desim_uav.rules.flight import (
     turn_back,
     way_back,
 )
-from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.rows import Constants, Drone, Observation, Path, State
 
 
 @rule
@@ -50,9 +56,8 @@ def _link_quality(world: Constants, state: State, drone: Drone) -> float:
     """Return the mean efficiency of links to attached users, as a share of the best class's."""
     radio, carried = world.radios[drone.radio], 0
     for u in range(len(state.users)):
-        user = state.users[u]
-        if user.holder == drone.index:
-            carried += radio.efficiencies[user.classes[drone.index]]
+        user = state.users[u]  # others count as class 0, which carries nothing: without a jump
+        carried += radio.efficiencies[user.classes[drone.index] * int(user.holder == drone.index)]
     most = drone.attached_users * radio.efficiencies[radio.classes]
     return carried / most if most > 0 else 0.0
 
@@ -71,9 +76,11 @@ def record(world: Constants, state: State) -> None:
         record.served_requests = observation.served_requests
         record.bandwidth_bps = observation.used_hz
         record.return_us = 0
-        if world.limited:
+        if is_limited(world, drone):
             plan = way_back(world, drone, observation.believed)
             record.return_us = plan.drained_us if plan.station >= 0 else words.NEVER
+        count_charge(drone, observation.battery_us)
+        record.used = drone.used
         record.reward = state.rewards[d]
     for k in range(len(world.points)):
         sender, point_record = state.senders[len(state.drones) + k], state.point_records[k]
@@ -90,21 +97,45 @@ def record(world: Constants, state: State) -> None:
 def allow(world: Constants, state: State) -> None:
     """Write the masks, which mark the actions that each drone may take, at least one each.
 
-    A move off the map or into a building is allowed, because a drone has no map. Whether a drone is
-    forced, and the steps that have elapsed since it was not, are counted here, once per epoch.
+    A move off the map or into a building is allowed, because a drone has no map. A drone that is
+    not asked now is allowed to hover only, which stands for going on with what it does. Whether a
+    drone is forced, and the time since it was not, are counted here, once per epoch. A mask that
+    stays the same is not written again.
     """
     for d in range(len(state.drones)):
         drone, observation = state.drones[d], state.observations[d]
-        battery_us, options = observation.battery_us, 0
-        may_return = battery_us <= world.return_below_us
-        may_charge = battery_us < world.capacity_us and station_under(world, drone) >= 0
-        for k in range(len(world.moves)):
-            allowed = is_allowed(world.moves[k].action, drone.mode, may_return, may_charge)
-            state.masks[d * len(world.moves) + k] = int(allowed)
-            options += int(allowed)
-        before = observation.elapsed if observation.forced else 0
-        observation.elapsed = before + 1 if state.step > 0 else 0
-        observation.forced = int(options == 1)
+        before = observation.elapsed_us if observation.forced and state.step > 0 else 0
+        observation.elapsed_us = before + state.now_us - state.epoch_us
+        battery_us = observation.battery_us
+        limited = is_limited(world, drone)
+        may_return = limited and battery_us <= return_below_of(world, drone)
+        is_full = battery_us >= full_of(world, drone)
+        if world.by_event and is_full:
+            may_return = False  # at a station it would be asked again at once, without end
+        may_charge = not is_full and station_under(world, drone) >= 0
+        mode = words.GOING_ON if is_under_way(world, drone) else drone.mode
+        allows = 1 + 4 * mode + 2 * int(may_return) + int(may_charge)
+        if allows != observation.allows:
+            observation.allows = allows
+            _write_mask(world, state, observation, d * len(world.moves))
+
+
+@rare_rule
+def _write_mask(world: Constants, state: State, observation: Observation, first: int) -> None:
+    """Write a drone's mask from index ``first`` on, and whether it is forced."""
+    allows, options = observation.allows - 1, 0
+    for k in range(len(world.moves)):
+        may_return, may_charge = allows & 2 > 0, allows & 1 > 0
+        allowed = is_allowed(world.moves[k].action, allows // 4, may_return, may_charge)
+        state.masks[first + k] = int(allowed)
+        options += int(allowed)
+    observation.forced = int(options == 1)
+
+
+@rule
+def is_under_way(world: Constants, drone: Drone) -> bool:
+    """Return whether a drone follows a command and is asked later, because it is asked by event."""
+    return world.by_event == 1 and drone.mode == words.FLYING and drone.waits == 0
 
 
 @rule
@@ -114,7 +145,7 @@ def is_allowed(action: int, mode: int, may_return: bool, may_charge: bool) -> bo
         return action == words.GOTO
     if mode in (words.QUEUED, words.CHARGING):
         return action == words.CHARGE
-    if mode == words.CRASHED:
+    if mode in (words.CRASHED, words.GOING_ON):
         return action == words.HOVER
     if action == words.GOTO:
         return may_return

@@ -34,6 +34,14 @@ def nothing_before(state: Any, key: int) -> bool:
     return bool(state.clock.nothing_before(key))
 
 
+def run_until(state: Any, t_us: int, key: int) -> None:
+    """Let the engine run until a place in an instant, which replaces the one that it had.
+
+    The compiled engine reads ``State.next_us`` instead.
+    """
+    state.clock.run_until(t_us, key)
+
+
 def nothing_due(state: Any) -> None:
     """Cancel all scheduled events."""
     state.clock.clear()

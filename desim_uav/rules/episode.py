@@ -5,12 +5,14 @@ from __future__ import annotations
 from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules import words
+from desim_uav.rules.battery import begin_count, count_charge
 from desim_uav.rules.charging import await_full, count_queueing, hand_on_pads
 from desim_uav.rules.coverage import leave_all, look_anew, track
-from desim_uav.rules.crash import respawn
+from desim_uav.rules.crash import ends_episode, respawn
 from desim_uav.rules.credit import credit_step, forget_credit
-from desim_uav.rules.decide import allow, go_home, obey, observe, record, taken
-from desim_uav.rules.due import nothing_due
+from desim_uav.rules.decide import allow, go_home, is_under_way, obey, observe, record, taken
+from desim_uav.rules.due import key, nothing_due, run_until
+from desim_uav.rules.epochs import await_epoch
 from desim_uav.rules.flight import appear, await_hop, count_distance, orient
 from desim_uav.rules.links import forget_links
 from desim_uav.rules.note import note_drone, note_leg
@@ -42,7 +44,8 @@ def begin(world: Constants, path: Path, state: State) -> None:
     for d in range(len(state.drones)):
         if state.drones[d].mode == words.FLYING:
             track(world, path, state, state.drones[d], 0, words.ENTRY)
-        orient(world, path, state, state.drones[d], 0)
+        begin_count(world, state, state.drones[d])
+        orient(world, path, state, state.drones[d])
     if len(world.points) > 0:
         _serve_from_points(world, path, state, 0, words.ENTRY)
     settle_after(world, path, state, words.ENTRY)
@@ -52,6 +55,7 @@ def begin(world: Constants, path: Path, state: State) -> None:
         _go_on(world, path, state, state.drones[d])
     for station in range(len(state.stations)):
         hand_on_pads(world, state, station)
+    run_until(state, 0, key(words.RESPAWN, -1, -1))
 
 
 @rule
@@ -74,6 +78,7 @@ def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
 def _forget(state: State) -> None:
     """Reset the users, requests and measures of the previous episode, and cancel all events."""
     state.now_us = state.step = state.terminated = state.truncated = 0
+    state.epoch_us, state.next_us, state.share = 0, 0, 1.0
     state.opened = state.in_service = state.charges = state.crashes = state.suppressed = 0
     state.open_us = state.served_us = state.attached_us = state.attached_from_us = 0
     state.queueing_us = state.bandwidth_us_hz = state.to_scan = state.faults = 0
@@ -148,12 +153,18 @@ def _replace_crashed(world: Constants, path: Path, state: State) -> None:
 def hear(world: Constants, path: Path, state: State) -> None:
     """Turn the commands of all drones (an action's index, or -1 if it is none) into actions.
 
+    A drone that is asked later, by event, goes on with its action.
     Access points serve on, for another step.
     """
+    state.epoch_us = state.now_us
     state.known_until_us = state.now_us + world.step_us
+    await_epoch(world, state)
     for d in range(len(state.drones)):
         drone = state.drones[d]
         state.history[state.step * len(state.drones) + d] = drone.command
+        if is_under_way(world, drone):
+            drone.command = -1
+            continue
         drone.taken = taken(world, state, drone)
         if drone.waits:
             note_drone(state, words.COMMAND, words.ON_DECIDE, drone)
@@ -178,10 +189,13 @@ def end_step(world: Constants, path: Path, state: State) -> None:
     These are phases 8 and 9 of the instant; the masks of the next decision epoch follow.
     """
     state.step += 1
-    any_crashed = False
+    if world.by_event:
+        state.share = (state.now_us - state.epoch_us) / world.step_us
+    any_crashed = ended = False
     for d in range(len(state.drones)):
-        orient(world, path, state, state.drones[d], state.step)
+        orient(world, path, state, state.drones[d])
         any_crashed = any_crashed or state.drones[d].mode == words.CRASHED
+        ended = ended or ends_episode(world, state.drones[d])
     observe(world, state)
     locate(world, path, state)
     if state.keeps_credit:
@@ -189,8 +203,8 @@ def end_step(world: Constants, path: Path, state: State) -> None:
     call(world.pay, (world, state))
     if state.keeps_requests:
         record(world, state)
-    state.terminated = int(any_crashed and world.on_crash == words.ENDS_EPISODE)
-    state.truncated = int(state.step == world.steps)
+    state.terminated = int(ended)
+    state.truncated = int(is_last(world, state))
     if state.terminated or state.truncated:
         allow(world, state)
         _end_episode(world, path, state)
@@ -198,6 +212,12 @@ def end_step(world: Constants, path: Path, state: State) -> None:
     if any_crashed:
         _replace_crashed(world, path, state)
     allow(world, state)
+
+
+@rule
+def is_last(world: Constants, state: State) -> bool:
+    """Return whether the step that ends now is the last one of an episode."""
+    return state.now_us == world.horizon_us if world.by_event else state.step == world.steps
 
 
 @rare_rule
@@ -215,5 +235,6 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
     for d in range(len(state.drones)):
         drone = state.drones[d]
         count_distance(world, state, drone)
+        count_charge(drone, state.observations[d].battery_us)
         if drone.mode == words.QUEUED:
             count_queueing(state, drone)

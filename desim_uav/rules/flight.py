@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from desim_uav.model.grid import cell_index, level_index
-from desim_uav.model.kernels import rule
+from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.model.rules import US
 from desim_uav.rules import words
-from desim_uav.rules.battery import change_mode, foresee_depletion
+from desim_uav.rules.battery import change_mode, foresee_depletion, refill, type_of
 from desim_uav.rules.coverage import silence, track
 from desim_uav.rules.due import arrival_slot, due, key
+from desim_uav.rules.epochs import ask_at, span_of
 from desim_uav.rules.note import note_drone, note_leg, place
-from desim_uav.rules.rows import Constants, Drone, Path, Plan, State
+from desim_uav.rules.rows import Constants, Drone, Hop, Path, Plan, State
 
 # ---- where a drone is
 
@@ -81,17 +82,18 @@ def position(world: Constants, state: State, drone: Drone) -> tuple[float, float
 
 
 @rule
-def orient(world: Constants, path: Path, state: State, drone: Drone, step: int) -> None:
+def orient(world: Constants, path: Path, state: State, drone: Drone) -> None:
     """Set the cell and level at which a drone believes itself to be, at a decision epoch.
 
-    Its x and y contain the position errors of the sample path, in cells; its altitude is exact.
+    Its x and y contain the position errors of the sample path, in cells, which are drawn for each
+    step; its altitude is exact.
     """
     noisy = len(path.errors) > 0
     x, y, level = drone.x, drone.y, drone.level
     if noisy or drone.transit != words.REST or drone.fallen:
         x_m, y_m, z_m = position(world, state, drone)
         if noisy:
-            error = (drone.index * (world.steps + 1) + step) * 2
+            error = (drone.index * (world.steps + 1) + state.now_us // world.step_us) * 2
             x_m += path.errors[error] * world.cell_x_m
             y_m += path.errors[error + 1] * world.cell_y_m
         x = cell_index(x_m, world.cell_x_m, world.nx)
@@ -105,8 +107,8 @@ def orient(world: Constants, path: Path, state: State, drone: Drone, step: int) 
 @rule
 def way_back(world: Constants, drone: Drone, from_place: int) -> Plan:
     """Return the planned return from a place, below the drone's ceiling if it has one."""
-    places = world.levels * world.nx * world.ny
-    return world.plans[world.ceilings[drone.index] * places + from_place]
+    places, first = world.levels * world.nx * world.ny, type_of(world, drone).first_plan
+    return world.plans[first + world.ceilings[drone.index] * places + from_place]
 
 
 # ---- legs
@@ -125,7 +127,7 @@ def hover_at(drone: Drone, x: int, y: int, level: int) -> None:
 def appear(world: Constants, state: State, drone: Drone, x: int, y: int) -> None:
     """Put a drone in the air above a cell, at the lowest level and with a full battery."""
     drone.mode = words.FLYING
-    drone.battery_us = world.capacity_us
+    refill(world, drone)
     drone.since_us = state.now_us
     drone.counted_m = 0.0
     hover_at(drone, x, y, 0)
@@ -175,36 +177,59 @@ def fly(world: Constants, path: Path, state: State, drone: Drone, taken: int) ->
     if not moves:
         hover_at(drone, drone.x, drone.y, drone.level)
         _serve_on(world, path, state, drone, words.REST)
-        drone.waits = 1
+        if world.by_event:
+            _await_end(world, state, drone, world.patience_us)
+        else:
+            drone.waits = 1
         return
     drone.to_x, drone.to_y, drone.to_level = x, y, level
-    _serve_on(world, path, state, drone, move.transit)
+    _serve_on(world, path, state, drone, type_of(world, drone).first_transit + move.transit)
     note_drone(state, words.COMMAND, words.ON_DEPART, drone)
     _await_arrival(world, state, drone)
 
 
 @rule
 def _serve_on(world: Constants, path: Path, state: State, drone: Drone, transit: int) -> None:
-    """Begin a leg that lasts for the step, on which the drone serves users."""
+    """Begin a leg on which the drone serves users until its next command."""
     set_out(world, state, drone, words.FLYING, transit)
-    foresee_depletion(world, state, drone, world.step_us)
-    track(world, path, state, drone, world.step_us, words.COVERAGE)
+    span_us = span_of(world, transit)
+    foresee_depletion(world, state, drone, span_us)
+    track(world, path, state, drone, span_us, words.COVERAGE)
 
 
 @rule
 def _await_arrival(world: Constants, state: State, drone: Drone) -> None:
     """Schedule the end of a drone's transit."""
-    arrival_us = drone.since_us + world.transits[drone.transit].duration_us
-    due(state, arrival_slot(state, drone.index), arrival_us, key(words.ARRIVAL, drone.index, -1))
+    _await_end(world, state, drone, world.transits[drone.transit].duration_us)
+
+
+@rule
+def _await_end(world: Constants, state: State, drone: Drone, span_us: int) -> None:
+    """Schedule the end of a drone's leg."""
+    end_us = drone.since_us + span_us
+    due(state, arrival_slot(state, drone.index), end_us, key(words.ARRIVAL, drone.index, -1))
 
 
 @rule
 def end_move(world: Constants, state: State, drone: Drone) -> None:
     """End a move: the drone hovers for the rest of the step, and can be commanded again."""
+    if world.by_event:
+        _end_leg(world, state, drone)
+        return
     rest_us = world.step_us - world.transits[drone.transit].duration_us
     arrive(world, state, drone)
     foresee_depletion(world, state, drone, rest_us)
     drone.waits = 1
+
+
+@rare_rule
+def _end_leg(world: Constants, state: State, drone: Drone) -> None:
+    """End a move or a hover of a drone, which is asked now."""
+    if drone.transit != words.REST:
+        arrive(world, state, drone)
+        foresee_depletion(world, state, drone, 0)
+    drone.waits = 1
+    ask_at(state, state.now_us)
 
 
 # ---- the way home
@@ -248,12 +273,19 @@ def _next_hop(world: Constants, state: State, drone: Drone, phase: int) -> None:
         note_drone(state, phase, words.ON_BLOCKED, drone)
         drone.route = drone.route_end
         return
-    axis = 0 if hop.dx != 0 else 1 if hop.dy != 0 else 2
     drone.to_x, drone.to_y, drone.to_level = x, y, level
-    set_out(world, state, drone, words.RETURNING, world.first_hop + axis)
+    first = type_of(world, drone).first_transit + world.first_hop
+    set_out(world, state, drone, words.RETURNING, first + _direction(hop))
     drone.hopping = 1
     await_hop(world, state, drone)
     note_drone(state, phase, words.ON_DEPART, drone)
+
+
+@rule
+def _direction(hop: Hop) -> int:
+    """Return the number of a hop among ``model.planner.HOPS``."""
+    axis = 0 if hop.dx != 0 else 1 if hop.dy != 0 else 2
+    return 2 * axis + (1 if hop.dx + hop.dy + hop.dlevel < 0 else 0)
 
 
 @rule

@@ -8,9 +8,10 @@ from dataclasses import dataclass
 from desim_uav.model.kernels import rule
 from desim_uav.model.observations import Feature, RowObservation
 from desim_uav.model.rows import Table
-from desim_uav.model.rules import MINUTE_US, US
+from desim_uav.model.rules import US
 from desim_uav.model.state import Facts
 from desim_uav.registry import register
+from desim_uav.rules.battery import capacity_of, is_limited, per_second_of
 from desim_uav.rules.flight import way_back
 from desim_uav.rules.rows import Constants, Drone, Observation, State
 
@@ -79,8 +80,8 @@ def write_position(world: Constants, state: State, drone: Drone) -> int:
     if world.three_d:
         out[k] = observation.level
         k += 1
-    if world.limited:
-        out[k] = observation.battery_us // MINUTE_US
+    if is_limited(world, drone):
+        out[k] = observation.battery_us // (60 * per_second_of(world, drone))
         k += 1
     return k
 
@@ -97,20 +98,20 @@ def write_local(world: Constants, state: State, drone: Drone) -> int:
         k += 1
     out[k] = observation.attached_users / users
     k += 1
-    if not world.radios[0].flat:
+    if not world.radios[drone.radio].flat:
         out[k] = observation.link_quality
         k += 1
     counts = 2 * world.services
     for count in range(counts):
         out[k + count] = state.counts[counts * drone.index + count] / users
     k += counts
-    used = 0.0
-    if world.bandwidth_hz >= 0:
-        used = (observation.used_hz / 1000) / (world.bandwidth_hz / 1000)
+    used, bandwidth_hz = 0.0, world.radios[drone.radio].bandwidth_hz
+    if bandwidth_hz >= 0:
+        used = (observation.used_hz / 1000) / (bandwidth_hz / 1000)
     out[k] = 1.0 - used
-    out[k + 1] = 1.0 - state.step / world.steps
+    out[k + 1] = 1.0 - state.now_us / world.horizon_us
     k += 2
-    if world.limited:
+    if is_limited(world, drone):
         _write_way_home(world, drone, observation, k)
         k += 5
     return k
@@ -129,7 +130,7 @@ def _write_way_home(world: Constants, drone: Drone, observation: Observation, k:
 
     The bearing is that of the cells; n_B and the flight time are 1 if no station can be reached.
     """
-    out, capacity_s = drone.features, world.capacity_us / US
+    out, capacity_s = drone.features, capacity_of(world, drone) / US
     plan = way_back(world, drone, observation.believed)
     out[k] = (observation.battery_us / US) / capacity_s
     out[k + 1] = out[k + 4] = 1.0
@@ -142,4 +143,5 @@ def _write_way_home(world: Constants, drone: Drone, observation: Observation, k:
         distance = math.sqrt(east * east + north * north)
         if distance > 0.0:
             out[k + 2], out[k + 3] = east / distance, north / distance
-        out[k + 4] = min((plan.duration_us / US) / capacity_s, 1.0)
+        lasts_s = capacity_of(world, drone) / per_second_of(world, drone)
+        out[k + 4] = min((plan.duration_us / US) / lasts_s, 1.0)

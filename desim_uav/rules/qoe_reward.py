@@ -54,4 +54,4 @@ class QoE(RowReward):
 @rule
 def has_crashed(world: Constants, state: State, drone: Drone) -> bool:
     """Return whether a drone has crashed in the step that ends now."""
-    return drone.mode == CRASHED and drone.since_us > state.now_us - world.step_us
+    return drone.mode == CRASHED and drone.since_us > state.epoch_us

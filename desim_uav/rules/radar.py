@@ -11,6 +11,7 @@ from desim_uav.model.kernels import rule
 from desim_uav.model.observations import Feature, RowObservation
 from desim_uav.model.state import Facts
 from desim_uav.registry import register
+from desim_uav.rules.battery import is_limited
 from desim_uav.rules.note import place
 from desim_uav.rules.observations import Local, clear_from, write_local
 from desim_uav.rules.rows import Constants, Drone, Spot, State
@@ -100,7 +101,7 @@ class Radar(RowObservation):
             found["stations"] = float(len(facts.stations))
         if self.drones:
             found["serving"] = others
-            if limited:
+            if facts.some_charge:
                 found["away"] = others
         return found
 
@@ -135,7 +136,7 @@ class Radar(RowObservation):
             window = _write_users(world, state, drone, window, shown, self.full)
             if self.blocked:
                 window = _write_blocked(world, state, drone, window)
-            if self.stations and world.limited:
+            if self.stations and is_limited(world, drone):
                 window = _write_stations(world, drone, window)
             if self.drones:
                 window = _write_drones(world, state, drone, window)

@@ -12,6 +12,7 @@ from desim_uav.model.kernels import rule
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rules import US
 from desim_uav.registry import register
+from desim_uav.rules.battery import capacity_of, is_limited
 from desim_uav.rules.flight import way_back
 from desim_uav.rules.rows import Constants, Drone, Observation, State
 from desim_uav.rules.words import FLYING, RETURNING, TOO_LARGE
@@ -152,7 +153,7 @@ def battery_weights(
     r_c is n_B divided by the battery; if it is ``capped``, it is at most 1. It is 1 if the battery
     is empty or if there is no way to a station, and 0 without a battery.
     """
-    if not world.limited:
+    if not is_limited(world, drone):
         return 1.0, 0.0, 0.0
     battery_us, plan = observation.battery_us, way_back(world, drone, observation.believed)
     battery_s, return_s, lost = battery_us / US, plan.drained_us / US, plan.station < 0
@@ -161,7 +162,7 @@ def battery_weights(
         cost = return_s / battery_s
         if capped and cost > 1.0:
             cost = 1.0
-    c1_us = low_battery * world.capacity_us
+    c1_us = low_battery * capacity_of(world, drone)
     c2_us = c1_us / 1.5
     c3_us = c2_us / 1.5
     if battery_us > round(c1_us):
@@ -188,8 +189,15 @@ def clear_terms(drone: Drone) -> None:
 
 @rule
 def add_up(state: State, drone: Drone) -> None:
-    """Give a drone the sum of its terms, added in their order, as its reward."""
+    """Give a drone the sum of its terms, added in their order, as its reward.
+
+    A reward for a whole step is weighed by the share of a step between two decision epochs. One
+    that counts what has been added meanwhile (``keeps_credit``) is exact as it is.
+    """
     total = 0.0
+    if state.share != 1.0 and not state.keeps_credit:
+        for k in range(len(drone.terms)):
+            drone.terms[k] *= state.share
     for k in range(len(drone.terms)):
         total += drone.terms[k]
     give(state, drone, total)

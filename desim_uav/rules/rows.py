@@ -54,6 +54,7 @@ class TransitRow(Row):
 
     duration_us: int
     distance_m: float
+    rises: float
     pieces: Table[Piece]
 
 
@@ -93,7 +94,7 @@ class Change(Row):
 
 @row
 class Radio(Row):
-    """A radio: that of all drones (number 0), or of access point k (number k + 1).
+    """A radio: that of a type of drones, by its number, or after these that of an access point.
 
     ``bandwidth_hz`` is -1 if it is unlimited. ``efficiencies`` has the millionths of a bit/s that a
     link of each class carries per hertz, class 0 (none) first. ``rings`` has the radii of all
@@ -142,15 +143,49 @@ class Point(Row):
 
 
 @row
+class TypeRow(Row):
+    """A type of drones: what all drones of it have in common (see ``drone_type.DroneType``).
+
+    Their transits are those of ``Constants.transits`` from number ``first_transit`` on (number 0,
+    the hover, is that of all types), and their planned returns those of ``Constants.plans`` from
+    number ``first_plan`` on. Without a ``limited`` battery, ``capacity_us`` and the like are 0.
+    Charges (``capacity_us`` and others) are in the units of the energy model, of which a drone
+    takes ``per_second`` in a second of hovering; a battery counts as full at ``full_us``. The
+    changes of users who stand still are those of ``Constants.known_at`` from number ``first_known``
+    on. The fields from ``scan`` on are functions, or in compiled code their addresses;
+    ``admission_values`` and ``battery_values`` are the addresses of the components' fields.
+    """
+
+    limited: int
+    capacity_us: int
+    full_us: int
+    per_second: int
+    return_below_us: int
+    respawn_after_us: int
+    on_crash: int
+    first_transit: int
+    first_plan: int
+    first_known: int
+    admission_values: int
+    battery_values: int
+    scan: int
+    drained_us: int
+    lasts_us: int
+
+
+@row
 class Constants(Row):
     """The constants of a run: those of its world and its settings.
 
+    If drones are asked ``by_event``, one hovers for ``patience_us``.
     A place (level, x, y) has the number ``(level * nx + x) * ny + y``. ``blocked`` has an entry per
-    place, ``plans`` one per place without the drones' ceiling and then one per place below it, and
-    ``station_at`` one per cell. ``transits`` holds the hover, the moves, and then, from number
-    ``first_hop``, the hops along x, along y and between levels. ``bandwidth_hz`` is that of a
-    drone, -1 if it is unlimited. ``radios`` are those of drones and access points, and ``points``
-    the access points. Rewards divide users among ``sharers``: the drones, and the access points
+    place, and ``station_at`` one per cell. ``types`` are the types of drones; some of them have a
+    battery that is ``limited``. ``plans`` holds for each type (see ``TypeRow``) one plan per place
+    without the drones' ceiling, and then one per place below it. ``transits`` holds the hover, and
+    then for each type its moves and, from its number ``first_hop``, its hops in the order of
+    ``model.planner.HOPS``; ``Move.transit`` and ``first_hop`` are those of the first type.
+    ``radios`` are those of the types of drones, and then those of the access points ``points``.
+    Rewards divide users among ``sharers``: the drones, and the access points
     that count. ``groups`` are those of the users by height (see ``Radio``). By service, ``in_bits``
     says that requests ask for a volume instead of a time, and ``elastic`` that they share what
     bandwidth is left. ``expected_requests`` is the number of requests of an episode if all are
@@ -171,14 +206,10 @@ class Constants(Row):
     steps: int
     step_us: int
     horizon_us: int
+    by_event: int
+    patience_us: int
     limited: int
-    capacity_us: int
-    full_charge_us: int
-    return_below_us: int
-    respawn_after_us: int
-    on_crash: int
     pads: int
-    bandwidth_hz: int
     services: int
     sharers: int
     reuse: int
@@ -194,9 +225,9 @@ class Constants(Row):
     cell_y_m: float
     lowest_m: float
     level_step_m: float
-    radius_m: float
     width_m: float
     depth_m: float
+    types: Table[TypeRow]
     moves: Table[Move]
     transits: Table[TransitRow]
     plans: Table[Plan]
@@ -226,9 +257,8 @@ class Constants(Row):
     elastic: Table[int]
     expected_requests: float
     reward_values: int
-    admission_values: int
     observation_values: int
-    battery_values: int
+    charging_values: int
     mobility_values: int
     features: int
     buckets_x: int
@@ -240,12 +270,11 @@ class Constants(Row):
     foresee: int
     foresee_all: int
     foresee_rings: int
-    scan: int
     passes_us: int
     pay: int
     describe: int
-    drained_us: int
-    lasts_us: int
+    charged: int
+    until_full_us: int
     walk: int
     run: int
 
@@ -315,9 +344,12 @@ class Drone(Row):
     """A drone on a leg from (x, y, level) to (to_x, to_y, to_level) since ``since_us``.
 
     An access point is a drone that never leaves its place, ``Constants.points[point]``, and that
-    serves without end; ``point`` is -1 for all others. ``radio`` is the number of its radio.
+    serves without end; ``point`` is -1 for all others. ``type`` is the number of a drone's type,
+    and ``radio`` that of its radio; access points admit requests as the first type does.
 
-    ``battery_us`` and ``mode`` are those at ``since_us``; ``counted_m`` of its leg are counted.
+    ``battery_us`` and ``mode`` are those at ``since_us``; ``counted_m`` of its leg are counted. In
+    this episode its battery has ``began`` with so much (or had so much more as a replacement), and
+    then ``used`` and ``gained`` so much, of which ``counted`` on the present leg (below 0: gained).
     ``hopping`` says that it is on a hop of a return, whose next hops are ``route`` to
     ``route_end`` - 1, ``waits`` that it can be commanded, ``serving`` that it has a footprint, and
     ``scan`` that its queue has to be scanned. A crashed drone has ``fallen`` to (fallen_x_m, …).
@@ -333,6 +365,7 @@ class Drone(Row):
 
     index: int
     point: int
+    type: int
     radio: int
     mode: int
     x: int
@@ -344,6 +377,10 @@ class Drone(Row):
     transit: int
     since_us: int
     battery_us: int
+    began: int
+    used: int
+    gained: int
+    counted: int
     counted_m: float
     waits: int
     hopping: int
@@ -379,8 +416,9 @@ class Observation(Row):
 
     ``believed`` is the number of the place at which it believes itself to be. ``link_quality`` is
     the mean efficiency of its links to attached users, as a share of that of the best class; it is
-    0 without any, and for the paper's disc. ``forced`` is 1 if the mask allows one action only.
-    ``elapsed`` is the number of steps since the last earlier epoch at which it was 0, or since the
+    0 without any, and for the paper's disc. ``allows`` is a number for what the mask depends on, or
+    0 if there is no mask yet; ``forced`` is 1 if the mask allows one action only.
+    ``elapsed_us`` is the time since the last earlier epoch at which it was 0, or since the
     beginning of the episode if there was none.
     """
 
@@ -394,13 +432,17 @@ class Observation(Row):
     used_hz: int
     served_requests: int
     link_quality: float
+    allows: int
     forced: int
-    elapsed: int
+    elapsed_us: int
 
 
 @row
 class Record(Row):
-    """The log's record of a drone at the end of a step; ``return_us`` is n_B (NEVER: no way)."""
+    """The log's record of a drone at the end of a step; ``return_us`` is n_B (NEVER: no way).
+
+    ``used`` is what it has drained of its battery since the episode began.
+    """
 
     step: int
     t_us: int
@@ -416,6 +458,7 @@ class Record(Row):
     served_requests: int
     bandwidth_bps: int
     return_us: int
+    used: int
     reward: float
 
 
@@ -637,6 +680,8 @@ class State(Row):
     """The state of an episode.
 
     ``senders`` are the drones and, after them, the access points; ``drones`` are the former alone.
+    ``step`` counts the decision epochs; the latest one before now was at ``epoch_us``, and the next
+    one is at ``next_us``. ``share`` is the time between two epochs as a share of a step.
     ``open_us`` and ``served_us`` sum the ends of open and of served intervals of requests, less
     their starts; intervals under way add their number times now. ``attached_us`` sums the
     attachments that have ended, and ``attached_from_us`` the starts of the others;
@@ -653,6 +698,9 @@ class State(Row):
 
     now_us: int
     step: int
+    epoch_us: int
+    next_us: int
+    share: float
     terminated: int
     truncated: int
     opened: int

@@ -215,7 +215,7 @@ def _admitted_last(state: State, drone: Drone) -> User:
     last = -1
     for u in range(len(state.users)):
         request = state.users[u].request
-        held = request.number >= 0 and request.server == drone.index and not request.elastic
+        held = request.server == drone.index and not request.elastic
         if held and (last < 0 or request.started_us >= state.users[last].request.started_us):
             last = u
     return state.users[last]

@@ -6,6 +6,7 @@ from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules.association import settle_levels, turn
 from desim_uav.rules.attachment import attach, entered_first
+from desim_uav.rules.battery import type_of
 from desim_uav.rules.classes import retune
 from desim_uav.rules.due import due, key, nothing_before, settle_slot
 from desim_uav.rules.links import unsettle
@@ -75,7 +76,7 @@ def _settle_all(
         if drone.scan:
             drone.scan = 0
             state.to_scan -= 1
-            call(world.scan, (world, path, state, drone, admission))
+            call(type_of(world, drone).scan, (world, path, state, drone, admission))
             if len(drone.sharing) > 0:
                 divide = world.radios[drone.radio].divide
                 call(divide, (world, state, drone, admission))

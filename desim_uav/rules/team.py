@@ -12,6 +12,7 @@ from desim_uav.model.observations import Feature, RowObservation
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.state import Facts
 from desim_uav.registry import register
+from desim_uav.rules.battery import capacity_of, is_limited
 from desim_uav.rules.observations import Local, clear_from, write_local
 from desim_uav.rules.rows import Constants, Drone, State
 
@@ -43,9 +44,9 @@ class Team(RowObservation):
 
     def features(self, facts: Facts) -> tuple[Feature, ...]:
         """Return the features, all real numbers."""
-        modes = MODES if facts.capacity_s is not None else MODES[:1]
+        modes = MODES if facts.some_charge else MODES[:1]
         away = ["east", "north"] + ["up"] * facts.three_d
-        rest = [*modes, *["battery"] * (facts.capacity_s is not None)]
+        rest = [*modes, *["battery"] * facts.some_charge]
         shown = [
             Feature(f"other{k}_{name}", -1.0 if name in away else 0.0, 1.0, False)
             for k in range(self.others or facts.drones - 1)
@@ -106,5 +107,7 @@ def _write_other(world: Constants, state: State, drone: Drone, other: Drone, k: 
     out[k + seen.mode] = 1.0
     if not world.limited:
         return k + 1
-    out[k + len(MODES)] = (seen.battery_us / US) / (world.capacity_us / US)
+    out[k + len(MODES)] = 1.0
+    if is_limited(world, other):
+        out[k + len(MODES)] = (seen.battery_us / US) / (capacity_of(world, other) / US)
     return k + len(MODES) + 1

@@ -16,6 +16,7 @@ from desim_uav.model.grid import cell_index
 from desim_uav.model.kernels import rule
 from desim_uav.model.rules import Mode
 from desim_uav.rules import words
+from desim_uav.rules.battery import capacity_of, is_limited
 from desim_uav.rules.flight import position
 from desim_uav.rules.requests import doing
 from desim_uav.rules.rows import Constants, State
@@ -45,7 +46,7 @@ def names_of(drones: int, services: tuple[str, ...], cells: tuple[int, int]) -> 
 def write_state(world: Constants, state: State, places: Any, out: Any) -> None:
     """Write the whole state into ``out``; ``places`` (users, 2) are the users' places in metres."""
     users, services = len(state.users), world.services
-    out[0] = 1.0 - state.step / world.steps
+    out[0] = 1.0 - state.now_us / world.horizon_us
     at = 1 + USER_STATES
     for k in range(services):
         out[at + k] = state.asked[k] / users
@@ -59,14 +60,17 @@ def write_state(world: Constants, state: State, places: Any, out: Any) -> None:
 def _write_drone(world: Constants, state: State, d: int, out: Any, at: int) -> int:
     """Write what concerns a drone from index ``at`` on; return the index after it."""
     observation, users = state.observations[d], len(state.users)
-    x_m, y_m, z_m = position(world, state, state.drones[d])
+    drone = state.drones[d]
+    x_m, y_m, z_m = position(world, state, drone)
     out[at], out[at + 1] = x_m / world.width_m, y_m / world.depth_m
     out[at + 2] = z_m / world.levels_m[world.levels - 1]
     at += 3
     for mode in range(MODES):
         out[at + mode] = 1.0 if observation.mode == mode else 0.0
     at += MODES
-    out[at] = observation.battery_us / world.capacity_us if world.limited else 1.0
+    out[at] = 1.0
+    if is_limited(world, drone):
+        out[at] = observation.battery_us / capacity_of(world, drone)
     out[at + 1] = observation.attached_users / users
     at += 2
     for count in range(2 * world.services):

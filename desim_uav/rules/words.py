@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from desim_uav.model.rules import DECIDES, Action, Mode, Phase
+from desim_uav.model.rules import Action, Mode, Phase
 
 HOVER, GOTO, CHARGE = int(Action.HOVER), int(Action.GOTO_CHARGING_STATION), int(Action.CHARGE)
 
 FLYING, RETURNING, QUEUED, CHARGING, CHARGED, CRASHED = map(int, Mode)
-HAS_A_CHOICE = tuple(sorted(map(int, DECIDES)))
+GOING_ON = len(Mode)
+"""Stands for the mode of a drone that is asked later (see ``rules.decide.is_under_way``)."""
 
 (
     COMPLETION,

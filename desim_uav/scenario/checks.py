@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model.battery import LONGEST_MIN
+from desim_uav.model.battery import LONGEST_MIN, in_joules
 from desim_uav.model.grid import Cell, reachable
 from desim_uav.model.motion import return_transit
 from desim_uav.model.services import Volume
@@ -20,9 +20,10 @@ from desim_uav.registry import FAULTS, did_you_mean, what_failed
 from desim_uav.rules.rewards import MultiService
 from desim_uav.scenario import radio_checks
 from desim_uav.scenario.components import place_of_problem
+from desim_uav.scenario.epochs import decisions_by_event_fit_the_scenario
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.layout import start_cells, station_cells
-from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
+from desim_uav.scenario.schema import DrawnObstacles, Drones, ListedObstacles, Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
 MAX_SQUARES = 1_000_000
@@ -48,7 +49,7 @@ def doubts(scenario: Scenario) -> Iterator[str]:
             f"users.clusters.radius_m: [{low:g}, {high:g}]: clusters of {half:g} m and more lie in "
             f"the middle of {on_map} (map.size_m), one upon the other"
         )
-    on_circle = stations.count > 0 or scenario.drones.start_cells is None
+    on_circle = stations.count > 0 or any(one.start_cells is None for one in scenario.fleet)
     if on_circle and stations.radius_m > half:
         yield (
             f"stations.radius_m: {stations.radius_m:g}: the circle leaves {on_map} (map.size_m); "
@@ -68,7 +69,7 @@ def a_battery_needs_a_station(scenario: Scenario) -> Iterator[Finding]:
         yield Finding(
             ("stations", "count"),
             "a limited battery needs a charging station: at least 1, or drones.battery: null",
-            (("drones", "battery"),),
+            tuple((*key, "battery") for key in scenario.fleet_keys),
         )
 
 
@@ -89,18 +90,19 @@ def stations_have_their_own_cells(scenario: Scenario) -> Iterator[Finding]:
 
 def drones_start_on_the_map(scenario: Scenario) -> Iterator[Finding]:
     """Start cells: one a drone, each on the map."""
-    given, path = scenario.drones.start_cells, ("drones", "start_cells")
-    if given is None:
-        return
-    if len(given) != scenario.drones.count:
-        yield Finding(
-            path,
-            f"must be one cell a drone: {scenario.drones.count}, not {len(given)}",
-            (("drones", "count"),),
-        )
-    for index, cell in enumerate(given):
-        if not _on_map(scenario, cell):
-            yield Finding((*path, index), _off_map(scenario), (("map", "cells"),))
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        given, path = drones.start_cells, (*key, "start_cells")
+        if given is None:
+            continue
+        if len(given) != drones.count:
+            yield Finding(
+                path,
+                f"must be one cell a drone: {drones.count}, not {len(given)}",
+                ((*key, "count"),),
+            )
+        for index, cell in enumerate(given):
+            if not _on_map(scenario, cell):
+                yield Finding((*path, index), _off_map(scenario), (("map", "cells"),))
 
 
 def users_are_on_the_map(scenario: Scenario) -> Iterator[Finding]:
@@ -167,16 +169,15 @@ def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
     hops |= {"along y": dy} if ny > 1 else {}
     if scenario.three_d and scenario.map.obstacles is not None:
         hops["between levels"] = scenario.map.levels.step_m
-    seen = set()
-    for which, distance in hops.items():
-        problem = _transit_problem(scenario, distance)
-        if problem and problem not in seen:
-            seen.add(problem)
-            yield Finding(
-                ("drones", "motion"),
-                f"a hop {which} cannot be flown: {problem}",
-                (*_GRID, ("map", "levels", "step_m"), ("map", "dimensions"), ("episode", "step_s")),
-            )
+    also = (*_GRID, ("map", "levels", "step_m"), ("map", "dimensions"), ("episode", "step_s"))
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        seen = set()
+        for which, distance in hops.items():
+            problem = _transit_problem(drones, distance, scenario.episode.step_s)
+            if problem and problem not in seen:
+                seen.add(problem)
+                message = f"a hop {which} cannot be flown: {problem}"
+                yield Finding((*key, "motion"), message, also)
 
 
 def the_mix_names_services(scenario: Scenario) -> Iterator[Finding]:
@@ -215,13 +216,14 @@ def the_reward_names_services(scenario: Scenario) -> Iterator[Finding]:
 
 def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
     """Durations that round to nothing: time is a whole number of microseconds."""
-    battery = scenario.drones.battery
-    if battery is not None and round(battery.autonomy_min * 60e6) < 1:
-        yield Finding(("drones", "battery", "autonomy_min"), "is less than a microsecond")
-    if battery is not None and battery.autonomy_min > LONGEST_MIN:
-        yield Finding(
-            ("drones", "battery", "autonomy_min"), f"must be at most {LONGEST_MIN} minutes"
-        )
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        battery, path = drones.battery, (*key, "battery", "autonomy_min")
+        if battery is None or in_joules(battery):
+            continue
+        if round(battery.autonomy_min * 60e6) < 1:
+            yield Finding(path, "is less than a microsecond")
+        if battery.autonomy_min > LONGEST_MIN:
+            yield Finding(path, f"must be at most {LONGEST_MIN} minutes")
     for name, service in scenario.services.items():
         if not isinstance(service, Volume) and np.min(service.durations_us()) < 1:
             yield Finding(
@@ -240,14 +242,23 @@ def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
             walks(scenario.users.count, area),
             (*_USER_COUNT, ("map", "size_m")),
         )
-    drained = getattr(scenario.drones.battery, "problems", None)
-    if drained:
-        yield from _own_problems(
-            ("drones", "battery"),
-            scenario.drones.battery,
-            drained(scenario.drones.motion, scenario.episode.step_s),
-            (("drones", "motion"), ("episode", "step_s")),
-        )
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        drained = getattr(drones.battery, "problems", None)
+        if drained:
+            yield from _own_problems(
+                (*key, "battery"),
+                drones.battery,
+                drained(drones.motion, scenario.episode.step_s),
+                ((*key, "motion"), ("episode", "step_s")),
+            )
+        charged = getattr(scenario.stations.charging, "problems", None)
+        if charged and drones.battery is not None:
+            yield from _own_problems(
+                ("stations", "charging"),
+                scenario.stations.charging,
+                charged(drones.battery),
+                ((*key, "battery"),),
+            )
     asked = getattr(scenario.demand, "problems", None)
     if asked:
         yield from _own_problems(
@@ -269,6 +280,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     the_reward_names_services,
     times_are_whole_microseconds,
     components_fit_the_scenario,
+    decisions_by_event_fit_the_scenario,
     *radio_checks.CHECKS,
 )
 
@@ -279,7 +291,8 @@ _USER_COUNT: tuple[KeyPath, ...] = (("users", "count"), ("users", "positions_m")
 def _listed_obstacles(scenario: Scenario, obstacles: ListedObstacles) -> Iterator[Finding]:
     """Each building once, on the map, on no station or start cell; and none cuts these off."""
     path = ("map", "obstacles", "cells")
-    layout = (("stations",), ("drones", "count"), ("drones", "start_cells"))
+    own = ((*key, name) for key in scenario.fleet_keys for name in ("count", "start_cells"))
+    layout = (("stations",), *own)
     kept_free = dict.fromkeys(start_cells(scenario), "a start cell")
     kept_free |= dict.fromkeys(station_cells(scenario), "a station's cell")
     seen: dict[Cell, int] = {}
@@ -320,12 +333,11 @@ def _cut_off(
             return
 
 
-def _transit_problem(scenario: Scenario, distance_m: float) -> str:
-    motion, step_s = scenario.drones.motion, scenario.episode.step_s
+def _transit_problem(drones: Drones, distance_m: float, step_s: float) -> str:
     try:
-        motion.epoch_transit(distance_m, step_s)
-        if scenario.limited_battery:
-            return_transit(motion, distance_m, step_s)
+        drones.motion.epoch_transit(distance_m, step_s)
+        if drones.battery is not None:
+            return_transit(drones.motion, distance_m, step_s)
     except ValueError as error:
         return str(error)
     except FAULTS as error:

@@ -124,7 +124,8 @@ class Slot:
     def _built_in_schema(self, kind: str) -> JsonSchemaValue:
         found = registry.resolve(self.name, kind)
         schema = with_meanings(_whole(_adapter(found).json_schema()), found)
-        properties = {"kind": {"const": kind}} | schema.get("properties", {})
+        given = {key: schema["properties"][key] for key in _parameters(found)}
+        properties = {"kind": {"const": kind}} | given
         for name, part in _parts(found).items():
             properties[name]["default"] = described(part)
         required = schema.get("required", [])
@@ -218,10 +219,39 @@ def _keyed(form: Any) -> JsonSchemaValue:
     return with_meanings(schema, form)
 
 
-def as_field(mark: registry.Mark) -> Slot | NameOrForm:
+@dataclasses.dataclass(frozen=True)
+class CheckedField:
+    """Validates a field as its type says, and then by a check of its own (a ``Checked``)."""
+
+    mark: registry.Checked
+
+    def __get_pydantic_core_schema__(
+        self, source: Any, handler: GetCoreSchemaHandler
+    ) -> CoreSchema:
+        """Return a validation that tells the reason for which the check refuses a value."""
+
+        def checked(value: Any) -> Any:
+            try:
+                self.mark.check(value)
+            except ValueError as error:
+                raise _error(str(error)) from error
+            return value
+
+        return core_schema.no_info_after_validator_function(checked, handler(source))
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> JsonSchemaValue:
+        """Return the schema of the field's type."""
+        return handler(schema)
+
+
+def as_field(mark: registry.Mark) -> Slot | NameOrForm | CheckedField:
     """Return what validates a marked field of a component."""
     if isinstance(mark, registry.Part):
         return Slot(mark.slot, mark.default, mark.protocol, mark.by_name)
+    if isinstance(mark, registry.Checked):
+        return CheckedField(mark)
     assert isinstance(mark, registry.NameOr)
     return NameOrForm(mark)
 
@@ -237,25 +267,48 @@ _PLUG_IN_SCHEMA: JsonSchemaValue = {
 }
 
 
-def described(component: Any) -> dict[str, Any]:
-    """Return the kind and the parameters of a component as plain Python values, the kind first."""
+def described(component: Any, hashed: bool = False) -> dict[str, Any]:
+    """Return the kind and the parameters of a component as plain Python values, the kind first.
+
+    To be ``hashed``, parameters that came later are left out (see ``unchanged``).
+    """
     found = type(component)
     kind = vars(found).get("kind", f"{found.__module__}:{found.__qualname__}")
     if not dataclasses.is_dataclass(component):
         return {"kind": kind} | getattr(component, _GIVEN, {})
-    names = [f.name for f in dataclasses.fields(component) if f.init]
-    return {"kind": kind} | {name: _plain(getattr(component, name)) for name in names}
+    left_out = unchanged(component) if hashed else ()
+    names = [f.name for f in dataclasses.fields(component) if f.init and f.name not in left_out]
+    return {"kind": kind} | {name: _plain(getattr(component, name), hashed) for name in names}
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: Any, hashed: bool) -> Any:
     """Return the value of a parameter: components and named tuples are mappings."""
     if hasattr(type(value), "kind"):
-        return described(value)
+        return described(value, hashed)
     if hasattr(value, "_asdict"):
         return value._asdict()
     if isinstance(value, tuple):
-        return tuple(_plain(item) for item in value)
+        return tuple(_plain(item, hashed) for item in value)
     return value
+
+
+def unchanged(section: Any) -> list[str]:
+    """Return the keys of a section or a component that came later and have their defaults.
+
+    They are named in a class attribute ``later``. A scenario that was written before there was such
+    a key has its default, and keeps its hash (see ``scenario.load.scenario_hash``).
+    """
+    later = getattr(type(section), "later", ())
+    return [name for name in later if getattr(section, name) == _default(type(section), name)]
+
+
+def _default(owner: Any, name: str) -> Any:
+    """Return the default of a key of a section or a dataclass."""
+    if dataclasses.is_dataclass(owner):
+        field = next(each for each in dataclasses.fields(owner) if each.name == name)
+        made = field.default_factory
+        return field.default if made is dataclasses.MISSING else made()
+    return owner.model_fields[name].get_default(call_default_factory=True)
 
 
 def place_of_problem(component: Any) -> KeyPath:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,6 +17,7 @@ from desim_uav.available import available_bytes
 from desim_uav.errors import ScenarioError
 from desim_uav.model.services import Volume
 from desim_uav.model.walking import Area
+from desim_uav.scenario.epochs import most_epochs
 from desim_uav.scenario.schema import DrawnObstacles, Scenario
 
 MOST_EVENTS = 1e10
@@ -28,7 +29,7 @@ PROGRAM = 100e6
 _LEVELS = ("map.cells", "map.levels.step_m", "map.obstacles")
 _WALKS = ("users.count", "episode.steps", "episode.step_s", "users.mobility")
 _REQUESTS = ("users.count", "episode.steps", "episode.step_s", "demand")
-_STEPS = ("episode.steps", "drones.count")
+_STEPS = ("episode.steps", "drones.count", "decisions")
 _PAIRS = ("users.count", "drones.count")
 _LINKS = ("users.count", "drones.count", "access_points", "episode.steps", "drones.radio")
 
@@ -71,7 +72,7 @@ class _Counts:
     users: int
     cells: int
     places: float
-    steps: int
+    epochs: int
     legs: float
     draws: float
     requests: float
@@ -85,7 +86,7 @@ def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> 
     """Foresee an episode on an engine, des or batch; ``keep_events``: with its event log."""
     n = _counts(scenario)
     logged = (
-        Part("commands and steps of drones", 3.0 * n.drones * n.steps, _STEPS),
+        Part("commands and steps of drones", 3.0 * n.drones * n.epochs, _STEPS),
         Part("requests that begin, are served and end", 4.0 * n.requests, _REQUESTS),
         Part(
             "users who enter or leave a footprint",
@@ -104,7 +105,7 @@ def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> 
         Part("users", 400.0 * n.users, ("users.count",)),
         Part("the walks of users", 210.0 * n.legs, _WALKS),
         Part("requests", 32.0 * max(16.0 * n.users, n.draws) + 600.0 * n.requests, _REQUESTS),
-        Part("the log of steps", 900.0 * n.drones * n.steps, _STEPS),
+        Part("the log of steps", 900.0 * n.drones * n.epochs, _STEPS),
         *([Part("links", 250.0 * n.users * n.senders, _LINKS)] if n.searches else []),
         Part("what drones observe", 60.0 * n.features, ("observation", "drones.count")),
         *(_of_batch(scenario, n) if engine == "batch" else _of_des(n)),
@@ -155,7 +156,7 @@ def _draws_and_requests(scenario: Scenario) -> tuple[float, float]:
 
 
 def _counts(scenario: Scenario) -> _Counts:
-    users, drones = scenario.users.count, scenario.drones.count
+    users, drones = scenario.users.count, scenario.drone_count
     steps, horizon_s = scenario.episode.steps, scenario.episode.steps * scenario.episode.step_s
     nx, ny = scenario.map.cells
     legs_of = getattr(scenario.users.mobility, "expected_legs", None)
@@ -167,7 +168,7 @@ def _counts(scenario: Scenario) -> _Counts:
         users,
         nx * ny,
         nx * ny * _levels(scenario),
-        steps,
+        most_epochs(scenario),
         legs,
         draws,
         requests,
@@ -187,18 +188,29 @@ def _of_des(n: _Counts) -> Iterable[Part]:
 def _of_batch(scenario: Scenario, n: _Counts) -> Iterable[Part]:
     """The compiled engine: tables of users by drones, and the ways back from every place."""
     yield Part("users in footprints", 8.0 * n.users * (10.0 * n.drones + 110.0), _PAIRS)
-    yield Part("commands so far", 16.0 * n.drones * n.steps, _STEPS)
+    yield Part("commands so far", 16.0 * n.drones * n.epochs, _STEPS)
     if scenario.limited_battery:
         nx, ny = scenario.map.cells
         hops = (nx + ny) / (2.0 * math.sqrt(scenario.stations.count)) + n.places / n.cells / 2.0
-        yield Part("ways back to the stations", n.places * (80.0 + 72.0 * hops), _LEVELS)
+        size = n.places * (80.0 + 72.0 * hops)
+        yield Part("ways back to the stations", _ways_back(scenario) * size, _LEVELS)
+
+
+def _ways_back(scenario: Scenario) -> int:
+    """How many tables of ways back there are: one for all types that fly them in the same way."""
+    found: list[tuple[object, object]] = []
+    for drones in scenario.fleet:
+        flown = drones.motion, drones.battery
+        if drones.battery is not None and flown not in found:
+            found.append(flown)
+    return len(found)
 
 
 def _event_log(logged: Sequence[Part], n: _Counts) -> Part:
     """The rows of the event log and the flights of drones, while they are put into tables."""
     rows = math.fsum(part.amount for part in logged)
     keys = tuple(dict.fromkeys(key for part in logged for key in part.keys))
-    return Part("the event log that is kept", 330.0 * rows + 700.0 * n.drones * n.steps, keys)
+    return Part("the event log that is kept", 330.0 * rows + 700.0 * n.drones * n.epochs, keys)
 
 
 def _levels(scenario: Scenario) -> float:
@@ -232,28 +244,38 @@ def _crossings(scenario: Scenario, horizon_s: float) -> float:
     """
     width, depth = scenario.map.size_m
     hop = max(scenario.map.cell_m) / scenario.episode.step_s
-    walk = getattr(scenario.users.mobility, "speed_mps", 0.0)
+    walk = _walking_mps(scenario.users.mobility)
     speed = math.hypot(min(hop, max(width, depth) / scenario.episode.step_s), walk)
-    drones, lowest_m = scenario.drones, scenario.map.levels.min_altitude_m
-    senders = [(drones.count, drones.radio, lowest_m, speed)]
-    senders += [(1, point.radio, point.height_m, walk) for point in scenario.access_points]
+    lowest_m = scenario.map.levels.min_altitude_m
+    senders = [
+        (drones.count, drones.radio, drones.footprint_radius_m, lowest_m, speed)
+        for drones in scenario.fleet
+    ]
+    senders += [(1, point.radio, 0.0, point.height_m, walk) for point in scenario.access_points]
     total = 0.0
-    for count, radio, height_m, speed_mps in senders:
-        for radius_m in radio.radii_m(height_m, drones.footprint_radius_m):
+    for count, radio, disc_m, height_m, speed_mps in senders:
+        for radius_m in radio.radii_m(height_m, disc_m):
             across = min(2.0 * max(radius_m, 0.0), width + depth)
             rate = 2.0 * across * speed_mps * scenario.users.count / (width * depth)
             total += count * (2.0 * scenario.users.count * (across > 0.0) + rate * horizon_s)
     return total
 
 
+def _walking_mps(mobility: Any) -> float:
+    """The mean speed of users: that which a model says, or its only speed; 0 if it has none."""
+    speed = getattr(mobility, "mean_speed_mps", getattr(mobility, "speed_mps", 0.0))
+    return float(speed) if isinstance(speed, int | float) else 0.0
+
+
 def _searches(scenario: Scenario) -> float:
     """How many events the searches for changes of links take as long as, if they are no rings'."""
-    radio, points = scenario.drones.radio, len(scenario.access_points)
-    marked = radio.marked or any(point.radio.marked for point in scenario.access_points)
-    if not (marked or radio.reuse or scenario.association.by_level):
+    points, reuse = scenario.access_points, scenario.fleet[0].radio.reuse
+    radios = [*(drones.radio for drones in scenario.fleet), *(point.radio for point in points)]
+    marked = any(radio.marked for radio in radios)
+    if not (marked or reuse or scenario.association.by_level):
         return 0.0
-    senders = scenario.drones.count + points
-    others = (senders - 1) / radio.reuse if radio.reuse else 0.0
+    senders = scenario.drone_count + len(points)
+    others = (senders - 1) / reuse if reuse else 0.0
     links = float(senders) * scenario.users.count * scenario.episode.steps
     return SEARCH * links * (1.0 + others)
 
@@ -263,7 +285,7 @@ def _features(scenario: Scenario) -> int:
     features_of = getattr(scenario.observation, "expected_features", None)
     if features_of is None:
         return 100
-    return int(features_of(scenario.drones.count, len(scenario.services)))
+    return int(features_of(scenario.drone_count, len(scenario.services)))
 
 
 def _named(parts: Iterable[Part], shown: Callable[[float], str]) -> str:

@@ -21,16 +21,21 @@ def station_cells(scenario: Scenario) -> list[Cell]:
 def start_cells(scenario: Scenario) -> list[Cell]:
     """Return the start cell of each drone.
 
-    These are the scenario's ``start_cells`` if given, else the stations' cells in turn, else, if
+    These are the ``start_cells`` of its type if given, else the stations' cells in turn, else, if
     there are no stations, cells on the circle.
     """
-    count = scenario.drones.count
-    if scenario.drones.start_cells is not None:
-        return list(scenario.drones.start_cells)
+    count = scenario.drone_count
     stations = station_cells(scenario)
     if not stations:
-        return _on_circle(scenario, count)
-    return [stations[drone % len(stations)] for drone in range(count)]
+        found = _on_circle(scenario, count)
+    else:
+        found = [stations[drone % len(stations)] for drone in range(count)]
+    first = 0
+    for drones in scenario.fleet:
+        if drones.start_cells is not None:
+            found[first : first + drones.count] = drones.start_cells
+        first += drones.count
+    return found
 
 
 def _on_circle(scenario: Scenario, count: int) -> list[Cell]:

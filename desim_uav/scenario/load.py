@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from desim_uav.model.traces import MAX_BYTES as MAX_TABLE_BYTES
 from desim_uav.regular_file import content_of
 from desim_uav.scenario import yaml12
 from desim_uav.scenario.checks import findings
-from desim_uav.scenario.components import described, strictly
+from desim_uav.scenario.components import described, strictly, unchanged
 from desim_uav.scenario.draft import MAX_PROBLEMS, Draft, override_path, plain_copy
 from desim_uav.scenario.messages import complaints
 from desim_uav.scenario.schema import Scenario, paper_preset
@@ -132,8 +132,13 @@ def to_plain(scenario: Scenario) -> dict[str, Any]:
     plain: dict[str, Any] = _plain(scenario)
     if scenario.users.positions_m is not None:
         del plain["users"]["count"], plain["users"]["clusters"]
-    if scenario.drones.radio.graded:
-        del plain["drones"]["footprint_radius_m"], plain["drones"]["bandwidth_kbps"]
+    if isinstance(plain["drones"], list):
+        plain["drones"] = [{"name": one["name"], **one} for one in plain["drones"]]
+    for drones, (_, *number) in zip(scenario.fleet, scenario.fleet_keys, strict=True):
+        if drones.radio.graded:
+            own = plain["drones"][number[0]] if number else plain["drones"]
+            del own["footprint_radius_m"], own["bandwidth_kbps"]
+    del plain["stations"]["charging" if scenario.stations.charging is None else "full_charge_min"]
     return plain
 
 
@@ -141,9 +146,10 @@ def scenario_hash(scenario: Scenario) -> str:
     """Return the SHA-256 digest of a scenario, in hexadecimal.
 
     The digest covers every key except the name, and the contents of the files that the scenario
-    uses, but not their paths.
+    uses, but not their paths. Keys that came later (``Section.later``) are left out if they have
+    their defaults, so that a scenario that was written before them keeps its digest.
     """
-    content = _plain(scenario, file_as=_digest)
+    content = _plain(scenario, hashed=True)
     del content["name"]
     text = json.dumps(content, sort_keys=True, separators=(",", ":"), ensure_ascii=True)
     return hashlib.sha256(text.encode()).hexdigest()
@@ -213,23 +219,27 @@ def _validated(draft: Draft, base: Path | None) -> Scenario | None:
     return None
 
 
-def _plain(value: Any, file_as: Callable[[Path], str] = str) -> Any:
-    """Models, components and their values as plain data, whole floats as ints."""
+def _plain(value: Any, hashed: bool = False) -> Any:
+    """Models, components and their values as plain data, whole floats as ints.
+
+    To be ``hashed``, files are given by digests of their contents, and later keys are left out.
+    """
+    left_out = unchanged(value) if hashed else ()
     if isinstance(value, BaseModel):
-        return {name: _plain(getattr(value, name), file_as) for name in type(value).model_fields}
-    if hasattr(value, "_asdict"):
+        value = {name: getattr(value, name) for name in type(value).model_fields}
+    elif hasattr(value, "_asdict"):
         value = value._asdict()
     if isinstance(value, Mapping):
-        return {key: _plain(item, file_as) for key, item in value.items()}
+        return {key: _plain(item, hashed) for key, item in value.items() if key not in left_out}
     if isinstance(value, list | tuple):
-        return [_plain(item, file_as) for item in value]
+        return [_plain(item, hashed) for item in value]
     if isinstance(value, Path):
-        return file_as(value)
+        return _digest(value) if hashed else str(value)
     if value is None or isinstance(value, bool | int | float | str):
         if isinstance(value, float) and value.is_integer() and abs(value) < 1e15:
             value = int(value)
         return value
-    return _plain(described(value), file_as)
+    return _plain(described(value, hashed), hashed)
 
 
 def _digest(path: Path) -> str:

@@ -11,7 +11,13 @@ from pydantic_core import ErrorDetails
 from desim_uav.registry import NameOr, Part, did_you_mean, names
 from desim_uav.scenario.components import Slot, as_field
 from desim_uav.scenario.draft import MAX_PROBLEMS, Draft
-from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
+from desim_uav.scenario.schema import (
+    DrawnObstacles,
+    Drones,
+    DroneType,
+    ListedObstacles,
+    Scenario,
+)
 from desim_uav.scenario.section import Section
 from desim_uav.scenario.yaml12 import KeyPath
 
@@ -133,6 +139,8 @@ def _owner(parts: list[Any], given: Any) -> Any:
     if ListedObstacles in sections:
         listed = isinstance(given, Mapping) and "cells" in given
         return ListedObstacles if listed else DrawnObstacles
+    if DroneType in sections:
+        return DroneType if isinstance(given, list) else Drones
     return next((part for part in parts if _is_section(part) or _is_named_tuple(part)), None)
 
 

@@ -21,9 +21,16 @@ from desim_uav.scenario.yaml12 import KeyPath
 LARGEST_UBIT = 10**18
 """The largest volume of a request, in millionths of a bit: it fits a 64-bit integer."""
 
-RADIO: KeyPath = ("drones", "radio")
 LOWEST: KeyPath = ("map", "levels", "min_altitude_m")
 _CLIMBS: tuple[KeyPath, ...] = (("map", "dimensions"), ("map", "obstacles"))
+
+
+class Sender(NamedTuple):
+    """A radio, its key, and what messages call those who have it."""
+
+    path: KeyPath
+    radio: Any
+    name: str
 
 
 class Links(NamedTuple):
@@ -44,21 +51,23 @@ def drones_and_access_points_have_levels(scenario: Scenario) -> Iterator[Finding
                 ("access_points", index, "radio"),
                 "must be kind: link_classes; a disc has no transmitted power",
             )
-    if isinstance(scenario.drones.radio, LinkClasses):
+    discs = [one for one in _of_drones(scenario) if not isinstance(one.radio, LinkClasses)]
+    if not discs:
         return
+    path, key = discs[0].path, ".".join(map(str, discs[0].path))
     if scenario.association.by_level:
         yield Finding(
             ("association",),
-            "compares levels, which the drones' disc does not have; "
-            "write drones.radio: {kind: link_classes}, or association: entered_first",
-            (RADIO,),
+            f"compares levels, which {discs[0].name} disc does not have; "
+            f"write {key}: {{kind: link_classes}}, or association: entered_first",
+            (path,),
         )
-    for index, point in enumerate(scenario.access_points):
-        if point.radio.reuse:
+    for one in _senders(scenario):
+        if one.radio.reuse:
             yield Finding(
-                ("access_points", index, "radio", "interference"),
-                "needs the levels of drones too; write drones.radio: {kind: link_classes}",
-                (RADIO,),
+                (*one.path, "interference"),
+                f"needs the levels of drones too; write {key}: {{kind: link_classes}}",
+                (path,),
             )
 
 
@@ -75,35 +84,49 @@ def access_points_are_on_the_map(scenario: Scenario) -> Iterator[Finding]:
             )
 
 
+def access_points_admit_as_drones(scenario: Scenario) -> Iterator[Finding]:
+    """Access points beside types of drones that admit requests in different ways."""
+    if not scenario.access_points:
+        return
+    first = scenario.fleet[0].admission
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        if drones.admission != first:
+            yield Finding(
+                (*key, "admission"),
+                "must be that of drones.0 beside access_points, which admit requests as drones do",
+                (("drones", 0, "admission"), ("access_points",)),
+            )
+
+
 def bands_are_shared_by_all(scenario: Scenario) -> Iterator[Finding]:
-    """Access points that interfere, or share, otherwise than the drones."""
-    drones = scenario.drones.radio
-    for index, point in enumerate(scenario.access_points):
-        path: KeyPath = ("access_points", index, "radio")
-        if point.radio.sharing.elastic != drones.sharing.elastic:
+    """Radios that interfere, or share, otherwise than that of the (first type of) drones."""
+    (first_path, drones, owner), *others = _senders(scenario)
+    key_of_sharing = ".".join(map(str, (*first_path, "sharing")))
+    for path, radio, _ in others:
+        if radio.sharing.elastic != drones.sharing.elastic:
             yield Finding(
                 (*path, "sharing"),
-                f"must {'' if drones.sharing.elastic else 'not '}share, as drones.radio.sharing is "
+                f"must {'' if drones.sharing.elastic else 'not '}share, as {key_of_sharing} is "
                 f"{_kind(drones.sharing)}: transfers hold rates everywhere or nowhere",
-                ((*RADIO, "sharing"),),
+                ((*first_path, "sharing"),),
             )
-        if not isinstance(drones, LinkClasses) or not isinstance(point.radio, LinkClasses):
+        if not isinstance(drones, LinkClasses) or not isinstance(radio, LinkClasses):
             continue
-        if point.radio.reuse != drones.reuse:
+        if radio.reuse != drones.reuse:
             yield Finding(
                 (*path, "interference"),
-                f"must be as the drones', {_shown(drones.interference)}: "
+                f"must be as {owner}, {_shown(drones.interference)}: "
                 "interference is the same for all",
-                ((*RADIO, "interference"),),
+                ((*first_path, "interference"),),
             )
         elif drones.reuse:
             for key in ("carrier_ghz", "bandwidth_mhz"):
-                if getattr(point.radio, key) != getattr(drones, key):
+                if getattr(radio, key) != getattr(drones, key):
                     yield Finding(
                         (*path, key),
-                        f"must be as the drones', {getattr(drones, key):g}: "
+                        f"must be as {owner}, {getattr(drones, key):g}: "
                         "those who interfere have one carrier and one bandwidth",
-                        ((*RADIO, key), (*RADIO, "interference")),
+                        ((*first_path, key), (*first_path, "interference")),
                     )
 
 
@@ -180,8 +203,8 @@ def losses_have_bounds(scenario: Scenario) -> Iterator[Finding]:
 
 def transfers_get_a_rate(scenario: Scenario) -> Iterator[Finding]:
     """Transfers that hold no rate under ``held``, or one under another sharing."""
-    radio = scenario.drones.radio
-    elastic, path = bool(radio.sharing.elastic), (*RADIO, "sharing")
+    radio_path, radio, _ = next(_of_drones(scenario))
+    elastic, path = bool(radio.sharing.elastic), (*radio_path, "sharing")
     volumes = {name: one for name, one in scenario.services.items() if isinstance(one, Volume)}
     for name, service in volumes.items():
         rates, ubits = service.bandwidths_bps(), service.volumes_ubit()
@@ -190,7 +213,7 @@ def transfers_get_a_rate(scenario: Scenario) -> Iterator[Finding]:
                 ("services", name),
                 "needs bandwidth_kbps, the rates that requests hold under the sharing held; or "
                 "write drones.radio: {kind: link_classes, sharing: equal}",
-                (path, RADIO),
+                (path, radio_path),
             )
         if elastic and np.any(rates):
             yield Finding(
@@ -204,12 +227,15 @@ def transfers_get_a_rate(scenario: Scenario) -> Iterator[Finding]:
                 ("services", name),
                 f"volumes_ubit must be from 1 to {LARGEST_UBIT:.0e} millionths of a bit",
             )
-    if volumes and elastic and math.isinf(radio.bandwidth_hz(scenario.drones.bandwidth_kbps)):
-        yield Finding(
-            ("drones", "bandwidth_kbps"),
-            f"must be a number where transfers share it: {_kind(radio.sharing)}",
-            (path, RADIO),
-        )
+    if not (volumes and elastic):
+        return
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        if math.isinf(drones.radio.bandwidth_hz(drones.bandwidth_kbps)):
+            yield Finding(
+                (*key, "bandwidth_kbps"),
+                f"must be a number where transfers share it: {_kind(drones.radio.sharing)}",
+                ((*key, "radio", "sharing"), (*key, "radio")),
+            )
 
 
 def demand_knows_volumes(scenario: Scenario) -> Iterator[Finding]:
@@ -230,16 +256,31 @@ def demand_knows_volumes(scenario: Scenario) -> Iterator[Finding]:
         )
 
 
+def _of_drones(scenario: Scenario) -> Iterator[Sender]:
+    """The radios of the types of drones."""
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        owner = "the drones'" if len(key) == 1 else f"{'.'.join(map(str, key))}'s"
+        yield Sender((*key, "radio"), drones.radio, owner)
+
+
+def _senders(scenario: Scenario) -> Iterator[Sender]:
+    """The radios of the types of drones, and those of access points."""
+    yield from _of_drones(scenario)
+    for index, point in enumerate(scenario.access_points):
+        yield Sender(("access_points", index, "radio"), point.radio, "")
+
+
 def _links(scenario: Scenario) -> Iterator[Links]:
-    """The radios with classes: that of the drones, and those of access points."""
-    if isinstance(scenario.drones.radio, LinkClasses):
-        lowest_m, highest_m = _levels_m(scenario)
-        yield Links(RADIO, scenario.drones.radio, lowest_m, highest_m, LOWEST)
+    """The radios with classes: those of drones, and those of access points."""
+    lowest_m, highest_m = _levels_m(scenario)
+    for path, radio, _ in _of_drones(scenario):
+        if isinstance(radio, LinkClasses):
+            yield Links(path, radio, lowest_m, highest_m, LOWEST)
     for index, point in enumerate(scenario.access_points):
         if isinstance(point.radio, LinkClasses):
-            path: KeyPath = ("access_points", index)
-            height_m, key = point.height_m, (*path, "height_m")
-            yield Links((*path, "radio"), point.radio, height_m, height_m, key)
+            own: KeyPath = ("access_points", index)
+            height_m, key = point.height_m, (*own, "height_m")
+            yield Links((*own, "radio"), point.radio, height_m, height_m, key)
 
 
 def _levels_m(scenario: Scenario) -> tuple[float, float]:
@@ -300,6 +341,7 @@ def _shown(interference: Any) -> str:
 CHECKS = (
     drones_and_access_points_have_levels,
     access_points_are_on_the_map,
+    access_points_admit_as_drones,
     bands_are_shared_by_all,
     links_fit_the_map,
     losses_give_rings,

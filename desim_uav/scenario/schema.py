@@ -3,17 +3,27 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, ClassVar, Literal, cast
 
-from pydantic import AfterValidator, BeforeValidator, Field, StringConstraints, model_validator
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    Field,
+    StringConstraints,
+    ValidationInfo,
+    model_validator,
+)
 
 import desim_uav.model
 import desim_uav.model.radio
 import desim_uav.rules
 from desim_uav import registry
+from desim_uav.errors import ScenarioError
 from desim_uav.model.admission import Admission
 from desim_uav.model.association import Association, EnteredFirst
 from desim_uav.model.battery import Endurance, Energy
+from desim_uav.model.charging import Charging, Constant
+from desim_uav.model.decisions import ByClock, Decisions
 from desim_uav.model.demand import Demand, Dynamic
 from desim_uav.model.mobility import Mobility, RandomWalk
 from desim_uav.model.motion import BangCoastBang, Motion
@@ -35,6 +45,7 @@ registry.discover(desim_uav.rules)
 
 MOTION = Slot("motion", "bang_coast_bang", Motion)
 BATTERY = Slot("battery", "endurance", Energy)
+CHARGING = Slot("charging", "constant", Charging)
 ADMISSION = Slot("admission", "first_come", Admission)
 MOBILITY = Slot("mobility", "random_walk", Mobility)
 DEMAND = Slot("demand", "dynamic", Demand)
@@ -43,6 +54,7 @@ OBSERVATION = Slot("observation", "position", Encoding)
 RADIO = Slot("radio", "disc", Radio)
 LINKS = Slot("radio", "link_classes", Radio)
 ASSOCIATION = Slot("association", "entered_first", Association, by_name=True)
+DECISIONS = Slot("decisions", "clock", Decisions, by_name=True)
 SERVICE = Slot("service", "uniform_choice", Hold | Volume)
 
 
@@ -137,10 +149,14 @@ class Map(Section):
         return self.size_m[0] / self.cells[0], self.size_m[1] / self.cells[1]
 
 
+MOST_DRONES, MOST_TYPES = 10_000, 100
+"""The largest number of drones, and of their types."""
+
+
 class Drones(Section):
     """The drones: how many, what they cover and carry, how they fly."""
 
-    count: Annotated[int, Field(ge=1, le=10_000)] = 3
+    count: Annotated[int, Field(ge=1, le=MOST_DRONES)] = 3
     """The number of drones."""
     start_cells: tuple[tuple[Index, Index], ...] | None = None
     """The cell [x, y] in which each drone starts; null means on the charging stations in turn,
@@ -176,8 +192,43 @@ class Drones(Section):
         return self
 
 
+class DroneType(Drones):
+    """A type of drones, if there are several of them: its name, and the keys of `drones`."""
+
+    name: Name
+    """The name of the type, which no other type has."""
+
+
+Types = Annotated[tuple[DroneType, ...], Field(min_length=1, max_length=MOST_TYPES)]
+
+
+def _fleet(value: Any, info: ValidationInfo) -> Any:
+    if isinstance(value, Drones | tuple):
+        return value
+    if isinstance(value, Mapping):
+        return strictly(Drones, dict(value), info.context)
+    if not isinstance(value, list):
+        raise ValueError("must be a mapping, or a list of mappings, one for each type of drones")
+    types: tuple[DroneType, ...] = strictly(cast(type, Types), value, info.context)
+    problems: list[tuple[KeyPath, str, object]] = []
+    first: dict[str, int] = {}
+    for number, one in enumerate(types):
+        if one.name in first:
+            message = f"is the name of drones.{first[one.name]} too; names must differ"
+            problems.append(((number, "name"), message, one.name))
+        first.setdefault(one.name, number)
+    if problems:
+        raise errors(problems)
+    drones = sum(one.count for one in types)
+    if drones > MOST_DRONES:
+        raise ValueError(f"has {drones} drones in all; at most {MOST_DRONES}")
+    return types
+
+
 class Stations(Section):
     """The charging stations, on a circle around the middle of the map; count 0: none."""
+
+    later: ClassVar = ("charging",)
 
     count: Annotated[int, Field(ge=0, le=1000)] = 3
     """The number of charging stations."""
@@ -192,7 +243,16 @@ class Stations(Section):
     pads: Annotated[int, Field(ge=1, le=10_000)] = 1
     """The number of drones that a station can charge at the same time."""
     full_charge_min: Annotated[float, Field(ge=1e-6, le=1e6)] = 5.0
-    """How long it takes to charge an empty battery, in minutes."""
+    """How long it takes to charge an empty battery, in minutes, at a constant rate."""
+    charging: Annotated[Charging, CHARGING] | None = None
+    """How batteries are charged, instead of `full_charge_min`; null means at a constant rate."""
+
+    @model_validator(mode="after")
+    def _charging_decides(self) -> Stations:
+        if self.charging is not None and "full_charge_min" in self.model_fields_set:
+            problem = "not beside stations.charging, which says how long it takes"
+            raise errors([(("full_charge_min",), problem, self.full_charge_min)])
+        return self
 
 
 class Clusters(Section):
@@ -275,6 +335,8 @@ class AccessPoint(Section):
 class Scenario(Section):
     """A scenario, fully resolved: every key has its value, the preset's among them."""
 
+    later: ClassVar = ("decisions",)
+
     name: Name = "scenario"
     """The name of the scenario. Run folders are named after it."""
     seed: Seed = 0
@@ -285,8 +347,10 @@ class Scenario(Section):
     """`paper`: the defaults of the paper's code instead of the simulator's."""
     map: Map = Map()
     """The map: its size, its cells, and in 3D its levels and buildings."""
-    drones: Drones = Drones()
-    """The drones: how many there are, what they cover, and how they fly."""
+    drones: Annotated[Drones | Types, BeforeValidator(_fleet)] = Drones()
+    """The drones: how many there are, what they cover, and how they fly; or a list of types, each
+    with a name and keys of its own.
+    """
     stations: Stations = Stations()
     """The charging stations."""
     users: Users = Users()
@@ -303,6 +367,9 @@ class Scenario(Section):
     """The services by name: how long a request takes and what bandwidth it occupies."""
     position_noise: PositionNoise | None = None
     """How often a drone is wrong about its position; null means never."""
+    decisions: Annotated[Decisions, DECISIONS] = cast(Decisions, ByClock())
+    """When drones are asked what to do next: `clock`, at each step, or `event`, when each is free.
+    """
     episode: Episode = Episode()
     """The length of an episode, and how the next one begins."""
     reward: Annotated[Reward, REWARD] = MultiService()
@@ -330,9 +397,71 @@ class Scenario(Section):
         return self.map.dimensions == 3
 
     @property
+    def fleet(self) -> tuple[Drones, ...]:
+        """The types of drones, whichever form the file has."""
+        return (self.drones,) if isinstance(self.drones, Drones) else self.drones
+
+    @property
+    def fleet_keys(self) -> tuple[KeyPath, ...]:
+        """The key of each type of drones."""
+        if isinstance(self.drones, Drones):
+            return (("drones",),)
+        return tuple(("drones", number) for number in range(len(self.drones)))
+
+    @property
+    def type_names(self) -> tuple[str, ...]:
+        """The name of each type of drones; ``drones`` if the file has no list of types."""
+        return tuple(getattr(drones, "name", "drones") for drones in self.fleet)
+
+    @property
+    def differing(self) -> tuple[str, ...]:
+        """The keys in which types of drones differ, besides their numbers and where they start."""
+        own = ("name", "count", "start_cells")
+        first, *others = self.fleet
+        return tuple(
+            key
+            for key in Drones.model_fields
+            if key not in own and any(getattr(one, key) != getattr(first, key) for one in others)
+        )
+
+    def require_one_type(self, what: str) -> Drones:
+        """Return the type of all drones.
+
+        Raises ScenarioError, which says that ``what`` needs it, if there are types that differ.
+        """
+        if self.differing:
+            raise ScenarioError(
+                f"drones: the types {', '.join(self.type_names)} differ in "
+                f"{', '.join(self.differing)}; {what} needs drones of one type"
+            )
+        return self.fleet[0]
+
+    def require_clock(self, what: str) -> None:
+        """Raise ScenarioError, which says that ``what`` needs it, unless drones decide by clock."""
+        if self.decisions.by_event:
+            raise ScenarioError(f"decisions: event: {what} needs decisions: clock")
+
+    @property
+    def drone_count(self) -> int:
+        """The number of drones of all types."""
+        return sum(drones.count for drones in self.fleet)
+
+    @property
+    def type_numbers(self) -> tuple[int, ...]:
+        """The number of each drone's type."""
+        return tuple(k for k, drones in enumerate(self.fleet) for _ in range(drones.count))
+
+    @property
+    def charging(self) -> Charging | None:
+        """How the stations charge; None if batteries are unlimited."""
+        if not self.limited_battery:
+            return None
+        return self.stations.charging or Constant(self.stations.full_charge_min)
+
+    @property
     def limited_battery(self) -> bool:
-        """Do drones have to charge?"""
-        return self.drones.battery is not None
+        """Do some drones have to charge?"""
+        return any(drones.battery is not None for drones in self.fleet)
 
     @property
     def effective_world_seed(self) -> int:
@@ -345,7 +474,9 @@ def paper_preset(given: Mapping[str, Any]) -> dict[str, Any]:
     filled = dict(given)
     drones = given.get("drones", {})
     if isinstance(drones, Mapping):
-        filled["drones"] = _with_default(drones, "battery", BATTERY, "respawn_after_min", 0.0)
+        filled["drones"] = _paper_drones(drones)
+    elif isinstance(drones, list):
+        filled["drones"] = [_paper_drones(d) if isinstance(d, Mapping) else d for d in drones]
     filled = _with_default(filled, "demand", DEMAND, "none", 0.1)
     filled = _with_default(filled, "reward", REWARD, "cost_sign", 1.0)
     learning = given.get("learning", {})
@@ -355,6 +486,11 @@ def paper_preset(given: Mapping[str, Any]) -> dict[str, Any]:
             if isinstance(learning.get(key), Mapping):
                 filled["learning"][key] = PAPER_LEARNING[key] | dict(learning[key])
     return filled
+
+
+def _paper_drones(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Drones, or a type of them, with the default of the paper's code."""
+    return _with_default(given, "battery", BATTERY, "respawn_after_min", 0.0)
 
 
 def _with_default(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Self
+from typing import Annotated, ClassVar, Self
 
 from pydantic import BaseModel, ConfigDict, Field, GetJsonSchemaHandler
 from pydantic.json_schema import JsonSchemaValue
@@ -17,6 +17,9 @@ class Section(BaseModel):
     """A mapping of a scenario file: unknown keys are refused, values never change."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+    later: ClassVar[tuple[str, ...]] = ()
+    """The keys that came later: a scenario without them has the hash that it had before."""
 
     def _settle(self, **values: object) -> None:
         """Set what follows from other keys; ``model_fields_set`` still says what was given."""

@@ -38,6 +38,7 @@ def write(folder: Path) -> None:
         file = folder / name
         if not file.exists() or file.read_text(encoding="utf-8") != text:
             file.write_text(text, encoding="utf-8")
+    leaderboard.write_figures(folder)
 
 
 def setup(app: Any) -> dict[str, bool]:

@@ -26,6 +26,12 @@ UNITS = {
     "_kbps": "kbit/s",
     "_mps2": "m/s²",
     "_mps": "m/s",
+    "_rad_s": "rad/s",
+    "_kg_m3": "kg/m³",
+    "_m2": "m²",
+    "weight_n": "N",
+    "_wh": "Wh",
+    "_w": "W",
     "sigma_cells": "cells",
     "_min": "min",
     "_m": "m",
@@ -104,11 +110,15 @@ class Walker:
             )
         if self.kinds(schema):
             return text + self._component(path, schema, default)
-        rows, further = [], []
+        rows, further, described = [], [], set()
+        forms = self.forms(schema)
         for form in self.mappings(schema):
             for key, found in form["properties"].items():
+                if key in described:  # which items of a list have as a mapping has them
+                    continue
+                described.add(key)
                 inside = (default or {}).get(key, found.get("default"))
-                where = f"{self._item(path, schema)}.{key}"
+                where = f"{path if form in forms else self._item(path, schema)}.{key}"
                 if self.kinds(found):
                     rows.append(self.row(where, found, (inside or {}).get("kind")))
                     further.append(f"### {where}\n\n" + self._component(where, found, inside))

@@ -56,6 +56,14 @@ RUNS = {
         ("drones.admission={kind: 'tests.engine.helpers:Loss'}", "drones.bandwidth_kbps=400"),
     ),
     "radio": (RADIO, "random", ()),
+    "fleet": (
+        "case8",
+        "random",
+        (
+            "drones=[{name: scout, count: 2, battery: {autonomy_min: 6}, footprint_radius_m: 300}, "
+            "{name: tethered, count: 1, battery: null, bandwidth_kbps: 900}]",
+        ),
+    ),
 }
 STATES = {state: look.word for state, look in USERS.items()}
 
@@ -108,7 +116,7 @@ def moments(name):
     loaded = load(find_scenario(scenario), overrides)
     world = build_world(loaded, loaded.effective_world_seed)
     policy = load_policy(policy_name)
-    ceilings = (policy.ceiling,) * loaded.drones.count
+    ceilings = (policy.ceiling,) * loaded.drone_count
     engine = Simulation(world, RunSettings(ceilings, loaded.episode.carry_over))
     for episode in range(EPISODES):
         carried = loaded.episode.carry_over and engine.truncated and not engine.terminated

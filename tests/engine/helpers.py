@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -126,13 +127,13 @@ def path_of(
             number = service[0] if service else 0
             rows.append([round(t_s * US), number, round(need_s * US), round(kbps * 1000)])
         row_offsets.append(len(rows))
-    drones, epochs = world.scenario.drones.count, world.scenario.episode.steps + 1
+    drones, epochs = world.scenario.drone_count, world.scenario.episode.steps + 1
     errors = None
     if error is not None:
         errors = np.zeros((drones, epochs, 2))
         for drone, of_drone in enumerate(error):
             errors[drone, : len(of_drone)] = of_drone
-    places = np.zeros((drones, epochs), np.int64)
+    places = np.zeros((drones, world.most_epochs + 1), np.int64)
     if respawn is not None:
         for drone, of_drone in enumerate(respawn):
             places[drone, : len(of_drone)] = of_drone
@@ -161,7 +162,7 @@ class Flight:
         ceiling: bool = True,
         check: Callable[[Simulation], None] | None = audit,
     ) -> None:
-        ceilings = (ceiling,) * world.scenario.drones.count
+        ceilings = (ceiling,) * world.scenario.drone_count
         self.world = world
         told = RunSettings(ceilings, carry_over, keep_events=True)
         self.engine: Engine = (
@@ -185,7 +186,7 @@ class Flight:
                     self.command(wanted[d][shown.step] if shown.step < len(wanted[d]) else "hover")
                     if d < len(wanted)
                     else self.command("hover")
-                    for d in range(self.world.scenario.drones.count)
+                    for d in range(self.world.scenario.drone_count)
                 ]
             )
             self.shown.append(shown)
@@ -266,6 +267,44 @@ def count(log: EpisodeLog, *kinds: str) -> int:
 # ---- random scenarios
 
 
+HOVER_WH = 168.484218 / 60
+"""What a rotary wing takes in a minute of hovering, in Wh."""
+
+AND_MORE_WALKS: list[dict[str, Any]] = []
+AND_MORE_DEMANDS: list[dict[str, Any]] = []
+"""Further models of random scenarios, which take long to compile (see ``all_models``)."""
+
+ALL_WALKS: list[dict[str, Any]] = [
+    {"kind": "random_waypoint", "speed_mps": [0.5, 9], "pause_s": [0, 30]},
+    {"kind": "random_waypoint", "start": "home"},
+    {"kind": "gauss_markov", "mean_mps": 4, "step_s": 7.5},
+    {"kind": "manhattan", "street_m": 120, "speed_mps": [1, 9]},
+    {"kind": "manhattan", "street_m": 240, "start": "home"},
+    {"kind": "group", "groups": 3, "radius_m": 40, "step_s": 25},
+    {"kind": "levy", "flight_m": [5, 900], "pause_s": [1, 90], "speed_mps": 5},
+]
+ALL_DEMANDS: list[dict[str, Any]] = [
+    {"kind": "profile", "profiles": [[[0, 200], [0.05, 20]], [[0.1, 90]]]},
+    {
+        "kind": "profile",
+        "shape": "linear",
+        "begins_at_h": 23.95,
+        "profiles": [[[0, 300], [12, 0]]],
+    },
+]
+
+
+@contextmanager
+def all_models() -> Iterator[None]:
+    """Let random scenarios have all models of mobility and demand, which takes long to compile."""
+    few = AND_MORE_WALKS[:], AND_MORE_DEMANDS[:]
+    AND_MORE_WALKS[:], AND_MORE_DEMANDS[:] = ALL_WALKS, ALL_DEMANDS
+    try:
+        yield
+    finally:
+        AND_MORE_WALKS[:], AND_MORE_DEMANDS[:] = few
+
+
 @st.composite
 def scenarios(draw: st.DrawFn) -> dict[str, Any]:
     """Small and eventful: short batteries, narrow bands, wrong positions, buildings."""
@@ -284,11 +323,13 @@ def scenarios(draw: st.DrawFn) -> dict[str, Any]:
         {"kind": "dynamic", "think_time_s": 5},
         {"kind": "poisson", "rate_per_hour": 40},
         {"kind": "poisson", "rate_per_hour": 400, "none": 0.1},
+        *AND_MORE_DEMANDS,
     )
     mobility = pick(
         {"kind": "static"},
         {"kind": "random_walk"},
         {"kind": "random_walk", "speed_mps": 6, "leg_s": 20},
+        *(m for m in AND_MORE_WALKS if m["kind"] != "manhattan" or step_s != 35.5),
     )
     battery = {
         "kind": "endurance",
@@ -297,6 +338,31 @@ def scenarios(draw: st.DrawFn) -> dict[str, Any]:
         "on_crash": pick("respawn", "respawn", "remove", "end_episode"),
         "respawn_after_min": pick(0, 0.4, 1, 2.3),
     }
+    in_joules = draw(st.booleans())
+    if in_joules:
+        battery |= {
+            "kind": "rotary_wing",
+            "capacity_wh": HOVER_WH * battery.pop("autonomy_min"),
+            "climb": pick(True, True, False),
+            "electronics_w": pick(0, 0, 45.5),
+        }
+    charging = {
+        "constant": {"full_charge_min": pick(0.7, 2, 5)},
+        "cc_cv": {
+            "full_charge_min": pick(0.7, 3),
+            "taper_from": pick(0.0, 0.8, 0.9),
+            "full_at": pick(0.5, 0.99),
+        },
+        "power": {"power_w": pick(300, 2500.5)},
+        "swap": {"minutes": pick(0.3, 1, 2.6)},
+    }
+    way = pick("key", "key", *charging)
+    if way == "power" and not in_joules:
+        way = "swap"
+    kind = "cc_cv" if way == "power" else way
+    charges = (
+        charging["constant"] if way == "key" else {"charging": {"kind": kind, **charging[way]}}
+    )
     timing = pick("minimum_time", "minimum_time", "fill_epoch")
     levels = {"min_altitude_m": 20, "step_m": pick(10, 20)}
     obstacles = {"coverage": [0.0, 0.3], "height_m": [5, 60]}
@@ -320,7 +386,7 @@ def scenarios(draw: st.DrawFn) -> dict[str, Any]:
             "count": stations,
             "radius_m": 0 if stations < 2 else size_m[1] / 3,
             "pads": pick(1, 1, 2),
-            "full_charge_min": pick(0.7, 2, 5),
+            **charges,
         },
         "users": {
             "count": draw(st.integers(1, 16)),

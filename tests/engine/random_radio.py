@@ -132,8 +132,10 @@ def scenario(seed: int, interference: Any = None) -> dict[str, Any]:
                 "timing": dice.of("minimum_time", "fill_epoch"),
             },
             "battery": {
-                "kind": "endurance",
-                "autonomy_min": dice.of(2, 4, 8),
+                **dice.of(
+                    {"kind": "endurance", "autonomy_min": dice.of(2, 4, 8)},
+                    {"kind": "rotary_wing", "capacity_wh": dice.of(5, 12, 22)},
+                ),
                 "on_crash": dice.of("respawn", "remove"),
                 "respawn_after_min": dice.of(0, 1),
             }
@@ -184,7 +186,7 @@ def world_of(seed: int, interference: Any = None) -> World:
 def audited(world: World) -> list[EpisodeLog]:
     """The logs of two audited episodes of the SimPy engine, under random commands."""
     told = RunSettings(
-        (True,) * world.scenario.drones.count, world.scenario.episode.carry_over, keep_events=True
+        (True,) * world.scenario.drone_count, world.scenario.episode.carry_over, keep_events=True
     )
     engine, logs = Simulation(world, told, audit=audit), []
     for episode in range(2):

@@ -132,7 +132,7 @@ class Counts(NamedTuple):
 def counts(world: World, log: EpisodeLog) -> Iterator[Counts]:
     """Counted from the events alone at each decision epoch, before its record and commands."""
     assert log.events is not None
-    services, drones = range(len(world.services.names)), range(world.scenario.drones.count)
+    services, drones = range(len(world.services.names)), range(world.scenario.drone_count)
     of = {request.request_id: request.service for request in log.requests}
     replay = Replay(world, {request.request_id: request.bandwidth_bps for request in log.requests})
     rows = sorted(log.events, key=_as_read)
@@ -162,7 +162,7 @@ class Replay:
 
     def __init__(self, world: World, bandwidth_bps: Mapping[int, int]) -> None:
         users = len(world.homes)
-        self.limit_bps = world.bandwidth_hz
+        self.limits_bps = [world.links[number].bandwidth_hz for number in world.type_numbers]
         self.bandwidth_bps = bandwidth_bps
         self.covering: list[set[int]] = [set() for _ in range(users)]
         self.attached: list[tuple[int, int] | None] = [None] * users
@@ -170,7 +170,7 @@ class Replay:
         self.told: dict[int, Told] = {}
         self.running: dict[int, tuple[int, int]] = {}
         self.spells: defaultdict[int, list[tuple[int, int, int]]] = defaultdict(list)
-        self.in_use_bps = [0] * world.scenario.drones.count
+        self.in_use_bps = [0] * world.scenario.drone_count
         self.attached_us = self.bandwidth_us = 0
 
     def apply(self, row: Event) -> None:
@@ -196,7 +196,7 @@ class Replay:
             assert request_id not in self.running, "served twice"
             self.running[request_id] = (drone, t_us)
             self.in_use_bps[drone] += self.bandwidth_bps[request_id]
-            assert self.in_use_bps[drone] <= self.limit_bps
+            assert self.in_use_bps[drone] <= self.limits_bps[drone]
         elif kind == "stop":
             assert self._holder(user) == drone and self.open_of[user] == request_id
             left = phase not in (Phase.COMPLETION, Phase.RECORD)

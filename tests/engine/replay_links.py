@@ -76,9 +76,12 @@ class LinkReplay:
     """Who is served, at which rate, after each instant of an episode."""
 
     def __init__(self, world: World, log: EpisodeLog) -> None:
-        drones = world.scenario.drones
         points = world.scenario.access_points
-        self.bands = [Band.of(drones.radio, drones.bandwidth_kbps)] * drones.count
+        self.bands = [
+            Band.of(drones.radio, drones.bandwidth_kbps)
+            for drones in world.scenario.fleet
+            for _ in range(drones.count)
+        ]
         self.bands += [Band.of(point.radio, None) for point in points]
         self.users = [Link() for _ in world.homes]
         in_bits = world.services.in_bits.tolist()

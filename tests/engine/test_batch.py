@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -18,7 +20,14 @@ from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
-from tests.engine.helpers import path_of, scenarios, strip
+from tests.engine.helpers import (
+    ALL_DEMANDS,
+    ALL_WALKS,
+    all_models,
+    path_of,
+    scenarios,
+    strip,
+)
 from tests.selection import by_default
 from tests.verification.engines import differences, engines
 
@@ -118,11 +127,47 @@ def test_random_scenarios(scenario: dict[str, Any], seed: int):
     play_random(scenario, seed)
 
 
+@pytest.mark.thorough
+def test_random_scenarios_with_all_models():
+    with all_models():
+        given_scenarios(40)()
+
+
 @pytest.mark.slow
-@settings(max_examples=400, deadline=None)
-@given(scenarios(), st.integers(0, 2**31))
-def test_many_random_scenarios(scenario: dict[str, Any], seed: int):
-    play_random(scenario, seed)
+def test_many_random_scenarios():
+    with all_models():
+        given_scenarios(400)()
+
+
+def given_scenarios(count: int) -> Callable[[], None]:
+    """A test that plays random scenarios."""
+
+    @settings(max_examples=count, deadline=None)
+    @given(scenarios(), st.integers(0, 2**31))
+    def play(scenario: dict[str, Any], seed: int) -> None:
+        play_random(scenario, seed)
+
+    return play
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("mobility", ALL_WALKS, ids=str)
+def test_each_mobility(mobility: dict[str, Any]):
+    play_with(f"users.mobility={json.dumps(mobility)}")
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("demand", ALL_DEMANDS, ids=str)
+def test_each_demand(demand: dict[str, Any]):
+    play_with(f"demand={json.dumps(demand)}")
+
+
+def play_with(change: str) -> None:
+    """Play case 8 with a change, on both engines."""
+    world = build_world(load(scenario_path("case8"), [change]), 3)
+    one, other = engines(world, (True,) * world.scenario.drones.count)
+    for episode in range(3):
+        assert not differences(one, other, 3, episode)
 
 
 @pytest.mark.slow

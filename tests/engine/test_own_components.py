@@ -23,6 +23,7 @@ from desim_uav.model.battery import Endurance
 from desim_uav.model.observations import Feature, RowObservation
 from desim_uav.model.rewards import RowReward
 from desim_uav.rules.admission import admit, turn_away
+from desim_uav.rules.battery import capacity_of, is_limited
 from desim_uav.rules.observations import Position, write_position
 from desim_uav.rules.words import CRASHED, QUEUED
 from desim_uav.sample_path import draw
@@ -57,7 +58,8 @@ class Careful(RowReward):
     def pay(self, world: Any, state: Any, drone: Any) -> None:
         observation = state.observations[drone.index]
         drone.terms[0] = self.whole * observation.served_requests / len(state.users)
-        if self.on and world.limited and observation.battery_us < self.below * world.capacity_us:
+        low_us = self.below * capacity_of(world, drone)
+        if self.on and is_limited(world, drone) and observation.battery_us < low_us:
             drone.terms[1] = -self.penalty
 
 

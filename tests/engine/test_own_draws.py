@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -17,16 +18,23 @@ from desim_uav.env import UavEnv, UavVectorEnv
 from desim_uav.errors import SimulationError
 from desim_uav.learning.training import Training
 from desim_uav.model import components, demand, mobility
+from desim_uav.model.day_profile import DayProfile
+from desim_uav.model.gauss_markov import GaussMarkov
+from desim_uav.model.group import Group
+from desim_uav.model.levy import Levy
+from desim_uav.model.manhattan import Manhattan
 from desim_uav.model.mobility import Area
+from desim_uav.model.random_waypoint import RandomWaypoint
 from desim_uav.model.rows import blank, held_by
 from desim_uav.model.services import PAPER, catalogue
 from desim_uav.model.streams import Purpose, Streams
-from desim_uav.model.walking import go_on, go_to, stay, walking_of
+from desim_uav.model.walking import from_here, go_on, go_to, stay, walking_of
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
 from tests import plug_ins
+from tests.selection import by_default
 from tests.verification.engines import differences
 
 US = 1_000_000
@@ -37,6 +45,18 @@ WALKS = [
     plug_ins.GaussMarkov(),
     plug_ins.GaussMarkov(mean_mps=50.0, alpha=0.3),
     mobility.RandomWalk(speed_mps=30.0, leg_s=7.0),
+    RandomWaypoint(),
+]
+MORE_WALKS = [
+    RandomWaypoint((3.0, 40.0), (0.0, 0.0), start="home"),
+    GaussMarkov(20.0),
+    GaussMarkov(start="home"),
+    Manhattan(20.0),
+    Manhattan(100.0, start="home"),
+    Group(radius_m=20.0),
+    Group(3, 140.0, 7.5, start="home"),
+    Levy(),
+    Levy((1.0, 50.0), 0.7, (1.0, 60.0), 2.0, 30.0, start="home"),
 ]
 DEMANDS = [
     plug_ins.Bursts(),
@@ -44,6 +64,10 @@ DEMANDS = [
     demand.Static(none=0.2),
     demand.Dynamic(none=0.1),
     demand.Poisson(30.0),
+]
+MORE_DEMANDS = [
+    DayProfile((((0.0, 20.0), (0.3, 90.0)), ((1.0, 70.0),))),
+    DayProfile((((0.0, 0.0), (8.0, 90.0)), ((1.0, 70.0), (20.0, 5.0))), "linear", 7.9, 0.2),
 ]
 
 
@@ -77,7 +101,7 @@ def in_python(monkeypatch: pytest.MonkeyPatch) -> Any:
     return lambda model: components._ONLY_PYTHON.add(type(model))
 
 
-@pytest.mark.parametrize("model", WALKS)
+@pytest.mark.parametrize("model", by_default(WALKS, WALKS + MORE_WALKS), ids=str)
 def test_walks_in_python_are_those_in_machine_code(model: Any, in_python: Any):
     compiled = walked(model)
     in_python(model)
@@ -88,7 +112,7 @@ def test_walks_in_python_are_those_in_machine_code(model: Any, in_python: Any):
     assert mobility.leaves_the_map(compiled, Area(400.0, 300.0), 900 * US) == ""
 
 
-@pytest.mark.parametrize("model", DEMANDS)
+@pytest.mark.parametrize("model", by_default(DEMANDS, DEMANDS + MORE_DEMANDS), ids=str)
 def test_requests_in_python_are_those_in_machine_code(model: Any, in_python: Any):
     compiled = asked(model)
     in_python(model)
@@ -119,6 +143,30 @@ def walker(x_m: float, y_m: float, vx_mps: float = 0.0, vy_mps: float = 0.0) -> 
 
 def told(one: Any) -> tuple[float, ...]:
     return one.x_m, one.y_m, one.vx_mps, one.vy_mps, one.t_us / US
+
+
+@pytest.mark.parametrize(
+    "model", by_default(MORE_WALKS[:1], [m for m in MORE_WALKS if m.start == "home"]), ids=str
+)
+def test_users_walk_on_from_where_they_are(model: Any):
+    """A model goes on from given places, which a stationary start would ignore."""
+    homes = np.random.default_rng(1).uniform((0.0, 0.0), (400.0, 300.0), (20, 2))
+    homes[0] = (400.0, 0.0)
+    stationary = replace(model, start="stationary")
+    for one in (model, stationary.from_here()):
+        walks = walked(one)
+        assert np.array_equal(walks.legs[walks.offsets[:-1], 1:3], homes)
+    anywhere = walked(stationary)
+    assert (anywhere.legs[anywhere.offsets[:-1], 1:3] != homes).any(axis=1).all()
+    assert from_here(stationary) == replace(model, start="home")
+    assert from_here(mobility.Static()) == mobility.Static()
+
+
+@pytest.mark.parametrize("model", by_default(WALKS[-1:], [WALKS[-1], *MORE_WALKS]), ids=str)
+def test_one_more_user_changes_no_walk_of_the_others(model: Any):
+    few, many = walked(model, 10), walked(model, 11)
+    assert few.legs.tobytes() == many.legs[: len(few.legs)].tobytes()
+    assert len(many.legs) > len(few.legs)
 
 
 def test_what_models_do_with_walkers():

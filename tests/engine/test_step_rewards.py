@@ -225,7 +225,9 @@ def test_a_reward_of_ones_own_is_named_in_the_scenario():
     assert flight.shown[1].reward_terms == ({"battery": 1.8, "open": 0.0},)
     assert flight.shown[2].reward_terms == ({"battery": 1.6, "open": -1.0},)
     assert [step.reward for step in log.steps] == pytest.approx([1.8, 0.6])
-    assert tables.steps_table([log])["reward"].tolist() == [step.reward for step in log.steps]
+    assert tables.steps_table([log], world)["reward"].tolist() == [
+        step.reward for step in log.steps
+    ]
     episodes = tables.episodes_table([log], world, tables.requests_table([log], world))
     assert episodes["reward"].tolist() == pytest.approx([2.4])
 

@@ -29,6 +29,12 @@ def folders(tmp_path_factory):
         )
     links = (*small, "drones.radio={kind: link_classes, power_dbm: 0}")
     make_run(where / "links", "case8", "hover", links, events=False)
+    energy = (
+        *small,
+        "drones.battery={kind: rotary_wing}",
+        "stations.charging={kind: swap, minutes: 2}",
+    )
+    make_run(where / "energy", "case8", "hover", energy, events=False)
     make_run(where / "bare", "case8", "hover", small, events=False)
     gone = shutil.copytree(where / "bare", where / "gone")
     manifest = json.loads((gone / "manifest.json").read_text()) | {"policy": "gone.npz"}
@@ -55,12 +61,21 @@ def ask(folders, monkeypatch, capsys, tmp_path):
 
 @pytest.mark.parametrize("kind", by_default(["battery", "training", "radio"], OF_FOLDERS))
 def test_every_kind_has_its_default_place(ask, folders, kind):
-    source = {"training": "trained0", "policy": "trained0", "radio": "links"}.get(kind, "run0")
+    others = {"training": "trained0", "policy": "trained0", "radio": "links", "energy": "energy"}
+    source = others.get(kind, "run0")
     code, out, err = ask("plot", kind, f"@{source}")
     place = folders / source / f"{kind}.png"
     assert (code, out, err) == (0, f"{place}\n", "")
     with Image.open(place) as picture:
         assert min(picture.size) > 300
+
+
+def test_energy_needs_no_folder(ask, folders):
+    assert ask("plot", "energy") == (0, "energy.png\n", "")
+    code, _, err = ask("plot", "battery")
+    assert (code, "battery: give a folder to draw" in err) == (2, True)
+    code, _, err = ask("plot", "energy", folders / "links" / "scenario.yaml")
+    assert (code, "drones.battery: endurance: energy is drawn for" in err) == (2, True)
 
 
 @pytest.mark.thorough

@@ -21,7 +21,7 @@ def learner(algorithm: Any = QLearning) -> Any:
     """One table of three states and two actions, whose values are 0."""
     pupil = blank(Learner)
     pupil.q = fill(Values, (np.zeros((1, 3, 2), np.float32).data, 1, 3, 2, 0.0))
-    pupil.gamma, pupil.update = GAMMA, algorithm.update
+    pupil.gamma, pupil.share, pupil.update = GAMMA, 1.0, algorithm.update
     pupil.lesson.allowed, pupil.lesson.alpha, pupil.explore = BOTH, 1.0, 0.9
     forget(pupil)
     return pupil

@@ -75,7 +75,7 @@ class FixedStep:
             self._command(start_us, step, commands[step])
             self._serve(start_us, xy[0])
             for tick in range(1, ticks + 1):
-                self._elapse()
+                self._elapse(start_us + tick * self.dt_us)
                 self._happen(start_us + tick * self.dt_us, xy[tick])
             self._record(step + 1)
         for user in np.flatnonzero(self.services.open):
@@ -93,17 +93,35 @@ class FixedStep:
             xy[:, 1, user] = row[:, 2] + row[:, 4] * elapsed
         return xy
 
-    def _elapse(self) -> None:
-        """What ``dt`` does to clocks: service, coverage, batteries."""
+    def _elapse(self, t_us: int) -> None:
+        """What the ``dt`` until now does to clocks: service, coverage, batteries."""
         self.services.elapse(self.dt_us)
         self.result.attached_us += int((self.attachments.holder >= 0).sum()) * self.dt_us
         if self.inputs.capacity_us is None:
             return
         for drone in self.drones:
             if drone.mode in ("flying", "returning"):
-                drone.battery_us -= self.dt_us
+                drone.battery_us -= self._drained(drone, t_us)
+            elif drone.mode == "charging" and self.inputs.charger is not None:
+                rate = self.inputs.charger.rate(drone.battery_us / self.inputs.capacity_us)
+                drone.battery_us += rate * self.inputs.capacity_us * self.dt_us / US
             elif drone.mode == "charging":
                 drone.battery_us += self.inputs.capacity_us / self.inputs.charge_us * self.dt_us
+
+    def _drained(self, drone: Drone, t_us: int) -> float:
+        """What a drone takes in the ``dt`` until now: that time, or µJ by its mean speed."""
+        rotor = self.inputs.rotor
+        if rotor is None:
+            return self.dt_us
+        level_mps = up_mps = 0.0
+        if drone.hop is not None:
+            ends_s = (t_us - drone.since_us) / US
+            flown_m = drone.flight.flown_m(ends_s) - drone.flight.flown_m(ends_s - self.dt_us / US)
+            speed_mps = flown_m / (self.dt_us / US)
+            level_mps, up_mps = (
+                (0.0, drone.hop[2] * speed_mps) if drone.hop[2] else (speed_mps, 0.0)
+            )
+        return rotor.power_w(level_mps, up_mps) * self.dt_us
 
     def _happen(self, t_us: int, xy: np.ndarray) -> None:
         """The phases of an instant before its step record."""
@@ -159,12 +177,18 @@ class FixedStep:
 
     def _charged(self) -> None:
         for on_pads in self.on_pads:
-            for drone in [d for d in on_pads if d.battery_us >= self.inputs.capacity_us - 0.5]:
-                drone.battery_us = self.inputs.capacity_us
+            full = self._full()
+            for drone in [d for d in on_pads if d.battery_us >= full - 0.5]:
+                drone.battery_us = full
                 drone.mode = "charged"
                 on_pads.remove(drone)
                 self.result.charges += 1
         self._start_charging()
+
+    def _full(self) -> float:
+        """The charge at which a battery is full."""
+        charger = self.inputs.charger
+        return self.inputs.capacity_us * (1.0 if charger is None else charger.full_at)
 
     def _deplete(self, drone: Drone, t_us: int) -> None:
         airborne = drone.mode in ("flying", "returning")
@@ -224,7 +248,7 @@ class FixedStep:
         home_us, _ = self.map.nearest(self._believed(drone, epoch), drone.levels)
         if drone.battery_us <= low and home_us < NEVER:
             allowed.add("goto_charging_station")
-        if self._station(drone.node) is not None and drone.battery_us < capacity:
+        if self._station(drone.node) is not None and drone.battery_us < self._full():
             allowed.add("charge")
         return allowed
 

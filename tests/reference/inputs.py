@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from tests.reference.energy import Charger, Rotor
 from tests.reference.radio import AccessPoint, Disc, Radio
 
 US = 1_000_000
@@ -48,6 +49,7 @@ class Association:
 class Inputs:
     """One episode in plain numbers. ``levels_m``: all altitudes; ``levels``: how many a drone has.
 
+    With a ``rotor`` batteries are in µJ, else in µs. A ``charger`` replaces ``charge_us``.
     ``links``: the radio of each drone. ``legs``: for each user an array of rows t0_s, x0, y0, vx,
     vy. ``users_height_m`` None: all users stand on the ground. ``capacity_us`` None is an
     unlimited battery, ``respawn_after_us`` None is no respawn. ``plan`` settles what the model
@@ -84,6 +86,8 @@ class Inputs:
     users_height_m: np.ndarray | None = None
     association: Association = Association()
     access_points: Sequence[AccessPoint] = ()
+    rotor: Rotor | None = None
+    charger: Charger | None = None
 
 
 @dataclass

@@ -15,7 +15,7 @@ from desim_uav.experiment.command import run_to_folder
 from desim_uav.report.links import full_service_s, links_content, mean_rate_bps, rings_m
 from desim_uav.report.playback import Playback
 from desim_uav.report.run import Run
-from desim_uav.scenario.load import load
+from desim_uav.scenario.load import load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
 
@@ -30,24 +30,57 @@ def world() -> World:
 
 def test_rings_at_a_level_and_between_two(world: World) -> None:
     low, high = (np.maximum(world.links[0].rings_m[k, 0], 0.0) for k in (0, 1))
-    assert rings_m(world, 25.0).tolist() == low.tolist()
-    assert rings_m(world, 31.25) == pytest.approx(0.75 * low + 0.25 * high)
-    assert rings_m(world, 10.0).tolist() == low.tolist()
+    assert rings_m(world, 25.0, 0).tolist() == low.tolist()
+    assert rings_m(world, 31.25, 0) == pytest.approx(0.75 * low + 0.25 * high)
+    assert rings_m(world, 10.0, 0).tolist() == low.tolist()
 
 
 def test_a_disc_is_one_ring() -> None:
     world = build_world(load(scenario_path("case8")), 0)
-    assert rings_m(world, 27.0).tolist() == [600.0]
+    assert rings_m(world, 27.0, 0).tolist() == [600.0]
     content = links_content(world)
-    assert (content["rings"], content["points"], content["graded"]) == (None, [], False)
+    assert (content["points"], content["graded"], content["type_of"]) == ([], False, [0, 0, 0])
+    assert content["types"] == [
+        {
+            "name": "drones",
+            "capacity_us": 1_800_000_000,
+            "capacity_wh": None,
+            "bandwidth_bps": 5_000_000,
+            "footprint_m": 600.0,
+            "rings": None,
+        }
+    ]
+
+
+FLEET = """
+drones:
+- {name: low, count: 1, footprint_radius_m: 300, bandwidth_kbps: null, battery: null}
+- {name: radio, count: 2, radio: {kind: link_classes}}
+"""
+
+
+def test_each_type_has_its_own_rings() -> None:
+    world = build_world(loads(FLEET), 0)
+    assert rings_m(world, 27.0, 0).tolist() == [300.0]
+    assert len(rings_m(world, 27.0, 1)) == len(world.links[1].thresholds_db) > 1
+    content = links_content(world)
+    low, radio = content["types"]
+    assert content["type_of"] == [0, 1, 1]
+    assert (low["name"], low["footprint_m"], low["rings"]) == ("low", 300.0, None)
+    assert (low["capacity_us"], low["bandwidth_bps"]) == (None, None)
+    assert (radio["name"], radio["capacity_us"]) == ("radio", 1_800_000_000)
+    lowest_m = world.grid.levels_m[0]
+    assert radio["rings"]["radii_m"][0] == pytest.approx(rings_m(world, lowest_m, 1), abs=0.06)
+    assert radio["footprint_m"] >= radio["rings"]["radii_m"][0][0]
 
 
 def test_what_a_page_knows(world: World) -> None:
     content = links_content(world)
     assert [point["at"] for point in content["points"]] == [[300, 900, 25], [1000, 200, 30]]
-    assert len(content["rings"]["radii_m"]) == len(world.grid.levels_m)
-    assert all(len(radii) == 15 for radii in content["rings"]["radii_m"])
-    assert content["rings"]["snr_db"][0] == -6.94
+    (own,) = content["types"]
+    assert len(own["rings"]["radii_m"]) == len(world.grid.levels_m)
+    assert all(len(radii) == 15 for radii in own["rings"]["radii_m"])
+    assert own["rings"]["snr_db"][0] == -6.94
     assert content["interference"] and content["graded"]
 
 
@@ -95,4 +128,4 @@ def test_a_frame_shows_access_points(world: World) -> None:
 def test_a_huge_footprint_takes_little_memory() -> None:
     loud = load(RADIO, ["drones.radio.power_dbm=45", "access_points=[]"])
     painter = Painter(build_world(loud, 0))
-    assert painter.radius_px == pytest.approx(FARTHEST * math.hypot(600, 600))
+    assert painter.radii_px[0] == pytest.approx(FARTHEST * math.hypot(600, 600))

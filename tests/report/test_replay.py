@@ -18,6 +18,7 @@ from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import run_to_folder
 from desim_uav.experiment.replay.again import played_again
 from desim_uav.experiment.replay.page import write_replay
+from desim_uav.model.charging import Constant, Swap, Tapered
 from desim_uav.report.batteries import battery_knots
 from desim_uav.report.replay.columns import codes, delta, floats, pack, plain, unpack
 from desim_uav.report.replay.data import KINDS, TAKING, Encoder
@@ -29,6 +30,11 @@ from desim_uav.shipped import scenario_path
 
 US = 1_000_000
 SMALL = ("users.count=16", "episode.steps=12", "drones.battery.autonomy_min=6")
+FLEET = (
+    "[{name: scout, count: 2, motion: {timing: minimum_time, max_speed_mps: 12}, "
+    "battery: {autonomy_min: 6, return_below: 0.8}, footprint_radius_m: 300}, "
+    "{name: relay, count: 1, battery: {autonomy_min: 9}, bandwidth_kbps: 900}]"
+)
 RUNS = {
     "busy": ("case8", "baseline", SMALL),
     "crashing": ("case8", "hover", (*SMALL, "drones.battery.respawn_after_min=2")),
@@ -42,6 +48,7 @@ RUNS = {
         ),
     ),
     "unlimited": ("tiny", "baseline", ()),
+    "fleet": ("case8", "random", ("episode.steps=12", "users.count=20", f"drones={FLEET}")),
 }
 
 
@@ -183,7 +190,7 @@ class TestBlocks:
 
     def test_batteries_go_through_what_was_recorded(self, episode):
         tables, columns, encoder = episode
-        if encoder.capacity_us is None:
+        if not encoder.types[0].limited:
             assert not [name for name in columns if name.startswith("battery")]
             return
         ends = np.cumsum(columns["battery.count"]).astype(int)
@@ -198,7 +205,7 @@ class TestBlocks:
     def test_a_battery_drains_a_second_a_second_until_the_drone_lands(self, episode):
         tables, columns, encoder = episode
         events = tables["events"]
-        ends = np.cumsum(columns["battery.count"]).astype(int) if encoder.capacity_us else []
+        ends = np.cumsum(columns["battery.count"]).astype(int) if encoder.types[0].limited else []
         for landing in events[events["kind"] == "land"].itertuples():
             first = ends[landing.drone] - int(columns["battery.count"][landing.drone])
             times = columns["battery.t_us"][first : ends[landing.drone]]
@@ -209,7 +216,7 @@ class TestBlocks:
 
     def test_a_battery_is_carried_into_the_next_episode(self, folder):
         encoder = Encoder(folder)
-        if encoder.capacity_us is None:
+        if not encoder.types[0].limited:
             return
         begins, carried = {}, {}
         for number in (0, 1):
@@ -221,7 +228,7 @@ class TestBlocks:
             last = steps[steps["step"] == steps["step"].max()]
             carried[number] = (last["battery_s"] * US).tolist()
         if folder.folder.name == "ending":  # begins afresh after a crash that ended the one before
-            assert begins[1] == [encoder.capacity_us] * encoder.drones
+            assert begins[1] == [own.capacity_us for own in encoder.types]
         else:
             assert begins == {n: pytest.approx(values) for n, values in carried.items()}
 
@@ -240,10 +247,12 @@ class TestBlocks:
 class TestBatteryKnots:
     """A battery of 600 s that charges in 300 s: two seconds a second."""
 
-    def knots(self, records, events, begins_with=600):
+    def knots(self, records, events, begins_with=600, charging=None):
         records = [(t * US, b * US) for t, b in records]
         events = [(t * US, kind) for t, kind in events]
-        found = battery_knots(begins_with * US, records, events, 600 * US, 300 * US)
+        found = battery_knots(
+            begins_with * US, records, events, 600 * US, charging or Constant(5.0)
+        )
         return [(t / US, b / US) for t, b in found]
 
     def test_in_the_air(self):
@@ -259,6 +268,26 @@ class TestBatteryKnots:
     def test_charging_at_the_end(self):
         events = [(70, "land"), (80, "charge")]
         assert self.knots([(60, 400), (120, 470)], events)[2:4] == [(70, 390), (80, 390)]
+
+    def test_a_swap_is_a_jump(self):
+        records, events = [(60, 400), (120, 380)], [(70, "land"), (80, "charge"), (170, "charged")]
+        found = self.knots([*records, (180, 600)], events, charging=Swap(minutes=1.5))
+        assert (80, 380) in found
+        assert {charge for t, charge in found if 70 <= t < 170} == {380}
+        assert found[-2:] == [(170, 600), (180, 600)]
+
+    def test_a_tapered_charge_is_curved(self):
+        own, capacity = Tapered(full_charge_min=10.0), 600 * US
+        begins = round(0.1 * capacity)
+        takes_us = own.until_full_us(begins, capacity)
+        events = [(90 * US, "land"), (90 * US, "charge"), (90 * US + takes_us, "charged")]
+        found = battery_knots(capacity, [(60 * US, capacity // 8)], events, capacity, own)
+        charging = [knot for knot in found if knot[0] > 90 * US]
+        assert len(charging) > 10
+        assert charging[-1] == (90 * US + takes_us, round(0.99 * capacity))
+        for t_us, charge in charging:
+            assert charge == pytest.approx(own.charged(begins, t_us - 90 * US, capacity), abs=20)
+        assert (90 * US, pytest.approx(begins, abs=20)) in found
 
     def test_waiting_at_the_end(self):
         assert self.knots([(60, 400), (120, 390)], [(70, "land")])[2:] == [(70, 390), (120, 390)]

@@ -92,6 +92,12 @@ def test_memory_of_the_event_log(engine):
         ("demand={kind: poisson, rate_per_hour: 60}",),
         ("demand={kind: continuous}", "users.mobility.leg_s=2"),
         ("drones.footprint_radius_m=100", "users.count=300"),
+        ("users.mobility={kind: random_waypoint, speed_mps: [5, 15]}",),
+        *(
+            pytest.param((f"users.mobility={{kind: {kind}}}",), marks=pytest.mark.thorough)
+            for kind in ("gauss_markov", "manhattan", "group", "levy")
+        ),
+        ("demand={kind: profile, profiles: [[[0, 20], [0.25, 60]], [[0, 9]]]}",),
     ],
 )
 def test_events(overrides):

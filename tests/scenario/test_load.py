@@ -14,13 +14,14 @@ from desim_uav.errors import ScenarioError, UsageError
 from desim_uav.model.battery import Endurance
 from desim_uav.model.demand import Dynamic, Poisson
 from desim_uav.model.mobility import RandomWalk
+from desim_uav.model.motion import BangCoastBang
 from desim_uav.model.services import PAPER
 from desim_uav.rules.observations import Position
 from desim_uav.rules.rewards import Coverage, CoverageBattery, MultiService
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.learning import Schedule
 from desim_uav.scenario.load import dump, from_mapping, json_schema, load, loads, scenario_hash
-from desim_uav.scenario.schema import ListedObstacles, Scenario
+from desim_uav.scenario.schema import Episode, ListedObstacles, Scenario
 from desim_uav.scenario.yaml12 import plain_scalar
 
 HERE = Path(__file__).parent
@@ -500,6 +501,20 @@ def test_the_hash_is_of_what_a_scenario_says() -> None:
     assert len(plain) == 64
 
 
+def test_keys_that_came_later_are_hashed_only_if_they_are_changed(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    texts = ["name: x", "episode: {carry_over: true}", "drones: {motion: {max_speed_mps: 9}}"]
+    with_every_key = [scenario_hash(loads(text)) for text in texts]
+    monkeypatch.setattr(Episode, "later", ("carry_over",))
+    monkeypatch.setattr(BangCoastBang, "later", ("max_speed_mps",), raising=False)
+    hashes = [scenario_hash(loads(text)) for text in texts]
+    assert len(set(hashes)) == 3
+    assert not set(hashes) & set(with_every_key)
+    monkeypatch.setattr(Episode, "later", ())
+    assert scenario_hash(loads(texts[2])) == with_every_key[2]
+
+
 def test_the_hash_is_of_the_content_of_files(tmp_path: Path) -> None:
     walks = tmp_path / "walks.csv"
     walks.write_text("user,t_s,x_m,y_m\n0,0,5,5\n")
@@ -524,7 +539,7 @@ def test_the_json_schema_names_components_and_plug_ins() -> None:
     assert set(schema["properties"]) == set(Scenario.model_fields)
     forms = schema["properties"]["demand"]["anyOf"]
     titles = [form["title"] for form in forms]
-    assert titles == ["continuous", "static", "dynamic", "poisson", "trace", "plug-in"]
+    assert titles == ["continuous", "static", "dynamic", "poisson", "trace", "profile", "plug-in"]
     poisson = forms[3]
     assert poisson["required"] == ["kind", "rate_per_hour"]
     assert poisson["additionalProperties"] is False

@@ -223,9 +223,9 @@ def _look_at(world: Constants, state: State, outputs: OutputRow) -> int:
     observations, features = outputs.observations, world.features
     for d in range(len(state.drones)):
         own, begins = state.drones[d].features, d * features
-        for k in range(features):
+        for k in range(len(own)):  # those who observe less have zeros behind
             observations[begins + k] = own[k]
-    _count(state, outputs)
+    _count(world, state, outputs)
     _pay(state, outputs)
     over = outputs.over
     stopped = int(state.faults != 0)
@@ -234,18 +234,20 @@ def _look_at(world: Constants, state: State, outputs: OutputRow) -> int:
 
 
 @rule
-def _count(state: State, outputs: OutputRow) -> None:
+def _count(world: Constants, state: State, outputs: OutputRow) -> None:
     """Write the COUNTS and each drone's OWN_COUNTS; steps and choices of all are the least ones."""
+    step_us = float(world.step_us)
     drones, numbers, own = len(state.drones), outputs.numbers, outputs.own
     columns = 4 + len(state.drones[0].terms)
     numbers[4], numbers[5], numbers[6] = 0.0, state.crashes, state.opened
-    numbers[7], numbers[8] = state.observations[0].elapsed, state.observations[0].forced
+    numbers[7] = state.observations[0].elapsed_us / step_us
+    numbers[8] = state.observations[0].forced
     for d in range(drones):
         observation, first = state.observations[d], columns * d
         own[first], own[first + 1] = observation.attached_users, 0.0
-        own[first + 2], own[first + 3] = observation.elapsed, observation.forced
+        own[first + 2], own[first + 3] = observation.elapsed_us / step_us, observation.forced
         numbers[4] += observation.attached_users
-        numbers[7] = min(numbers[7], observation.elapsed)
+        numbers[7] = min(numbers[7], own[first + 2])
         numbers[8] = min(numbers[8], observation.forced)
     for crash in range(len(state.crashed)):
         own[columns * state.crashed[crash] + 1] += 1.0

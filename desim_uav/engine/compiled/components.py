@@ -8,8 +8,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from desim_uav.drone_type import DroneType
 from desim_uav.model.admission import RowAdmission
 from desim_uav.model.battery import RowEnergy
+from desim_uav.model.charging import RowCharging
 from desim_uav.model.components import (
     NOT_COMPILED,
     Compiled,
@@ -29,7 +31,7 @@ from desim_uav.model.rows import View
 from desim_uav.model.sharing import RowSharing
 from desim_uav.model.walking import WALK, RowMobility
 from desim_uav.rules.rewards import add_up, clear_terms
-from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow
+from desim_uav.rules.rows import Constants, Drone, Path, State, TransitRow, TypeRow
 from desim_uav.world import Links, World
 
 
@@ -52,7 +54,8 @@ def _scan(cls: Any, values_at: Any) -> Any:
     method = ruled(cls.scan_rows)
 
     def scan(world: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
-        method(values_at(world.admission_values), world, path, state, drone, phase)
+        own = values_at(world.types[drone.type].admission_values)
+        method(own, world, path, state, drone, phase)
 
     return scan
 
@@ -73,8 +76,8 @@ def _drained_us(cls: Any, values_at: Any) -> Any:
     """Return the function ``drained_us`` of a class of energy models."""
     method = ruled(cls.drains)
 
-    def drained_us(world: Any, flight: Any, elapsed_us: int) -> int:
-        return int(method(values_at(world.battery_values), flight, elapsed_us))
+    def drained_us(own: Any, flight: Any, elapsed_us: int) -> int:
+        return int(method(values_at(own.battery_values), flight, elapsed_us))
 
     return drained_us
 
@@ -83,10 +86,30 @@ def _lasts_us(cls: Any, values_at: Any) -> Any:
     """Return the function ``lasts_us`` of a class of energy models."""
     method = ruled(cls.lasts)
 
-    def lasts_us(world: Any, flight: Any, battery_us: int) -> int:
-        return int(method(values_at(world.battery_values), flight, battery_us))
+    def lasts_us(own: Any, flight: Any, battery_us: int) -> int:
+        return int(method(values_at(own.battery_values), flight, battery_us))
 
     return lasts_us
+
+
+def _charged(cls: Any, values_at: Any) -> Any:
+    """Return the function ``charged`` of a class of charging."""
+    method = ruled(cls.charged)
+
+    def charged(world: Any, battery: int, elapsed_us: int, capacity: int) -> int:
+        return int(method(values_at(world.charging_values), battery, elapsed_us, capacity))
+
+    return charged
+
+
+def _until_full_us(cls: Any, values_at: Any) -> Any:
+    """Return the function ``until_full_us`` of a class of charging."""
+    method = ruled(cls.until_full_us)
+
+    def until_full_us(world: Any, battery: int, capacity: int) -> int:
+        return int(method(values_at(world.charging_values), battery, capacity))
+
+    return until_full_us
 
 
 def _divide(cls: Any, values_at: Any) -> Any:
@@ -103,8 +126,8 @@ def _divide(cls: Any, values_at: Any) -> Any:
 class Slot(NamedTuple):
     """A kind of component: its key in a scenario, the base of its classes, and its functions.
 
-    ``chosen`` returns the component of a world, or of the links of a radio. The addresses of its
-    functions are stored in the fields of the row (Constants or Radio) that have their names, and
+    ``chosen`` returns the component of a world, of a type of drones, or of the links of a radio.
+    The addresses of its functions are stored in the fields of the row that have their names, and
     the address of its values in the field ``values``. If ``required``, the compiled engine cannot
     run a component that is not compiled.
     """
@@ -119,20 +142,13 @@ class Slot(NamedTuple):
 
 SLOTS = (
     Slot(
-        "drones.admission",
-        RowAdmission,
-        lambda world: world.scenario.drones.admission,
-        "admission_values",
-        (Function("scan", _scan, (Constants, Path, State, Drone, int)),),
-    ),
-    Slot(
-        "drones.battery",
-        RowEnergy,
-        lambda world: world.scenario.drones.battery,
-        "battery_values",
+        "stations.charging",
+        RowCharging,
+        lambda world: world.charging,
+        "charging_values",
         (
-            Function("drained_us", _drained_us, (Constants, TransitRow, int)),
-            Function("lasts_us", _lasts_us, (Constants, TransitRow, int)),
+            Function("charged", _charged, (Constants, int, int, int)),
+            Function("until_full_us", _until_full_us, (Constants, int, int)),
         ),
     ),
     Slot(
@@ -160,6 +176,28 @@ SLOTS = (
     ),
 )
 
+"""The components of a world, whose functions are in the row of the constants."""
+
+TYPE_SLOTS = (
+    Slot(
+        "admission",
+        RowAdmission,
+        lambda own: own.drones.admission,
+        "admission_values",
+        (Function("scan", _scan, (Constants, Path, State, Drone, int)),),
+    ),
+    Slot(
+        "battery",
+        RowEnergy,
+        lambda own: own.drones.battery,
+        "battery_values",
+        (
+            Function("drained_us", _drained_us, (TypeRow, TransitRow, int)),
+            Function("lasts_us", _lasts_us, (TypeRow, TransitRow, int)),
+        ),
+    ),
+)
+"""The components of a type of drones; the key of each follows that of the drones."""
 
 RADIO_SLOTS = (
     Slot(
@@ -191,8 +229,8 @@ def why_not_compiled(slot: Slot, component: Any, services: tuple[str, ...]) -> s
     return ""
 
 
-def components_of(slots: tuple[Slot, ...], chooser: World | Links) -> dict[str, Any]:
-    """Return the components that are over rows, of a world or of links, by their slots' keys."""
+def components_of(slots: tuple[Slot, ...], chooser: World | DroneType | Links) -> dict[str, Any]:
+    """Return the components over rows of a world, a type or links, by their slots' keys."""
     chosen = {slot.key: slot.chosen(chooser) for slot in slots}
     return {
         slot.key: chosen[slot.key] for slot in slots if works_on_rows(chosen[slot.key], slot.base)
@@ -200,7 +238,7 @@ def components_of(slots: tuple[Slot, ...], chooser: World | Links) -> dict[str, 
 
 
 def point_at(row: View, slot: Slot, component: Compiled) -> None:
-    """Write the addresses of a component's functions and values into a row of the constants."""
+    """Write the addresses of a component's functions and values into a row."""
     for name, address in component.functions.items():
         setattr(row, name, address)
     setattr(row, slot.values, component.values.ctypes.data)

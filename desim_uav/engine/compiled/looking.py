@@ -145,6 +145,7 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
         (start_us, end_us),
         rings[0, 0],
         drone.serving == 0,
+        0.0,
     )
     found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))
     if radio.classes > 1:

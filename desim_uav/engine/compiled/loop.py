@@ -33,18 +33,15 @@ def run(world: Constants, path: Path, state: State, what: int) -> None:
         return
     if what == RESET:
         begin(world, path, state)
-        end_us, end = 0, key(RESPAWN, -1, -1)
     else:
         state.events.clear()
         state.closed.clear()
         state.handovers.clear()
         command(world, path, state)
-        end_us, end = state.now_us + world.step_us, key(RECORD, -1, -1)
-    _run_before(world, path, state, end_us, end)
+    _run_before(world, path, state, key(RESPAWN if what == RESET else RECORD, -1, -1))
     if what == RESET:
         show_first(world, path, state)
     else:
-        state.now_us = end_us
         end_step(world, path, state)
     if _overrun(state):
         state.faults |= OUT_OF_MEMORY
@@ -84,27 +81,35 @@ def _overrun(state: State) -> int:
 
 
 @rule
-def _run_before(world: Constants, path: Path, state: State, end_us: int, end_key: int) -> None:
-    """Run all events before time ``end_us``, and those of that instant with smaller keys."""
-    users, drones, senders = len(state.users), len(state.drones), len(state.senders)
-    while is_before(state, next_slot(state), end_us, end_key):
-        slot = next_slot(state)
+def _run_before(world: Constants, path: Path, state: State, end_key: int) -> None:
+    """Run all events before ``state.next_us``, and those of that instant with smaller keys."""
+    slot = next_slot(state)
+    while is_before(state, slot, state.next_us, end_key):
         state.now_us = state.slot_times[slot]
-        if 2 * users <= slot < 2 * users + senders:
-            on_crossing(world, path, state, state.senders[slot - 2 * users])
-            continue  # its slot already holds the next crossing
-        undo(state, slot)
-        if slot < users:
-            on_completion(world, path, state, state.users[slot])
-        elif slot < 2 * users:
-            on_request(world, path, state, state.users[slot - users])
+        _happen(world, path, state, slot)
+        slot = next_slot(state)
+    state.now_us = state.next_us
+
+
+@rule
+def _happen(world: Constants, path: Path, state: State, slot: int) -> None:
+    """Let the event of a slot happen."""
+    users, drones, senders = len(state.users), len(state.drones), len(state.senders)
+    if 2 * users <= slot < 2 * users + senders:
+        on_crossing(world, path, state, state.senders[slot - 2 * users])
+        return  # its slot already holds the next crossing
+    undo(state, slot)
+    if slot < users:
+        on_completion(world, path, state, state.users[slot])
+    elif slot < 2 * users:
+        on_request(world, path, state, state.users[slot - users])
+    else:
+        slot -= 2 * users + senders
+        if slot < drones:
+            on_arrival(world, path, state, state.drones[slot])
+        elif slot < 2 * drones:
+            crash(world, path, state, state.drones[slot - drones])
+        elif slot == 2 * drones:
+            settle(world, path, state, ATTACHMENT, ATTACHMENT)
         else:
-            slot -= 2 * users + senders
-            if slot < drones:
-                on_arrival(world, path, state, state.drones[slot])
-            elif slot < 2 * drones:
-                crash(world, path, state, state.drones[slot - drones])
-            elif slot == 2 * drones:
-                settle(world, path, state, ATTACHMENT, ATTACHMENT)
-            else:
-                on_turn(world, path, state, state.users[slot - 2 * drones - 1])
+            on_turn(world, path, state, state.users[slot - 2 * drones - 1])

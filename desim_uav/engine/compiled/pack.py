@@ -17,11 +17,14 @@ from desim_uav.engine.compiled.calls import set_functions
 from desim_uav.engine.compiled.components import (
     RADIO_SLOTS,
     SLOTS,
+    TYPE_SLOTS,
+    Slot,
     components_of,
     point_at,
     why_not_compiled,
 )
-from desim_uav.engine.compiled.standing import tabulate
+from desim_uav.engine.compiled.slots import tournaments
+from desim_uav.engine.compiled.standing import legs_in_table, tabulate
 from desim_uav.engine.constants import constants_of
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
@@ -30,7 +33,7 @@ from desim_uav.model.coverage import SEEN_ROWS, bucket_grid
 from desim_uav.model.rows import Table, View, Words, blank, held_by, packed
 from desim_uav.model.rules import US
 from desim_uav.model.walking import LEG_COLUMNS, walking_of
-from desim_uav.rules.due import slots
+from desim_uav.rules.due import crossing_slot, slots
 from desim_uav.rules.rows import Constants, State
 from desim_uav.world import World
 
@@ -40,11 +43,14 @@ Array = np.ndarray[Any, Any]
 def lacking(world: World) -> list[str]:
     """Return the reasons why the compiled engine cannot run a world, which are none if it can."""
     lacks = []
-    chosen = [(slot.key, slot, slot.chosen(world)) for slot in SLOTS]
-    for number, links in enumerate(world.links):
-        owner = f"access_points[{number - 1}]" if number else "drones"
-        radio = [(f"{owner}.radio.{slot.key}", slot, slot.chosen(links)) for slot in RADIO_SLOTS]
-        chosen += radio
+    keys = tuple(".".join(map(str, key)) for key in world.scenario.fleet_keys)
+    chosen: list[tuple[str, Slot, Any]] = []
+    for key, own in zip(keys, world.types, strict=True):
+        chosen += [(f"{key}.{slot.key}", slot, slot.chosen(own)) for slot in TYPE_SLOTS]
+    chosen += [(slot.key, slot, slot.chosen(world)) for slot in SLOTS]
+    keys += tuple(f"access_points[{k}]" for k in range(len(world.scenario.access_points)))
+    for key, links in zip(keys, world.links, strict=True):
+        chosen += [(f"{key}.radio.{slot.key}", slot, slot.chosen(links)) for slot in RADIO_SLOTS]
     for key, slot, component in chosen:
         if why := why_not_compiled(slot, component, world.services.names):
             lacks.append(f"{key}: {type(component).__name__!r} is not compiled: {why}")
@@ -58,7 +64,7 @@ MOST_PLANNING = 4 * 10**9
 def _too_large(world: World) -> list[str]:
     """Return the keys by which 64-bit sums would overflow, or returns take too long to plan."""
     problems = []
-    scenario, grid = world.scenario, world.grid
+    grid = world.grid
     users, most_us = len(world.homes), 2**62 // world.horizon_us
     if users > most_us:
         problems.append("users.count, episode: the time of all users together is too long")
@@ -70,7 +76,7 @@ def _too_large(world: World) -> list[str]:
         problems.append("services, drones.bandwidth_kbps: the bandwidth in use is too large")
     nx, ny = grid.cells
     places = len(grid.levels_m) * nx * ny
-    if scenario.limited_battery and places * places > MOST_PLANNING:
+    if len(world.planners) * places * places > MOST_PLANNING:
         problems.append(f"map.cells, map.levels: ways back from {places:,} places take too long")
     return problems
 
@@ -82,6 +88,8 @@ class Fixed(Unchanging):
     block: Words
     components: dict[str, Any]
     """The components that are compiled, by the keys of their slots."""
+    types: tuple[dict[str, Any], ...]
+    """Those of each type of drones, by the keys of TYPE_SLOTS."""
     radios: tuple[dict[str, Any], ...]
     """Those of each radio, by the keys of RADIO_SLOTS."""
     services: tuple[str, ...]
@@ -94,9 +102,10 @@ class Fixed(Unchanging):
         constants: Any = View(self.block, Constants)
         set_functions(constants, self.in_air)
         loaded = []
-        rows = [constants, *constants.radios]
-        for row, components in zip(rows, (self.components, *self.radios), strict=True):
-            for slot in (*SLOTS, *RADIO_SLOTS):
+        rows = [constants, *constants.types, *constants.radios]
+        chosen = (self.components, *self.types, *self.radios)
+        for row, components in zip(rows, chosen, strict=True):
+            for slot in (*SLOTS, *TYPE_SLOTS, *RADIO_SLOTS):
                 if slot.key in components:
                     component = components[slot.key]
                     loaded.append(compiled(slot.functions, component, self.services))
@@ -108,6 +117,7 @@ class Fixed(Unchanging):
         """Restore the constants from a pickle, with the addresses of this process."""
         object.__setattr__(self, "block", owned(value["block"]))
         object.__setattr__(self, "components", value["components"])
+        object.__setattr__(self, "types", value["types"])
         object.__setattr__(self, "radios", value["radios"])
         object.__setattr__(self, "services", value["services"])
         object.__setattr__(self, "in_air", value["in_air"])
@@ -134,31 +144,35 @@ def _pack(world: World, settings: RunSettings) -> Fixed:
     set_air(constants, world)
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
+    for number, own in enumerate(constants.types):
+        own.first_known = number * legs_in_table(world)
     components = components_of(SLOTS, world)
+    types = tuple(components_of(TYPE_SLOTS, own) for own in world.types)
     radios = tuple(components_of(RADIO_SLOTS, links) for links in world.links)
-    return Fixed(packed(constants), components, radios, world.services.names, world.in_air)
+    return Fixed(packed(constants), components, types, radios, world.services.names, world.in_air)
 
 
 def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:
     """Return the planned returns (2 * places, 5) and their hops (hops, 3), as rows of integers.
 
-    The first half of the returns is without the drones' ceiling, the second half below it. Returns
-    that do not exist or are not needed are rows of -1.
+    There are so many for each planner. The first half of these is without the drones' ceiling, the
+    second half below it. Returns that do not exist or are not needed are rows of -1.
     """
     nx, ny = world.grid.cells
-    plans = np.full((2, len(world.grid.levels_m) * nx * ny, 5), -1, np.int64)
+    planners, places = world.planners, len(world.grid.levels_m) * nx * ny
+    plans = np.full((max(len(planners), 1), 2, places, 5), -1, np.int64)
     hops = np.empty((1024, 3), np.int64)
     used = 0
-    if world.scenario.limited_battery:
+    for number, planner in enumerate(planners):
         for ceiling in set(settings.ceilings):
             for level, x, y in np.ndindex(world.grid.levels(ceiling), nx, ny):
-                back = world.planner.search((x, y, level), ceiling)
+                back = planner.search((x, y, level), ceiling)
                 if back is not None:
                     first, used = used, used + len(back.hops)
                     if used > len(hops):
                         hops = np.concatenate((hops, np.empty((used, 3), np.int64)))
                     hops[first:used] = np.array(back.hops, np.int64).reshape(-1, 3)
-                    plans[int(ceiling), (level * nx + x) * ny + y] = (
+                    plans[number, int(ceiling), (level * nx + x) * ny + y] = (
                         *(back.station, back.duration_us, back.drained_us),
                         *(first, used),
                     )
@@ -200,13 +214,13 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
     drones, users, count = len(state.drones), len(state.users), slots(state)
     nx, ny = bucket_grid(*world.area, world.reach_m)
     state.slot_times, state.slot_keys = _whole(count), _whole(count)
-    state.winners = _whole(2 * count)
+    state.winners = tournaments(count, crossing_slot(state, 0), len(state.senders))
     look = state.look
     set_memory(look.air, world)
     set_room(look.air, world, room_for(users, buffers, legs))
     look.users = np.zeros(SEEN_ROWS * users)
     if world.graded:
-        look.windows = windows_for(world, fits_between(world, world.links[0])).reshape(-1)
+        look.windows = _windows_of(world).reshape(-1)
         look.found, look.order = _whole(3 * buffers.crossings), _whole(buffers.crossings)
     look.heads, look.following = _whole(nx * ny), _whole(users if nx * ny else 0)
     if world.row_mobility:
@@ -222,6 +236,12 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
     senders_at, drones_at = State.places["senders"], State.places["drones"]
     block[drones_at : drones_at + 2] = block[senders_at], drones
     return block
+
+
+def _windows_of(world: World) -> Array:
+    """Return memory for the windows of a leg between levels of any type of drones."""
+    fits = [fits_between(world, links) for links in world.links[: len(world.types)]]
+    return max((windows_for(world, each) for each in fits), key=len)
 
 
 def _whole(count: int) -> Array:

@@ -1,56 +1,93 @@
-"""The event queue of compiled code: slots, which are ordered by (time, key) in a tournament.
+"""The event queue of compiled code: slots, which are ordered by (time, key) in two tournaments.
 
 Each thing that can happen has a slot (see ``rules.due``), whose time is NEVER if it is not
-scheduled. Match 1 of the tournament is the final, the winners of matches 2n and 2n + 1 meet in
-match n, and numbers from the count of slots on denote the slots themselves. If a slot changes, its
-matches are played again; their number is about the binary logarithm of the number of slots.
+scheduled. The winners of matches 2n and 2n + 1 of a tournament meet in its match n, and match 1
+decides it; numbers from the count of its slots on denote the slots themselves. If a slot changes,
+its matches are played again; their number is about the binary logarithm of the number of slots.
+
+The slots of the senders' crossings have a tournament of their own, because most changes are theirs
+and they are few. The other tournament is at the beginning of ``State.winners``, where match 0 is
+the final between the winners of the two.
 """
 
 from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from desim_uav.model.compiled_registers import either
 from desim_uav.model.kernels import rule, stands_in_for
 from desim_uav.rules import due as seam
+from desim_uav.rules.due import crossing_slot
 from desim_uav.rules.rows import State
 from desim_uav.rules.words import NEVER
+
+
+def tournaments(slots: int, crossings: int, senders: int) -> NDArray[np.int64]:
+    """Return ``State.winners`` for so many slots, those of crossings from ``crossings`` on."""
+    numbers, end = list(range(slots)), crossings + senders
+    winners: list[int] = []
+    for entrants in (numbers[:crossings] + numbers[end:], numbers[crossings:end]):
+        matches = [0] * len(entrants) + entrants
+        for match in range(2 * len(entrants) - 2, 1, -2):
+            matches[match // 2] = matches[match]
+        winners += matches
+    winners[0] = winners[1]
+    return np.array(winners, np.int64)
 
 
 @stands_in_for(seam.nothing_due)
 def _nothing_due(state: Any) -> Any:
     def clear(state: Any) -> None:
-        times, keys, winners = state.slot_times, state.slot_keys, state.winners
-        slots = len(times)
-        for slot in range(slots):
-            times[slot] = NEVER
-            keys[slot] = 0
-            winners[slots + slot] = slot
-        for match in range(2 * slots - 2, 1, -2):
-            winners[match // 2] = winners[match]
+        # All are equal then, so that those who have won before are winners still.
+        for slot in range(len(state.slot_times)):
+            state.slot_times[slot] = NEVER
+            state.slot_keys[slot] = 0
 
     return clear
 
 
 @rule
+def _entry(state: State, slot: int) -> tuple[int, int, int]:
+    """Return where a slot's tournament begins, its number there, and where its rival is found.
+
+    The rival is the winner of the other tournament.
+    """
+    senders, number = len(state.senders), slot - crossing_slot(state, 0)
+    others = len(state.slot_times) - senders
+    if 0 <= number < senders:
+        return 2 * others, senders + number, 1
+    return 0, others + (slot if number < 0 else slot - senders), 2 * others + 1
+
+
+@rule
 def _meet(state: State, slot: int) -> None:
-    """Play the matches of a slot that has changed.
+    """Play the matches of a slot that has changed, and the final."""
+    winners, changed = state.winners, slot
+    begins, node, rival = _entry(state, slot)
+    t_us, key = state.slot_times[slot], state.slot_keys[slot]
+    while node > 1:
+        slot, t_us, key = _winner(state, slot, t_us, key, winners[begins + (node ^ 1)])
+        node >>= 1
+        if slot != changed and winners[begins + node] == slot:
+            return
+        winners[begins + node] = slot
+    slot, t_us, key = _winner(state, slot, t_us, key, winners[rival])
+    winners[0] = slot
+
+
+@rule
+def _winner(state: State, slot: int, t_us: int, key: int, other: int) -> tuple[int, int, int]:
+    """Return the slot that is earlier, of one with this time and key and another one; the same.
 
     A match has no jump, because winners are unpredictable and mispredicted jumps take longer.
     """
-    winners, times, keys = state.winners, state.slot_times, state.slot_keys
-    t_us, key = times[slot], keys[slot]
-    changed, node = slot, len(times) + slot
-    while node > 1:
-        other = winners[node ^ 1]
-        t_other, other_key = times[other], keys[other]
-        lost = (t_other < t_us) | ((t_other == t_us) & (other_key < key))
-        t_us, key = either(lost, t_other, t_us), either(lost, other_key, key)
-        slot = either(lost, other, slot)
-        node >>= 1
-        if slot != changed and winners[node] == slot:
-            return
-        winners[node] = slot
+    t_other, other_key = state.slot_times[other], state.slot_keys[other]
+    lost = (t_other < t_us) | ((t_other == t_us) & (other_key < key))
+    t_us, key = either(lost, t_other, t_us), either(lost, other_key, key)
+    return either(lost, other, slot), t_us, key
 
 
 @stands_in_for(seam.due)
@@ -73,6 +110,14 @@ def _undo(state: Any, slot: Any) -> Any:
     return undo
 
 
+@stands_in_for(seam.run_until)
+def _run_until(state: Any, t_us: Any, key: Any) -> Any:
+    def run_until(state: Any, t_us: Any, key: Any) -> None:
+        pass  # the loop reads ``next_us``
+
+    return run_until
+
+
 @stands_in_for(seam.nothing_before)
 def _nothing_before(state: Any, key: Any) -> Any:
     def nothing_before(state: Any, key: Any) -> Any:
@@ -84,7 +129,7 @@ def _nothing_before(state: Any, key: Any) -> Any:
 @rule
 def next_slot(state: State) -> int:
     """Return the slot of the next event; its time is NEVER if nothing is scheduled."""
-    return state.winners[1]
+    return state.winners[0]
 
 
 @rule

@@ -28,29 +28,26 @@ MOST_LOOKS = 2**22
 def tabulate(world: World) -> tuple[Ints, Ints]:
     """Return the changes on all legs of a step: the first row of each leg, and the rows.
 
-    Rows are (time since the leg's start in µs, user, change), a leg's last one first. The legs from
-    cell (x, y) have the numbers from ``(x * ny + y) * 5`` on, in order of ``COURSES``. Both arrays
-    are empty if users walk, if classes hold within other distances at other altitudes, or if there
-    are more than MOST_LOOKS pairs of a leg and a user.
+    Rows are (time since the leg's start in µs, user, change), a leg's last one first. There are
+    ``legs_in_table`` legs for each type of drones; those from cell (x, y) have the numbers from
+    ``(x * ny + y) * 5`` on, in order of ``COURSES``. Both arrays are empty if users walk, if
+    classes hold within other distances at other altitudes, or if there are more than MOST_LOOKS
+    pairs of a leg and a user.
     """
-    nx, ny = world.grid.cells
-    pairs = nx * ny * len(COURSES) * len(world.homes)
+    pairs = legs_in_table(world) * len(world.types) * len(world.homes)
     walks = world.fixed_walks
     one_level = len(world.grid.levels_m) == 1 or not world.graded
     if walks is None or walks.legs[:, VX:].any() or pairs > MOST_LOOKS or not one_level:
         return np.empty(0, np.int64), np.empty((0, CHANGE_COLUMNS), np.int64)
-    by_course = {
-        MOVES[action][:2]: transit
-        for action, transit in world.epoch_transits.items()
-        if action not in (Action.UP, Action.DOWN)
-    }
-    look = _Looks(world)
-    found = [
-        look.along((x, y), course, by_course.get(course))
-        for x, y in np.ndindex(nx, ny)
-        for course in COURSES
-    ]
+    looks = _Looks(world)
+    found = [rows for number in range(len(world.types)) for rows in looks.of_type(number)]
     return np.cumsum([0, *map(len, found)]), np.concatenate(found)
+
+
+def legs_in_table(world: World) -> int:
+    """Return the number of legs of a step that a type of drones can fly on one level."""
+    nx, ny = world.grid.cells
+    return nx * ny * len(COURSES)
 
 
 class _Looks:
@@ -61,8 +58,26 @@ class _Looks:
         self.users = Users(*world.walks(world.seed, 0), np.zeros((SEEN_ROWS, users)))
         look_around(self.users, 0, world.step_us)
 
-    def along(
-        self, cell: tuple[int, int], course: tuple[int, int], transit: Transit | None
+    def of_type(self, number: int) -> list[NDArray[np.int64]]:
+        """Return the crossings of all legs of a type of drones."""
+        by_course = {
+            MOVES[action][:2]: transit
+            for action, transit in self.world.types[number].epoch_transits.items()
+            if action not in (Action.UP, Action.DOWN)
+        }
+        rings_m = self.world.links[number].rings_m[0]
+        return [
+            self._along((x, y), course, by_course.get(course), rings_m)
+            for x, y in np.ndindex(self.world.grid.cells)
+            for course in COURSES
+        ]
+
+    def _along(
+        self,
+        cell: tuple[int, int],
+        course: tuple[int, int],
+        transit: Transit | None,
+        rings_m: NDArray[np.float64],
     ) -> NDArray[np.int64]:
         """Return the crossings of one leg, the last one first; a hover has none."""
         if transit is None:
@@ -74,7 +89,6 @@ class _Looks:
             (cell[0] + course[0] + 0.5) * cell_x_m,
             (cell[1] + course[1] + 0.5) * cell_y_m,
         )
-        rings_m = self.world.links[0].rings_m[0]
         leg = DroneLeg(transit.profile, route, (0, self.world.step_us), 0.0, fresh=False)
         rows = changes_on(leg, self.users, rings_m, self.world.groups)
         return rows[np.lexsort((rows[:, USER], rows[:, CHANGE] > 0, rows[:, TIME_US]))[::-1]]
@@ -104,7 +118,7 @@ def recall(world: Constants, state: State, drone: Drone) -> None:
         drone.ahead.clear()
         return
     course = _course(drone.to_x - drone.x, drone.to_y - drone.y)
-    leg = (drone.x * world.ny + drone.y) * 5 + course
+    leg = world.types[drone.type].first_known + (drone.x * world.ny + drone.y) * 5 + course
     first, ahead = world.known_at[leg], drone.ahead
     count = world.known_at[leg + 1] - first
     if count > ahead.buffer:

@@ -43,6 +43,7 @@ class Clock(simpy.Environment):
         super().__init__(initial_time=now_us)
         self.after_event = after_event
         self._events = [Due(self) for _ in range(slots)]
+        self._end = Due(self)
 
     def schedule(self, event: simpy.Event, priority: Any = 1, delay: Any = 0) -> None:
         """Schedule an event; a ``Due`` has its own priority and delay."""
@@ -93,6 +94,17 @@ class Clock(simpy.Environment):
             yield self._events[slot]
             happened = self._events[slot].valid  # the event may be a new one
             self._events[slot] = Due(self)
+
+    def run_until(self, t_us: int, key: int) -> None:
+        """Let ``run_to_end`` end at a time, before the events of that instant with larger keys."""
+        before, self._end = self._end, Due(self)
+        if not before.processed:
+            self._end.callbacks, before.callbacks = before.callbacks, []
+        self._end.happen(t_us - int(self.now), key)
+
+    def run_to_end(self) -> None:
+        """Run all events before the end, which they may bring forward."""
+        self.run(until=self._end)
 
     def run_before(self, t_us: int, key: int) -> None:
         """Run all events before time ``t_us``, and those of that instant with smaller keys."""

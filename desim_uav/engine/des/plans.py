@@ -14,10 +14,13 @@ NO_WAY = fill(Plan, (-1, -1, -1, 0, 0))
 
 
 class Plans:
-    """The planned returns from all places, in the order of ``Constants.plans``."""
+    """The planned returns from all places, in the order of ``Constants.plans``.
 
-    def __init__(self, planner: Planner, grid: Grid) -> None:
-        self.planner, self.grid = planner, grid
+    They are those of each planner in turn.
+    """
+
+    def __init__(self, planners: Sequence[Planner], grid: Grid) -> None:
+        self.planners, self.grid = planners, grid
         self.hops: Table[Hop] = Table()
         self._plans: dict[int, Plan] = {}
         self._numbers: dict[tuple[tuple[int, int, int], ...], tuple[int, int]] = {}
@@ -28,10 +31,12 @@ class Plans:
         """Return the plan with this number."""
         plan = self._plans.get(number)
         if plan is None:
-            ceiling, place = divmod(number, self._places)
+            half, place = divmod(number, self._places)
+            of, ceiling = divmod(half, 2)
             column, y = divmod(place, self.grid.cells[1])
             level, x = divmod(column, self.grid.cells[0])
-            plan = self._plans[number] = self._row(self.planner.plan((x, y, level), bool(ceiling)))
+            back = self.planners[of].plan((x, y, level), bool(ceiling))
+            plan = self._plans[number] = self._row(back)
         return plan
 
     def numbered(self, hops: Sequence[tuple[int, int, int]]) -> tuple[int, int]:

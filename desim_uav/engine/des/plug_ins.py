@@ -3,37 +3,41 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from desim_uav.engine.constants import transits_of
 from desim_uav.model.admission import RowAdmission
+from desim_uav.model.battery import Energy
 from desim_uav.model.components import over_rows, works_on_rows
+from desim_uav.model.motion import Transit
 from desim_uav.model.observations import RowObservation
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.sums import in_order
 from desim_uav.rules.admission import admit, turn_away
 from desim_uav.rules.rewards import add_up, clear_terms, give
-from desim_uav.rules.rows import Constants
 from desim_uav.world import World
 
 
 def set_components(constants: Any, world: World) -> None:
     """Set the fields of the constants that are functions to the scenario's components."""
-    constants.scan = _scan(world)
+    flights = dict(zip(map(id, constants.transits), transits_of(world), strict=True))
+    for own, drones in zip(constants.types, world.scenario.fleet, strict=True):
+        own.scan = _scan(drones.admission, world.services.names)
+        if drones.battery is not None:
+            own.drained_us, own.lasts_us = _energy(drones.battery, flights)
     for radio, links in zip(constants.radios, world.links, strict=True):
         radio.divide = over_rows(links.radio.sharing, world.services.names).divide
     constants.pay = _pay(world)
     constants.describe = _describe(world)
     if constants.limited:
-        constants.drained_us, constants.lasts_us = _energy(constants, world)
+        constants.charged, constants.until_full_us = _charging(world)
 
 
-def _scan(world: World) -> Callable[..., None]:
-    """Return a function that applies the scenario's admission rule to a drone's queue."""
-    rule: Any = world.scenario.drones.admission
+def _scan(rule: Any, services: tuple[str, ...]) -> Callable[..., None]:
+    """Return a function that applies an admission rule to a drone's queue."""
     if works_on_rows(rule, RowAdmission):
-        scan_rows: Callable[..., None] = over_rows(rule, world.services.names).scan_rows
+        scan_rows: Callable[..., None] = over_rows(rule, services).scan_rows
         return scan_rows
 
     def scan(constants: Any, path: Any, state: Any, drone: Any, phase: int) -> None:
@@ -53,7 +57,6 @@ def _scan(world: World) -> Callable[..., None]:
 def _pay(world: World) -> Callable[..., None]:
     """Return a function that writes the rewards of all drones for a step."""
     reward: Any = world.scenario.reward
-    facts = world.facts
     if works_on_rows(reward, RowReward):
         by_rows = over_rows(reward, world.services.names)
 
@@ -67,7 +70,14 @@ def _pay(world: World) -> Callable[..., None]:
 
     def pay_by_observation(constants: Any, state: Any) -> None:
         asked = tuple(state.asked)
-        state.named_terms = [reward.terms(seen, asked, facts) for seen in state.observed()]
+        state.named_terms = [
+            reward.terms(seen, asked, world.facts_of(seen.drone)) for seen in state.observed()
+        ]
+        if state.share != 1.0:
+            state.named_terms = [
+                {name: state.share * term for name, term in terms.items()}
+                for terms in state.named_terms
+            ]
         for drone, terms in zip(state.drones, state.named_terms, strict=True):
             give(state, drone, in_order(terms.values()))
 
@@ -89,16 +99,31 @@ def _describe(world: World) -> Callable[..., None]:
     return describe
 
 
-def _energy(constants: Constants, world: World) -> tuple[Callable[..., int], Callable[..., int]]:
-    """Return the functions ``drained_us`` and ``lasts_us`` of the scenario's energy model."""
-    energy = world.scenario.drones.battery
-    assert energy is not None
-    flights = dict(zip(map(id, constants.transits), transits_of(world), strict=True))
+def _energy(
+    energy: Energy, flights: Mapping[int, Transit]
+) -> tuple[Callable[..., int], Callable[..., int]]:
+    """Return the functions ``drained_us`` and ``lasts_us`` of an energy model.
 
-    def drained_us(constants: Any, transit: Any, elapsed_us: int) -> int:
+    ``flights`` are the transits by the identities of their rows.
+    """
+
+    def drained_us(own: Any, transit: Any, elapsed_us: int) -> int:
         return energy.drained_us(flights[id(transit)], elapsed_us)
 
-    def lasts_us(constants: Any, transit: Any, battery_us: int) -> int:
+    def lasts_us(own: Any, transit: Any, battery_us: int) -> int:
         return energy.lasts_us(flights[id(transit)], battery_us)
 
     return drained_us, lasts_us
+
+
+def _charging(world: World) -> tuple[Callable[..., int], Callable[..., int]]:
+    """Return the functions ``charged`` and ``until_full_us`` of the stations."""
+    charging: Any = world.charging
+
+    def charged(constants: Any, battery: int, elapsed_us: int, capacity: int) -> int:
+        return int(charging.charged(battery, elapsed_us, capacity))
+
+    def until_full_us(constants: Any, battery: int, capacity: int) -> int:
+        return int(charging.until_full_us(battery, capacity))
+
+    return charged, until_full_us

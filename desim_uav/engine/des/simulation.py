@@ -29,7 +29,7 @@ from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afr
 from desim_uav.rules.flight import way_of
 from desim_uav.rules.rows import Ask, Constants, Path, State
 from desim_uav.rules.settle import settle
-from desim_uav.rules.words import ADMISSION, COVERAGE, RECORD, RESPAWN
+from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -89,7 +89,7 @@ class Simulation(Engine):
         world = self.world
         made: Any = constants_of(world, self.settings)
         set_air(made, world)
-        made.plans = Plans(world.planner, world.grid)
+        made.plans = Plans(world.planners, world.grid)
         made.hops = made.plans.hops
         made.foresee = self._foresee
         made.foresee_all = self._foresee_all
@@ -116,6 +116,7 @@ class Simulation(Engine):
         world, state, own = self.constants, self.state, self.own_path
         begin(world, own, state)
         self._start_processes()
+        self.clock.run_to_end()
         show_first(world, own, state)
         self.check_components()
         self.drain_log()
@@ -136,9 +137,8 @@ class Simulation(Engine):
         self._processes = Processes(self.clock, self.constants, self.own_path, self.state)
 
     def _start_processes(self) -> None:
-        """Start all processes, and let each run until it waits."""
+        """Start all processes."""
         self._processes.begin()
-        self.clock.run_before(int(self.clock.now), key(RESPAWN, -1, -1))
 
     # ---- saved states
 
@@ -158,6 +158,7 @@ class Simulation(Engine):
         for slot, t_us, place in rows.due:
             self.clock.due(slot, t_us, place)
         self._start_processes()
+        self.clock.run_before(int(self.clock.now), key(RESPAWN, -1, -1))  # each until it waits
         self.snapshot()
 
     def _ready(self) -> bool:
@@ -181,7 +182,7 @@ class Simulation(Engine):
                 processes.tell(drone.index)
         self.clock.run_before(state.now_us, key(COVERAGE, -1, -1))
         settle(world, self.own_path, state, COVERAGE, ADMISSION)
-        self.clock.run_before(state.now_us + world.step_us, key(RECORD, -1, -1))
+        self.clock.run_to_end()
         state.now_us = int(self.clock.now)
         end_step(world, self.own_path, state)
         self.check_components()

@@ -15,7 +15,9 @@ from desim_uav.experiment.gallery import (
     class_rings,
     mozaffari_2015,
     mozaffari_2016,
+    random_waypoint,
     tr_36777,
+    zeng,
 )
 from desim_uav.experiment.gallery.row import Row
 from desim_uav.experiment.progress import progress
@@ -71,6 +73,27 @@ ENTRIES = {
         "3GPP TR 36.777 V15.0.0: Enhanced LTE support for aerial vehicles, annex B",
         tr_36777.rows,
         tr_36777.draw,
+    ),
+    "yoon_2003": Entry(
+        "Yoon, Liu, Noble: Random waypoint considered harmful. IEEE INFOCOM 2003",
+        random_waypoint.decay_rows,
+        random_waypoint.draw,
+    ),
+    "navidi_camp_2004": Entry(
+        "Navidi, Camp: Stationary distributions for the random waypoint mobility model. IEEE "
+        "Transactions on Mobile Computing 3(1), 2004",
+        random_waypoint.cure_rows,
+    ),
+    "zeng_2019": Entry(
+        "Zeng, Xu, Zhang: Energy minimization for wireless communication with rotary-wing UAV. "
+        "IEEE Transactions on Wireless Communications 18(4), 2019",
+        zeng.rows,
+        zeng.draw,
+    ),
+    "zeng_2017": Entry(
+        "Zeng, Zhang: Energy-efficient UAV communication with trajectory optimization. IEEE "
+        "Transactions on Wireless Communications 16(6), 2017",
+        zeng.wing_rows,
     ),
 }
 """The papers, by the names that the command takes."""

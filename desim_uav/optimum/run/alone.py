@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
-from desim_uav.model.battery import Endurance, PerAction, time_to_full_us
+from desim_uav.model.battery import Endurance, PerAction
 from desim_uav.model.kernels import maker
 from desim_uav.optimum.run.legs import Shares, cells_ahead, leg_of
 from desim_uav.world import World
@@ -101,7 +101,7 @@ def alone_in(world: World, steps: int) -> Alone:
 
 
 def _refuse_other_batteries(world: World) -> None:
-    battery: Any = world.scenario.drones.battery
+    battery: Any = world.only_type.drones.battery
     if type(battery) not in (Endurance, PerAction):
         raise UsageError(
             f"drones.battery.kind: {type(battery).__name__}: a run can be bounded only with "
@@ -122,7 +122,7 @@ def _with_battery(world: World, ahead: NDArray[np.int64], begun: int) -> Alone:
         return max(1, -(-duration_us // step_us))
 
     def charge_us(battery_us: int) -> int:
-        return time_to_full_us(battery_us, full_us, world.full_charge_us)
+        return world.until_full_us(battery_us)
 
     stations = np.array([ix * ny + iy for ix, iy in world.stations], np.int64)
     hop_x_us = world.return_transits[1, 0, 0].duration_us
@@ -138,7 +138,7 @@ def _with_battery(world: World, ahead: NDArray[np.int64], begun: int) -> Alone:
                     home[cell, s, j] = steps_of(flown_us + charge_us(arrives_with_us))
     charge = np.array([steps_of(charge_us(int(battery_us))) for battery_us in left_us])
     # A return by per_action drains faster than time passes, so that a crash may come at any time.
-    battery: Any = world.scenario.drones.battery
+    battery: Any = world.only_type.drones.battery
     even = type(battery) is Endurance
     crash = np.array([steps_of(int(left) * even + world.respawn_after_us) for left in left_us])
     return Alone(ahead, np.arange(len(ahead)), stations, charge, home, crash, True)

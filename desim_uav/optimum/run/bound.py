@@ -153,6 +153,6 @@ class Run:
 def _starts(world: World) -> list[tuple[int, int]]:
     """Return how many drones begin in which cell."""
     if world.scenario.episode.carry_over:
-        return [(ANYWHERE, world.scenario.drones.count)]
+        return [(ANYWHERE, world.scenario.drone_count)]
     ny = world.grid.cells[1]
     return sorted(Counter(ix * ny + iy for ix, iy in world.starts).items())

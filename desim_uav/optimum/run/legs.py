@@ -89,7 +89,7 @@ def shares_of(
         world.epoch_transits[heading].profile if heading in world.epoch_transits else REST.profile
         for heading in HEADINGS
     )
-    radius_m, dense = world.scenario.drones.footprint_radius_m, np.zeros((*ahead.shape, users))
+    radius_m, dense = world.only_type.drones.footprint_radius_m, np.zeros((*ahead.shape, users))
     found, sizes, kept = np.empty((8 * users + 8, 3), np.int64), [np.zeros(1, np.int64)], 0
     numbers: list[NDArray[np.int32]] = []
     shares: list[NDArray[np.float64]] = []
@@ -141,7 +141,7 @@ def _cover(
             if to < 0:
                 continue
             route = (centres[cell, 0], centres[cell, 1], centres[to, 0], centres[to, 1])
-            leg = DroneLeg(profiles[k], route, span, radius_m, True)
+            leg = DroneLeg(profiles[k], route, span, radius_m, True, 0.0)
             count = crossings(leg, walkers, found)
             most = max(most, count)
             if count > len(found):

@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.saved import Rows, SavedState
-from desim_uav.model.asking import DUE_US, Requests
+from desim_uav.model.asking import DUE_US, Requests, from_now
 from desim_uav.model.coverage import T0_US, all_walked
 from desim_uav.model.rules import Phase
 from desim_uav.model.streams import Purpose, Streams
-from desim_uav.model.walking import RowWalks, Walks
+from desim_uav.model.walking import RowWalks, Walks, from_here
 from desim_uav.rules.due import ask_slot, key
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
@@ -25,10 +25,10 @@ WALKS, REQUESTS, NOISE, RESPAWNS = range(4)
 def imagined(saved: SavedState, seed: int, sample: int) -> SavedState:
     """Return the state on a sample path whose past is the true one and whose future is new.
 
-    Users walk on from where they are, by the model of mobility as it begins an episode. Who has no
-    open request asks after a new think time, or at new arrivals; open requests need what they
-    still need. Future position errors and stations of respawns are drawn too. What is drawn depends
-    on the seed, the episode, the step and the number of the sample only.
+    Users walk on from where they are, by the model of mobility as it begins an episode at homes.
+    Who has no open request asks after a new think time, or at new arrivals; open requests need what
+    they still need. Future position errors and stations of respawns are drawn too. What is drawn
+    depends on the seed, the episode, the step and the number of the sample only.
     """
     world, state = saved.world, saved.rows.state
     draws = _Draws(world, seed, saved.path.episode, state.step, sample)
@@ -63,7 +63,8 @@ class _Draws:
             return path.walking  # nobody walks
         at_m = np.ascontiguousarray(all_walked(*true, now_us))
         if getattr(mobility, "draws", True):
-            new = mobility.walks(at_m, self._streams(WALKS), world.area, world.horizon_us)
+            onward = from_here(mobility)
+            new = onward.walks(at_m, self._streams(WALKS), world.area, world.horizon_us)
         else:  # recorded walks: nobody knows how they go on
             new = Walks(np.hstack([np.zeros((len(at_m), 1)), at_m, 0.0 * at_m]), _each_one(at_m))
         return _joined(true, new, now_us)
@@ -77,7 +78,8 @@ class _Draws:
         if not getattr(demand, "draws", True):
             return Requests(np.zeros((0, 4), np.int64), np.zeros(users + 1, np.int64), True)
         streams = self._streams(REQUESTS)
-        drawn = demand.requests(users, self.world.services, streams, self.world.horizon_us)
+        onward = from_now(demand, self.step * self.world.step_us)
+        drawn = onward.requests(users, self.world.services, streams, self.world.horizon_us)
         return _without_first(drawn) if after_previous else drawn
 
     def errors(self, path: SamplePath) -> NDArray[np.float64] | None:

@@ -13,6 +13,7 @@ from desim_uav.model.coverage import all_walked
 from desim_uav.model.motion import REST
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.model.streams import Purpose, Streams
+from desim_uav.model.walking import from_here
 from desim_uav.world import World
 
 Ints = NDArray[np.int64]
@@ -69,7 +70,12 @@ class Ground:
 
 
 def ground_of(world: World) -> Ground:
-    """Return the map of a planner whose drones fly below the ceiling."""
+    """Return the map of a planner whose drones fly below the ceiling.
+
+    Raises ScenarioError if there are drones of types that differ, or that decide by event.
+    """
+    world.require_one_type("a planner (greedy, rollout or clairvoyant)")
+    world.scenario.require_clock("a planner (greedy, rollout or clairvoyant)")
     grid, limited = world.grid, world.scenario.limited_battery
     (nx, ny), levels = grid.cells, grid.levels(True)
     count = levels * nx * ny
@@ -80,8 +86,7 @@ def ground_of(world: World) -> Ground:
     for station, (x, y) in enumerate(world.stations):
         station_of[x * ny + y] = station
     full = max(1, world.capacity_us // unit_us) if limited else 1
-    units_us = np.minimum(np.arange(full + 1) * unit_us, world.capacity_us)
-    share = (1.0 - units_us / world.capacity_us) if limited else np.zeros(full + 1)
+    charges = [min(unit * unit_us, world.capacity_us) for unit in range(full + 1)]
     noisy = world.scenario.position_noise is not None
     rings, radii_m = _radii(world, levels)
     return Ground(
@@ -94,7 +99,7 @@ def ground_of(world: World) -> Ground:
         _returns(world, levels, unit_us),
         -1 if noisy or not limited else world.return_below_us // unit_us,
         _needs(after, drains, station_of) if limited else np.zeros(count, np.int64),
-        np.ceil(share * world.full_charge_us).astype(np.int64),
+        np.array([world.until_full_us(charge) for charge in charges], np.int64),
         np.repeat(rings, nx * ny),
         np.tile(np.arange(nx * ny), levels),
         np.array([grid.centre(x, y) for x in range(nx) for y in range(ny)]),
@@ -117,7 +122,7 @@ def _led_to(world: World, action: Action, levels: int) -> Ints:
 
 def _drains(world: World, actions: tuple[Action, ...]) -> tuple[int, Ints]:
     """Return the battery that a step of hovering takes, and what each action takes in this unit."""
-    energy = world.scenario.drones.battery
+    energy = world.only_type.drones.battery
     if energy is None:
         return world.step_us, np.zeros(len(actions), np.int64)
     unit_us = max(1, energy.drained_us(REST, world.step_us))
@@ -185,7 +190,7 @@ def _spread_m(world: World) -> Floats:
     squares = np.zeros(steps + 1)
     for episode in range(DRAWN_WALKS):
         streams = Streams(world.seed, Purpose.PLANNER, episode)
-        walks = mobility.walks(homes, streams, world.area, world.horizon_us)
+        walks = from_here(mobility).walks(homes, streams, world.area, world.horizon_us)
         for step in range(steps + 1):
             away_m = all_walked(walks.legs, walks.offsets, step * world.step_us) - homes
             squares[step] += (away_m * away_m).mean() / DRAWN_WALKS

@@ -9,7 +9,7 @@ from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.compiled.pack import lacking
 from desim_uav.engine.episode import Engine
 from desim_uav.errors import PolicyError
-from desim_uav.model.rules import AIRBORNE, Mode
+from desim_uav.model.rules import AIRBORNE, US, Mode
 from desim_uav.world import World
 
 CRASH = 100.0
@@ -24,7 +24,7 @@ def inner_engine(planner: str, world: World, carry_over: bool) -> BatchSimulatio
     problems = lacking(world)
     if problems:
         raise PolicyError(f"{planner} needs the compiled engine; {'; '.join(problems)}")
-    ceilings = (True,) * world.scenario.drones.count
+    ceilings = (True,) * world.scenario.drone_count
     return BatchSimulation(world, RunSettings(ceilings, carry_over, False, False))
 
 
@@ -53,14 +53,16 @@ def _charge(engine: Engine) -> float:
     passed_us = int(engine.state.now_us)
     if not world.scenario.limited_battery or not world.stations or passed_us == 0:
         return 0.0
-    cycle = world.full_charge_us / (world.capacity_us + world.full_charge_us)
+    lasts_us = world.capacity_us * (US / world.per_second)
+    cycle = world.full_charge_us / (lasts_us + world.full_charge_us)
     charge_us = sum(_battery_us(engine, row) for row in engine.drones)
     return cycle * charge_us / (len(engine.drones) * passed_us)
 
 
 def _battery_us(engine: Engine, drone: Any) -> int:
-    """Return the battery of a drone now, of which a flight since its last record has taken some."""
+    """Return the time that a drone's battery lasts, less that since its last record in the air."""
+    per_us = engine.world.per_second / US
     if drone.mode in (Mode.CHARGED, Mode.CHARGING, Mode.QUEUED):
-        return int(engine.world.capacity_us)
+        return int(engine.world.capacity_us / per_us)
     flown_us = int(engine.state.now_us) - drone.since_us if drone.mode in AIRBORNE else 0
-    return max(0, int(drone.battery_us) - flown_us)
+    return max(0, int(drone.battery_us / per_us) - flown_us)

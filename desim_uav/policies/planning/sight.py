@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import UserState
 from desim_uav.engine.episode import Engine
-from desim_uav.model.rules import DECIDES, Mode
+from desim_uav.model.rules import DECIDES, US, Mode
 from desim_uav.model.state import Observation
 from desim_uav.policies.planning.ground import NO_WAY, Ground
 
@@ -82,7 +82,7 @@ def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing
             station = _station(ground, x, y)
             landings.append((lands_us, 0, station, battery_us, drone.index))
         elif seen.mode in (Mode.QUEUED, Mode.CHARGING):
-            battery_us = seen.battery_s * 1e6
+            battery_us = seen.battery_s * ground.world.per_second
             station = ground.world.stations.index((drone.x, drone.y))
             landings.append((-1, places[drone.index], station, battery_us, drone.index))
         else:
@@ -93,7 +93,9 @@ def _drones(engine: Engine, ground: Ground, observations: Any) -> tuple[Standing
 
 def _free(ground: Ground, drone: Any, seen: Observation) -> Standing:
     """Return the standing of a drone that decides now."""
-    battery_us = ground.unit_us if seen.battery_s is None else round(seen.battery_s * 1e6)
+    battery_us = ground.unit_us
+    if seen.battery_s is not None:
+        battery_us = round(seen.battery_s * ground.world.per_second)
     level = min(drone.level, ground.world.grid.levels(True) - 1)
     units = min(battery_us // ground.unit_us, ground.full)
     return Standing(0, ground.number(drone.x, drone.y, level), units)
@@ -112,7 +114,8 @@ def _lands(
     for dx, dy, up in engine.hops(drone.route, drone.route_end):
         lands_us += world.return_transits[int(dx), int(dy), int(up)].duration_us
         x, y = x + dx, y + dy
-    return lands_us, (int(x), int(y)), (seen.battery_s or 0.0) * 1e6 - lands_us
+    left = ((seen.battery_s or 0.0) * 1e6 - lands_us) * (world.per_second / US)
+    return lands_us, (int(x), int(y)), left
 
 
 def _station(ground: Ground, x: int, y: int) -> int:
@@ -129,8 +132,7 @@ def _charges(
     pads = world.scenario.stations.pads
     free_us: list[list[int]] = [[0] * pads for _ in world.stations]
     for lands_us, _, station, battery_us, drone in landings:
-        share = 1.0 - max(battery_us, 0.0) / world.capacity_us
-        takes_us = int(np.ceil(share * world.full_charge_us))
+        takes_us = world.until_full_us(int(max(battery_us, 0.0)))
         pad = free_us[station].index(min(free_us[station]))
         begins_us = max(lands_us, free_us[station][pad], 0)
         free_us[station][pad] = begins_us + takes_us

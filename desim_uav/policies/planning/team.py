@@ -81,11 +81,11 @@ class Team:
         worth = np.ones((self.steps, len(self.sight.users_m)))
         faded = np.exp(-np.arange(min(self.steps, self.sight.left)) / habits.fade)
         worth[: len(faded)] += habits.waiting * faded[:, None] * self.sight.waits
-        for links, point in zip(
-            self.ground.world.links[1:], self.ground.world.scenario.access_points, strict=True
-        ):
+        world = self.ground.world
+        links_of_points = world.links[len(world.types) :]
+        for links, point in zip(links_of_points, world.scenario.access_points, strict=True):
             away_m = np.hypot(*(self.sight.users_m - np.array(point.at_m)).T)
-            worth[:, away_m <= links.rings_m[0, self.ground.world.groups, 0]] = 0.0
+            worth[:, away_m <= links.rings_m[0, world.groups, 0]] = 0.0
         return worth
 
     def begin_with(self, before: Ints, age: int) -> None:

@@ -60,6 +60,7 @@ class RLlib:
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Build the network, once per world. Raises PolicyError if it does not fit."""
         if world is not self._world:
+            world.require_one_type("a network of RLlib")
             self._fit(world)
             try:
                 self._network = self._filled(world)
@@ -84,7 +85,7 @@ class RLlib:
         about = self._file.about
         encoding, of_all = world.scenario.observation, spaces().widest(world)
         seen = [described(encoding.features(facts)) for facts in (world.facts, of_all)]
-        self._require("drones", len(about["agents"]), world.scenario.drones.count)
+        self._require("drones", len(about["agents"]), world.scenario.drone_count)
         self._require("actions", about["actions"], [a.name.lower() for a in world.actions])
         self._require("observations", about["features"], *seen)
 

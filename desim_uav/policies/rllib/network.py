@@ -43,7 +43,7 @@ class Network:
 
     def __init__(self, about: dict[str, Any], world: World) -> None:
         """Build all but the weights. Raises ValueError, or RLlib's errors, for wrong settings."""
-        self._agents = [f"drone_{drone}" for drone in range(world.scenario.drones.count)]
+        self._agents = [f"drone_{drone}" for drone in range(world.scenario.drone_count)]
         mapping = dict(zip(self._agents, about["agents"], strict=True))
         self._module_of = lambda agent, episode, **_: mapping[agent]
         shown = observation_space(Feature(*feature) for feature in about["features"])

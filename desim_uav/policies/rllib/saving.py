@@ -111,7 +111,7 @@ def _agents(algorithm: Any, world: World) -> list[str]:
     """Return the module of each drone."""
     of = algorithm.config.policy_mapping_fn
     try:
-        return [str(of(f"drone_{d}", None)) for d in range(world.scenario.drones.count)]
+        return [str(of(f"drone_{d}", None)) for d in range(world.scenario.drone_count)]
     except Exception as error:  # a user's function
         raise PolicyError(
             f"it cannot be saved: policy_mapping_fn must depend on the agent alone: {error}"

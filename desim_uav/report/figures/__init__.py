@@ -3,6 +3,7 @@
 from desim_uav.report.figures.battery import battery_figure
 from desim_uav.report.figures.case import case_picture
 from desim_uav.report.figures.compare import compare_figure, intervals_figure
+from desim_uav.report.figures.energy import energy_figure
 from desim_uav.report.figures.episodes import episodes_figure
 from desim_uav.report.figures.policy import policy_figure
 from desim_uav.report.figures.radio import radio_figure
@@ -17,6 +18,7 @@ __all__ = [
     "battery_figure",
     "case_picture",
     "compare_figure",
+    "energy_figure",
     "episodes_figure",
     "intervals_figure",
     "policy_figure",

@@ -11,6 +11,7 @@ from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
 from desim_uav.errors import PolicyError, UsageError
+from desim_uav.model.battery import WH_UJ
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.figures.style import MOST_PANELS, NARROW, drone_look, headed, styled
 from desim_uav.report.figures.visits import chosen_drones
@@ -38,30 +39,33 @@ def battery_figure(
 ) -> Figure:
     """Draw the battery of each drone over an episode, one row per drone, with its modes as shades.
 
-    ``width`` is in inches. Raises PolicyError if the folder is not that of a run or batteries are
-    unlimited, NoEventsError if there are no events, and UsageError for an unknown episode or drone,
-    or for too many drones.
+    Drones with an unlimited battery have no row. ``width`` is in inches. Raises PolicyError if the
+    folder is not that of a run or these are all unlimited, NoEventsError without events,
+    and UsageError for an unknown episode or drone, or for too many drones.
     """
     run = opened(run)
     drones, episode = chosen_drones(run, drone), run.episode(episode)
-    battery = run.scenario.drones.battery
-    if battery is None:
+    batteries = {d: run.world.type_of(d).drones.battery for d in drones}
+    held = {d: battery for d, battery in batteries.items() if battery is not None}
+    if not held:
         raise PolicyError(f"{run.folder}: its drones have unlimited batteries")
-    if len(drones) > MOST_PANELS:
+    if len(held) > MOST_PANELS:
         raise UsageError(
-            f"{len(drones)} drones are too many (at most {MOST_PANELS}); choose one with --drone"
+            f"{len(held)} drones are too many (at most {MOST_PANELS}); choose one with --drone"
         )
-    figure = Figure(figsize=(width, 0.9 + 1.35 * len(drones)))
-    panels = figure.subplots(len(drones), 1, sharex=True, squeeze=False)[:, 0]
-    playback, full_min = Playback(run, episode), battery.autonomy_min
-    modes = set[Mode]()
-    for axes, number in zip(panels, drones, strict=True):
+    figure = Figure(figsize=(width, 0.9 + 1.35 * len(held)))
+    panels = figure.subplots(len(held), 1, sharex=True, squeeze=False)[:, 0]
+    playback, modes = Playback(run, episode), set[Mode]()
+    for axes, (number, battery) in zip(panels, held.items(), strict=True):
+        own = run.world.type_of(number)
+        of_second, unit = (own.per_second / WH_UJ, "Wh") if own.in_joules else (1 / 60, "min")
+        full = battery.autonomy_min * 60 * of_second
         t_s, left_s = playback.batteries[number]
         colour = drone_look(number)["color"]
-        axes.plot(t_s / 60, left_s / 60, "-", color=colour, path_effects=[HALO], zorder=3)
-        axes.axhline(full_min * battery.return_below, color="0.4", ls=":", linewidth=1)
+        axes.plot(t_s / 60, left_s * of_second, "-", color=colour, path_effects=[HALO], zorder=3)
+        axes.axhline(full * battery.return_below, color="0.4", ls=":", linewidth=1)
         modes |= _shade(axes, playback, number)
-        _label(axes, number, full_min, run.duration_s(episode))
+        _label(axes, number, full, unit, run.duration_s(episode))
     panels[-1].set_xlabel("time, min")
     headed(figure, f"Battery. {run.name}, episode {episode}")
     handles: list[Any] = [
@@ -91,7 +95,7 @@ def _shade(axes: Axes, playback: Playback, drone: int) -> set[Mode]:
     return modes
 
 
-def _label(axes: Axes, drone: int, full_min: float, duration_s: float) -> None:
-    axes.set(xlim=(0, duration_s / 60), ylim=(0, full_min * 1.06), ylabel="left, min")
+def _label(axes: Axes, drone: int, full: float, unit: str, duration_s: float) -> None:
+    axes.set(xlim=(0, duration_s / 60), ylim=(0, full * 1.06), ylabel=f"left, {unit}")
     axes.set_title(f"drone {drone}", loc="left", pad=3)
     axes.grid(visible=False, axis="x")

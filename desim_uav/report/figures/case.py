@@ -39,7 +39,7 @@ def case_picture(
     """
     run = opened(run)
     episode = run.episode(episode)
-    if set(run.of("steps", episode)["drone"]) != set(range(run.scenario.drones.count)):
+    if set(run.of("steps", episode)["drone"]) != set(range(run.scenario.drone_count)):
         raise PolicyError(
             f"{run.folder / 'steps.parquet'}: not of this run, episode {episode}: "
             "the drones are not those of the scenario"
@@ -76,7 +76,7 @@ def _draw_users(axes: Axes, users: pd.DataFrame) -> None:
     axes.plot(x_m, y_m, color="0.55", ls="-", linewidth=0.5, zorder=2)
     homes = users.drop_duplicates("user")
     dot: dict[str, Any] = {"color": "0.25", "markersize": 4, "zorder": 2}
-    axes.plot(homes["x_m"], homes["y_m"], ".", label="user at home, and walk", **dot)
+    axes.plot(homes["x_m"], homes["y_m"], ".", label="user at the start, and walk", **dot)
 
 
 def _draw_drones(axes: Axes, steps: pd.DataFrame, links: World, world: dict[str, Any]) -> None:
@@ -92,4 +92,4 @@ def _draw_drones(axes: Axes, steps: pd.DataFrame, links: World, world: dict[str,
         axes.plot(xs[-1], ys[-1], "X", color=colour, markersize=9, label=label, zorder=5)
         if mode == "flying":
             z_m = path["z_m"].iloc[-1] if len(path) else links.grid.levels_m[0]
-            draw_rings(axes, (xs[-1], ys[-1]), rings_m(links, z_m), colour)
+            draw_rings(axes, (xs[-1], ys[-1]), rings_m(links, z_m, drone), colour)

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from desim_uav.errors import DesimError, PolicyError, UsageError
 from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.initial_q import initial_q
+from desim_uav.model.observations import common_features
 from desim_uav.model.rules import MOVES, Action, Mode
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.tabular import QTable
@@ -145,26 +146,31 @@ class Reading:
         """The initial table of the training; values that are still the same were not learned."""
         world, about = self.world, self.table.about
         learning = world.scenario.learning
-        features = world.scenario.observation.features(world.facts)
+        features = common_features(world.features_of_types)
         tables = load_algorithm(about["algorithm"]).tables
         streams = Streams(about["seed"], Purpose.LEARNER)
         found = []
         for drone in range(len(self.table.q)):
             rng = streams.generator(drone)
             each = [
-                initial_q(learning.initial_q, features, world.actions, world.facts, rng)
+                initial_q(learning.initial_q, features, world.actions, world.facts_of(drone), rng)
                 for _ in range(tables)
             ]
             found.append(np.mean(each, axis=0, dtype=np.float32))
         return np.array(found)
 
     def slice(self, drone: int, battery_min: int | None, level: int | None) -> Slice:
-        """Return what a drone has learned at one level, with this number of minutes left."""
-        at = {"level": level, "battery_min": battery_min}
+        """Return what a drone has learned at one level, with this number of minutes left.
+
+        The battery of a drone without one counts as 0 minutes.
+        """
+        if not self.world.type_of(drone).limited:
+            battery_min = None
+        at = {"level": level, "battery_min": battery_min or 0}
         index = tuple(EVERY if f.startswith("cell") else at[f] for f in self.sizes)
         shape = (*self.sizes.values(), -1)
         q, first = (of[drone].reshape(shape)[index] for of in (self.table.q, self._beginning))
-        legal = self._legal(battery_min, level)
+        legal = self._legal(drone, battery_min, level)
         best = np.where(legal, q, -np.inf).argmax(axis=2)
         chosen = best[:, :, None]
         changed = q != first
@@ -176,12 +182,12 @@ class Reading:
             self.world.grid.blocked[level or 0],
         )
 
-    def _legal(self, battery_min: int | None, level: int | None) -> NDArray[np.bool_]:
+    def _legal(self, drone: int, battery_min: int | None, level: int | None) -> NDArray[np.bool_]:
         """Return (nx, ny, actions): the actions that are allowed in flight."""
-        world = self.world
-        battery_us = None if battery_min is None else battery_min * 60_000_000
-        may_return = battery_us is not None and battery_us <= world.return_below_us
-        full = battery_us is None or battery_us >= world.capacity_us
+        world, own = self.world, self.world.type_of(drone)
+        battery_us = None if battery_min is None else battery_min * 60 * own.per_second
+        may_return = battery_us is not None and battery_us <= own.return_below_us
+        full = battery_us is None or battery_us >= own.full_us
         elsewhere = mask(world.actions, Mode.FLYING, may_return, False)
         legal = np.tile(np.array(elsewhere), (*world.grid.cells, 1))
         if not full and not level:

@@ -107,7 +107,7 @@ class Shown:
         return list(self._rings_m(self.altitude_m))
 
     def _rings_m(self, height_m: float) -> tuple[float, ...]:
-        return self.radio.radii_m(height_m, self.world.scenario.drones.footprint_radius_m)
+        return self.radio.radii_m(height_m, self.world.only_type.drones.footprint_radius_m)
 
     def class_at(self, distance_m: float) -> int:
         """Return the class of a link to a user on the ground."""
@@ -205,7 +205,8 @@ class Shown:
 
 def _radio(world: World) -> LinkClasses:
     """Return the drones' radio. Raises UsageError if it is not one with levels."""
-    radio, name = world.scenario.drones.radio, world.scenario.name
+    drones = world.require_one_type("a picture of the radio").drones
+    radio, name = drones.radio, world.scenario.name
     if not isinstance(radio, LinkClasses):
         raise UsageError(
             f"{name}: the radio of its drones is {described(radio)['kind']}, which has no levels "

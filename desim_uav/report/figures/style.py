@@ -58,11 +58,14 @@ def styled(draw: Callable[P, T]) -> Callable[P, T]:
     return drawn
 
 
-def ending(out: Path) -> str:
-    """Return the ending of a file's name. Raises UsageError if it is not one of ``ENDINGS``."""
+def ending(out: Path, option: str = "--out") -> str:
+    """Return the ending of a file's name, which an option gave.
+
+    Raises UsageError if it is not one of ``ENDINGS``.
+    """
     suffix = out.suffix.lower()
     if suffix not in ENDINGS:
-        raise UsageError(f"--out {out}: the file's name must end in one of {', '.join(ENDINGS)}")
+        raise UsageError(f"{option} {out}: the file's name must end in one of {', '.join(ENDINGS)}")
     return suffix
 
 

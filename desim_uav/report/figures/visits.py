@@ -53,7 +53,7 @@ def visits_figure(run: Run | Path, episode: int | None = None, drone: int | None
 
 def visit_minutes(run: Run, episodes: Sequence[int]) -> NDArray[np.float64]:
     """Return the mean minutes of serving flight in each cell per episode, (drones, nx, ny)."""
-    minutes = np.zeros((run.scenario.drones.count, *run.world.grid.cells))
+    minutes = np.zeros((run.scenario.drone_count, *run.world.grid.cells))
     run.need(episodes)
     for episode in episodes:
         playback = Playback(run, episode)
@@ -73,7 +73,7 @@ def counted_episodes(run: Run, episode: int | None) -> list[int]:
 
 def chosen_drones(run: Run, drone: int | None) -> list[int]:
     """Return one drone, or by default all. Raises UsageError if there is no such drone."""
-    count = run.scenario.drones.count
+    count = run.scenario.drone_count
     if drone is None:
         return list(range(count))
     if not 0 <= drone < count:

@@ -42,14 +42,13 @@ class Encoder:
     def __init__(self, run: Run) -> None:
         self.run = run
         self.scenario = run.scenario
-        self.drones = self.scenario.drones.count
+        self.drones = self.scenario.drone_count
         self.senders = self.drones + len(self.scenario.access_points)
         self.users = len(run.map["users"])
         self.services = list(self.scenario.services)
         self.step_us = round(self.scenario.episode.step_s * US)
-        battery = self.scenario.drones.battery
-        self.capacity_us = None if battery is None else round(battery.autonomy_min * 60 * US)
-        self.full_charge_us = round(self.scenario.stations.full_charge_min * 60 * US)
+        self.scenario.require_clock("a replay")
+        self.types = [run.world.type_of(drone) for drone in range(self.drones)]
         self.check = Checks(run)
         self.flights = Flights(self.check)
 
@@ -192,13 +191,18 @@ class Encoder:
     def _batteries(
         self, number: int, steps: pd.DataFrame, events: dict[str, Whole]
     ) -> dict[str, Column]:
-        if self.capacity_us is None:
+        if not self.scenario.limited_battery:
             return {}
-        counts, times, values = [], [], []
+        counts, times, values, world = [], [], [], self.run.world
+        assert world.charging is not None
         begins_with = batteries_before_us(self.run, number)
-        for drone in range(self.drones):
+        for drone, drone_type in enumerate(self.types):
+            if not drone_type.limited:
+                counts.append(0)
+                continue
             own = steps[steps["drone"] == drone].sort_values("step")
-            records = self.check.us(own, "steps", "battery_s", 0)
+            self.check.us(own, "steps", "battery_s", 0)
+            records = [round(left_s * drone_type.per_second) for left_s in own["battery_s"]]
             mine = (events["drone"] == drone) & (events["user"] < 0)
             happened = [
                 (int(t), KINDS[kind])
@@ -206,14 +210,14 @@ class Encoder:
             ]
             knots = battery_knots(
                 begins_with[drone],
-                [(self.step_us * (k + 1), int(b)) for k, b in enumerate(records)],
+                [(self.step_us * (k + 1), charge) for k, charge in enumerate(records)],
                 happened,
-                self.capacity_us,
-                self.full_charge_us,
+                drone_type.capacity_us,
+                world.charging,
             )
             counts.append(len(knots))
             times += [t for t, _ in knots]
-            values += [value for _, value in knots]
+            values += [drone_type.hover_us(value) for _, value in knots]
         return {
             "battery.count": plain(counts),
             "battery.t_us": delta(times),
@@ -225,7 +229,6 @@ class Encoder:
     def common(self, episodes: Sequence[int]) -> dict[str, Any]:
         """Return the common data of a run, after the blocks of its episodes were made."""
         scenario, manifest, world = self.scenario, self.run.manifest, self.run.map
-        kbps = None if scenario.drones.radio.graded else scenario.drones.bandwidth_kbps
         return links_content(self.run.world) | {
             "scenario": manifest["scenario"],
             "policy": manifest["policy"],
@@ -237,8 +240,6 @@ class Encoder:
             "users": self.users,
             "services": self.services,
             "step_us": self.step_us,
-            "bandwidth_bps": None if kbps is None else round(kbps * 1000),
-            "capacity_us": self.capacity_us,
             "pads": scenario.stations.pads,
             "three_d": scenario.three_d,
             "map": {key: world[key] for key in ("size_m", "cells", "stations", "clusters")}

@@ -22,15 +22,15 @@ class Flights:
         self.check = check
         self.scenario = check.run.scenario
         self.profiles: list[list[list[float]]] = []
-        self._profile_of: dict[tuple[bool, float], tuple[int, int]] = {}
+        self._profile_of: dict[tuple[int, bool, float], tuple[int, int]] = {}
 
     def legs(self, legs: pd.DataFrame) -> dict[str, Column]:
         """Return legs by drone in order of time, with their profiles."""
-        self.check.within(legs, "legs", "drone", self.scenario.drones.count)
+        self.check.within(legs, "legs", "drone", self.scenario.drone_count)
         legs = legs.sort_values("drone", kind="stable")
         t_us = self.check.us(legs, "legs", "t_s", -(10**15))
         drone = legs["drone"].to_numpy(np.int64)
-        first = np.searchsorted(drone, np.arange(self.scenario.drones.count + 1))
+        first = np.searchsorted(drone, np.arange(self.scenario.drone_count + 1))
         present = np.diff(first) > 0
         self.check.expect(bool(present.all()), "legs", "a drone has no leg")
         ascends = (np.diff(t_us) >= 0) | (np.diff(drone) > 0)
@@ -46,7 +46,8 @@ class Flights:
                     self.check.finite(legs, "legs", f"{axis}_{side}_m")
                 )
         mode = self.check.codes(legs, "legs", "mode", Mode)
-        profile = self._flown_by(places, mode, duration_us)
+        types = np.array(self.scenario.type_numbers)[drone]
+        profile = self._flown_by(places, mode, duration_us, types)
         return places | {
             "leg.first": plain(first),
             "leg.t_us": delta(t_us),
@@ -55,7 +56,9 @@ class Flights:
             "leg.profile": plain(profile),
         }
 
-    def _flown_by(self, places: dict[str, Column], mode: Whole, duration_us: Whole) -> Whole:
+    def _flown_by(
+        self, places: dict[str, Column], mode: Whole, duration_us: Whole, types: Whole
+    ) -> Whole:
         """Return the number of each leg's profile, or -1 for a rest."""
         between = [
             np.abs(
@@ -67,7 +70,8 @@ class Flights:
         length_m = np.sum(between, axis=0)
         profile = np.full(len(mode), -1, np.int64)
         for k in np.flatnonzero(duration_us > 0):
-            number, takes_us = self._profile(int(mode[k]) == Mode.FLYING, float(length_m[k]))
+            commanded = int(mode[k]) == Mode.FLYING
+            number, takes_us = self._profile(int(types[k]), commanded, float(length_m[k]))
             self.check.expect(
                 abs(takes_us - int(duration_us[k])) <= 1,
                 "legs",
@@ -77,11 +81,11 @@ class Flights:
             profile[k] = number
         return profile
 
-    def _profile(self, commanded: bool, length_m: float) -> tuple[int, int]:
-        """Return the number of a transit's profile, and its duration (µs)."""
-        key = commanded, round(length_m, 6)
+    def _profile(self, of_type: int, commanded: bool, length_m: float) -> tuple[int, int]:
+        """Return the number of the profile of a type's transit, and its duration (µs)."""
+        key = of_type, commanded, round(length_m, 6)
         if key not in self._profile_of:
-            motion, step_s = self.scenario.drones.motion, self.scenario.episode.step_s
+            motion, step_s = self.scenario.fleet[of_type].motion, self.scenario.episode.step_s
             self.check.expect(length_m > 0, "legs", "a transit leads nowhere")
             try:
                 transit = (

@@ -54,7 +54,7 @@ def test_a_case_among_buildings(run_dir):
 def test_a_map_without_buildings_stations_and_clusters(run_dir):
     figure = case_picture(run_dir("tiny"))
     assert len(figure.axes) == 1
-    assert labels(figure) == ["user at home, and walk", "drone 0, flying"]
+    assert labels(figure) == ["user at the start, and walk", "drone 0, flying"]
     path = figure.axes[0].lines[-2].get_xydata()
     assert tuple(path[0]) == (120.0, 360.0)
     assert len(path) == 6

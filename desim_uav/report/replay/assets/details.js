@@ -1,7 +1,7 @@
 // The details of a user, a drone, a station, a request or an event, as rows of [name, value].
 
 import { covering, requestSoFar } from "./history.js";
-import { linkWords, senderName } from "./links.js";
+import { linkWords, senderName, typeOf } from "./links.js";
 import { clock, kbps, percent, span, userWord, words } from "./palette.js";
 import { CHARGING, CRASHED, FLYING, QUEUED, RETURNING, SERVED, WAITING } from "./states.js";
 
@@ -86,14 +86,18 @@ function ofRequest(state, r) {
 function ofDrone(state, d) {
   const { run, episode } = state;
   episode.dronePlace(d, state.tUs, place);
-  const rows = [["place", metres(place[0], place[1])]];
+  const own = typeOf(run, d);
+  const rows = run.types.length > 1 ? [["type", own.name]] : [];
+  rows.push(["place", metres(place[0], place[1])]);
   if (run.three_d) rows.push(["altitude", `${place[2].toFixed(0)} m`]);
   const batteryUs = episode.batteryUs(d, state.tUs);
   if (batteryUs !== null) {
-    rows.push(["battery", `${percent((100 * batteryUs) / run.capacity_us, 0)}, ${span(batteryUs)}`]);
+    const share = batteryUs / own.capacity_us;
+    const left = own.capacity_wh === null ? span(batteryUs) : `${(share * own.capacity_wh).toFixed(1)} Wh`;
+    rows.push(["battery", `${percent(100 * share, 0)}, ${left}`]);
   }
   rows.push(["action", action(state, d)]);
-  rows.push([run.graded ? "mean data rate" : "bandwidth in use", shareOf(state.usedBps[d], run.bandwidth_bps)]);
+  rows.push([run.graded ? "mean data rate" : "bandwidth in use", shareOf(state.usedBps[d], own.bandwidth_bps)]);
   rows.push(["attached users", usersOf(state, d)]);
   const served = [];
   for (let u = 0; u < run.users && served.length < 13; u += 1) {

@@ -42,7 +42,7 @@ export class Episode {
       told: columns["step.told"],
       taken: columns["step.taken"],
     };
-    this.battery = run.capacity_us === null ? null : {
+    this.battery = run.types.every((type) => type.capacity_us === null) ? null : {
       first: offsets(columns["battery.count"]),
       tUs: columns["battery.t_us"],
       us: columns["battery.us"],
@@ -91,7 +91,7 @@ export class Episode {
   /** The charge of drone d's battery, in microseconds of autonomy; null if it is unlimited. */
   batteryUs(d, tUs) {
     const { battery } = this;
-    if (battery === null) return null;
+    if (battery === null || battery.first[d] === battery.first[d + 1]) return null;
     const end = battery.first[d + 1];
     const k = lastUpTo(battery.tUs, battery.first[d], end, tUs);
     if (k + 1 >= end) return battery.us[k];

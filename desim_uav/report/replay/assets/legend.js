@@ -42,7 +42,7 @@ export class Legend {
 
   #fillDrones(list) {
     const { run } = this;
-    const battery = run.capacity_us === null ? "" : ", with its battery";
+    const battery = run.types.every((type) => type.capacity_us === null) ? "" : ", with its battery";
     this.#row(list, `serving${battery}`, (ctx, theme) => {
       drawFrame(ctx, theme, X, Y, 6, 2.6);
       if (battery) drawBattery(ctx, theme, 0.7, X, Y, 7, 2);
@@ -59,7 +59,8 @@ export class Legend {
         drawCross(ctx, X, Y, 5.5);
       });
     }
-    const footprint = run.rings ? "classes of links, at the mean loss" : `footprint, ${run.footprint_m} m`;
+    const footprint = run.types.some((type) => type.rings) ? "classes of links, at the mean loss"
+      : `footprint, ${[...new Set(run.types.map((type) => `${type.footprint_m} m`))].join(" or ")}`;
     this.#row(list, footprint, (ctx) => {
       ctx.fillStyle = ctx.strokeStyle = droneColour(0);
       ctx.beginPath();

@@ -5,10 +5,16 @@ export function senderName(run, s) {
   return s < run.drones ? `drone ${s}` : `access point ${s - run.drones}`;
 }
 
-/** The radii of a drone's classes at an altitude, the widest first; a disc has one. */
-export function ringsAt(run, z) {
-  if (!run.rings) return [run.footprint_m];
-  const { levels_m: levels, radii_m: radii } = run.rings;
+/** What all drones of the type of drone d have in common. */
+export function typeOf(run, d) {
+  return run.types[run.type_of[d]];
+}
+
+/** The radii of the classes of drone d at an altitude, the widest first; a disc has one. */
+export function ringsAt(run, d, z) {
+  const { rings, footprint_m: footprint } = typeOf(run, d);
+  if (!rings) return [footprint];
+  const { levels_m: levels, radii_m: radii } = rings;
   let k = 0;
   while (k + 2 < levels.length && levels[k + 1] <= z) k += 1;
   if (k + 1 >= levels.length) return radii[k];
@@ -18,7 +24,8 @@ export function ringsAt(run, z) {
 
 /** The thresholds and efficiencies of the classes of a sender's links, or null for a disc. */
 export function ladderOf(run, s) {
-  return s < run.drones ? run.rings : run.points[s - run.drones];
+  if (s < 0) return null;
+  return s < run.drones ? typeOf(run, s).rings : run.points[s - run.drones];
 }
 
 /** A link in words: its class, its efficiency, and between which ratios it is. */

@@ -2,6 +2,7 @@
 
 import { allUsers, describe, howMany, modeOf, tell, usersOf } from "./details.js";
 import { isCommon } from "./fork.js";
+import { typeOf } from "./links.js";
 import { clock, droneColour, inkOn, percent, shortClock } from "./palette.js";
 import { byId, element, fillRows, setText } from "./rows.js";
 import { CRASHED, FLYING, RETURNING } from "./states.js";
@@ -116,7 +117,7 @@ export class Panel {
     const fill = element("span");
     meter.append(fill);
     button.append(chip, mode, users);
-    if (run.capacity_us !== null) button.append(meter, left);
+    if (typeOf(run, d).capacity_us !== null) button.append(meter, left);
     chip.style.backgroundColor = droneColour(d);
     chip.style.color = inkOn(droneColour(d));
     button.addEventListener("click", () => {
@@ -166,8 +167,9 @@ export class Panel {
       setText(row.users, state.mode[d] === CRASHED ? "" : usersOf(state, d));
       const pressed = player.selection?.what === "drone" && player.selection.index === d;
       row.button.setAttribute("aria-pressed", String(pressed));
-      if (run.capacity_us === null) return;
-      const share = Math.max(0, Math.min(1, state.episode.batteryUs(d, state.tUs) / run.capacity_us));
+      const { capacity_us: capacity } = typeOf(run, d);
+      if (capacity === null) return;
+      const share = Math.max(0, Math.min(1, state.episode.batteryUs(d, state.tUs) / capacity));
       row.fill.style.width = `${(100 * share).toFixed(1)}%`;
       row.fill.className = share > 0.2 ? "" : "low";
       setText(row.left, percent(100 * share, 0));

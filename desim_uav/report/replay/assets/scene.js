@@ -1,7 +1,7 @@
 // The map at an instant: ground, stations and their queues, users, links, drones and crashes.
 
 import { drawCrashes, drawDrones, drawPaths, nameFallen } from "./drones.js";
-import { ringsAt } from "./links.js";
+import { ringsAt, typeOf } from "./links.js";
 import { droneColour, FONT } from "./palette.js";
 import { drawPoints } from "./points.js";
 import { drawScale } from "./scale.js";
@@ -160,7 +160,7 @@ export class Scene {
     run.points.forEach(({ at: [x, y], rings_m: radii }) => this.#drawRings(x, y, radii, theme.muted));
     this.drones.forEach((drone, d) => {
       if (state.mode[d] !== FLYING) return;
-      this.#drawRings(drone.x, drone.y, ringsAt(run, drone.z), droneColour(d));
+      this.#drawRings(drone.x, drone.y, ringsAt(run, d, drone.z), droneColour(d));
     });
     this.ctx.globalAlpha = 1;
   }
@@ -205,8 +205,9 @@ export class Scene {
   /** The charge of a drone's battery, 0 … 1, or null if it is unlimited. */
   batteryOf(d) {
     const { run, state } = this;
-    if (run.capacity_us === null) return null;
-    return Math.max(0, Math.min(1, state.episode.batteryUs(d, state.tUs) / run.capacity_us));
+    const { capacity_us: capacity } = typeOf(run, d);
+    if (capacity === null) return null;
+    return Math.max(0, Math.min(1, state.episode.batteryUs(d, state.tUs) / capacity));
   }
 
   /** The place of something in the picture. */

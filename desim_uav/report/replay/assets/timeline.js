@@ -1,6 +1,7 @@
 // The timeline of an episode under the map: the events of drones, and the measures so far.
 
 import { forkUs } from "./fork.js";
+import { typeOf } from "./links.js";
 import { clock, droneColour, FONT, percent, shortClock } from "./palette.js";
 
 const MARKS = 20;
@@ -384,11 +385,17 @@ function lanesOf(run, state) {
   return lanes;
 }
 
-const bandwidthLimit = (run, course) => (run.bandwidth_bps === null
-  ? course.usedBps.reduce((a, b) => Math.max(a, b), 1) : run.bandwidth_bps * run.drones);
+/** The bandwidth of all drones, or null if it is unlimited. */
+function bandwidthOfAll(run) {
+  if (run.types.some((type) => type.bandwidth_bps === null)) return null;
+  return run.type_of.reduce((sum, number) => sum + run.types[number].bandwidth_bps, 0);
+}
 
-const bandwidthUnit = (run) => (run.bandwidth_bps === null ? "Mbit/s"
-  : `of ${+((run.bandwidth_bps * run.drones) / 1e6).toFixed(2)} Mbit/s`);
+const bandwidthLimit = (run, course) => (bandwidthOfAll(run)
+  ?? course.usedBps.reduce((a, b) => Math.max(a, b), 1));
+
+const bandwidthUnit = (run) => (bandwidthOfAll(run) === null ? "Mbit/s"
+  : `of ${+(bandwidthOfAll(run) / 1e6).toFixed(2)} Mbit/s`);
 
 function rewardSteps(run, episode) {
   const tUs = [0];
@@ -405,10 +412,12 @@ function batteryLane(run, episode) {
   const lines = [];
   for (let d = 0; d < run.drones; d += 1) {
     const [from, to] = [battery.first[d], battery.first[d + 1]];
+    const { capacity_us: capacity } = typeOf(run, d);
+    if (capacity === null) continue;
     lines.push({
       drone: d, colour: droneColour(d), faint: run.drones > SLOW_PATHS,
       tUs: battery.tUs.subarray(from, to),
-      values: battery.us.subarray(from, to).map((us) => (100 * us) / run.capacity_us),
+      values: battery.us.subarray(from, to).map((us) => (100 * us) / capacity),
     });
   }
   return {

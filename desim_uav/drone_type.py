@@ -1,0 +1,129 @@
+"""A type of drones in a world: what its battery, its flights and its returns come to."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+from desim_uav.copies import Unchanging
+from desim_uav.model.battery import capacity_of, in_joules, per_second_of
+from desim_uav.model.grid import Cell, Grid
+from desim_uav.model.motion import Transit, return_transit
+from desim_uav.model.planner import HOPS, Node, Planner
+from desim_uav.model.rules import MOVES, US, Action, actions
+from desim_uav.scenario.schema import Drones, Scenario
+
+
+@dataclass(frozen=True, eq=False)
+class DroneType(Unchanging):
+    """A type of drones, ``drones``, in a world with this map and these charging stations."""
+
+    drones: Drones
+    scenario: Scenario
+    grid: Grid
+    stations: tuple[Cell, ...]
+
+    @property
+    def limited(self) -> bool:
+        """Whether its drones have to charge."""
+        return self.drones.battery is not None
+
+    @cached_property
+    def actions(self) -> tuple[Action, ...]:
+        """The actions that its drones can take, which are the first of those of the world."""
+        return actions(self.scenario.three_d, self.limited)
+
+    @cached_property
+    def capacity_us(self) -> int:
+        """The capacity of a battery in units of the energy model; 0 if it is unlimited."""
+        return capacity_of(self.drones.battery)
+
+    @cached_property
+    def per_second(self) -> int:
+        """How many units of its battery a drone takes in a second of hovering."""
+        return per_second_of(self.drones.battery)
+
+    def hover_us(self, charge: int) -> int:
+        """Return for how many microseconds of hovering a charge lasts."""
+        return charge if self.per_second == US else round(charge * US / self.per_second)
+
+    @property
+    def in_joules(self) -> bool:
+        """Whether batteries are measured in microjoules, and not in microseconds of autonomy."""
+        return in_joules(self.drones.battery) > 0
+
+    @cached_property
+    def full_us(self) -> int:
+        """The charge at which a battery counts as full; 0 if it is unlimited."""
+        charging = self.scenario.charging
+        return 0 if charging is None or not self.limited else charging.full(self.capacity_us)
+
+    def until_full_us(self, battery: int) -> int:
+        """Return the time to charge a battery that holds so much, in microseconds."""
+        charging = self.scenario.charging
+        return 0 if charging is None else charging.until_full_us(battery, self.capacity_us)
+
+    @cached_property
+    def return_below_us(self) -> int:
+        """The battery level at or below which a drone may return, in units of the battery."""
+        battery = self.drones.battery
+        return 0 if battery is None else round(battery.return_below * self.capacity_us)
+
+    @cached_property
+    def respawn_after_us(self) -> int:
+        """The least time from a crash to the drone's replacement, in microseconds."""
+        battery = self.drones.battery
+        return 0 if battery is None else round(battery.respawn_after_min * 60 * US)
+
+    @cached_property
+    def on_crash(self) -> str:
+        """What happens after a crash: respawn, remove or end_episode."""
+        battery = self.drones.battery
+        return "remove" if battery is None else battery.on_crash
+
+    @cached_property
+    def epoch_transits(self) -> dict[Action, Transit]:
+        """The transit that each moving action commands."""
+        motion, step_s = self.drones.motion, self.scenario.episode.step_s
+        return {
+            action: _rising(motion.epoch_transit(self._hop_m(move), step_s), move)
+            for action, move in MOVES.items()
+            if action in self.actions and self._has_hop(move)
+        }
+
+    @cached_property
+    def return_transits(self) -> dict[Node, Transit]:
+        """The transit of each hop (dx, dy, dlevel) of a return."""
+        motion, step_s = self.drones.motion, self.scenario.episode.step_s
+        flights = {
+            move: return_transit(motion, self._hop_m(move), step_s)
+            if self._has_hop(move)
+            else motion.fastest_transit(self._hop_m(move))  # never flown: it need not fit a step
+            for move in MOVES.values()
+        }
+        return {move: _rising(flight, move) for move, flight in flights.items()}
+
+    @cached_property
+    def planner(self) -> Planner:
+        """The planner of returns to the stations."""
+        hops = [self.return_transits[axis] for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+        hop_us = tuple(hop.duration_us for hop in hops)
+        energy = self.drones.battery
+        if energy is None:
+            return Planner(self.grid, self.stations, hop_us)
+        flights = [self.return_transits[hop] for hop in HOPS]
+        drain_us = tuple(energy.drained_us(each, each.duration_us) for each in flights)
+        return Planner(self.grid, self.stations, hop_us, drain_us)
+
+    def _has_hop(self, move: Node) -> bool:
+        sizes = (*self.grid.cells, len(self.grid.levels_m))
+        return any(step != 0 and size > 1 for step, size in zip(move, sizes, strict=True))
+
+    def _hop_m(self, move: tuple[int, int, int]) -> float:
+        dx, dy = self.grid.cell_m
+        return dx if move[0] else dy if move[1] else self.grid.level_step_m
+
+
+def _rising(flight: Transit, move: Node) -> Transit:
+    """Return a flight as one that rises if its move does, straight up or down."""
+    return flight._replace(rises=float(move[2])) if move[2] else flight

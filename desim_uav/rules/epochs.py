@@ -1,0 +1,64 @@
+"""Decision epochs: drones are asked at each step, or whenever one of them is free."""
+
+from __future__ import annotations
+
+from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rules import words
+from desim_uav.rules.battery import type_of
+from desim_uav.rules.due import key, run_until
+from desim_uav.rules.rows import Constants, Drone, State
+
+
+@rule
+def await_epoch(world: Constants, state: State) -> None:
+    """Schedule the next decision epoch: a step from now or, by event, when a drone is free.
+
+    Other events than the end of the episode and the replacement of a crashed drone are not known
+    yet: these drones ask for an epoch themselves (``ask_at``).
+    """
+    state.next_us = state.now_us + world.step_us
+    if world.by_event:
+        _await_replacement(world, state)
+    _schedule(state)
+
+
+@rare_rule
+def _await_replacement(world: Constants, state: State) -> None:
+    """Let the next epoch be at the end of the episode, or when a crashed drone can be replaced."""
+    state.next_us = world.horizon_us
+    for d in range(len(state.drones)):
+        if state.drones[d].mode == words.CRASHED:
+            state.next_us = min(state.next_us, asked_after_crash_us(world, state.drones[d]))
+
+
+@rule
+def ask_at(state: State, t_us: int) -> None:
+    """Let there be a decision epoch at ``t_us`` at the latest."""
+    if t_us < state.next_us:
+        state.next_us = t_us
+        _schedule(state)
+
+
+@rule
+def _schedule(state: State) -> None:
+    run_until(state, state.next_us, key(words.RECORD, -1, -1))
+
+
+@rule
+def span_of(world: Constants, transit: int) -> int:
+    """Return for how long a drone follows a command, in microseconds, given its transit's number.
+
+    This is a step or, if decisions are by event, the transit or a hover of ``patience_us``.
+    """
+    if not world.by_event:
+        return world.step_us
+    return world.patience_us if transit == words.REST else world.transits[transit].duration_us
+
+
+@rare_rule
+def asked_after_crash_us(world: Constants, drone: Drone) -> int:
+    """Return when drones are asked because one has crashed: when it is replaced, or at the end."""
+    own = type_of(world, drone)
+    if own.on_crash == words.RESPAWNS:
+        return drone.since_us + own.respawn_after_us
+    return drone.since_us if own.on_crash == words.ENDS_EPISODE else world.horizon_us

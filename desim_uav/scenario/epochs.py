@@ -1,0 +1,77 @@
+"""Decision epochs of a scenario: how many there can be, and what cannot be decided by event."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from desim_uav.model.rules import US
+from desim_uav.scenario.finding import Finding
+from desim_uav.scenario.schema import Drones, Scenario
+from desim_uav.scenario.yaml12 import KeyPath
+
+
+def most_epochs(scenario: Scenario) -> int:
+    """Return the largest number of decision epochs in an episode after the first one.
+
+    If drones are asked by event, a drone is asked at most twice per shortest leg: after it, and
+    after a charge. It is not replaced sooner than that after a crash.
+    """
+    if not scenario.decisions.by_event:
+        return scenario.episode.steps
+    horizon_s, asked = scenario.episode.steps * scenario.episode.step_s, 1
+    for drones in scenario.fleet:
+        legs = int(horizon_s / min(shortest_leg_s(scenario, drones), horizon_s)) + 1
+        asked += 2 * drones.count * legs
+    return asked
+
+
+def shortest_leg_s(scenario: Scenario, drones: Drones) -> float:
+    """Return the shortest time from a command to the next one in serving flight, in seconds."""
+    sizes = zip(scenario.map.cell_m, scenario.map.cells, strict=True)
+    hops_m = [size_m for size_m, count in sizes if count > 1]
+    if scenario.three_d:
+        hops_m.append(scenario.map.levels.step_m)
+    step_s = scenario.episode.step_s
+    moves_s = [drones.motion.epoch_transit(hop_m, step_s).duration_us / US for hop_m in hops_m]
+    return min(scenario.decisions.patience_s, *moves_s, step_s)
+
+
+def decisions_by_event_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
+    """What cannot be decided by event: what begins anew at each step."""
+    if not scenario.decisions.by_event:
+        return
+    key, asked = ("decisions",), "decisions: event"
+    if scenario.episode.carry_over:
+        yield Finding(
+            ("episode", "carry_over"),
+            f"not beside {asked}: an episode may end while a drone is between two cells",
+            (key,),
+        )
+    if scenario.association.by_level:
+        yield Finding(
+            ("association",), f"not beside {asked}, which needs association: entered_first", (key,)
+        )
+    if scenario.access_points:
+        yield Finding(("access_points",), f"not beside {asked}, which allows none", (key,))
+    for drones, path in zip(scenario.fleet, scenario.fleet_keys, strict=True):
+        if drones.radio.reuse > 0 or drones.radio.marked:
+            yield Finding(
+                (*path, "radio"),
+                f"not beside {asked}, which needs interference: none, line_of_sight: mean and no "
+                f"shadowing",
+                (key,),
+            )
+        yield from _replaced_too_early(scenario, drones, path)
+
+
+def _replaced_too_early(scenario: Scenario, drones: Drones, path: KeyPath) -> Iterator[Finding]:
+    """Drones that are replaced before others have lost their patience, and could be without end."""
+    battery, patience_s = drones.battery, scenario.decisions.patience_s
+    if battery is None or battery.on_crash != "respawn":
+        return
+    if battery.respawn_after_min * 60.0 < patience_s:
+        yield Finding(
+            (*path, "battery", "respawn_after_min"),
+            f"must be at least decisions.patience_s, {patience_s:g} s, beside decisions: event",
+            (("decisions",),),
+        )
