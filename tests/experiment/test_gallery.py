@@ -14,6 +14,7 @@ from desim_uav.experiment.gallery import (
     andrews,
     mozaffari_2015,
     mozaffari_2016,
+    wu_2018,
 )
 from desim_uav.experiment.gallery.row import Row, evaluated
 from desim_uav.model.radio.path_loss import AlHourani
@@ -78,6 +79,11 @@ class TestComputed:
         rows = {row.figure: row.holds for row in al_hourani.rows()}
         assert rows["suburban: best elevation, degrees"] is False  # b = 0.429 is another model
         assert rows["urban: best elevation, degrees"] is True
+
+    def test_the_bound_of_the_least_rate_follows_the_height_and_the_users(self, monkeypatch):
+        assert wu_2018.least_rate_bound(3) == 2.0 * wu_2018.least_rate_bound(6)
+        monkeypatch.setattr(wu_2018, "HEIGHT_M", 200.0)  # a quarter of the power
+        assert wu_2018.least_rate_bound(1) == pytest.approx(math.log2(251.0))
 
     def test_packed_discs_neither_overlap_nor_reach_out(self):
         for count, optimum in mozaffari_2016.OPTIMA.items():

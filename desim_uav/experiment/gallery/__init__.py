@@ -17,6 +17,7 @@ from desim_uav.experiment.gallery import (
     mozaffari_2016,
     random_waypoint,
     tr_36777,
+    wu_2018,
     zeng,
 )
 from desim_uav.experiment.gallery.row import Row
@@ -94,6 +95,11 @@ ENTRIES = {
         "Zeng, Zhang: Energy-efficient UAV communication with trajectory optimization. IEEE "
         "Transactions on Wireless Communications 16(6), 2017",
         zeng.wing_rows,
+    ),
+    "wu_2018": Entry(
+        "Wu, Zeng, Zhang: Joint trajectory and communication design for multi-UAV enabled wireless "
+        "networks. IEEE Transactions on Wireless Communications 17(3), 2018",
+        wu_2018.rows,
     ),
 }
 """The papers, by the names that the command takes."""
