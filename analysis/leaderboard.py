@@ -5,7 +5,8 @@
 Only what is missing or out of date is made: submissions in analysis/leaderboard, which are kept,
 and the policies that are trained for them, in runs/leaderboard, which are not. With PART only those
 submissions are made whose folder's name contains it. The tables and the performance profile are
-then made of all submissions that are there, also of those that this file does not make.
+then made of all submissions that are there. This calls leaderboard_ppo.py for the networks, which
+are left out if they are missing and PyTorch is not installed.
 
 The processor time of each training and of each submission is kept in leaderboard_times.csv. At the
 end that of this call and the sum of all that are kept are printed.
@@ -14,8 +15,6 @@ end that of this call and the sum of all that are kept are printed.
 from __future__ import annotations
 
 import argparse
-import csv
-import io
 import resource
 import shutil
 import sys
@@ -25,6 +24,8 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+import leaderboard_ppo
+import leaderboard_times
 from bench_bounds import complete
 
 import desim_uav as du
@@ -42,13 +43,14 @@ from desim_uav.experiment.bench.tasks import (
     tasks,
 )
 from desim_uav.experiment.processes import run_each
-from desim_uav.run_folder import Place, write_at
+from desim_uav.run_folder import Place
 
 FOLDER = Path(__file__).parent / "leaderboard"
-TIMES = Path(__file__).parent / "leaderboard_times.csv"
 MADE = Path("runs") / "leaderboard"
 
 BUILT_IN, GREEDY = ("random", "hover", "baseline"), "greedy"
+PLANNED = tuple(family for family in FAMILIES if family != "endurance")
+"""The families in which planners can fly: they refuse drones of several types."""
 LEARNED = {"Q-learning": "q_learning", "SARSA": "sarsa"}
 ROLLOUT, CLAIRVOYANT = "rollout of Q-learning", "clairvoyant, 10 tries"
 SEARCHED = {
@@ -117,11 +119,12 @@ def entries() -> Iterator[Entry]:
     yield from (Entry(task, name) for task in known for name in BUILT_IN)
     for task in known:
         yield from (Entry(task, name, trainings=TRAINING_SEEDS) for name in LEARNED)
-    yield from (Entry(task, GREEDY) for task in known if task.size == SIZES[0])
+    planned = [task for task in known if task.family in PLANNED]
+    yield from (Entry(task, GREEDY) for task in planned if task.size == SIZES[0])
     for name in (ROLLOUT, CLAIRVOYANT):
         searched = [task for task in known if (task.family, task.size) in SEARCHED]
         yield from (Entry(task, name, ("one",)) for task in searched)
-    yield from (Entry(task, GREEDY) for task in known if task.size != SIZES[0])
+    yield from (Entry(task, GREEDY) for task in planned if task.size != SIZES[0])
 
 
 def main() -> None:
@@ -141,10 +144,11 @@ def main() -> None:
     with closing(run_each(make, work, asked.jobs)) as ended:
         for number, spent_s in ended:
             entry, tracks = work[number]
-            keep_times(spent_s)
+            leaderboard_times.keep(FOLDER, spent_s)
             total_s = sum(spent_s.values())
             print(f"{', '.join(map(entry.label, tracks))}: {total_s:.1f} s of processor time")
             sys.stdout.flush()
+    leaderboard_ppo.complete(asked.part, asked.jobs)
     page = MADE / "leaderboard.md"
     du.bench_board([FOLDER], out=page, figure=page.with_suffix(".svg"))
     usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
@@ -153,8 +157,8 @@ def main() -> None:
         f"{sum(each.ru_utime + each.ru_stime for each in usage):.0f} s of processor time, "
         f"{time.perf_counter() - since_s:.0f} s in all"
     )
-    kept_s = kept_times()
-    print(f"{TIMES}: {sum(kept_s.values()):.0f} s of processor time for {len(kept_s)} parts")
+    kept_s = leaderboard_times.kept(FOLDER)
+    print(f"in all {sum(kept_s.values()):.0f} s of processor time for {len(kept_s)} parts")
 
 
 def is_up_to_date(entry: Entry, track: Track) -> bool:
@@ -168,23 +172,6 @@ def is_up_to_date(entry: Entry, track: Track) -> bool:
         and len(found.about.trainings) == max(1, entry.trainings)
         and not found.about.interrupted
     )
-
-
-def kept_times() -> dict[str, float]:
-    """Return the kept processor times in seconds, by what was made."""
-    if not TIMES.exists():
-        return {}
-    with TIMES.open(encoding="utf-8", newline="") as lines:
-        return {row["made"]: float(row["processor_s"]) for row in csv.DictReader(lines)}
-
-
-def keep_times(spent_s: dict[str, float]) -> None:
-    """Add processor times to the kept ones; those of what is made again are replaced."""
-    text = io.StringIO()
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(["made", "processor_s"])
-    writer.writerows([made, f"{s:.1f}"] for made, s in sorted((kept_times() | spent_s).items()))
-    write_at(TIMES, text.getvalue().encode())
 
 
 def make(entry: Entry, tracks: Sequence[str]) -> dict[str, float]:

@@ -21,7 +21,7 @@ CLOSE = 1e-6
 def has_bound(task: Task, track: Track) -> bool:
     """Return whether the bound of QoE3 is proven for the model of a task."""
     try:
-        refuse_other_models(task.scenario(track))
+        refuse_other_models(task.scenario(track), several_types=True)
     except DesimError:
         return False
     return True
