@@ -167,7 +167,7 @@ def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], begun
             flown_us = hops_x * hop_x_us + hops_y * hop_y_us
             for j in range(begun):
                 arrives_with = int(left[j]) - hops_x * taken_x - hops_y * taken_y
-                may_return = left[j] <= kind.return_below_us or not drain.exact
+                may_return = kind.full_us - j * drain.most <= kind.return_below_us
                 if may_return and arrives_with >= 0:
                     home[cell, s, j] = steps_of(flown_us + kind.until_full_us(arrives_with))
     charge = np.array([steps_of(kind.until_full_us(int(battery))) for battery in left])
