@@ -15,7 +15,7 @@ from desim_uav.shipped import bench_folder
 
 COLUMNS = ("task", "track", "seed", "qoe3_at_most_percent")
 ROUNDS = {"endurance": 50}
-"""The rounds in which bounds are improved, where they are fewer than usual because runs are long."""
+"""The rounds in which prices are improved, where runs are so long that they are few."""
 
 CLOSE = 1e-6
 """The difference in percent that two computations of a bound may have on different machines."""
