@@ -134,13 +134,13 @@ def main() -> None:
     parser.add_argument("part", nargs="?", default="")
     asked = parser.parse_args()
     since_s = time.perf_counter()
-    complete([*tasks().values()], asked.jobs)
     work = [
         (entry, track)
         for entry in entries()
         for track in [[name for name in entry.tracks if asked.part in entry.label(name)]]
         if track and not all(is_up_to_date(entry, TRACKS[name]) for name in track)
     ]
+    complete([task for task in tasks().values() if task in [e.task for e, _ in work]], asked.jobs)
     with closing(run_each(make, work, asked.jobs)) as ended:
         for number, spent_s in ended:
             entry, tracks = work[number]
