@@ -5,9 +5,11 @@
 Only what is missing or out of date is made: submissions in analysis/leaderboard, which are kept,
 and the policies that are trained for them, in runs/leaderboard, which are not. With PART only those
 submissions are made whose folder's name contains it. The tables and the performance profile are
-then made of all submissions that are there, also of those that this file does not make.
+then made of all submissions that are there. This calls leaderboard_ppo.py for the networks, which
+are left out if they are missing and PyTorch is not installed.
 
-The processor and wall-clock time of all of it are printed at the end.
+The processor time of each training and of each submission is kept in leaderboard_times.csv. At the
+end that of this call and the sum of all that are kept are printed.
 """
 
 from __future__ import annotations
@@ -22,6 +24,8 @@ from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 
+import leaderboard_ppo
+import leaderboard_times
 from bench_bounds import complete
 
 import desim_uav as du
@@ -45,6 +49,8 @@ FOLDER = Path(__file__).parent / "leaderboard"
 MADE = Path("runs") / "leaderboard"
 
 BUILT_IN, GREEDY = ("random", "hover", "baseline"), "greedy"
+PLANNED = tuple(family for family in FAMILIES if family != "endurance")
+"""The families in which planners can fly: they refuse drones of several types."""
 LEARNED = {"Q-learning": "q_learning", "SARSA": "sarsa"}
 ROLLOUT, CLAIRVOYANT = "rollout of Q-learning", "clairvoyant, 10 tries"
 SEARCHED = {
@@ -83,17 +89,21 @@ class Entry:
         """Return the place of a table that was trained in world 0 with the task's settings."""
         return MADE / f"{self.task.family}-{self.task.size}-{algorithm}-{seed}" / "policy.npz"
 
-    def train(self) -> None:
-        """Train the tables that are not there."""
+    def train(self) -> dict[str, float]:
+        """Train the tables that are not there, and return the processor time of each in seconds."""
+        spent_s = {}
         learned = {ROLLOUT: ("q_learning", 1)}.get(self.name)
         algorithm, many = learned or (LEARNED.get(self.name, ""), self.trainings)
         for seed in range(many):
             table = self.table(algorithm, seed)
             if not table.exists():
+                since_s = time.process_time()
                 trained = du.train(
                     self.task.path, algorithm=algorithm, seed=seed, world_seed=0, progress=False
                 )
                 trained.save(table.parent)
+                spent_s[f"training of {table.parent.name}"] = time.process_time() - since_s
+        return spent_s
 
     def training_steps(self) -> int | None:
         """Return the decision epochs of a training; None if nothing is trained."""
@@ -105,15 +115,16 @@ class Entry:
 
 def entries() -> Iterator[Entry]:
     """Yield what the leaderboard has, what is cheap first."""
-    by_size = [[find_task(f"uav-v1/{family}/{size}") for family in FAMILIES] for size in SIZES]
-    yield from (Entry(task, name) for own in by_size for task in own for name in BUILT_IN)
-    for own in by_size:
-        yield from (Entry(task, GREEDY) for task in own)
-        for name in LEARNED:
-            yield from (Entry(task, name, trainings=TRAINING_SEEDS) for task in own)
-        searched = [task for task in own if (task.family, task.size) in SEARCHED]
-        for name in (CLAIRVOYANT, ROLLOUT):
-            yield from (Entry(task, name, ("one",)) for task in searched)
+    known = [find_task(f"uav-v1/{family}/{size}") for size in SIZES for family in FAMILIES]
+    yield from (Entry(task, name) for task in known for name in BUILT_IN)
+    for task in known:
+        yield from (Entry(task, name, trainings=TRAINING_SEEDS) for name in LEARNED)
+    planned = [task for task in known if task.family in PLANNED]
+    yield from (Entry(task, GREEDY) for task in planned if task.size == SIZES[0])
+    for name in (ROLLOUT, CLAIRVOYANT):
+        searched = [task for task in known if (task.family, task.size) in SEARCHED]
+        yield from (Entry(task, name, ("one",)) for task in searched)
+    yield from (Entry(task, GREEDY) for task in planned if task.size != SIZES[0])
 
 
 def main() -> None:
@@ -123,18 +134,21 @@ def main() -> None:
     parser.add_argument("part", nargs="?", default="")
     asked = parser.parse_args()
     since_s = time.perf_counter()
-    complete([*tasks().values()], asked.jobs)
     work = [
         (entry, track)
         for entry in entries()
         for track in [[name for name in entry.tracks if asked.part in entry.label(name)]]
         if track and not all(is_up_to_date(entry, TRACKS[name]) for name in track)
     ]
+    complete([task for task in tasks().values() if task in [e.task for e, _ in work]], asked.jobs)
     with closing(run_each(make, work, asked.jobs)) as ended:
         for number, spent_s in ended:
             entry, tracks = work[number]
-            print(f"{', '.join(map(entry.label, tracks))}: {spent_s:.1f} s of processor time")
+            leaderboard_times.keep(FOLDER, spent_s)
+            total_s = sum(spent_s.values())
+            print(f"{', '.join(map(entry.label, tracks))}: {total_s:.1f} s of processor time")
             sys.stdout.flush()
+    leaderboard_ppo.complete(asked.part, asked.jobs)
     page = MADE / "leaderboard.md"
     du.bench_board([FOLDER], out=page, figure=page.with_suffix(".svg"))
     usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
@@ -143,6 +157,8 @@ def main() -> None:
         f"{sum(each.ru_utime + each.ru_stime for each in usage):.0f} s of processor time, "
         f"{time.perf_counter() - since_s:.0f} s in all"
     )
+    kept_s = leaderboard_times.kept(FOLDER)
+    print(f"in all {sum(kept_s.values()):.0f} s of processor time for {len(kept_s)} parts")
 
 
 def is_up_to_date(entry: Entry, track: Track) -> bool:
@@ -158,14 +174,17 @@ def is_up_to_date(entry: Entry, track: Track) -> bool:
     )
 
 
-def make(entry: Entry, tracks: Sequence[str]) -> float:
-    """Make the submissions of an entry that are out of date, and return the processor time."""
-    since_s = time.process_time()
-    entry.train()
+def make(entry: Entry, tracks: Sequence[str]) -> dict[str, float]:
+    """Make the submissions of an entry that are out of date.
+
+    Returns the processor time of each, and of each training, in seconds.
+    """
+    spent_s = entry.train()
     policies, steps = entry.policies(), entry.training_steps()
     for track in (TRACKS[name] for name in tracks):
         if is_up_to_date(entry, track):
             continue
+        since_s = time.process_time()
         folder, new = (where / entry.label(track.name) for where in (FOLDER, MADE / "new"))
         shutil.rmtree(new, ignore_errors=True)
         command = ["desim-uav", "bench", "run", entry.task.name, "--track", track.name]
@@ -180,7 +199,8 @@ def make(entry: Entry, tracks: Sequence[str]) -> float:
         )
         shutil.rmtree(folder, ignore_errors=True)
         shutil.move(new, folder)
-    return time.process_time() - since_s
+        spent_s[entry.label(track.name)] = time.process_time() - since_s
+    return spent_s
 
 
 if __name__ == "__main__":

@@ -21,7 +21,7 @@ import numpy as np
 
 from desim_uav.env import UavParallelVectorEnv
 from desim_uav.errors import DesimError, MissingExtraError, UsageError
-from desim_uav.experiment.provenance import commit, processor
+from desim_uav.experiment.provenance import command, commit, processor
 from desim_uav.policies.mlp import Mlp, description_of, scaling_of
 from desim_uav.run_folder import file_place, write_at
 from desim_uav.scenario.load import dump, load
@@ -225,7 +225,7 @@ def main(arguments=None):
         parser.add_argument(f"--{name}", type=type(default), default=default, help=meaning)
     asked = vars(parser.parse_args(arguments))
     told = {"torch": torch.__version__, "commit": commit(), "processor": processor()}
-    told["command"] = [w.split("/")[-1] if w.endswith(".npz") else w for w in sys.argv]
+    told["command"] = command(sys.argv)
 
     def save(network):
         network.about["training"] |= told

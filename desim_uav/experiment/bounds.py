@@ -32,7 +32,7 @@ def bounds(
     Raises ScenarioError if the model is not the paper's, and UsageError, with the key, if a run
     cannot be bounded for another reason.
     """
-    refuse_other_models(scenario)
+    refuse_other_models(scenario, several_types=True)
     rows = [_row(scenario, seed, episodes, schedule, on_work) for seed in seeds]
     means = {name: _plain(estimate(row[name] for row in rows)) for name in MEASURES}
     return {"episodes": episodes, "means": means, "seeds": rows}

@@ -20,7 +20,7 @@ import pandas as pd
 
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import UsageError
-from desim_uav.experiment.evaluate import MEASURES, evaluate
+from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate, paired
 from desim_uav.model.streams import Purpose, Streams
@@ -28,7 +28,7 @@ from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, policy_name
 from desim_uav.registry import did_you_mean
 from desim_uav.report import notebook
-from desim_uav.report.text import COMPARED, estimate_cells
+from desim_uav.report.text import compared, estimate_cells
 from desim_uav.run_folder import file_place, write_at
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
@@ -63,6 +63,11 @@ class Comparison:
     replications: Sequence[Replication]
     interrupted: bool = False
 
+    @property
+    def measures(self) -> Sequence[str]:
+        """The names of the measures."""
+        return [*self.replications[0].measures]
+
     def content(self) -> dict[str, Any]:
         """Return everything as plain data: replications, estimates by policy, and differences."""
         others = [policy for policy in self.policies if policy != self.against]
@@ -89,7 +94,7 @@ class Comparison:
     def as_csv(self) -> str:
         """Return the rows as CSV, each with the scenario and the numbers of episodes."""
         common = {"scenario": self.scenario, "episodes": self.episodes, "warmup": self.warmup}
-        columns = [*common, "policy", "seed", "world_seed", *MEASURES]
+        columns = [*common, "policy", "seed", "world_seed", *self.measures]
         text = io.StringIO()
         writer = csv.DictWriter(text, columns, lineterminator="\n")
         writer.writeheader()
@@ -99,17 +104,17 @@ class Comparison:
     @cached_property
     def frame(self) -> pd.DataFrame:
         """One row per policy and seed, with its measures."""
-        return pd.DataFrame(self.rows(), columns=["policy", "seed", "world_seed", *MEASURES])
+        return pd.DataFrame(self.rows(), columns=["policy", "seed", "world_seed", *self.measures])
 
     @cached_property
     def estimates(self) -> pd.DataFrame:
         """One row per measure and policy: mean, half-width and interval over the seeds."""
-        return _estimates_frame(self.content()["policies"])
+        return _estimates_frame(self.content()["policies"], self.measures)
 
     @cached_property
     def differences(self) -> pd.DataFrame:
         """One row per measure and policy: the difference from ``against``, paired by seed."""
-        return _estimates_frame(self.content()["differences"])
+        return _estimates_frame(self.content()["differences"], self.measures)
 
     def save(self, file: str | Path) -> Path:
         """Write the values of each seed as CSV. Raises UsageError if the file cannot be written."""
@@ -139,7 +144,7 @@ class Comparison:
             "policy": policy,
             "seeds": [r.seed for r in runs],
             "measures": {
-                name: _plain(estimate(r.measures[name] for r in runs)) for name in MEASURES
+                name: _plain(estimate(r.measures[name] for r in runs)) for name in self.measures
             },
         }
 
@@ -158,7 +163,7 @@ class Comparison:
             "policy": policy,
             "against": self.against,
             "seeds": [seed for seed, _ in common],
-            "measures": {name: difference(name) for name in MEASURES},
+            "measures": {name: difference(name) for name in self.measures},
         }
 
     def _of(self, policy: str) -> dict[tuple[int, int], Replication]:
@@ -321,10 +326,10 @@ def world_seed_of(scenario: Scenario, seed: int) -> int:
     return seed if scenario.world_seed is None else scenario.world_seed
 
 
-def _estimates_frame(rows: Sequence[dict[str, Any]]) -> pd.DataFrame:
+def _estimates_frame(rows: Sequence[dict[str, Any]], measures: Sequence[str]) -> pd.DataFrame:
     records = [
         {"measure": name, "policy": row["policy"]} | row["measures"][name]
-        for name in MEASURES
+        for name in measures
         for row in rows
     ]
     columns = ["n", "mean", "half_width", "low", "high"]
@@ -338,7 +343,7 @@ def _html(rows: Sequence[dict[str, Any]]) -> str:
     """Return a table with a row per measure and policy."""
     cells = [
         [label if first else "", row["policy"], *estimate_cells(row["measures"][name], form)]
-        for name, (label, form) in COMPARED.items()
+        for name, (label, form) in compared(rows[0]["measures"]).items()
         for first, row in zip([True, *[False] * len(rows)], rows, strict=False)
     ]
     headings = ["measure", "policy", "seeds", "mean", "", "", ""]

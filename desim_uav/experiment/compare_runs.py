@@ -10,7 +10,7 @@ from typing import Any
 from desim_uav.errors import PolicyError
 from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare import Comparison, Replication, reference_of, world_seed_of
-from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.evaluate import measures_of
 from desim_uav.records import EPISODES
 from desim_uav.run_folder import read_scenario, read_table
 from desim_uav.scenario.load import scenario_hash, seedless, to_plain
@@ -77,7 +77,8 @@ def _read(folder: Path) -> _Run:
         summary["episodes"],
         int((numbers < 0).sum()),
         Replication(
-            policy, seed, world_seed_of(scenario, seed), {name: summary[name] for name in MEASURES}
+            *(policy, seed, world_seed_of(scenario, seed)),
+            {name: summary[name] for name in measures_of(scenario)},
         ),
     )
 

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import Any
 
 from desim_uav.experiment.run import headline, run
+from desim_uav.model.battery import in_joules
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, policy_name
 from desim_uav.scenario.schema import Scenario
@@ -21,6 +22,15 @@ MEASURES = (
     "reward_mean",
 )
 
+ENERGY = "j_per_mbit"
+"""One more measure, if batteries hold energy: that used in flight over what was served."""
+
+
+def measures_of(scenario: Scenario) -> tuple[str, ...]:
+    """Return the names of the measures of a replication in a scenario."""
+    in_energy = any(in_joules(drones.battery) for drones in scenario.fleet)
+    return (*MEASURES, ENERGY) if in_energy else MEASURES
+
 
 def evaluate(
     scenario: Scenario,
@@ -33,8 +43,8 @@ def evaluate(
 ) -> dict[str, float | None]:
     """Return the measures of ``episodes`` episodes after ``warmup``, in the world of the seed.
 
-    QoE1 and QoE2 are means over all requests, QoE3 and the reward over episodes. ``engine`` is des
-    or batch.
+    QoE1 and QoE2 are means over all requests, QoE3 and the reward over episodes; energy and what
+    was served are summed up before one is divided by the other. ``engine`` is des or batch.
     """
     name, policy = policy_name(policy), load_policy(policy)
     scenario = as_seen(scenario, policy).model_copy(update={"seed": seed})
@@ -52,4 +62,4 @@ def evaluate(
     measured: dict[str, Any] = headline(results.requests, results.episodes)
     drone_episodes = episodes * scenario.drone_count
     measured["crashes_per_drone_episode"] = measured["crashes"] / drone_episodes
-    return {name: measured[name] for name in MEASURES}
+    return {name: measured[name] for name in measures_of(scenario)}

@@ -55,9 +55,9 @@ def optimum(
     ScenarioError, with all keys that prevent it, if the model is not the paper's, and UsageError,
     with the key, if the scenario cannot be solved for another reason.
     """
-    refuse_other_models(scenario)
-    world = build_world(scenario, scenario.effective_world_seed)
     static = type(scenario.users.mobility) is Static
+    refuse_other_models(scenario, several_types=not static)
+    world = build_world(scenario, scenario.effective_world_seed)
     lone = scenario.drone_count == 1 and static
     process = DroneProcess(world) if lone else None
     found: dict[str, Any] = {

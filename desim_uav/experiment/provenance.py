@@ -5,7 +5,7 @@ from __future__ import annotations
 import platform
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime, timedelta
 from importlib.metadata import version
 from pathlib import Path
@@ -42,6 +42,23 @@ def commit() -> str:
         return subprocess.run(command, capture_output=True, text=True, check=False).stdout.strip()
     except OSError:
         return ""
+
+
+def command(words: Sequence[str]) -> list[str]:
+    """Return the words of a command without the places of files on this machine.
+
+    An absolute path is given from the checkout's root if the file is in it, and otherwise, as a
+    policy's file always, by its name.
+    """
+    root = Path(__file__).resolve().parents[2]
+
+    def told(word: str) -> str:
+        path = Path(word)
+        if path.suffix == ".npz" or (path.is_absolute() and not path.is_relative_to(root)):
+            return path.name
+        return path.relative_to(root).as_posix() if path.is_absolute() else word
+
+    return list(map(told, words))
 
 
 def processor() -> str:

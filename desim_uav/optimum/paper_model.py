@@ -18,16 +18,19 @@ from desim_uav.scenario.schema import Scenario
 ONLY = "the optimum can be computed only"
 
 
-def refuse_other_models(scenario: Scenario) -> None:
-    """Raise ScenarioError, with all keys that prevent it, unless the model is the paper's."""
-    problems = tuple(_problems(scenario))
+def refuse_other_models(scenario: Scenario, several_types: bool = False) -> None:
+    """Raise ScenarioError, with all keys that prevent it, unless the model is the paper's.
+
+    Types of drones that differ are refused too, unless there may be ``several_types``.
+    """
+    problems = tuple(_problems(scenario, several_types))
     if problems:
         raise ScenarioError(*problems)
 
 
-def _problems(scenario: Scenario) -> Iterator[str]:
+def _problems(scenario: Scenario, several_types: bool) -> Iterator[str]:
     """Yield what is not the paper's model: the key, its value, and what is allowed."""
-    if scenario.differing:
+    if scenario.differing and not several_types:
         yield (
             f"drones: the types {', '.join(scenario.type_names)} differ in "
             f"{', '.join(scenario.differing)}: {ONLY} for drones of one type"
@@ -35,11 +38,11 @@ def _problems(scenario: Scenario) -> Iterator[str]:
         return
     if scenario.decisions.by_event:
         yield f"decisions: event: {ONLY} with clock, where all drones are asked at each step"
-    radio: Any = scenario.fleet[0].radio
     association = scenario.association
-    if type(radio) is not Disc:
+    radios: list[Any] = [drones.radio for drones in scenario.fleet]
+    for kind in dict.fromkeys(_kind(radio) for radio in radios if type(radio) is not Disc):
         yield (
-            f"drones.radio.kind: {_kind(radio)}: {ONLY} with disc, where a user is covered within "
+            f"drones.radio.kind: {kind}: {ONLY} with disc, where a user is covered within "
             "drones.footprint_radius_m"
         )
     if association.by_level:

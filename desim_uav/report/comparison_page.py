@@ -23,7 +23,7 @@ from desim_uav.report.page import (
     scenario_section,
     version_facts,
 )
-from desim_uav.report.text import COMPARED, MEASURES
+from desim_uav.report.text import MEASURES, compared
 from desim_uav.report.worst import worst_requests
 
 MOST_MAPS = 6
@@ -104,12 +104,13 @@ def _differences(found: Compared) -> Html:
 
 
 def _estimates(rows: Sequence[dict[str, Any]], counted: str) -> Html:
-    headings = ["policy", counted, *(heading(label) for label, _ in COMPARED.values())]
+    shown = compared(rows[0]["measures"])
+    headings = ["policy", counted, *(heading(label) for label, _ in shown.values())]
     cells = (
         [
             row["policy"],
             len(row["seeds"]),
-            *(estimate_cell(row["measures"][name], form) for name, (_, form) in COMPARED.items()),
+            *(estimate_cell(row["measures"][name], form) for name, (_, form) in shown.items()),
         ]
         for row in rows
     )
@@ -129,7 +130,9 @@ def estimate_cell(found: dict[str, Any], form: str) -> Html:
 
 def _intervals(found: Compared) -> Html:
     """Return the figures of the two tables."""
-    content, titles = found.content, {name: label for name, (label, _) in COMPARED.items()}
+    content = found.content
+    looks = compared(content["policies"][0]["measures"])
+    titles = {name: label for name, (label, _) in looks.items()}
     pictures = [
         Picture(
             "Policies",
@@ -192,13 +195,14 @@ def _worst(found: Compared) -> Html:
 
 def _runs(found: Compared) -> Html:
     """Return the values of each seed, and the folder and command of each run."""
-    headings = ["policy", "seed", "world", *(heading(label) for label, _ in COMPARED.values())]
+    shown = compared(found.content["replications"][0])
+    headings = ["policy", "seed", "world", *(heading(label) for label, _ in shown.values())]
     values = (
         [
             row["policy"],
             row["seed"],
             row["world_seed"],
-            *(number(row[name], form) for name, (_, form) in COMPARED.items()),
+            *(number(row[name], form) for name, (_, form) in shown.items()),
         ]
         for row in found.content["replications"]
     )

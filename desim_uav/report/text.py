@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from rich import box
@@ -47,6 +47,14 @@ COMPARED = {
 }
 """The headings and formats of a comparison's measures; its tables fit 100 columns."""
 
+OF_ENERGY = {"j_per_mbit": ("J per Mbit", ".2f")}
+"""The same for what is measured if batteries hold energy."""
+
+
+def compared(there: Collection[str]) -> dict[str, tuple[str, str]]:
+    """Return the headings and formats of those measures of a comparison that are there."""
+    return {name: look for name, look in (COMPARED | OF_ENERGY).items() if name in there}
+
 
 def print_table(table: Table) -> None:
     """Print a table as wide as the terminal, or with a fixed width into a file or pipe."""
@@ -87,13 +95,17 @@ def print_fork(told: dict[str, Any]) -> None:
     print(told["run_dir"])
 
 
-BENCHED = {name: COMPARED[name] for name in ("qoe1_percent", "qoe3_percent")} | {
-    "qoe3_at_most_percent": ("at most\nQoE3 %", ".2f"),
-    "crashes_per_drone_episode": COMPARED["crashes_per_drone_episode"],
-    "fairness": ("fairness", ".4f"),
-    "worst_tenth_qoe1_percent": ("worst tenth\nQoE1 %", ".2f"),
-    "decision_ms": ("decision\nms", ".2f"),
-}
+BENCHED = (
+    {name: COMPARED[name] for name in ("qoe1_percent", "qoe3_percent")}
+    | {
+        "qoe3_at_most_percent": ("at most\nQoE3 %", ".2f"),
+        "crashes_per_drone_episode": COMPARED["crashes_per_drone_episode"],
+        "fairness": ("fairness", ".4f"),
+        "worst_tenth_qoe1_percent": ("worst tenth\nQoE1 %", ".2f"),
+        "decision_ms": ("decision\nms", ".2f"),
+    }
+    | OF_ENERGY
+)
 """The measures of a seed of a submission: headings and formats."""
 
 
@@ -108,10 +120,11 @@ def print_bench(told: dict[str, Any]) -> None:
     trained = ["training"] if len({row["training"] for row in told["rows"]}) > 1 else []
     for heading in (*trained, "seed"):
         table.add_column(heading, justify="right")
-    for heading, _ in BENCHED.values():
+    shown = {name: look for name, look in BENCHED.items() if name in told["rows"][0]}
+    for heading, _ in shown.values():
         table.add_column(heading, justify="right")
     for row in told["rows"]:
-        cells = (_cell(row, name, form) for name, (_, form) in BENCHED.items())
+        cells = (_cell(row, name, form) for name, (_, form) in shown.items())
         table.add_row(*(str(row[name]) for name in (*trained, "seed")), *cells)
     print_table(table)
 
@@ -207,7 +220,7 @@ def _print_estimates(title: str, counted: str, rows: list[dict[str, Any]]) -> No
     table.add_column("policy", overflow="fold", max_width=32)
     for heading in (counted, "mean", "", "", ""):
         table.add_column(heading, justify="right", no_wrap=True)
-    for name, (label, form) in COMPARED.items():
+    for name, (label, form) in compared(rows[0]["measures"]).items():
         for number, row in enumerate(rows):
             last = number == len(rows) - 1
             cells = estimate_cells(row["measures"][name], form)

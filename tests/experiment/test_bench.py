@@ -18,7 +18,7 @@ from desim_uav.experiment.bench.bounds import CLOSE, compute, has_bound, kept
 from desim_uav.experiment.bench.measure import worst_tenth
 from desim_uav.experiment.bench.profile import figure, panels, shares
 from desim_uav.experiment.bench.score import RESAMPLES, interquartile_mean, resampled, score
-from desim_uav.experiment.bench.submission import ROWS, read, read_all
+from desim_uav.experiment.bench.submission import ROWS, columns_of, read, read_all
 from desim_uav.experiment.bench.tasks import TRACKS, find_task, tasks
 from desim_uav.experiment.bench.verify import differences
 from desim_uav.scenario.load import load, scenario_hash
@@ -85,7 +85,7 @@ def test_bounds_are_kept_for_runs_of_the_protocol_only():
 def test_the_list(cli):
     assert "uav-v1/rush/large" in cli("bench", "list").out
     found = cli("bench", "list", "--json").json
-    assert len(found["tasks"]) == 15
+    assert len(found["tasks"]) == 18
     assert found["protocol"]["tracks"]["any"]["seeds"][0] == 3_000_000
 
 
@@ -204,6 +204,23 @@ def test_the_board_by_hand():
     page = markdown([table])
     assert "| oracle (knows the future: not a competitor) | 1.000 [1.000, 1.000] |" in page
     assert "| 75.00 [70.00, 80.00] |" in page and "| 2 of 10 |" in page
+
+
+def test_energy_is_a_column_of_tasks_whose_batteries_hold_it():
+    """Two seeds with 2 and 4 J per Mbit; the other policy has served nothing on one of them."""
+    told, quiet = (
+        submitted(name, [70.0, 80.0], bound=None, task="uav-v1/endurance") for name in ("a", "b")
+    )
+    for row, per_mbit in zip([*told.rows, *quiet.rows], [2.0, 4.0, None, 5.0], strict=True):
+        row["j_per_mbit"] = per_mbit
+    (table,) = board([told, quiet])
+    assert [row["j_per_mbit"] for row in table["rows"]] == [3.0, 5.0]
+    assert "| 70.00 | 3.00 | 1.00 |" in markdown([table])
+    assert "| 70.00 | - | 1.00 |" in markdown(board([submitted("c", [70.0])]))
+    columns = {
+        family: columns_of(1, find_task(f"uav-v1/{family}")) for family in ("endurance", "rush")
+    }
+    assert [name for name in columns["endurance"] if name not in columns["rush"]] == ["j_per_mbit"]
 
 
 def test_the_board_counts_trainings_and_seeds():

@@ -21,7 +21,7 @@ from desim_uav.optimum.run.legs import LEGS, leg_of, shares_of
 from desim_uav.optimum.run.prices import lowest_bound
 from desim_uav.optimum.run.served import Served, asked_in
 from desim_uav.sample_path import draw
-from desim_uav.scenario.load import load
+from desim_uav.scenario.load import from_mapping, load, to_plain
 from desim_uav.shipped import find_table, scenario_path
 from desim_uav.world import build_world
 from tests.engine.helpers import path_of, strip
@@ -61,7 +61,7 @@ def small_world(seed, drones=2, steps=3, walking=False, **changes):
 
 
 def played(world, path, commands):
-    engine = Simulation(world, RunSettings((True,) * world.scenario.drones.count, False))
+    engine = Simulation(world, RunSettings((True,) * world.scenario.drone_count, False))
     shown = engine.reset(path)
     for joint in commands:
         shown = engine.step(list(joint))
@@ -146,7 +146,7 @@ def test_no_commands_cover_more():
     run, rng = Run(world, 0, 1), np.random.default_rng(0)
     for _ in range(20):
         prices = rng.random((run.steps, len(world.homes)))
-        bound = lowest_bound(Covered(), run.fleet, run.shares, prices, lambda _: False)
+        bound = lowest_bound(Covered(), run.fleet, prices, lambda _: False)
         assert 100.0 * (bound + run.slack) >= best
 
 
@@ -165,6 +165,64 @@ def test_no_commands_cover_more_in_longer_runs(seed):
 @pytest.mark.parametrize("seed", range(6, 40))
 def test_no_commands_cover_more_in_many_runs(seed):
     check_qoe3(small_world(seed, steps=4, walking=seed % 2 > 0), seed)
+
+
+CHARGING = (
+    {"kind": "cc_cv", "power_w": 400.0},
+    {"kind": "constant", "full_charge_min": 3.0},
+    {"kind": "swap", "minutes": 1.5},
+)
+
+
+def energy_world(seed, steps=3, mixed=True, **changes):
+    """Rotary wings that last for two or three steps; with ``mixed`` each drone has its own type."""
+    rng = np.random.default_rng(seed)
+
+    def battery():
+        return {
+            "kind": "rotary_wing",
+            "capacity_wh": float(rng.choice([5.0, 6.5, 8.4])),
+            "return_below": float(rng.choice([0.5, 0.9])),
+            "respawn_after_min": float(rng.choice([0.0, 0.6, 1.5])),
+        }
+
+    stations = {"count": 1, "radius_m": 0, "pads": 1, "charging": CHARGING[seed % 3]}
+    world = small_world(seed, steps=steps, battery=battery(), stations=stations, **changes)
+    if not mixed:
+        return world
+    plain = to_plain(world.scenario)
+    own = {key: value for key, value in plain["drones"].items() if key != "start_cells"}
+    types = [
+        own | {"name": f"type{k}", "count": 1, "start_cells": [[*start]], "battery": battery()}
+        for k, start in enumerate(world.starts)
+    ]
+    types[1] |= {"footprint_radius_m": 150.0, "battery": None if seed % 5 == 4 else battery()}
+    return build_world(from_mapping(plain | {"drones": types}), 0)
+
+
+def check_energy(world, seed=0):
+    found = Run(world, seed, 1, rounds=100).bound()
+    best = best_qoe3(world, draw(world, seed, 0))
+    assert best <= found.qoe3_at_most_percent + 1e-9
+    assert found.schedule_qoe3_percent is None
+    return best, found.qoe3_at_most_percent
+
+
+def test_no_commands_of_a_mixed_fleet_on_energy_cover_more():
+    best, bound = check_energy(energy_world(0))
+    assert 0.0 < best < bound < 100.0
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(1, 5))
+def test_no_commands_of_other_fleets_on_energy_cover_more(seed):
+    check_energy(energy_world(seed, mixed=seed != 2), seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(5, 35))
+def test_no_commands_on_energy_cover_more_in_many_runs(seed):
+    check_energy(energy_world(seed, steps=4, mixed=seed % 3 > 0, walking=seed % 2 > 0), seed)
 
 
 BUSY = {
@@ -246,18 +304,45 @@ def test_a_battery_and_its_charge():
     assert found.schedule_qoe3_percent == pytest.approx(100.0 * 5 / 6)
 
 
+def test_energy_and_a_swap():
+    """Two drones over all users and a station; hovers of 10,109 J, and 1 min to swap a battery.
+
+    One battery lasts for two and a half steps, the other for none: of six steps the drone serves
+    two, swaps, and serves three, the last of which ends in a crash. The other one is replaced at
+    the end of each step, so that it may serve in all of them in the relaxed problem.
+    """
+    world = strip(
+        *([(0, 0), (0, 0)], [(120, 120)] * 3, (1, 1)),
+        steps=6,
+        battery={"kind": "rotary_wing", "capacity_wh": 2.5 * 10109.05 / 3600},
+        stations={"charging": {"kind": "swap", "minutes": 1.0}},
+    )
+    short = {"kind": "rotary_wing", "capacity_wh": 0.5 * 10109.05 / 3600, "respawn_after_min": 0.2}
+    plain = to_plain(world.scenario)
+    own = plain["drones"] | {"count": 1, "start_cells": [[0, 0]]}
+    types = [own | {"name": "long"}, own | {"name": "short", "battery": short}]
+    assert Run(world, 0, 1).qoe3() == pytest.approx(1.0, abs=1e-3)  # they take turns
+    for number, bound in ((0, 5 / 6), (1, 1.0)):
+        alone = build_world(from_mapping(plain | {"drones": [types[number]]}), 0)
+        assert Run(alone, 0, 1).qoe3() == pytest.approx(bound, abs=1e-3)
+    both = Run(build_world(from_mapping(plain | {"drones": types}), 0), 0, 1)
+    assert [len(each.alone.charge) for each in both.fleet.types] == [3, 1]
+    assert [each.alone.doomed for each in both.fleet.types] == [2, 0]
+
+
 def test_a_carried_run_may_begin_anywhere():
     """The same with carry-over: at best the run begins as the second step does."""
     world = two_ends(steps=5, episode={"carry_over": True, "steps": 5})
     run = Run(world, 0, 2)
-    assert run.fleet.starts == [(ANYWHERE, 2)] and run.fleet.steps == 10
+    (drones,) = run.fleet.types
+    assert drones.starts == [(ANYWHERE, 2)] and run.fleet.steps == 10
     assert run.bound().episodes == 2
 
 
 def test_shares_are_the_times_of_the_engine():
     """A drone flies from cell 0 to cell 1: the log's attachment time is the leg's share."""
     world = strip([(0, 0)], [(150, 120), (500, 120)], (3, 1), steps=1, radius_m=200.0)
-    shares = shares_of(world, [draw(world, 0, 0).walks], 1, lambda: None)
+    shares = shares_of(world, world.only_type, [draw(world, 0, 0).walks], 1, lambda: None)
     right = leg_of(shares, 0, 0) + 3
     part = slice(shares.first[right], shares.first[right + 1])
     engine, _ = played(world, draw(world, 0, 0), [[2]])
@@ -271,12 +356,13 @@ def test_what_a_plan_earns_is_what_it_covers():
     world = small_world(4, steps=12)
     run, rng = Run(world, 0, 1), np.random.default_rng(1)
     prices = rng.random((run.steps, len(world.homes)))
-    paid = np.empty((run.steps, len(run.fleet.alone.ahead), LEGS))
-    pay_legs(run.shares, 0, prices, paid)
-    plan = best_alone(run.fleet.alone, paid, run.steps)
+    ((alone, shares, _),) = run.fleet.types
+    paid = np.empty((run.steps, len(alone.ahead), LEGS))
+    pay_legs(shares, 0, prices, paid)
+    plan = best_alone(alone, paid, run.steps)
     for start in (ANYWHERE, 0):
         covered = np.zeros_like(prices)
-        follow(run.fleet.alone, plan, run.shares, 0, start, covered)
+        follow(alone, plan, shares, 0, start, covered)
         assert (covered * prices).sum() == pytest.approx(plan.value(start))
 
 

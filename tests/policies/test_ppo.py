@@ -149,7 +149,7 @@ def test_it_is_interrupted_and_says_what_is_wrong(tmp_path: Path):
     out, err = running.communicate(timeout=60)
     assert running.returncode == 130 and out == "" and "interrupted" in err
     training = MlpFile(tmp_path / "far.npz").about["training"]
-    assert training["command"][0].endswith("ppo.py") and training["processor"]
+    assert training["command"][0] == "policies/ppo.py" and training["processor"]
     load_policy(tmp_path / "far.npz")
     for arguments, code, message in (
         (("none.yaml",), 3, "none.yaml"),

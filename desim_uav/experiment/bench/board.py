@@ -15,14 +15,18 @@ from desim_uav.experiment.bench.submission import Submission
 from desim_uav.experiment.bench.tasks import SEEDS, TRACKS, TRAINING_SEEDS, tasks
 
 REFERENCE = "baseline"
-MEANS = ("crashes_per_drone_episode", "fairness", "worst_tenth_qoe1_percent", "decision_ms")
+MEANS = (
+    *("crashes_per_drone_episode", "fairness", "worst_tenth_qoe1_percent"),
+    *("decision_ms", "j_per_mbit"),
+)
 QUARTILES = ("qoe1_percent", "qoe3_percent")
 PROFILE = (0.0, 0.25, 0.5, 0.75, 0.9)
 """The scores for which the profile of a policy says how many of its runs reach them."""
 
 HEADINGS = (
     *("Policy", "Score", "QoE1 %", "QoE3 %", "Crashes per drone and episode", "Fairness"),
-    *("Worst tenth of users, QoE1 %", "Decision, ms", "Uses", "Trainings", "Seeds"),
+    *("Worst tenth of users, QoE1 %", "J per Mbit", "Decision, ms"),
+    *("Uses", "Trainings", "Seeds"),
 )
 
 
@@ -161,7 +165,7 @@ def _by_training(values: Sequence[float], trainings: int) -> list[list[float]]:
 
 
 def _mean(rows: Sequence[Any], name: str) -> float | None:
-    there = [row[name] for row in rows if row[name] is not None]
+    there = [row[name] for row in rows if row.get(name) is not None]
     return sum(there) / len(there) if there else None
 
 
@@ -198,6 +202,7 @@ def _line(row: dict[str, Any]) -> list[str]:
         _number(row["crashes_per_drone_episode"], 4),
         _number(row["fairness"], 4),
         _number(row["worst_tenth_qoe1_percent"], 2),
+        _number(row["j_per_mbit"], 2),
         _number(row["decision_ms"], 2),
         row["information"],
         _of(row["trainings"], TRAINING_SEEDS),

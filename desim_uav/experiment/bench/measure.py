@@ -17,12 +17,13 @@ from desim_uav import qoe
 from desim_uav.engine.episode import Engine
 from desim_uav.experiment.bench.bounds import bound_of
 from desim_uav.experiment.bench.tasks import ENGINE, EPISODES, WARMUP, Task, Track
-from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.evaluate import measures_of
 from desim_uav.experiment.run import Results, counted, headline, run
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import as_seen, decide_by, show
+from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 
 Commands = NDArray[np.int8]
@@ -31,8 +32,8 @@ Commands = NDArray[np.int8]
 NONE = -1
 WORST_SHARE = 0.1
 
-REPLAYED = (*MEASURES, "fairness", "worst_tenth_qoe1_percent")
-"""The measures of a row that follow from the commands."""
+OF_USERS = ("fairness", "worst_tenth_qoe1_percent")
+"""The measures of a row that follow from the commands, beside those of a replication."""
 
 DIGESTED = {
     "requests": (
@@ -131,7 +132,7 @@ def measure(task: Task, track: Track, policy: str, seed: int) -> Measured:
     row = {
         "seed": seed,
         "world_seed": world.seed,
-        **measures(results, scenario.drone_count),
+        **measures(results, scenario),
         "digest": digest(results),
         "qoe3_at_most_percent": bound_of(task, track, seed),
         "decision_ms": recorder.decision_ms,
@@ -144,16 +145,21 @@ def replay(
 ) -> dict[str, Any]:
     """Give the commands of a submission again, and return its row without times and bounds."""
     world, results = _run(task, track, seed, Replayer(commands, ceiling), "the submission")
-    found = measures(results, world.scenario.drone_count)
+    found = measures(results, world.scenario)
     return {"world_seed": world.seed, **found, "digest": digest(results)}
 
 
-def measures(results: Results, drones: int) -> dict[str, float | None]:
+def replayed(scenario: Scenario) -> tuple[str, ...]:
+    """Return the measures of a row in a scenario that follow from the commands."""
+    return (*measures_of(scenario), *OF_USERS)
+
+
+def measures(results: Results, scenario: Scenario) -> dict[str, float | None]:
     """Return the measures of the counted episodes of a run."""
     found: dict[str, Any] = headline(results.requests, results.episodes)
-    found["crashes_per_drone_episode"] = found["crashes"] / (EPISODES * drones)
+    found["crashes_per_drone_episode"] = found["crashes"] / (EPISODES * scenario.drone_count)
     found["worst_tenth_qoe1_percent"] = worst_tenth(counted(results.requests))
-    return {name: found[name] for name in REPLAYED}
+    return {name: found[name] for name in replayed(scenario)}
 
 
 def worst_tenth(requests: pd.DataFrame) -> float | None:

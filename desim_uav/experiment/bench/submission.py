@@ -21,8 +21,15 @@ from pydantic import Field, model_validator
 from desim_uav.array_file import Stored, pack
 from desim_uav.checksums import verify
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.bench.measure import NONE, REPLAYED, Commands, Measured
-from desim_uav.experiment.bench.tasks import BENCHMARK, Task, Track, find_task, find_track
+from desim_uav.experiment.bench.measure import NONE, Commands, Measured, replayed
+from desim_uav.experiment.bench.tasks import (
+    BENCHMARK,
+    TRACKS,
+    Task,
+    Track,
+    find_task,
+    find_track,
+)
 from desim_uav.regular_file import text_of
 from desim_uav.report.json_file import Form, read_json
 from desim_uav.run_folder import Place
@@ -34,8 +41,7 @@ MOST_BYTES = 2**24
 ROWS, COMMANDS, MANIFEST = "rows.csv", "commands.npz", "manifest.json"
 TRAINING = "training"
 WHOLE, WORDS = ("seed", "world_seed"), ("digest",)
-COLUMNS = (*WHOLE, *REPLAYED, *WORDS, "qoe3_at_most_percent", "decision_ms")
-"""The columns of ``rows.csv``, after ``TRAINING`` in format 2; an empty cell has no value."""
+LAST = ("qoe3_at_most_percent", "decision_ms")
 
 Text = Annotated[str, Field(max_length=10_000)]
 Seed = Annotated[int, Field(ge=0, lt=2**63)]
@@ -112,14 +118,17 @@ def write(place: Place, manifest: dict[str, Any], measured: Sequence[Measured]) 
     with place.draft() as draft:
         draft.write_json(MANIFEST, manifest)
         rows = [one.row for one in measured]
-        draft.write_text(ROWS, as_csv(rows, columns_of(manifest["format"])))
+        columns = columns_of(manifest["format"], find_task(manifest["task"]))
+        draft.write_text(ROWS, as_csv(rows, columns))
         (draft.path / COMMANDS).write_bytes(pack(form, commands=commands))
         return place.publish(draft)
 
 
-def columns_of(form: int) -> tuple[str, ...]:
-    """Return the columns of ``rows.csv`` in a format."""
-    return COLUMNS if form == FORMAT else (TRAINING, *COLUMNS)
+def columns_of(form: int, task: Task) -> tuple[str, ...]:
+    """Return the columns of ``rows.csv`` in a format and task; an empty cell has no value."""
+    measured = replayed(task.scenario(TRACKS["one"]))
+    columns = (*WHOLE, *measured, *WORDS, *LAST)
+    return columns if form == FORMAT else (TRAINING, *columns)
 
 
 def as_csv(rows: Sequence[Mapping[str, Any]], columns: Sequence[str]) -> str:
@@ -149,7 +158,7 @@ def read(folder: Path) -> Submission:
             f"{folder / MANIFEST}: scenario_hash: it is of another version of {task.name}, whose "
             f"hash is {task.scenario_hash}"
         )
-    rows = _read_rows(folder / ROWS, columns_of(about.format))
+    rows = _read_rows(folder / ROWS, columns_of(about.format, task))
     if [(row[TRAINING], row["seed"]) for row in rows] != about.runs:
         raise PolicyError(
             f"{folder / ROWS}: its seeds are not those of {MANIFEST}, for each training in turn"

@@ -21,7 +21,7 @@ from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import bench_folder
 
 BENCHMARK = "uav-v1"
-FAMILIES = ("coverage", "multi-service", "rush", "swarm", "urban")
+FAMILIES = ("coverage", "multi-service", "rush", "swarm", "urban", "endurance")
 SIZES = ("small", "medium", "large")
 USUAL = "medium"
 """The size of a task whose name has no size."""

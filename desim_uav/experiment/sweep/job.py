@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from desim_uav import __version__
 from desim_uav.errors import DesimError, PolicyError, UsageError
-from desim_uav.experiment.evaluate import evaluate
+from desim_uav.experiment.evaluate import MEASURES, evaluate
 from desim_uav.experiment.sweep.grid import MOST
 from desim_uav.experiment.sweep.plan import Arm, Asked, policy_digest
 from desim_uav.experiment.train.course import train
@@ -117,4 +117,5 @@ def _run(job: Job, version: str) -> Outcome:
         table, _ = train(scenario, arm.engine)
         policy = Greedy.of_table(table, arm.policy)
     measures = evaluate(arm.scenario, policy, job.seed, job.episodes, job.warmup, arm.engine)
-    return Outcome(measures, None if table is None else table.to_bytes())
+    kept = {name: measures[name] for name in MEASURES}  # the columns of all sweeps
+    return Outcome(kept, None if table is None else table.to_bytes())

@@ -5,9 +5,10 @@ flies over the map without levels and buildings, never queues for a pad, may ret
 by the shortest way, and chooses the station at which it is replaced after a crash. What it earns is
 therefore at least what any drone of an engine earns in the same run.
 
-At a decision epoch it is over the middle of a cell, j steps after its battery was full, because a
-step of serving flight drains a battery by the length of the step, and a charge always ends with a
-full battery. Backward induction over the steps of the run visits every state (step, cell, j).
+At a decision epoch it is over the middle of a cell, j steps after its battery was full. A step of
+serving flight drains a battery by the length of the step, or by a known energy at least, and a
+charge always ends with a full battery. Backward induction over the steps of the run visits every
+state (step, cell, j).
 """
 
 from __future__ import annotations
@@ -17,17 +18,23 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.drone_type import DroneType
 from desim_uav.errors import UsageError
 from desim_uav.model.battery import Endurance, PerAction
+from desim_uav.model.charging import Constant, Swap, Tapered
 from desim_uav.model.kernels import maker
+from desim_uav.model.motion import REST
+from desim_uav.model.rotary_wing import RotaryWing
 from desim_uav.optimum.run.legs import Shares, cells_ahead, leg_of
-from desim_uav.world import World
 
 LARGEST = 10**8
 """The largest number of states of a run that are visited."""
 
 CHARGE, CRASH, HOME = 7, 8, 9
-"""Decisions that are no legs; HOME + s is a return to station s."""
+"""Decisions that are no legs; HOME + s is a return to station s, and -1 - k a crash in leg k."""
+
+ROUNDED = 4
+"""By how many units the drain of a leg may differ that is computed in parts, each rounded down."""
 
 ANYWHERE = -1
 """The start of a drone that may be in any state when the run begins."""
@@ -42,9 +49,9 @@ class Alone(NamedTuple):
     (places, legs): the place to which each leg leads, or -1; legs after the fifth lead to another
     level. ``over`` (places,): their cells. ``stations`` (S,): their places. ``charge`` (J,): how
     long a charge takes after j steps of flight; ``home`` (places, S, J): a return with the charge
-    at its end, or 0 if it is not allowed; ``crash`` (J,): a crash with the drone's replacement. A
-    drone that ``may_wait`` stays on a station for a step with a full battery. With an unlimited
-    battery J is 1, and ``limited`` is False.
+    at its end, or 0 if it is not allowed; ``crash`` (J,): a crash with the drone's replacement,
+    which may come in a leg from j = ``doomed`` on. A drone that ``may_wait`` stays on a station for
+    a step with a full battery. With an unlimited battery J is 1, and ``limited`` is False.
     """
 
     ahead: NDArray[np.int64]
@@ -53,6 +60,7 @@ class Alone(NamedTuple):
     charge: NDArray[np.int64]
     home: NDArray[np.int64]
     crash: NDArray[np.int64]
+    doomed: int
     limited: bool
     may_wait: bool = True
 
@@ -78,70 +86,111 @@ class Plan(NamedTuple):
         return max(float(self.airborne.max()), float(self.landed.max(initial=0.0)))
 
 
-def alone_in(world: World, steps: int) -> Alone:
-    """Return what the relaxed drone of a world can do in a run of so many steps.
+def alone_of(kind: DroneType, step_us: int, steps: int) -> Alone:
+    """Return what the relaxed drone of a type can do in a run of so many steps.
 
-    Raises UsageError, with the key, if its battery is not of a known kind, or if the states are too
-    many.
+    Raises UsageError, with the key, if its battery or its charging is not of a known kind, or if
+    the states are too many.
     """
-    nx, ny = world.grid.cells
-    begun = -(-world.capacity_us // world.step_us) if world.scenario.limited_battery else 1
+    if kind.limited:
+        _refuse_other_batteries(kind)
+    nx, ny = kind.grid.cells
+    drain = drain_of(kind, step_us)
+    begun = -(-kind.capacity_us // drain.least) if kind.limited else 1
     if steps * nx * ny * begun > LARGEST:
         raise UsageError(
             f"map.cells: {steps} steps by {nx} x {ny} cells by {begun} levels of the battery are "
             f"more than {LARGEST} states"
         )
-    ahead = cells_ahead(world)
+    ahead = cells_ahead(kind.grid)
     nothing, cells = np.zeros((len(ahead), 0, 1), np.int64), np.arange(len(ahead))
     none = np.zeros(1, np.int64)
-    if not world.scenario.limited_battery:
-        return Alone(ahead, cells, np.zeros(0, np.int64), none, nothing, none, False)
-    _refuse_other_batteries(world)
-    return _with_battery(world, ahead, begun)
+    if not kind.limited:
+        return Alone(ahead, cells, np.zeros(0, np.int64), none, nothing, none, 0, False)
+    return _with_battery(kind, step_us, ahead, begun)
 
 
-def _refuse_other_batteries(world: World) -> None:
-    battery: Any = world.only_type.drones.battery
-    if type(battery) not in (Endurance, PerAction):
+class Drain(NamedTuple):
+    """What a step of serving flight takes from a battery at least and at most, in its units.
+
+    If it is ``exact``, both are equal, and batteries are full at their capacity.
+    """
+
+    least: int
+    most: int
+    exact: bool
+
+
+def drain_of(kind: DroneType, step_us: int) -> Drain:
+    """Return what a step of serving flight takes from the battery of a type."""
+    battery: Any = kind.drones.battery
+    if type(battery) is not RotaryWing:
+        return Drain(step_us, step_us, kind.full_us == kind.capacity_us)
+    used = [
+        int(battery.drained_us(flight, step_us)) for flight in (REST, *kind.epoch_transits.values())
+    ]
+    return Drain(max(1, min(used) - ROUNDED), max(used) + ROUNDED, False)
+
+
+def _refuse_other_batteries(kind: DroneType) -> None:
+    battery, charging = kind.drones.battery, kind.scenario.charging
+    if type(battery) not in (Endurance, PerAction, RotaryWing):
         raise UsageError(
             f"drones.battery.kind: {type(battery).__name__}: a run can be bounded only with "
-            "endurance or per_action, where a step of serving flight takes its length of autonomy"
+            "endurance, per_action or rotary_wing, whose drain in a step is known"
         )
-    if world.on_crash == "end_episode":
+    if kind.on_crash == "end_episode":
         raise UsageError(
             "drones.battery.on_crash: a run cannot be bounded with 'end_episode', because its "
             "length depends on the policy"
         )
+    if type(charging) not in (Constant, Tapered, Swap):
+        raise UsageError(
+            f"stations.charging.kind: {type(charging).__name__}: a run can be bounded only with "
+            "constant, cc_cv or swap, with which a charge takes no longer if the battery has more"
+        )
 
 
-def _with_battery(world: World, ahead: NDArray[np.int64], begun: int) -> Alone:
-    full_us, step_us, ny = world.capacity_us, world.step_us, world.grid.cells[1]
-    left_us = full_us - np.arange(begun) * step_us
+def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], begun: int) -> Alone:
+    drain, ny = drain_of(kind, step_us), kind.grid.cells[1]
+    left = kind.capacity_us - np.arange(begun) * drain.least
 
     def steps_of(duration_us: int) -> int:
         return max(1, -(-duration_us // step_us))
 
-    def charge_us(battery_us: int) -> int:
-        return world.until_full_us(battery_us)
-
-    stations = np.array([ix * ny + iy for ix, iy in world.stations], np.int64)
-    hop_x_us = world.return_transits[1, 0, 0].duration_us
-    hop_y_us = world.return_transits[0, 1, 0].duration_us
+    stations = np.array([ix * ny + iy for ix, iy in kind.stations], np.int64)
+    (hop_x_us, taken_x), (hop_y_us, taken_y) = (_hop(kind, axis) for axis in ((1, 0, 0), (0, 1, 0)))
     home = np.zeros((len(ahead), len(stations), begun), np.int64)
     for cell in range(len(ahead)):
         for s, station in enumerate(stations.tolist()):
-            flown_us = abs(cell // ny - station // ny) * hop_x_us
-            flown_us += abs(cell % ny - station % ny) * hop_y_us
+            hops_x, hops_y = abs(cell // ny - station // ny), abs(cell % ny - station % ny)
+            flown_us = hops_x * hop_x_us + hops_y * hop_y_us
             for j in range(begun):
-                arrives_with_us = int(left_us[j]) - flown_us
-                if left_us[j] <= world.return_below_us and arrives_with_us >= 0:
-                    home[cell, s, j] = steps_of(flown_us + charge_us(arrives_with_us))
-    charge = np.array([steps_of(charge_us(int(battery_us))) for battery_us in left_us])
-    # A return by per_action drains faster than time passes, so that a crash may come at any time.
-    battery: Any = world.only_type.drones.battery
-    even = type(battery) is Endurance
-    crash = np.array([steps_of(int(left) * even + world.respawn_after_us) for left in left_us])
-    return Alone(ahead, np.arange(len(ahead)), stations, charge, home, crash, True)
+                arrives_with = int(left[j]) - hops_x * taken_x - hops_y * taken_y
+                may_return = kind.full_us - j * drain.most <= kind.return_below_us
+                if may_return and arrives_with >= 0:
+                    home[cell, s, j] = steps_of(flown_us + kind.until_full_us(arrives_with))
+    charge = np.array([steps_of(kind.until_full_us(int(battery))) for battery in left])
+    # Where the battery has no exact charge, or a return by per_action drains it faster than time
+    # passes, a crash may come at any time.
+    even = type(kind.drones.battery) is Endurance and drain.exact
+    crash = np.array([steps_of(int(each) * even + kind.respawn_after_us) for each in left])
+    doomed = min(begun, max(1, -(-kind.full_us // drain.most))) - 1
+    return Alone(ahead, np.arange(len(ahead)), stations, charge, home, crash, doomed, True)
+
+
+def _hop(kind: DroneType, axis: tuple[int, int, int]) -> tuple[int, int]:
+    """Return the time of a hop of a return, and what it takes from the battery at least."""
+    flight, battery = kind.return_transits[axis], kind.drones.battery
+    if type(battery) is not RotaryWing:
+        return flight.duration_us, flight.duration_us
+    return flight.duration_us, battery.drained_us(flight, flight.duration_us) - ROUNDED
+
+
+@maker
+def leg_number(decision: int) -> int:
+    """Return the number of the leg of a decision to fly, whether it ends in a crash or not."""
+    return decision if decision >= 0 else -1 - decision
 
 
 def best_alone(alone: Alone, paid: NDArray[np.float64], steps: int) -> Plan:
@@ -168,7 +217,7 @@ def _induce(
     resumes: NDArray[np.int16],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Write the decision in every state; return the values at the start, airborne and landed."""
-    ahead, over, stations, _, home, _, limited, may_wait = alone
+    ahead, over, stations, _, home, _, _, limited, may_wait = alone
     steps, places, begun = decisions.shape
     landed = np.zeros((steps + longest, len(stations)))
     resumed = np.zeros(steps + longest)
@@ -223,17 +272,12 @@ def _offer_battery(
     later: tuple[NDArray[np.float64], NDArray[np.float64]],
     best: tuple[NDArray[np.float64], NDArray[np.int16]],
 ) -> None:
-    """Choose to charge, to crash, or to return where this is better, and the last leg before that.
+    """Choose to charge, to crash, to return, or a leg that ends in a crash where this is better.
 
     ``later`` has the values with a full battery: on each station, and on the best one.
     """
     (landed, resumed), (values, chosen) = later, best
-    last = len(values) - 1
-    for k in range(len(earned)):
-        if alone.ahead[place, k] >= 0:
-            value = resumed[t + alone.crash[last]] + earned[k]
-            if value > values[last]:
-                values[last], chosen[last] = value, k
+    _offer_doomed(alone, t, place, earned, resumed, best)
     for j in range(len(values)):
         if resumed[t + alone.crash[j]] > values[j]:
             values[j], chosen[j] = resumed[t + alone.crash[j]], CRASH
@@ -248,6 +292,25 @@ def _offer_battery(
                 value = landed[t + alone.home[place, s, j], s]
                 if value > values[j]:
                     values[j], chosen[j] = value, HOME + s
+
+
+@maker
+def _offer_doomed(
+    alone: Alone,
+    t: int,
+    place: int,
+    earned: NDArray[np.float64],
+    resumed: NDArray[np.float64],
+    best: tuple[NDArray[np.float64], NDArray[np.int16]],
+) -> None:
+    """Choose a leg that ends in a crash where this is better."""
+    values, chosen = best
+    for j in range(alone.doomed, len(values)):
+        for k in range(len(earned)):
+            if alone.ahead[place, k] >= 0:
+                value = resumed[t + alone.crash[j]] + earned[k]
+                if value > values[j]:
+                    values[j], chosen[j] = value, -1 - k
 
 
 def follow(
@@ -282,9 +345,8 @@ def _follow(
     covered: NDArray[np.float64],
 ) -> None:
     """Follow a plan from a place, or from a station if this is not -1 (see ``follow``)."""
-    ahead, over, stations, charge, home, crash, limited, _ = alone
-    steps, _, begun = plan.decisions.shape
-    t = 0
+    ahead, over, stations, charge, home, crash, _, limited, _ = alone
+    steps, t = len(plan.decisions), 0
     while t < steps:
         if station >= 0:
             if plan.waits[t, station]:
@@ -293,14 +355,15 @@ def _follow(
             place, j, station = stations[station], 0, -1
         decision = plan.decisions[t, place, j]
         if decision < CHARGE:
-            leg = leg_of(shares, begin + t, over[place]) + (decision if decision < 5 else 0)
+            k = leg_number(decision)
+            leg = leg_of(shares, begin + t, over[place]) + (k if k < 5 else 0)
             for i in range(shares.first[leg], shares.first[leg + 1]):
                 covered[t, shares.users[i]] += shares.shares[i]
-            if limited and j + 1 == begun:
+            if decision < 0:
                 t += crash[j]
                 station = plan.resumes[min(t, steps)]
             else:
-                place, j, t = ahead[place, decision], j + 1 if limited else 0, t + 1
+                place, j, t = ahead[place, k], j + 1 if limited else 0, t + 1
         elif decision == CRASH:
             t += crash[j]
             station = plan.resumes[min(t, steps)]

@@ -8,18 +8,19 @@ they begin each episode at their starts.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
+from desim_uav.drone_type import DroneType
 from desim_uav.model.demand import Continuous
 from desim_uav.model.mobility import Static
 from desim_uav.optimum.paper_model import refuse_other_models
-from desim_uav.optimum.run.alone import ANYWHERE, alone_in
+from desim_uav.optimum.run.alone import ANYWHERE, alone_of, drain_of
 from desim_uav.optimum.run.covered import Covered
 from desim_uav.optimum.run.legs import shares_of
-from desim_uav.optimum.run.prices import Fleet, lowest_bound
+from desim_uav.optimum.run.prices import Alike, Fleet, lowest_bound
 from desim_uav.optimum.run.schedule import TURNS, Team
 from desim_uav.optimum.run.served import Served, asked_in
 from desim_uav.sample_path import draw
@@ -74,18 +75,25 @@ class Run:
         rounds: int = ROUNDS,
         on_work: Callable[[], None] = lambda: None,
     ) -> None:
-        refuse_other_models(world.scenario)
+        refuse_other_models(world.scenario, several_types=True)
         self.world, self.rounds, self.on_work = world, rounds, on_work
         self.paths = [draw(world, seed, episode) for episode in range(episodes)]
         steps = world.scenario.episode.steps
         self.steps = steps * episodes
         stretch = self.steps if world.scenario.episode.carry_over else steps
-        self.fleet = Fleet(alone_in(world, stretch), _starts(world), stretch)
         if type(world.scenario.users.mobility) is Static:
             walks, kept = [self.paths[0].walks], 1
         else:
             walks, kept = [path.walks for path in self.paths], steps
-        self.shares = shares_of(world, walks, kept, on_work)
+        types = [
+            Alike(
+                alone_of(kind, world.step_us, stretch),
+                shares_of(world, kind, walks, kept, on_work),
+                _starts(world, kind),
+            )
+            for kind in _kinds(world)
+        ]
+        self.fleet = Fleet(types, stretch)
         self.slack = self.fleet.drones * SLACK_US / world.step_us
 
     def bound(self, schedule: bool = True) -> RunBound:
@@ -96,7 +104,7 @@ class Run:
             len(self.paths),
             100.0 * qoe3,
             100.0 * qoe3 if same else self._qoe1_percent(),
-            self.schedule() if schedule else None,
+            self.schedule() if schedule and self.may_schedule else None,
         )
 
     def qoe3(self) -> float:
@@ -110,7 +118,7 @@ class Run:
             self.on_work()
             return left > 0
 
-        found = lowest_bound(Covered(), self.fleet, self.shares, prices, go_on)
+        found = lowest_bound(Covered(), self.fleet, prices, go_on)
         return min(1.0, found + self.slack)
 
     def qoe1(self) -> float | None:
@@ -130,7 +138,7 @@ class Run:
             self.on_work()
             return done < self.rounds and (done < TRIED or lowest < 1.0)
 
-        found = lowest_bound(Served(asked), self.fleet, self.shares, prices, go_on)
+        found = lowest_bound(Served(asked), self.fleet, prices, go_on)
         # Each request may be served for a little longer in each step of its episode.
         longer = self.slack * self.world.scenario.episode.steps
         return min(1.0, found + longer / float(asked.required.min()))
@@ -139,20 +147,37 @@ class Run:
         found = self.qoe1()
         return None if found is None else 100.0 * found
 
+    @property
+    def may_schedule(self) -> bool:
+        """Whether a schedule can be made: drones of one type, whose charge is known exactly."""
+        kind, *others = _kinds(self.world)
+        return not others and (not kind.limited or drain_of(kind, self.world.step_us).exact)
+
     def schedule(self, turns: int = TURNS) -> float:
         """Return the QoE3, in percent, of a schedule that knows the sample paths."""
         stretch, reached = self.fleet.steps, []
         episodes = stretch // self.world.scenario.episode.steps
         for number in range(self.steps // stretch):
-            team = Team(self.world, self.fleet.alone, self.shares, number * stretch, stretch)
+            (own,) = self.fleet.types
+            team = Team(self.world, own.alone, own.shares, number * stretch, stretch)
             team.improve(turns, self.on_work)
             reached += team.play(self.paths[number * episodes : (number + 1) * episodes])
         return float(np.mean(reached))
 
 
-def _starts(world: World) -> list[tuple[int, int]]:
-    """Return how many drones begin in which cell."""
+def _kinds(world: World) -> Sequence[DroneType]:
+    """Return the types of drones that differ, or the only type of all drones."""
+    return world.types if world.scenario.differing else [world.only_type]
+
+
+def _starts(world: World, kind: DroneType) -> list[tuple[int, int]]:
+    """Return how many drones of a type begin in which cell."""
+    own = [
+        start
+        for drone, start in enumerate(world.starts)
+        if world.type_of(drone) is kind or not world.scenario.differing
+    ]
     if world.scenario.episode.carry_over:
-        return [(ANYWHERE, world.scenario.drone_count)]
+        return [(ANYWHERE, len(own))]
     ny = world.grid.cells[1]
-    return sorted(Counter(ix * ny + iy for ix, iy in world.starts).items())
+    return sorted(Counter(ix * ny + iy for ix, iy in own).items())

@@ -14,9 +14,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.drone_type import DroneType
 from desim_uav.errors import UsageError
 from desim_uav.model.coverage import SEEN_ROWS, DroneLeg, Users, look_around
 from desim_uav.model.crossings import crossings
+from desim_uav.model.grid import Grid
 from desim_uav.model.kernels import maker
 from desim_uav.model.motion import REST
 from desim_uav.model.relative import ENTERS, TIME_US, USER
@@ -57,9 +59,9 @@ def leg_of(shares: Shares, t: int, cell: int) -> int:
     return (t % shares.steps) * legs + cell * LEGS
 
 
-def cells_ahead(world: World) -> NDArray[np.int64]:
+def cells_ahead(grid: Grid) -> NDArray[np.int64]:
     """Return the cell to which each leg leads, (cells, 5), or -1 if that is off the map."""
-    nx, ny = world.grid.cells
+    nx, ny = grid.cells
     ahead = np.full((nx * ny, len(HEADINGS)), -1)
     for ix in range(nx):
         for iy in range(ny):
@@ -71,14 +73,20 @@ def cells_ahead(world: World) -> NDArray[np.int64]:
 
 
 def shares_of(
-    world: World, episodes: Sequence[Walks], steps: int, on_episode: Callable[[], None]
+    world: World,
+    kind: DroneType,
+    episodes: Sequence[Walks],
+    steps: int,
+    on_episode: Callable[[], None],
 ) -> Shares:
-    """Return the shares of ``steps`` steps of each episode, whose users walk as given.
+    """Return the shares of ``steps`` steps of each episode for drones of a type.
+
+    The users of the episodes walk as given.
 
     Raises UsageError if there are too many.
     """
     nx, ny = world.grid.cells
-    ahead, users = cells_ahead(world), len(world.homes)
+    ahead, users = cells_ahead(world.grid), len(world.homes)
     if ahead.size * users > LARGEST:
         raise UsageError(
             f"map.cells: {nx * ny} cells, 5 legs from each, times {users} users are too many pairs "
@@ -86,10 +94,10 @@ def shares_of(
         )
     centres = np.array([world.grid.centre(ix, iy) for ix in range(nx) for iy in range(ny)])
     profiles = tuple(
-        world.epoch_transits[heading].profile if heading in world.epoch_transits else REST.profile
+        kind.epoch_transits[heading].profile if heading in kind.epoch_transits else REST.profile
         for heading in HEADINGS
     )
-    radius_m, dense = world.only_type.drones.footprint_radius_m, np.zeros((*ahead.shape, users))
+    radius_m, dense = kind.drones.footprint_radius_m, np.zeros((*ahead.shape, users))
     found, sizes, kept = np.empty((8 * users + 8, 3), np.int64), [np.zeros(1, np.int64)], 0
     numbers: list[NDArray[np.int32]] = []
     shares: list[NDArray[np.float64]] = []

@@ -55,26 +55,35 @@ class Measure(Protocol):
         """Return the bound, if all drones together earn at most ``earned`` at these prices."""
 
 
+class Alike(NamedTuple):
+    """The drones of a type in a run: what each can do, and whom each leg covers.
+
+    ``starts`` says how many begin in which cell with a full battery, or ANYWHERE.
+    """
+
+    alone: Alone
+    shares: Shares
+    starts: Sequence[tuple[int, int]]
+
+
 class Fleet(NamedTuple):
-    """The drones of a run, and how many begin in which cell with a full battery, or ANYWHERE.
+    """The drones of a run, by their types.
 
     All of them begin anew after every ``steps`` steps; the run may have several such stretches.
     """
 
-    alone: Alone
-    starts: Sequence[tuple[int, int]]
+    types: Sequence[Alike]
     steps: int
 
     @property
     def drones(self) -> int:
         """The number of drones."""
-        return sum(count for _, count in self.starts)
+        return sum(count for alike in self.types for _, count in alike.starts)
 
 
 def lowest_bound(
     measure: Measure,
     fleet: Fleet,
-    shares: Shares,
     prices: Prices,
     on_round: Callable[[float], bool],
 ) -> float:
@@ -86,7 +95,7 @@ def lowest_bound(
     gap, since = FIRST_GAP, 0
     going = True
     while going:
-        earned, covered = _best_plans(fleet, shares, prices)
+        earned, covered = _best_plans(fleet, prices)
         found = measure.at_most(prices, earned)
         since += 1
         if found.bound < lowest:
@@ -104,17 +113,18 @@ def lowest_bound(
     return lowest
 
 
-def _best_plans(fleet: Fleet, shares: Shares, prices: Prices) -> tuple[float, Prices]:
+def _best_plans(fleet: Fleet, prices: Prices) -> tuple[float, Prices]:
     """Return what all drones earn at most, and the shares of steps for which they cover users."""
     total, covered = 0.0, np.zeros_like(prices)
-    paid = np.empty((fleet.steps, *(len(fleet.alone.ahead), LEGS)))
+    paid = np.empty((fleet.steps, len(fleet.types[0].alone.ahead), LEGS))
     for begin in range(0, len(prices), fleet.steps):
         part = slice(begin, begin + fleet.steps)
-        pay_legs(shares, begin, prices[part], paid)
-        plan = best_alone(fleet.alone, paid, fleet.steps)
-        for start, count in fleet.starts:
-            total += count * plan.value(start)
-            own = np.zeros_like(prices[part])
-            follow(fleet.alone, plan, shares, begin, start, own)
-            covered[part] += count * own
+        for alone, shares, starts in fleet.types:
+            pay_legs(shares, begin, prices[part], paid)
+            plan = best_alone(alone, paid, fleet.steps)
+            for start, count in starts:
+                total += count * plan.value(start)
+                own = np.zeros_like(prices[part])
+                follow(alone, plan, shares, begin, start, own)
+                covered[part] += count * own
     return total, covered

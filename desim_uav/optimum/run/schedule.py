@@ -24,6 +24,7 @@ from desim_uav.optimum.run.alone import (
     Plan,
     best_alone,
     follow,
+    leg_number,
     pay_legs,
 )
 from desim_uav.optimum.run.legs import HEADINGS, Shares
@@ -74,6 +75,7 @@ class Team:
             relaxed.charge,
             np.zeros((len(ahead), len(stations) if relaxed.limited else 0, begun), np.int64),
             np.full(begun, self.steps + 1) if relaxed.limited else relaxed.crash,
+            relaxed.doomed,
             relaxed.limited,
             may_wait=False,
         )
@@ -130,4 +132,5 @@ class Team:
             return Action.CHARGE, at
         if decision > CHARGE:
             return Action.HOVER, at
-        return FLIGHTS[decision], int(self.alone.ahead[at, decision])
+        leg = leg_number(decision)
+        return FLIGHTS[leg], int(self.alone.ahead[at, leg])
