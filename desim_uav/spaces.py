@@ -82,6 +82,19 @@ def action_space(actions: int, drones: int) -> Discrete[Any] | MultiDiscrete[Any
     return Discrete(actions) if drones == 1 else MultiDiscrete([actions] * drones)
 
 
+def command_space(numbers: int, drones: int = 1) -> Box:
+    """Return the space of commands of free flight, those of the drones one after the other."""
+    return Box(-1.0, 1.0, (numbers * drones,), np.float32)
+
+
+def action_space_of(world: World) -> Discrete[Any] | MultiDiscrete[Any] | Box:
+    """Return the space of the actions of all drones of a world."""
+    drones = world.scenario.drone_count
+    if world.free:
+        return command_space(world.command_numbers, drones)
+    return action_space(len(world.actions), drones)
+
+
 def state_space(numbers: int) -> Box:
     """Return the space of the whole state (see ``rules.whole_state``)."""
     return Box(0.0, 1.0, (numbers,), np.float32)
