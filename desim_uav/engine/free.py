@@ -62,7 +62,7 @@ def set_memory(state: Any, world: World, log: int) -> None:
     state.flown = Queue(of=FlownRow, buffer=0)
     if world.free:
         state.aims = Table([0.0] * (AIMS * len(state.history)))
-        state.away_m = Table([0.0] * max(own.space.nodes for own in world.types))
+        state.away_m = np.zeros(max(own.space.nodes for own in world.types))
         state.flown = Queue(of=FlownRow, buffer=log)
 
 

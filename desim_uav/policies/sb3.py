@@ -86,6 +86,7 @@ class StableBaselines:
         if world is self._world:
             return
         world.require_one_type("a network of stable-baselines3")
+        world.scenario.require_cells("a network of stable-baselines3")
         observations, actions, jointly = self._fitting(world)
         try:
             self._network = _network(self._saved, observations, actions)

@@ -22,6 +22,7 @@ from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.asking import Requests
 from desim_uav.model.coverage import all_walked
+from desim_uav.model.motion import REST as REST_FLIGHT
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.rules.air import keeps_rings
@@ -30,7 +31,7 @@ from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afr
 from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Ask, Constants, Path, State
 from desim_uav.rules.settle import settle
-from desim_uav.rules.words import ADMISSION, COVERAGE, OWN, RESPAWN
+from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN, REST
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -206,9 +207,10 @@ class Simulation(Engine):
             drone.ahead[:] = last_first(rows)
             return
         changes = self._changes[drone.radio]
-        if drone.transit == OWN:
-            flight = transit_of(drone.course.flight), way_of(world, drone), heights_of(world, drone)
-            drone.ahead[:] = changes.of_free(flight, state.now_us, span_us, not drone.serving)
+        if drone.off_grid and drone.point < 0:
+            own = REST_FLIGHT if drone.transit == REST else transit_of(drone.course.flight)
+            course = own, way_of(world, drone), heights_of(world, drone)
+            drone.ahead[:] = changes.of_free(course, state.now_us, span_us, not drone.serving)
             return
         flight = self.transits[drone.transit], way_of(world, drone), (drone.level, drone.to_level)
         drone.ahead[:] = changes.of(flight, state.now_us, span_us, not drone.serving)
