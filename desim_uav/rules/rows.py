@@ -723,7 +723,8 @@ class AirTables(Row):
     (``model.radio.air.FOUND_COLUMNS``), and ``passed`` are the rows of a pair of levels. ``marks``
     has ``mark_rows`` rows for each sender; ``marks_lost`` says that they were too few, or the
     memory in which marks are made (``model.radio.marks.Memory``), from ``flown`` (tracks) to
-    ``visited``.
+    ``visited``. In free flight, ``pieces`` has the profile of each sender, of four rows, in the
+    place of ``Constants.profiles``.
     """
 
     ways: Table[float]
@@ -749,6 +750,8 @@ class AirTables(Row):
     times: Table[float]
     stretches: Table[float]
     visited: Table[int]
+    pieces: Table[float]
+    pieces_at: Table[int]
 
 
 @row

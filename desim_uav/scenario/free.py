@@ -32,10 +32,6 @@ def free_flight_fits_the_scenario(scenario: Scenario) -> Iterator[Finding]:
         return
     if scenario.decisions.by_event:
         yield Finding(("decisions",), f"not beside {FREE}, which needs decisions: clock", motions)
-    if scenario.association.by_level:
-        yield Finding(
-            ("association",), f"not beside {FREE}, which needs association: entered_first", motions
-        )
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         yield from _of_type(scenario, key, drones)
 
@@ -49,18 +45,6 @@ def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Findi
             f"not beside {FREE}, in which drones always fly in minimum time",
             also,
         )
-    radio = drones.radio
-    if radio.reuse > 0 or radio.marked:
-        yield Finding(
-            (*key, "radio"),
-            f"not beside {FREE}, which needs interference: none, line_of_sight: mean and no "
-            f"shadowing",
-            also,
-        )
-    elif radio.graded and scenario.three_d:
-        yield Finding(
-            (*key, "radio"), f"kind: link_classes is not beside {FREE} in 3D", (*also, _DIMENSIONS)
-        )
     side_m = min(scenario.map.cell_m)
     if scenario.map.obstacles is not None and motion.margin_m >= side_m / 2.0:
         yield Finding(
@@ -68,6 +52,3 @@ def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Findi
             f"must be less than half of the side of a cell, {side_m / 2.0:g} m, beside buildings",
             (*also, ("map", "cells"), ("map", "size_m")),
         )
-
-
-_DIMENSIONS: KeyPath = ("map", "dimensions")

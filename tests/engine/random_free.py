@@ -7,6 +7,7 @@ from typing import Any
 from desim_uav.errors import ScenarioError
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
+from tests.engine import random_radio
 from tests.engine.helpers import HOVER_WH
 from tests.engine.random_radio import Dice
 
@@ -109,11 +110,22 @@ def scenario(seed: int) -> dict[str, Any]:
     return made
 
 
-def world_of(seed: int) -> World:
-    """The world of a random scenario: of the first from this seed on that is accepted."""
+def with_links(seed: int) -> dict[str, Any]:
+    """A random scenario of radio, in which drones fly freely."""
+    made = random_radio.scenario(seed)
+    made["drones"]["motion"] = motion(Dice(seed + 1))
+    return made
+
+
+def world_of(seed: int, links: bool = False) -> World:
+    """The world of a random scenario: of the first from this seed on that is accepted.
+
+    ``links``: it is one of those that ``random_radio`` makes.
+    """
+    make = with_links if links else scenario
     for k in range(50):
         try:
-            return build_world(from_mapping(scenario(seed + 10_000 * k)), seed)
+            return build_world(from_mapping(make(seed + 10_000 * k)), seed)
         except ScenarioError:
             continue
     raise AssertionError(f"no scenario from seed {seed} on is accepted")
