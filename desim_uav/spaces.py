@@ -87,9 +87,11 @@ def command_space(numbers: int, drones: int = 1) -> Box:
     return Box(-1.0, 1.0, (numbers * drones,), np.float32)
 
 
-def action_space_of(world: World) -> Discrete[Any] | MultiDiscrete[Any] | Box:
-    """Return the space of the actions of all drones of a world."""
-    drones = world.scenario.drone_count
+def action_space_of(
+    world: World, drones: int | None = None
+) -> Discrete[Any] | MultiDiscrete[Any] | Box:
+    """Return the space of the actions of so many drones of a world (None: of all)."""
+    drones = world.scenario.drone_count if drones is None else drones
     if world.free:
         return command_space(world.command_numbers, drones)
     return action_space(len(world.actions), drones)

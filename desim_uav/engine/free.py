@@ -49,7 +49,8 @@ def set_course(drone: Any, world: World) -> None:
     if drone.point >= 0:
         point = world.scenario.access_points[drone.point]
         drone.off_grid, course = 1, drone.course
-        course.x0_m, course.y0_m = course.x1_m, course.y1_m = map(float, point.at_m)
+        x_m, y_m = map(float, point.at_m)
+        course.x0_m, course.y0_m, course.x1_m, course.y1_m = x_m, y_m, x_m, y_m
         course.z0_m = course.z1_m = float(point.height_m)
     elif world.types[drone.type].free:
         drone.off_grid = 1
