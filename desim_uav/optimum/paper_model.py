@@ -38,6 +38,8 @@ def _problems(scenario: Scenario, several_types: bool) -> Iterator[str]:
         return
     if scenario.decisions.by_event:
         yield f"decisions: event: {ONLY} with clock, where all drones are asked at each step"
+    if scenario.free:
+        yield f"drones.motion.space: free: {ONLY} with cells, of which there are finitely many"
     association = scenario.association
     radios: list[Any] = [drones.radio for drones in scenario.fleet]
     for kind in dict.fromkeys(_kind(radio) for radio in radios if type(radio) is not Disc):

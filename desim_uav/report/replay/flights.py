@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from desim_uav.model.motion import return_transit
+from desim_uav.model.free.legs import leg_between
+from desim_uav.model.free.space import ANY_SPEED, flight_of
+from desim_uav.model.motion import Transit, return_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.replay.checks import Checks, Whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, plain
@@ -22,7 +24,7 @@ class Flights:
         self.check = check
         self.scenario = check.run.scenario
         self.profiles: list[list[list[float]]] = []
-        self._profile_of: dict[tuple[int, bool, float], tuple[int, int]] = {}
+        self._profile_of: dict[tuple[Any, ...], tuple[int, int]] = {}
 
     def legs(self, legs: pd.DataFrame) -> dict[str, Column]:
         """Return legs by drone in order of time, with their profiles."""
@@ -60,6 +62,8 @@ class Flights:
         self, places: dict[str, Column], mode: Whole, duration_us: Whole, types: Whole
     ) -> Whole:
         """Return the number of each leg's profile, or -1 for a rest."""
+        if self.scenario.free:
+            return self._flown_freely(places, duration_us, types)
         between = [
             np.abs(
                 places[f"leg.{axis}_to"].values.astype(float)
@@ -81,6 +85,34 @@ class Flights:
             profile[k] = number
         return profile
 
+    def _flown_freely(self, places: dict[str, Column], duration_us: Whole, types: Whole) -> Whole:
+        """Return the number of the profile of each leg of free flight, or -1 for a rest."""
+        ends = np.array(
+            [places[f"leg.{axis}_{side}"].values for side in ("from", "to") for axis in "xyz"],
+            float,
+        ).T
+        profile = np.full(len(ends), -1, np.int64)
+        for k in np.flatnonzero(duration_us > 0):
+            key = (int(types[k]), *ends[k].tolist())
+            if key not in self._profile_of:
+                space = self.check.run.world.types[key[0]].space
+                leg = leg_between(space.limits, space.wind, ANY_SPEED, key[1:4], key[4:])
+                self._add(key, flight_of(leg))
+            profile[k], takes_us = self._profile_of[key]
+            self.check.expect(
+                abs(takes_us - int(duration_us[k])) <= 1,
+                "legs",
+                f"duration_s: the leg takes {takes_us / US:g} s in this scenario, "
+                f"not {duration_us[k] / US:g}",
+            )
+        return profile
+
+    def _add(self, key: tuple[Any, ...], transit: Transit) -> None:
+        """Add the profile of a transit, as shares of the distance from its start."""
+        self._profile_of[key] = len(self.profiles), transit.duration_us
+        length_m = transit.distance_m
+        self.profiles.append((transit.profile / [1.0, length_m, length_m, length_m]).tolist())
+
     def _profile(self, of_type: int, commanded: bool, length_m: float) -> tuple[int, int]:
         """Return the number of the profile of a type's transit, and its duration (µs)."""
         key = of_type, commanded, round(length_m, 6)
@@ -95,8 +127,5 @@ class Flights:
                 )
             except ValueError as error:
                 raise self.check.error("legs", str(error)) from error
-            self._profile_of[key] = len(self.profiles), transit.duration_us
-            # As shares of the distance: x = from + share * (to - from).
-            shares = transit.profile / [1.0, length_m, length_m, length_m]
-            self.profiles.append(shares.tolist())
+            self._add(key, transit)
         return self._profile_of[key]
