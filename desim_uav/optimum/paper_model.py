@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from desim_uav.errors import ScenarioError
+from desim_uav.model.motion import cruise_of
 from desim_uav.model.radio.radio import Disc
 from desim_uav.model.services import Volume
 from desim_uav.scenario.components import described
@@ -35,6 +36,11 @@ def _problems(scenario: Scenario) -> Iterator[str]:
         return
     if scenario.decisions.by_event:
         yield f"decisions: event: {ONLY} with clock, where all drones are asked at each step"
+    if cruise_of(scenario.fleet[0].motion):
+        yield (
+            f"drones.motion.cruise: {list(cruise_of(scenario.fleet[0].motion))}: {ONLY} without a "
+            "choice of cruise speeds (null)"
+        )
     radio: Any = scenario.fleet[0].radio
     association = scenario.association
     if type(radio) is not Disc:

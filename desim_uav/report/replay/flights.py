@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from desim_uav.model.motion import return_transit
+from desim_uav.model.motion import flown_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.replay.checks import Checks, Whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, plain
@@ -22,7 +22,7 @@ class Flights:
         self.check = check
         self.scenario = check.run.scenario
         self.profiles: list[list[list[float]]] = []
-        self._profile_of: dict[tuple[int, bool, float], tuple[int, int]] = {}
+        self._profile_of: dict[tuple[int, bool, float, int], tuple[int, int]] = {}
 
     def legs(self, legs: pd.DataFrame) -> dict[str, Column]:
         """Return legs by drone in order of time, with their profiles."""
@@ -71,7 +71,8 @@ class Flights:
         profile = np.full(len(mode), -1, np.int64)
         for k in np.flatnonzero(duration_us > 0):
             commanded = int(mode[k]) == Mode.FLYING
-            number, takes_us = self._profile(int(types[k]), commanded, float(length_m[k]))
+            flown = int(types[k]), commanded, float(length_m[k]), int(duration_us[k])
+            number, takes_us = self._profile(*flown)
             self.check.expect(
                 abs(takes_us - int(duration_us[k])) <= 1,
                 "legs",
@@ -81,18 +82,19 @@ class Flights:
             profile[k] = number
         return profile
 
-    def _profile(self, of_type: int, commanded: bool, length_m: float) -> tuple[int, int]:
-        """Return the number of the profile of a type's transit, and its duration (µs)."""
-        key = of_type, commanded, round(length_m, 6)
+    def _profile(
+        self, of_type: int, commanded: bool, length_m: float, lasted_us: int
+    ) -> tuple[int, int]:
+        """Return the number of the profile of a type's transit, and its duration (µs).
+
+        Of several transits, it is that of the one that lasts nearest to ``lasted_us``.
+        """
+        key = of_type, commanded, round(length_m, 6), lasted_us
         if key not in self._profile_of:
             motion, step_s = self.scenario.fleet[of_type].motion, self.scenario.episode.step_s
             self.check.expect(length_m > 0, "legs", "a transit leads nowhere")
             try:
-                transit = (
-                    motion.epoch_transit(length_m, step_s)
-                    if commanded
-                    else return_transit(motion, length_m, step_s)
-                )
+                transit = flown_transit(motion, commanded, length_m, step_s, lasted_us)
             except ValueError as error:
                 raise self.check.error("legs", str(error)) from error
             self._profile_of[key] = len(self.profiles), transit.duration_us
