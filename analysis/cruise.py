@@ -1,16 +1,18 @@
 """What a choice of cruise speed changes: energy of hops, and policies with and without a choice.
 
-python analysis/cruise.py [--seeds N] [--episodes N] [--energy W] [--clock] [NAME…]
+python analysis/cruise.py [--seeds N] [--episodes N] [--energy W] [--clock] [--3d] [NAME…]
 
 The first table is a closed form: what it takes to fly a cell of case 8 at a speed, and a step in
 which the drone hovers for what remains. For the second one, drones learn in case 8 with the battery
 ``rotary_wing`` by Q-learning, with the reward ``qoe`` for QoE3 less the energy used, one training
-per seed in the world of that seed, from seed 100 on. Then they fly greedily for 20 episodes. All is
-the same but the speeds from which commands choose. With ``--clock`` drones decide at each step, as
-in case 8, and else when they are free. NAMEs are those of the motions to compare; "choice" is one.
+per seed in the world of that seed, from seed 101 on. Then they fly greedily for 20 episodes. All is
+the same but the speeds from which commands choose. Drones decide when they are free, or with
+``--clock`` at each step, and fly on one level, or with ``--3d`` between buildings, as in case 8.
+NAMEs are those of the motions to compare, of which "choice" is one.
 """
 
 import argparse
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,24 +20,51 @@ import desim_uav as du
 from desim_uav.experiment.statistics import estimate, paired
 from desim_uav.experiment.train.course import train
 from desim_uav.model.motion import REST, BangCoastBang
+from desim_uav.model.observations import Feature, RowObservation
 from desim_uav.model.propulsion.rotary_wing import ROTORS, best_speeds, powers_of
 from desim_uav.model.rotary_wing import RotaryWing
 from desim_uav.policies.tabular import Greedy
 
-FIRST_SEED, EVALUATED = 100, 20
+FIRST_SEED, EVALUATED = 101, 20
+GAMMA, EPSILON = 0.8, 0.3
+CAPACITY_WH = 84.25  # with which a hover lasts for an episode of 30 minutes
 CELL_M, STEP_S, TOP_MPS = 240.0, 60.0, 18.3
-SPEEDS = (4.07, 6.0, 8.3, 10.2, 12.0, 14.0, 18.3, 22.0)
+SPEEDS = (4.07, 5.0, 6.0, 8.3, 10.2, 12.0, 14.0, 18.3, 22.0)
 MOTIONS = {
     "fill_epoch": {"timing": "fill_epoch"},
     "8.3 m/s": {"cruise": [8.3]},
     "18.3 m/s": {"cruise": [18.3]},
-    "10.2 m/s": {"cruise": [10.2]},
-    "choice": {"cruise": [6.0, 10.2, 18.3]},
+    "choice": {"cruise": [5.0, 10.2, 18.3]},
 }
 """The motions by name; all return at the highest speed, which is about V_mr."""
 
 
-def main(names, seeds, episodes, energy, clock):
+@dataclass(frozen=True)
+class Place(RowObservation):
+    """The cell, and in 3D the level, at which a drone believes itself to be.
+
+    The paper's state has the minutes left, too. Here batteries are full at the start of an episode
+    and last to its end, and with fewer states each of them is visited more often.
+    """
+
+    information = "local"
+
+    def features(self, facts):
+        """Return two or three whole numbers."""
+        sizes = dict(zip(("cell_x", "cell_y"), facts.grid.cells, strict=True))
+        if facts.three_d:
+            sizes["level"] = facts.grid.levels_under_ceiling
+        return tuple(Feature(name, 0, size - 1, True) for name, size in sizes.items())
+
+    def write(self, world, state, drone):
+        """Write them."""
+        here = state.observations[drone.index]
+        drone.features[0], drone.features[1] = here.x, here.y
+        if world.three_d:
+            drone.features[2] = here.level
+
+
+def main(names, seeds, episodes, **how):
     """Print both tables."""
     print(row(("speed", "flight", "hop", "per metre", "power", "step, then hover")))
     print(row(["---"] * 6))
@@ -46,7 +75,7 @@ def main(names, seeds, episodes, energy, clock):
     found = {}
     for name in names:
         for seed in seeds:
-            found[name, seed] = measured(name, seed, episodes, energy, clock)
+            found[name, seed] = measured(name, seed, episodes, **how)
             print(f"# {name}, seed {seed}: {found[name, seed]}", flush=True)
     print()
     print(row(("motion", "QoE3 %", "choice: more", "J/Mbit", "choice: ratio", "W", "time")))
@@ -68,28 +97,31 @@ def hop(speed_mps):
     )
 
 
-def scenario_of(name, seed, episodes, energy, clock):
+def scenario_of(name, seed, episodes, energy, clock, three_d):
     """Return case 8 with a battery measured in energy and this motion."""
     decisions = "clock" if clock else {"kind": "event", "patience_s": STEP_S}
     return du.load(
         "case8",
         {
             "seed": seed,
-            "drones.battery": {"kind": "rotary_wing"},
+            "map.dimensions": 3 if three_d else 2,
+            "drones.battery": {"kind": "rotary_wing", "capacity_wh": CAPACITY_WH},
             "drones.motion": {"max_speed_mps": TOP_MPS, **MOTIONS[name]},
             "decisions": decisions,
-            "episode.carry_over": clock,
+            "episode.carry_over": False,
             "reward": {"kind": "qoe", "w1": 0.0, "crash": 10.0, "energy": energy},
+            "observation": {"kind": "cruise:Place"},
+            "learning.gamma": GAMMA,
             "learning.episodes": episodes,
-            "learning.alpha": {"start": 1.0, "decay": 0.02 ** (1 / episodes), "end": 0.05},
-            "learning.epsilon": {"start": 0.4, "decay": 0.02 ** (1 / episodes), "end": 0.02},
+            "learning.alpha": {"start": 1.0, "decay": 0.01 ** (1 / episodes), "end": 0.01},
+            "learning.epsilon": EPSILON,
         },
     )
 
 
-def measured(name, seed, episodes, energy, clock):
+def measured(name, seed, episodes, **how):
     """Train with a motion in the world of a seed; return the measures of the greedy policy."""
-    scenario = scenario_of(name, seed, episodes, energy, clock)
+    scenario = scenario_of(name, seed, episodes, **how)
     table, _ = train(scenario, engine="batch")
     flown = du.run(
         scenario,
@@ -117,11 +149,13 @@ def times(legs, time_s):
     """Return the share of the drones' time in moves at each speed, in climbs, and in returns."""
     motion, shares = BangCoastBang(30.0), {}
     lasts = {motion.cruise_transit(CELL_M, STEP_S, v).duration_us / 1e6: v for v in SPEEDS}
+    end_s = 30 * STEP_S
     for leg in legs[legs["duration_s"] > 0].to_dict("records"):
         speed = lasts[min(lasts, key=lambda duration_s: abs(duration_s - leg["duration_s"]))]
         what = "return" if leg["mode"] == "returning" else f"{speed:g} m/s"
         what = "climb" if leg["z_from_m"] != leg["z_to_m"] and what != "return" else what
-        shares[what] = shares.get(what, 0.0) + leg["duration_s"] / time_s
+        lasted_s = min(leg["duration_s"], end_s - leg["t_s"])
+        shares[what] = shares.get(what, 0.0) + lasted_s / time_s
     return {what: round(float(share), 4) for what, share in sorted(shares.items())}
 
 
@@ -154,17 +188,20 @@ def row(cells):
 
 
 def arguments():
-    """Return what is asked for."""
+    """Return the motions, the seeds and the episodes, and how drones fly and learn."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--seeds", type=int, default=5, help="how many seeds, from 100 on")
-    parser.add_argument("--episodes", type=int, default=3000, help="episodes of a training")
-    parser.add_argument("--energy", type=float, default=0.3, help="the weight of energy")
+    parser.add_argument("--seeds", type=int, default=8, help="how many seeds, from 101 on")
+    parser.add_argument("--episodes", type=int, default=6000, help="episodes of a training")
+    parser.add_argument("--energy", type=float, default=0.5, help="the weight of energy")
     parser.add_argument("--clock", action="store_true", help="decide at each step")
+    parser.add_argument("--3d", dest="three_d", action="store_true", help="fly between buildings")
     parser.add_argument("names", nargs="*", help=f"of {', '.join(MOTIONS)}; default: all")
     given = parser.parse_args()
     seeds = range(FIRST_SEED, FIRST_SEED + given.seeds)
-    return given.names or list(MOTIONS), seeds, given.episodes, given.energy, given.clock
+    how = {"energy": given.energy, "clock": given.clock, "three_d": given.three_d}
+    return given.names or list(MOTIONS), seeds, given.episodes, how
 
 
 if __name__ == "__main__":
-    main(*arguments())
+    *asked, how = arguments()
+    main(*asked, **how)

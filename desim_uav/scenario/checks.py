@@ -185,11 +185,11 @@ def cruise_speeds_can_be_flown(scenario: Scenario) -> Iterator[Finding]:
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         path, first = (*key, "motion", "cruise"), scenario.fleet[0].motion
         if cruise_of(drones.motion) != cruise_of(first):
-            speeds = list(cruise_of(first)) or "null"
+            speeds = ", ".join(f"{speed:g}" for speed in cruise_of(first))
             yield Finding(
                 path if cruise_of(drones.motion) else path[:-1],
-                f"all types of drones have the same actions, so cruise must be that of drones.0: "
-                f"{speeds}",
+                f"all types of drones have the same actions, so cruise must be that of drones.0, "
+                f"{f'[{speeds}]' if speeds else 'null'}",
                 (("drones", 0, "motion"),),
             )
         too_fast = getattr(drones.motion, "too_fast", None)
