@@ -13,9 +13,9 @@ from desim_uav.model.free.limits import CALM
 from desim_uav.model.free.prisms import Zone
 from desim_uav.model.free.space import Space, space_of
 from desim_uav.model.grid import Cell, Grid
-from desim_uav.model.motion import Transit, return_transit
+from desim_uav.model.motion import Transit, commanded_transit, cruise_of, return_transit
 from desim_uav.model.planner import HOPS, Node, Planner
-from desim_uav.model.rules import MOVES, US, Action, actions, free_actions
+from desim_uav.model.rules import MOVES, US, Choice, actions, free_actions, kind_of
 from desim_uav.scenario.schema import Drones, Scenario, flies_freely
 
 
@@ -34,11 +34,11 @@ class DroneType(Unchanging):
         return self.drones.battery is not None
 
     @cached_property
-    def actions(self) -> tuple[Action, ...]:
+    def actions(self) -> tuple[Choice, ...]:
         """The actions that its drones can take, which are the first of those of the world."""
         if self.free:
             return free_actions(self.limited)
-        return actions(self.scenario.three_d, self.limited)
+        return actions(self.scenario.three_d, self.limited, cruise_of(self.drones.motion))
 
     @property
     def free(self) -> bool:
@@ -110,13 +110,14 @@ class DroneType(Unchanging):
         return "remove" if battery is None else battery.on_crash
 
     @cached_property
-    def epoch_transits(self) -> dict[Action, Transit]:
+    def epoch_transits(self) -> dict[Choice, Transit]:
         """The transit that each moving action commands."""
         motion, step_s = self.drones.motion, self.scenario.episode.step_s
+        moves = {each: MOVES[kind_of(each)] for each in self.actions if kind_of(each) in MOVES}
         return {
-            action: _rising(motion.epoch_transit(self._hop_m(move), step_s), move)
-            for action, move in MOVES.items()
-            if action in self.actions and self._has_hop(move)
+            each: _rising(commanded_transit(motion, each, self._hop_m(move), step_s), move)
+            for each, move in moves.items()
+            if self._has_hop(move)
         }
 
     @cached_property

@@ -21,11 +21,11 @@ from desim_uav.model.demand import requests_of
 from desim_uav.model.free.space import require_free
 from desim_uav.model.grid import Cell, Grid, altitudes, connected
 from desim_uav.model.mobility import walks_of
-from desim_uav.model.motion import Transit
+from desim_uav.model.motion import Transit, cruise_of
 from desim_uav.model.observations import Feature
 from desim_uav.model.planner import Node, Planner
 from desim_uav.model.radio.link import thresholds_db
-from desim_uav.model.rules import US, Action, actions, free_actions
+from desim_uav.model.rules import US, Choice, actions, free_actions
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
 from desim_uav.model.streams import Purpose, Seeds, Streams, states_of
@@ -90,14 +90,15 @@ class World(Unchanging):
         return Area(self.grid.width_m, self.grid.depth_m)
 
     @cached_property
-    def actions(self) -> tuple[Action, ...]:
+    def actions(self) -> tuple[Choice, ...]:
         """The actions of all drones. A command is an index into this tuple.
 
         A drone whose battery is unlimited takes none of those of charging, which are the last ones.
         """
         if self.free:
             return free_actions(self.scenario.limited_battery)
-        return actions(self.scenario.three_d, self.scenario.limited_battery)
+        cruise_mps = cruise_of(self.scenario.fleet[0].motion)  # which all types have in common
+        return actions(self.scenario.three_d, self.scenario.limited_battery, cruise_mps)
 
     @property
     def free(self) -> bool:
@@ -423,7 +424,7 @@ class World(Unchanging):
         return self.only_type.on_crash
 
     @property
-    def epoch_transits(self) -> dict[Action, Transit]:
+    def epoch_transits(self) -> dict[Choice, Transit]:
         """The transit that each moving action commands."""
         return self.only_type.epoch_transits
 

@@ -15,7 +15,7 @@ from desim_uav.model.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.radio.marks import KINDS
 from desim_uav.model.rewards import RowReward
 from desim_uav.model.rows import Table, blank, fill
-from desim_uav.model.rules import MOVES
+from desim_uav.model.rules import move_of
 from desim_uav.rules.rows import (
     Cell,
     Constants,
@@ -149,7 +149,7 @@ def _set_flights(made: Constants, world: World) -> None:
     """Set the actions and the transits of the constants."""
     by_action = {action: 1 + k for k, action in enumerate(world.types[0].epoch_transits)}
     made.moves = Table(
-        fill(Move, (int(action), *MOVES.get(action, (0, 0, 0)), by_action.get(action, 0)))
+        fill(Move, (int(action), *move_of(action), by_action.get(action, 0)))
         for action in world.actions
     )
     made.first_hop = hop_transit(world, 0, next(iter(HOPS)))

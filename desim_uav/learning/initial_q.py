@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
 from desim_uav.model.observations import Feature, table_sizes
-from desim_uav.model.rules import MOVES, Action
+from desim_uav.model.rules import Choice, move_of
 from desim_uav.model.state import Facts
 
 MAX_REWARD = 1.0
@@ -19,7 +19,7 @@ MAX_REWARD = 1.0
 def initial_q(
     kind: str | float,
     features: tuple[Feature, ...],
-    actions: tuple[Action, ...],
+    actions: tuple[Choice, ...],
     facts: Facts,
     rng: np.random.Generator,
 ) -> NDArray[np.float32]:
@@ -44,7 +44,7 @@ def initial_q(
 def _prior(
     features: tuple[Feature, ...],
     sizes: tuple[int, ...],
-    actions: tuple[Action, ...],
+    actions: tuple[Choice, ...],
     facts: Facts,
 ) -> NDArray[np.float32]:
     """Return 1 minus the distance from the next cell to the nearest cluster over the diagonal."""
@@ -61,7 +61,7 @@ def _prior(
     clusters = np.array([grid.cell_of(cx, cy) for cx, cy, _ in facts.clusters])
     table = np.empty((math.prod(sizes), len(actions)), np.float32)
     for column, action in enumerate(actions):
-        dx, dy, _ = MOVES.get(action, (0, 0, 0))
+        dx, dy, _ = move_of(action)
         there = np.stack([np.clip(x + dx, 0, nx - 1), np.clip(y + dy, 0, ny - 1)], axis=1)
         apart = (there[:, None, :] - clusters[None, :, :]) * np.array(grid.cell_m)
         nearest = np.sqrt((apart**2).sum(axis=2)).min(axis=1)

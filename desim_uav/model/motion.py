@@ -9,15 +9,15 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
-from annotated_types import Ge, Le
+from annotated_types import Ge, Le, MaxLen, MinLen
 from numpy.typing import NDArray
 
 from desim_uav.model.kernels import kernel, rule
-from desim_uav.model.rules import US
-from desim_uav.registry import register
+from desim_uav.model.rules import US, AtSpeed, Choice
+from desim_uav.registry import Checked, register
 
 START, DISTANCE, SPEED, ACCELERATION = range(4)
 
@@ -52,7 +52,8 @@ class Motion(Protocol):
     """A motion model, which determines how fast drones fly.
 
     It may have a method ``return_transit`` like ``BangCoastBang``; without one, the hops of a
-    return are flown in minimum time.
+    return are flown in minimum time. If it has ``cruise``, a tuple of ascending speeds in m/s, each
+    move is commanded at one of them, and ``cruise_transit`` returns its transit.
     """
 
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
@@ -74,6 +75,66 @@ def return_transit(motion: Motion, distance_m: float, step_s: float) -> Transit:
     return transit
 
 
+def cruise_of(motion: Motion) -> tuple[float, ...]:
+    """Return the cruise speeds that a command can choose, ascending; none if it has no choice."""
+    return tuple(getattr(motion, "cruise", None) or ())
+
+
+def commanded_transit(motion: Motion, choice: Choice, distance_m: float, step_s: float) -> Transit:
+    """Return the transit that a moving action commands, at its cruise speed if it has one.
+
+    Raises ValueError if it takes longer than a step.
+    """
+    if isinstance(choice, AtSpeed):
+        chooses: Any = motion
+        transit: Transit = chooses.cruise_transit(distance_m, step_s, choice.cruise_mps)
+        return transit
+    return motion.epoch_transit(distance_m, step_s)
+
+
+def transits_over(motion: Motion, distance_m: float, step_s: float) -> list[Transit]:
+    """Return the transits that commands can have over a distance: one for each cruise speed.
+
+    Raises ValueError if one of them takes longer than a step.
+    """
+    chooses: Any = motion
+    speeds = cruise_of(motion)
+    if not speeds:
+        return [motion.epoch_transit(distance_m, step_s)]
+    return [chooses.cruise_transit(distance_m, step_s, speed) for speed in speeds]
+
+
+def flown_transit(
+    motion: Motion, commanded: bool, distance_m: float, step_s: float, duration_us: int
+) -> Transit:
+    """Return the transit of a leg that was ``commanded``, or else was a hop of a return.
+
+    Of several that commands can have, it is the one whose duration is nearest to ``duration_us``.
+    """
+    if not commanded:
+        return return_transit(motion, distance_m, step_s)
+    known = transits_over(motion, distance_m, step_s)
+    return min(known, key=lambda transit: abs(transit.duration_us - duration_us))
+
+
+MOST_SPEEDS = 8
+"""The largest number of cruise speeds that a command can choose from."""
+
+CruiseSpeed = Annotated[float, Ge(0.001), Le(1000)]
+
+
+def _ascend(speeds: tuple[float, ...] | None) -> None:
+    """Raise ValueError unless speeds ascend."""
+    for lower, higher in zip(speeds or (), (speeds or ())[1:], strict=False):
+        if lower >= higher:
+            raise ValueError(f"must ascend; {higher:g} follows {lower:g}")
+
+
+CruiseSpeeds = Annotated[
+    Annotated[tuple[CruiseSpeed, ...], MinLen(1), MaxLen(MOST_SPEEDS)] | None, Checked(_ascend)
+]
+
+
 @register("motion", "bang_coast_bang")
 @dataclass(frozen=True)
 class BangCoastBang:
@@ -82,11 +143,11 @@ class BangCoastBang:
     ``fill_epoch``: the drone cruises at the speed with which the transit lasts exactly one step
     (the paper's "240 m in about 60 s"). ``minimum_time``: it cruises at the highest speed and then
     hovers. ``return_timing`` says the same of the hops of a return, which follow upon each other.
-
+    With ``cruise``, each command chooses its cruise speed, and ``timing`` says nothing.
     In free ``space``, drones fly straight to any place in minimum time (see ``model.free``).
     """
 
-    later: ClassVar = ("space", "climb_mps", "descent_mps", "vertical_mps2", "margin_m")
+    later: ClassVar = ("cruise", "space", "climb_mps", "descent_mps", "vertical_mps2", "margin_m")
 
     max_speed_mps: Annotated[float, Ge(0.001), Le(1000)] = 8.3
     """The highest speed, in metres per second."""
@@ -113,18 +174,39 @@ class BangCoastBang:
     """The highest vertical acceleration in free flight, in metres per second squared."""
     margin_m: Annotated[float, Ge(0.01), Le(1000)] = 5.0
     """How far drones keep away from buildings and from `map.no_fly` in free flight, in metres."""
+    cruise: CruiseSpeeds = None
+    """The cruise speeds from which each command of a move chooses, ascending, in metres per second.
+    There is an action for each move and speed (`right@8.3`), and the drone hovers for the rest of
+    the step. null: no choice, and `timing` says how fast moves are.
+    """
+
+    def too_fast(self) -> list[tuple[int, str]]:
+        """Return the number of each cruise speed above the highest speed, and what is wrong."""
+        return [
+            (number, f"must be at most max_speed_mps = {self.max_speed_mps:g}")
+            for number, speed in enumerate(self.cruise or ())
+            if speed > self.max_speed_mps
+        ]
 
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
-        """Return the transit of ``distance_m`` within a step. Raises ValueError if none fits."""
+        """Return the transit of ``distance_m`` within a step. Raises ValueError if none fits.
+
+        With a choice of cruise speeds, it is the one at the highest of them.
+        """
+        if self.cruise is not None:
+            return self.cruise_transit(distance_m, step_s, self.cruise[-1])
         if self.timing == "minimum_time":
-            transit = self.fastest_transit(distance_m)
-            if transit.duration_us > round(step_s * US):
-                raise ValueError(
-                    f"{distance_m:g} m take at least {transit.duration_us / US:g} s, "
-                    f"longer than the step of {step_s:g} s"
-                )
-            return transit
+            return _within_step(self.fastest_transit(distance_m), step_s)
         return self._filling_transit(distance_m, step_s)
+
+    def cruise_transit(self, distance_m: float, step_s: float, cruise_mps: float) -> Transit:
+        """Return the transit at a cruise speed, or in minimum time if it is too short to reach it.
+
+        Raises ValueError if it takes longer than a step.
+        """
+        a = self.max_acceleration_mps2
+        speed, duration = fastest(distance_m, cruise_mps, a)
+        return _within_step(_trapezoid(distance_m, speed, a, duration), step_s, cruise_mps)
 
     def return_transit(self, distance_m: float, step_s: float) -> Transit:
         """Return the transit of a hop of a return. Raises ValueError if it cannot fill a step."""
@@ -199,6 +281,17 @@ def write_trapezoid(
     profile[2, START], profile[2, DISTANCE] = duration - ramp, distance - ramp_distance
     profile[2, SPEED], profile[2, ACCELERATION] = speed, -acceleration
     profile[3, START], profile[3, DISTANCE] = duration, distance
+
+
+def _within_step(transit: Transit, step_s: float, cruise_mps: float | None = None) -> Transit:
+    """Return a transit. Raises ValueError if it takes longer than a step."""
+    if transit.duration_us > round(step_s * US):
+        how = "take at least" if cruise_mps is None else f"at {cruise_mps:g} m/s take"
+        raise ValueError(
+            f"{transit.distance_m:g} m {how} {transit.duration_us / US:g} s, "
+            f"longer than the step of {step_s:g} s"
+        )
+    return transit
 
 
 def _trapezoid(distance: float, speed: float, acceleration: float, duration: float) -> Transit:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from enum import IntEnum, StrEnum
 from functools import cache
 
@@ -34,6 +36,42 @@ MOVES: dict[Action, tuple[int, int, int]] = {
     Action.DOWN: (0, 0, -1),
 }
 """The change of (cell x, cell y, level) that each moving action commands."""
+
+
+@dataclass(frozen=True)
+class AtSpeed:
+    """A moving action at one of several cruise speeds (``drones.motion.cruise``)."""
+
+    action: Action
+    cruise_mps: float
+
+    @property
+    def name(self) -> str:
+        """The name of the action and the speed in m/s, such as ``RIGHT@8.3``."""
+        return f"{self.action.name}@{repr(float(self.cruise_mps)).removesuffix('.0')}"
+
+    def __int__(self) -> int:
+        """Return the number of the action, which is the same at all speeds."""
+        return int(self.action)
+
+
+Choice = Action | AtSpeed
+"""What a drone can be commanded: an action, or a moving action at a cruise speed."""
+
+
+def kind_of(choice: Choice) -> Action:
+    """Return the action of a choice, at whatever speed."""
+    return choice.action if isinstance(choice, AtSpeed) else choice
+
+
+def move_of(choice: Choice) -> tuple[int, int, int]:
+    """Return the change of (cell x, cell y, level) that a choice commands, which may be none."""
+    return MOVES.get(kind_of(choice), (0, 0, 0))
+
+
+def fastest_of(choices: Sequence[Choice]) -> dict[Action, int]:
+    """Return the number of each action among choices, at the highest speed if there are several."""
+    return {kind_of(choice): number for number, choice in enumerate(choices)}
 
 
 class Mode(IntEnum):
@@ -79,11 +117,24 @@ DECIDES = frozenset({Mode.FLYING, Mode.CHARGED})
 
 
 @cache
-def actions(three_d: bool, limited_battery: bool) -> tuple[Action, ...]:
-    """Return the 5, 7 or 9 actions of a scenario. A command is an index into this tuple."""
-    chosen = [Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT, Action.HOVER]
+def actions(
+    three_d: bool, limited_battery: bool, cruise_mps: tuple[float, ...] = ()
+) -> tuple[Choice, ...]:
+    """Return the actions of a scenario. A command is an index into this tuple.
+
+    There are 5, 7 or 9 of them. With cruise speeds, which ascend, each move exists at each of them:
+    the first five or seven actions are those at the lowest speed, those at higher speeds follow,
+    and the actions of charging are the last.
+    """
+    chosen: list[Choice] = [Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT]
+    chosen.append(Action.HOVER)
     if three_d:
         chosen += [Action.UP, Action.DOWN]
+    if cruise_mps:
+        plain, chosen = chosen, []
+        for number, speed in enumerate(cruise_mps):
+            at_speed = [AtSpeed(kind_of(each), speed) if each in MOVES else each for each in plain]
+            chosen += [each for each in at_speed if number == 0 or each is not Action.HOVER]
     if limited_battery:
         chosen += [Action.GOTO_CHARGING_STATION, Action.CHARGE]
     return tuple(chosen)

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from desim_uav.errors import ScenarioError
+from desim_uav.model.motion import cruise_of
 from desim_uav.model.radio.radio import Disc
 from desim_uav.model.services import Volume
 from desim_uav.scenario.components import described
@@ -40,6 +41,11 @@ def _problems(scenario: Scenario, several_types: bool) -> Iterator[str]:
         yield f"decisions: event: {ONLY} with clock, where all drones are asked at each step"
     if scenario.free:
         yield f"drones.motion.space: free: {ONLY} with cells, of which there are finitely many"
+    if cruise_of(scenario.fleet[0].motion):
+        yield (
+            f"drones.motion.cruise: {list(cruise_of(scenario.fleet[0].motion))}: {ONLY} without a "
+            "choice of cruise speeds (null)"
+        )
     association = scenario.association
     radios: list[Any] = [drones.radio for drones in scenario.fleet]
     for kind in dict.fromkeys(_kind(radio) for radio in radios if type(radio) is not Disc):

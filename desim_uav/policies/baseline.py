@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from desim_uav.model.grid import Cell
-from desim_uav.model.rules import MOVES, Action
+from desim_uav.model.rules import MOVES, Action, fastest_of
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.registry import register
@@ -20,7 +20,8 @@ class Baseline:
 
     Drone 0 flies around a ring. Odd drones fly back and forth along a column, even drones along a
     row. Drones know the buildings and climb over those in their way, without a ceiling. They never
-    descend on their own; only a return to a charging station takes them down.
+    descend on their own; only a return to a charging station takes them down. If commands choose a
+    cruise speed, drones take the highest one.
     """
 
     ceiling = False
@@ -29,7 +30,7 @@ class Baseline:
         """Determine the routes of all drones."""
         world.scenario.require_cells("the baseline")
         self._grid = world.grid
-        self._index = {action: k for k, action in enumerate(world.actions)}
+        self._index = fastest_of(world.actions)
         self._ring = ring(*world.grid.cells)
         self._starts = world.starts
         if not carried:

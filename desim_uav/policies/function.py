@@ -6,16 +6,17 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from desim_uav.errors import PolicyError
-from desim_uav.model.rules import Action
+from desim_uav.model.rules import Action, AtSpeed, fastest_of
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.registry import did_you_mean
 from desim_uav.world import World
 
-Choice = Callable[[Observation, Sequence[bool]], "Action | int | str | Sequence[float]"]
+Choice = Callable[[Observation, Sequence[bool]], "Action | AtSpeed | int | str | Sequence[float]"]
 """A function that chooses a drone's action from its observation and mask. It returns an ``Action``,
 the name of an action, or an index into ``world.actions``; in free flight also the numbers of a
-command, from -1 to 1."""
+command, from -1 to 1. If commands choose a cruise speed, a move without one is that at the highest
+speed."""
 
 
 class Function:
@@ -33,8 +34,8 @@ class Function:
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Note the actions of the scenario."""
-        self._index = {action: index for index, action in enumerate(world.actions)}
-        self._by_name = {action.name.lower(): action for action in world.actions}
+        self._index = fastest_of(world.actions) | {a: k for k, a in enumerate(world.actions)}
+        self._by_name = {action.name.lower(): action for action in self._index}
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
         """Call the function. Raises PolicyError for an action that the scenario does not have."""
@@ -43,9 +44,9 @@ class Function:
         chosen = self.choose(observation, mask)
         if isinstance(chosen, str):
             chosen = self._by_name.get(chosen.lower(), chosen)
-        if isinstance(chosen, Action) and chosen in self._index:
+        if isinstance(chosen, Action | AtSpeed) and chosen in self._index:
             return self._index[chosen]
-        if isinstance(chosen, str | Action):
+        if isinstance(chosen, str | Action | AtSpeed):
             name = chosen if isinstance(chosen, str) else chosen.name.lower()
             raise PolicyError(
                 f"policy {self.name!r}: {name!r} is not an action of this scenario"

@@ -141,9 +141,11 @@ class Rollout:
         drone = self._engine.drones[seen.drone]
         place = ground.number(int(drone.x), int(drone.y), int(drone.level))
         for command, action in enumerate(self._world.actions):
-            if action in ground.actions:
-                k = ground.actions.index(action)
-                may = self._can_return(int(ground.after[k, place]), int(ground.drains[k]), seen)
+            k = ground.move(action)
+            if k >= 0:
+                may = self._can_return(
+                    int(ground.after[k, place]), int(ground.takes[command]), seen
+                )
             else:
                 may = action is Action.CHARGE or self._world.scenario.position_noise is None
             if mask[command] and may:
@@ -166,9 +168,9 @@ class Rollout:
             return command
         ground, row = self._ground, self._engine.drones[drone]
         place = ground.number(int(row.x), int(row.y), int(row.level))
-        after = {action: ground.after[k, place] for k, action in enumerate(ground.actions)}
-        actions = self._world.actions
-        return min(allowed, key=lambda k: (ground.needs[after.get(actions[k], place)], k))
+        moves = [ground.move(action) for action in self._world.actions]
+        after = [ground.after[k, place] if k >= 0 else place for k in moves]
+        return min(allowed, key=lambda k: (ground.needs[after[k]], k))
 
     def _imagine(self) -> None:
         """Draw the futures in which all commands of this decision epoch are tried."""

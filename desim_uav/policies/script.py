@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from desim_uav.errors import PolicyError
-from desim_uav.model.rules import Action
+from desim_uav.model.rules import Action, fastest_of
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.model.traces import index, read_table
@@ -18,7 +18,8 @@ from desim_uav.world import World
 class Script:
     """Takes actions from a CSV file with the columns step (from 0), drone and action (a name).
 
-    A drone hovers at steps that the file leaves out.
+    A drone hovers at steps that the file leaves out. If commands choose a cruise speed, an action
+    is written ``right@8.3``; ``right`` is the move at the highest speed.
     """
 
     ceiling = True
@@ -30,7 +31,7 @@ class Script:
         self.file = Path(file)
         columns = {"step": index, "drone": index, "action": _action}
         rows = read_table(self.file, columns)
-        self.commands: dict[tuple[int, int], Action] = {}
+        self.commands: dict[tuple[int, int], str] = {}
         for step, drone, action, line in rows:
             if (step, drone) in self.commands:
                 raise ValueError(f"{file}:{line}: drone {drone} has two actions at step {step}")
@@ -40,7 +41,8 @@ class Script:
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Check the script. Raises PolicyError if it does not fit the scenario."""
         world.scenario.require_cells("a script of actions")
-        self._index = {action: k for k, action in enumerate(world.actions)}
+        self._index = {a.name.lower(): k for a, k in fastest_of(world.actions).items()}
+        self._index |= {action.name.lower(): k for k, action in enumerate(world.actions)}
         drones = world.scenario.drone_count
         for (step, drone), action in self.commands.items():
             where = f"{self.file}:{self._lines[step, drone]}"
@@ -49,19 +51,19 @@ class Script:
             if action not in self._index:
                 allowed = ", ".join(a.name.lower() for a in world.actions)
                 raise PolicyError(
-                    f"{where}: action: {action.name.lower()!r} does not exist in this scenario; "
+                    f"{where}: action: {action!r} does not exist in this scenario; "
                     f"allowed: {allowed}"
                 )
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
         """Return the action in the file, or "hover" if it has none for this step and drone."""
-        action = self.commands.get((observation.step, observation.drone), Action.HOVER)
+        action = self.commands.get((observation.step, observation.drone), "hover")
         return self._index[action]
 
 
-def _action(text: str) -> Action:
-    known = [action.name.lower() for action in Action]
-    if text.lower() not in known:
-        hint = did_you_mean(text.lower(), known)
+def _action(text: str) -> str:
+    known, name = [action.name.lower() for action in Action], text.lower()
+    if name.partition("@")[0] not in known:
+        hint = did_you_mean(name, known)
         raise ValueError(f"not an action{hint}; allowed: {', '.join(known)}")
-    return Action[text.upper()]
+    return name

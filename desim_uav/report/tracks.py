@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.free.legs import leg_between
 from desim_uav.model.free.space import ANY_SPEED, flight_of
-from desim_uav.model.motion import REST, Leg, Transit, return_transit
+from desim_uav.model.motion import REST, Leg, Transit, flown_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
 from desim_uav.report.run import Run
@@ -38,12 +38,11 @@ class Track:
             return Leg(flight_of(flown), start[:2], end[:2], start[2], end[2])
         length_m = in_order(abs(b - a) for a, b in zip(start, end, strict=True))
         transit: Transit = REST
-        if self.ends_us[number] > self.starts_us[number]:
-            motion, step_s = self._own.drones.motion, run.scenario.episode.step_s
-            if self.modes[number] is Mode.FLYING:
-                transit = motion.epoch_transit(length_m, step_s)
-            else:
-                transit = return_transit(motion, length_m, step_s)
+        duration_us = int(self.ends_us[number] - self.starts_us[number])
+        if duration_us > 0:
+            commanded, step_s = self.modes[number] is Mode.FLYING, run.scenario.episode.step_s
+            motion = self._own.drones.motion
+            transit = flown_transit(motion, commanded, length_m, step_s, duration_us)
         return Leg(transit, start[:2], end[:2], start[2], end[2])
 
     def position_m(self, t_us: int) -> tuple[float, float, float]:

@@ -9,6 +9,7 @@ their number times now. All of this is counted only if ``state.keeps_credit``.
 from __future__ import annotations
 
 from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rules.battery import count_charge
 from desim_uav.rules.rows import Drone, State, User
 
 
@@ -25,7 +26,7 @@ def served_share(done: int, required: int) -> float:
 def forget_credit(drone: Drone) -> None:
     """Reset what has been counted for a drone, at the start of an episode."""
     credit = drone.credit
-    credit.held_us = credit.alone_us = credit.alone = 0
+    credit.held_us = credit.alone_us = credit.alone = credit.used = 0
     credit.served = credit.served_alone = 0.0
 
 
@@ -102,3 +103,7 @@ def credit_step(state: State) -> None:
         credit.step_served, credit.step_served_alone = credit.served, credit.served_alone
         credit.held_us, credit.alone_us = -drone.attached_users * now_us, -credit.alone * now_us
         credit.served = credit.served_alone = 0.0
+    for d in range(len(state.drones)):
+        drone, credit = state.drones[d], state.drones[d].credit
+        count_charge(drone, state.observations[d].battery_us)
+        credit.step_used, credit.used = drone.used - credit.used, drone.used

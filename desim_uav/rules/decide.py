@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from desim_uav.model.kernels import rare_rule, rule
-from desim_uav.model.rules import Action, Mode
+from desim_uav.model.rules import Choice, Mode
 from desim_uav.rules import words
 from desim_uav.rules.battery import (
     battery_now,
@@ -164,7 +164,7 @@ def is_allowed(action: int, mode: int, may_return: bool, may_charge: bool) -> bo
 
 
 def mask(
-    actions: tuple[Action, ...], mode: Mode, may_return: bool, may_charge: bool
+    actions: tuple[Choice, ...], mode: Mode, may_return: bool, may_charge: bool
 ) -> tuple[bool, ...]:
     """Return the mask of a drone in this mode: one entry per action, at least one of them True."""
     return tuple(is_allowed(int(each), int(mode), may_return, may_charge) for each in actions)

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from annotated_types import Ge, Le
 
 from desim_uav.model.kernels import rule
 from desim_uav.model.rewards import RowReward
+from desim_uav.model.rules import US
 from desim_uav.registry import register
+from desim_uav.rules.battery import is_limited, per_second_of
 from desim_uav.rules.rewards import Weight
 from desim_uav.rules.rows import Constants, Drone, State
 from desim_uav.rules.words import CRASHED
@@ -35,8 +37,17 @@ class QoE(RowReward):
     """Whether only what others would not have covered counts. If not, all that the drone does
     counts.
     """
+    energy: Weight = 0.0
+    """What a drone loses for the charge that a step of hovering takes. 0: charge costs nothing, and
+    there is no term for it.
+    """
     names = ("qoe1", "qoe3", "crash")
+    later: ClassVar = ("energy",)
     keeps_credit = True
+
+    def term_names(self, services: tuple[str, ...]) -> tuple[str, ...]:
+        """Return the names of the terms; there is one for energy if it costs anything."""
+        return (*self.names, "energy") if self.energy > 0.0 else self.names
 
     def pay(self, world: Constants, state: State, drone: Drone) -> None:
         """Write the terms, which are those of all that the drone has done in the step."""
@@ -49,6 +60,14 @@ class QoE(RowReward):
         terms[1] = self.w3 * (lasted_us * world.sharers / (len(state.users) * world.step_us))
         if has_crashed(world, state, drone):
             terms[2] = 0.0 - self.crash
+        if self.energy > 0.0 and is_limited(world, drone):
+            terms[3] = 0.0 - self.energy * steps_of_hovering(world, drone, credit.step_used)
+
+
+@rule
+def steps_of_hovering(world: Constants, drone: Drone, charge: int) -> float:
+    """Return for how many steps of hovering a charge lasts."""
+    return float(charge) / float(per_second_of(world, drone)) * (float(US) / float(world.step_us))
 
 
 @rule

@@ -369,8 +369,9 @@ class Credit(Row):
     ``held_us`` and ``alone_us`` sum the ends, less the starts, of the times for which users were
     attached to it, and for which it was the only sender that covered them, since the decision
     epoch; the present ones add their number times now: ``Drone.attached_users``, and ``alone``.
-    ``served`` and ``served_alone`` sum the shares of requests that it has done. The fields from
-    ``step_held_us`` on are those of the whole step that ended last.
+    ``served`` and ``served_alone`` sum the shares of requests that it has done, and ``used`` is
+    what its battery had used in the episode at the decision epoch. The fields from ``step_held_us``
+    on are those of the whole step that ended last.
     """
 
     alone: int
@@ -378,10 +379,12 @@ class Credit(Row):
     alone_us: int
     served: float
     served_alone: float
+    used: int
     step_held_us: int
     step_alone_us: int
     step_served: float
     step_served_alone: float
+    step_used: int
 
 
 @row

@@ -11,7 +11,7 @@ import numpy as np
 
 from desim_uav.model.battery import LONGEST_MIN, in_joules
 from desim_uav.model.grid import Cell, reachable
-from desim_uav.model.motion import return_transit
+from desim_uav.model.motion import cruise_of, return_transit, transits_over
 from desim_uav.model.services import Volume
 from desim_uav.model.sums import in_order
 from desim_uav.model.walking import Area
@@ -189,6 +189,23 @@ def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
                 yield Finding((*key, "motion"), message, also)
 
 
+def cruise_speeds_can_be_flown(scenario: Scenario) -> Iterator[Finding]:
+    """Cruise speeds above a drone's highest one, or that only some types of drones choose from."""
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        path, first = (*key, "motion", "cruise"), scenario.fleet[0].motion
+        if cruise_of(drones.motion) != cruise_of(first):
+            speeds = ", ".join(f"{speed:g}" for speed in cruise_of(first))
+            yield Finding(
+                path if cruise_of(drones.motion) else path[:-1],
+                f"all types of drones have the same actions, so cruise must be that of drones.0, "
+                f"{f'[{speeds}]' if speeds else 'null'}",
+                (("drones", 0, "motion"),),
+            )
+        too_fast = getattr(drones.motion, "too_fast", None)
+        for number, problem in too_fast() if too_fast else ():
+            yield Finding((*path, number), problem, ((*key, "motion", "max_speed_mps"),))
+
+
 def the_mix_names_services(scenario: Scenario) -> Iterator[Finding]:
     """Weights of services there are, of which one at least is above 0."""
     mix = getattr(scenario.demand, "mix", None)
@@ -285,6 +302,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     users_are_on_the_map,
     obstacles_fit_the_map,
     transits_fit_a_step,
+    cruise_speeds_can_be_flown,
     the_mix_names_services,
     the_reward_names_services,
     times_are_whole_microseconds,
@@ -345,7 +363,7 @@ def _cut_off(
 
 def _transit_problem(drones: Drones, distance_m: float, step_s: float) -> str:
     try:
-        drones.motion.epoch_transit(distance_m, step_s)
+        transits_over(drones.motion, distance_m, step_s)
         if drones.battery is not None:
             return_transit(drones.motion, distance_m, step_s)
     except ValueError as error:

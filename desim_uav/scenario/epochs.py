@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from desim_uav.model.motion import transits_over
 from desim_uav.model.rules import US
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Drones, Scenario
@@ -34,7 +35,8 @@ def shortest_leg_s(scenario: Scenario, drones: Drones) -> float:
     if scenario.three_d:
         hops_m.append(scenario.map.levels.step_m)
     step_s = scenario.episode.step_s
-    moves_s = [drones.motion.epoch_transit(hop_m, step_s).duration_us / US for hop_m in hops_m]
+    motion = drones.motion
+    moves_s = [transits_over(motion, hop_m, step_s)[-1].duration_us / US for hop_m in hops_m]
     return min(scenario.decisions.patience_s, *moves_s, step_s)
 
 

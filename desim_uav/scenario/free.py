@@ -45,6 +45,12 @@ def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Findi
             f"not beside {FREE}, in which drones always fly in minimum time",
             also,
         )
+    if motion.cruise is not None:
+        yield Finding(
+            (*key, "motion", "cruise"),
+            f"not beside {FREE}, in which drones always fly in minimum time",
+            also,
+        )
     side_m = min(scenario.map.cell_m)
     if scenario.map.obstacles is not None and motion.margin_m >= side_m / 2.0:
         yield Finding(

@@ -18,7 +18,7 @@ from desim_uav.engine.episode import Engine
 from desim_uav.model.admission import Waiting
 from desim_uav.model.demand import Requests
 from desim_uav.model.mobility import Walks
-from desim_uav.model.rules import MOVES, Action, Phase
+from desim_uav.model.rules import MOVES, Action, Phase, kind_of
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath
 from desim_uav.scenario.load import from_mapping
@@ -198,7 +198,7 @@ class Flight:
         if word.lstrip("-").isdigit():
             return int(word)
         name = {"goto": "GOTO_CHARGING_STATION"}.get(word, word.upper())
-        return self.world.actions.index(Action[name])
+        return [action.name for action in self.world.actions].index(name)
 
 
 def fly(world: World, path: SamplePath, *told: str, **settings: Any) -> EpisodeLog:
@@ -364,6 +364,7 @@ def scenarios(draw: st.DrawFn) -> dict[str, Any]:
         charging["constant"] if way == "key" else {"charging": {"kind": kind, **charging[way]}}
     )
     timing = pick("minimum_time", "minimum_time", "fill_epoch")
+    cruise = pick(None, None, [5, 6.5, 8.3])
     levels = {"min_altitude_m": 20, "step_m": pick(10, 20)}
     obstacles = {"coverage": [0.0, 0.3], "height_m": [5, 60]}
     size_m = [240 * cells[0], 240 * cells[1]] if step_s != 35.5 else [160 * n for n in cells]
@@ -379,7 +380,7 @@ def scenarios(draw: st.DrawFn) -> dict[str, Any]:
             "footprint_radius_m": pick(90, 180, 300, 600),
             "bandwidth_kbps": pick(None, 1000, 2500, 300),
             "admission": {"kind": pick("first_come", "first_come", f"{__name__}:Loss")},
-            "motion": {"kind": "bang_coast_bang", "timing": timing},
+            "motion": {"kind": "bang_coast_bang", "timing": timing, "cruise": cruise},
             "battery": battery if limited else None,
         },
         "stations": {
@@ -413,7 +414,7 @@ def some_command(world: World, mask: tuple[bool, ...], rng: np.random.Generator)
     if rng.random() < 0.15:
         return int(rng.integers(-2, len(mask) + 2))
     weights = [
-        allowed * (3.0 if action in MOVES else 1.0 if action is Action.HOVER else 4.0)
+        allowed * (3.0 if kind_of(action) in MOVES else 1.0 if action is Action.HOVER else 4.0)
         for action, allowed in zip(world.actions, mask, strict=True)
     ]
     return int(rng.choice(len(mask), p=np.array(weights) / sum(weights)))

@@ -81,6 +81,9 @@ def scenario(seed: int, graded: bool) -> dict[str, Any]:
             if (radio["sharing"] != "held") != (own["sharing"] != "held"):
                 radio["sharing"] = own["sharing"]
         types.append({"name": f"type{k}", **drones(dice, radio)})
+    cruise = Dice(seed + 2).of(None, None, [5, 8.3])  # which all types have in common
+    for each in types:
+        each["motion"]["cruise"] = cruise
     if made["access_points"]:  # which admit requests as drones do
         types = [each | {"admission": types[0]["admission"]} for each in types]
     made["drones"] = types

@@ -42,6 +42,11 @@ class FixedStep:
             self._carry_over(before)
         names = ["forward", "backward", "right", "left", "hover"]
         names += ["up", "down"] if inputs.three_d else []
+        if inputs.cruise:
+            slow, *others = inputs.cruise
+            first = [name if name == "hover" else at(name, slow) for name in names]
+            moves = [name for name in names if name != "hover"]
+            names = first + [at(name, speed) for speed in others for name in moves]
         names += ["goto_charging_station", "charge"] if inputs.capacity_us is not None else []
         self.actions = names
         self.horizon_us = inputs.steps * inputs.step_us
@@ -279,9 +284,11 @@ class FixedStep:
                     believed = self._believed(drone, epoch)
                     drone.path = list(self.map.way_home(believed, drone.levels))
                 self._fly_on(drone, t_us)
-            elif action in HOPS and self.map.free(moved(drone.node, HOPS[action]), drone.levels):
-                hop = HOPS[action]
-                self._take_hop(drone, hop, t_us, self.map.commanded[axis_of(hop)])
+            name, _, speed = action.partition("@")
+            hop = HOPS.get(name)
+            if hop is not None and self.map.free(moved(drone.node, hop), drone.levels):
+                flights = self.map.cruising[float(speed)] if speed else self.map.commanded
+                self._take_hop(drone, hop, t_us, flights[axis_of(hop)])
 
     def _record(self, epoch: int) -> None:
         records = []
@@ -312,6 +319,11 @@ class FixedStep:
             result.qoe1 = 100.0 * float(np.mean([request.share for request in closed]))
             unserved = [r.t_end_us - r.t_request_us - r.served_us for r in closed]
             result.qoe2 = float(np.mean(unserved)) / self.inputs.step_us
+
+
+def at(name: str, speed_mps: float) -> str:
+    """The name of a move at a cruise speed."""
+    return f"{name}@{speed_mps}".removesuffix(".0")
 
 
 def simulate(inputs: Inputs, commands: Sequence[Sequence[int]], dt_s: float) -> Result:

@@ -63,6 +63,7 @@ class Map:
         quick = [quickest(length, v, a) for length in lengths]
         filled = [filling(length, inputs.step_us / US, a) for length in lengths]
         self.commanded = filled if inputs.fill_epoch else quick
+        self.cruising = {v: [quickest(length, v, a) for length in lengths] for v in inputs.cruise}
         self.returning = filled if inputs.returns_fill_epoch else quick
         self.hop_us = [round(hop.duration_s * US) for hop in self.returning]
         self.home_us = {levels: self._homes(levels) for levels in set(inputs.levels)}

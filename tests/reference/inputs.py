@@ -55,6 +55,7 @@ class Inputs:
     unlimited battery, ``respawn_after_us`` None is no respawn. ``plan`` settles what the model
     leaves open, which of several equally short ways is flown: a way (hops) from a node for a drone
     with so many levels, checked here against Dijkstra's time; without it any shortest way is flown.
+    ``cruise``: the speeds from which commands choose, ascending; none: ``fill_epoch`` says it.
     """
 
     cell_m: tuple[float, float]
@@ -88,6 +89,7 @@ class Inputs:
     access_points: Sequence[AccessPoint] = ()
     rotor: Rotor | None = None
     charger: Charger | None = None
+    cruise: Sequence[float] = ()
 
 
 @dataclass

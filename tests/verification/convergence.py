@@ -142,6 +142,14 @@ def energetic(seed: int) -> dict[str, Any]:
     return mapping
 
 
+def cruising(seed: int) -> dict[str, Any]:
+    """A scenario as that of ``energetic``, in which each command chooses a cruise speed."""
+    mapping = energetic(seed)
+    speeds = [[6.0, 8.3, 12.0], [6.5, 20.0], [9.25]][seed % 3]
+    mapping["drones"]["motion"] |= {"cruise": speeds, "max_speed_mps": 20.0}
+    return mapping
+
+
 def inputs_of(
     mapping: dict[str, Any], world: World, path: SamplePath, ceilings: tuple[bool, ...]
 ) -> Inputs:
@@ -193,6 +201,7 @@ def inputs_of(
         position_error=path.position_error,
         respawn=path.respawn,
         plan=plan,
+        cruise=motion.cruise or (),
         users_height_m=world.homes[:, 2],
         association=association_of(mapping),
         access_points=access_points_of(mapping),

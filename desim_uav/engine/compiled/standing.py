@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 from desim_uav.model.compiled_rows import set_word
 from desim_uav.model.coverage import SEEN_ROWS, VX, VY, X0, Y0, DroneLeg, Users, look_around
 from desim_uav.model.kernels import rule
-from desim_uav.model.motion import Transit
+from desim_uav.model.motion import Transit, cruise_of
 from desim_uav.model.radio.nested import CHANGE, changes_on
 from desim_uav.model.relative import TIME_US, USER
-from desim_uav.model.rules import MOVES, Action
+from desim_uav.model.rules import Action, kind_of, move_of
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.world import World
 
@@ -37,8 +37,10 @@ def tabulate(world: World) -> tuple[Ints, Ints]:
     pairs = legs_in_table(world) * len(world.types) * len(world.homes)
     walks = world.fixed_walks
     one_level = len(world.grid.levels_m) == 1 or not world.graded
+    chooses = bool(cruise_of(world.scenario.fleet[0].motion))  # a course is then several legs
     if (
         world.free
+        or chooses
         or walks is None
         or walks.legs[:, VX:].any()
         or pairs > MOST_LOOKS
@@ -67,9 +69,9 @@ class _Looks:
     def of_type(self, number: int) -> list[NDArray[np.int64]]:
         """Return the crossings of all legs of a type of drones."""
         by_course = {
-            MOVES[action][:2]: transit
+            move_of(action)[:2]: transit
             for action, transit in self.world.types[number].epoch_transits.items()
-            if action not in (Action.UP, Action.DOWN)
+            if kind_of(action) not in (Action.UP, Action.DOWN)
         }
         rings_m = self.world.links[number].rings_m[0]
         return [

@@ -52,8 +52,9 @@ class Changes:
     """Computes the changes of class on a leg of a radio with these links.
 
     If users stand still, the changes on a leg are the same whenever it is flown. They are kept, by
-    the leg's ends, levels and span and by whether the drone begins to serve, for as long as the
-    users' positions do not change, which may be for many episodes.
+    the leg's transit (which lives as long as its world), ends, levels and span and by whether the
+    drone begins to serve, for as long as the users' positions do not change, which may be for many
+    episodes.
     """
 
     def __init__(self, world: World, links: Links) -> None:
@@ -96,7 +97,7 @@ class Changes:
         """
         if not self._still:
             return self._find(flight, start_us, span_us, fresh)
-        key = (*flight[1:], span_us, fresh)
+        key = (id(flight[0]), *flight[1:], span_us, fresh)
         kept = self._kept.get(key)
         if kept is None:
             kept = self._kept[key] = self._find(flight, 0, span_us, fresh)

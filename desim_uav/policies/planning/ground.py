@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from desim_uav.model.coverage import all_walked
 from desim_uav.model.motion import REST
-from desim_uav.model.rules import MOVES, Action
+from desim_uav.model.rules import MOVES, Action, Choice, kind_of, move_of
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.model.walking import from_here
 from desim_uav.world import World
@@ -31,8 +31,10 @@ class Ground:
     """The map of a planner, made once per world. A place has the number (level * nx + x) * ny + y.
 
     Batteries are counted in units of ``unit_us``, which a step of hovering drains, rounded down.
-    ``actions`` are the moves, hovering first; ``after`` (moves, places) is the place to which each
-    leads, or -1; ``drains`` (moves,) the units that it takes, rounded up. ``station_of`` (places,)
+    ``actions`` are the moves, hovering first, at the cruise speed that takes least of a battery, or
+    else at the highest; ``after`` (moves, places) is the place to which each leads, or -1;
+    ``drains`` (moves,) the units that it takes, rounded up, and ``takes`` (commands,) those that
+    each command to move takes, at any speed. ``station_of`` (places,)
     is the station on which a drone lands, or -1. ``returns`` (places, 4) has the station's place,
     the flight in µs, the units that it drains, and 1 if there is a way. ``needs`` (places,) are the
     units without which a drone comes too late to every station. ``charge_us`` (units + 1,) is the
@@ -43,9 +45,10 @@ class Ground:
     """
 
     world: World
-    actions: tuple[Action, ...]
+    actions: tuple[Choice, ...]
     after: Ints
     drains: Ints
+    takes: Ints
     unit_us: int
     station_of: Ints
     returns: Ints
@@ -62,6 +65,11 @@ class Ground:
     def full(self) -> int:
         """The units of a full battery; 1 if it is unlimited."""
         return len(self.charge_us) - 1
+
+    def move(self, choice: Choice) -> int:
+        """Return the number of the move to the same side, at any speed; -1 if it is no move."""
+        kinds = [kind_of(each) for each in self.actions]
+        return kinds.index(kind_of(choice)) if kind_of(choice) in kinds else -1
 
     def number(self, x: int, y: int, level: int) -> int:
         """Return the number of a place."""
@@ -80,9 +88,10 @@ def ground_of(world: World) -> Ground:
     grid, limited = world.grid, world.scenario.limited_battery
     (nx, ny), levels = grid.cells, grid.levels(True)
     count = levels * nx * ny
-    actions = (Action.HOVER, *(action for action in world.actions if action in MOVES))
+    actions = (Action.HOVER, *_thriftiest(world))
     after = np.array([_led_to(world, action, levels) for action in actions])
-    unit_us, drains = _drains(world, actions)
+    unit_us, takes = _drains(world, world.actions)
+    drains = takes[[world.actions.index(action) for action in actions]]
     station_of = np.full(count, -1)
     for station, (x, y) in enumerate(world.stations):
         station_of[x * ny + y] = station
@@ -95,6 +104,7 @@ def ground_of(world: World) -> Ground:
         actions,
         after,
         drains,
+        takes,
         unit_us,
         station_of,
         _returns(world, levels, unit_us),
@@ -109,10 +119,25 @@ def ground_of(world: World) -> Ground:
     )
 
 
-def _led_to(world: World, action: Action, levels: int) -> Ints:
+def _thriftiest(world: World) -> list[Choice]:
+    """Return the moves, each at the speed with which a step takes least of a battery.
+
+    Of equally thrifty speeds it is the highest one.
+    """
+    best: dict[Action, Choice] = {}
+    for choice in reversed(world.actions):
+        kind = kind_of(choice)
+        if kind in MOVES and (
+            kind not in best or _drained_us(world, choice) < _drained_us(world, best[kind])
+        ):
+            best[kind] = choice
+    return [best[kind] for kind in MOVES if kind in best]
+
+
+def _led_to(world: World, action: Choice, levels: int) -> Ints:
     """Return the place to which an action leads from each place, or -1 if it is blocked."""
     grid = world.grid
-    (nx, ny), (dx, dy, up) = grid.cells, MOVES.get(action, (0, 0, 0))
+    (nx, ny), (dx, dy, up) = grid.cells, move_of(action)
     led = np.full(levels * nx * ny, -1)
     for place in range(len(led)):
         level, x, y = place // (nx * ny), place // ny % nx, place % ny
@@ -121,21 +146,26 @@ def _led_to(world: World, action: Action, levels: int) -> Ints:
     return led
 
 
-def _drains(world: World, actions: tuple[Action, ...]) -> tuple[int, Ints]:
+def _drained_us(world: World, action: Choice) -> int:
+    """Return what a step of an action drains, in units of the battery; 0 without one."""
+    energy = world.only_type.drones.battery
+    if energy is None:
+        return 0
+    transit = world.epoch_transits.get(action, REST)
+    rest_us = world.step_us - transit.duration_us
+    drained_us = energy.drained_us(REST, max(rest_us, 0))
+    if transit.duration_us:
+        drained_us += energy.drained_us(transit, transit.duration_us)
+    return drained_us
+
+
+def _drains(world: World, actions: tuple[Choice, ...]) -> tuple[int, Ints]:
     """Return the battery that a step of hovering takes, and what each action takes in this unit."""
     energy = world.only_type.drones.battery
     if energy is None:
         return world.step_us, np.zeros(len(actions), np.int64)
     unit_us = max(1, energy.drained_us(REST, world.step_us))
-    units = []
-    for action in actions:
-        transit = world.epoch_transits.get(action, REST)
-        rest_us = world.step_us - transit.duration_us
-        drained_us = energy.drained_us(REST, max(rest_us, 0))
-        if transit.duration_us:
-            drained_us += energy.drained_us(transit, transit.duration_us)
-        units.append(-(-drained_us // unit_us))
-    return unit_us, np.array(units)
+    return unit_us, np.array([-(-_drained_us(world, action) // unit_us) for action in actions])
 
 
 def _returns(world: World, levels: int, unit_us: int) -> Ints:

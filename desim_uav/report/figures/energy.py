@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from desim_uav.errors import UsageError
 from desim_uav.model.battery import in_joules
 from desim_uav.model.motion import REST, Transit
-from desim_uav.model.rules import US, Action
+from desim_uav.model.rules import US, Action, kind_of
 from desim_uav.report.figures.style import COLOURS, headed, styled
 from desim_uav.world import World
 
@@ -86,7 +86,7 @@ def legs_j(world: World) -> dict[str, float]:
     step_us = world.step_us
     found = {f"hover, {step_us / US:g} s": energy.drained_us(REST, step_us) / 1e6}
     for action, flight in world.epoch_transits.items():
-        if action in (Action.BACKWARD, Action.LEFT):
+        if kind_of(action) in (Action.BACKWARD, Action.LEFT):
             continue  # which take what their opposites take
         rest_us = max(0, step_us - flight.duration_us)
         used = energy.drained_us(flight, flight.duration_us) + energy.drained_us(REST, rest_us)

@@ -18,7 +18,7 @@ from desim_uav.errors import DesimError, PolicyError, UsageError
 from desim_uav.learning.algorithm import load_algorithm
 from desim_uav.learning.initial_q import initial_q
 from desim_uav.model.observations import common_features
-from desim_uav.model.rules import MOVES, Action, Mode
+from desim_uav.model.rules import Action, AtSpeed, Choice, Mode, kind_of, move_of
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.tabular import QTable
 from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
@@ -41,6 +41,7 @@ SYMBOLS = {
 }
 ARROW: dict[str, Any] = {"pivot": "mid", "angles": "xy", "scale_units": "xy", "scale": 1}
 ARROW |= {"headwidth": 4.5, "headlength": 4.5, "headaxislength": 4}
+NUMBER: dict[str, Any] = {"xytext": (3, 3), "textcoords": "offset points", "color": INK}
 NEVER: dict[str, Any] = {"facecolor": "#F2F2F2", "edgecolor": "0.72", "hatch": "....", "lw": 0}
 BUILT: dict[str, Any] = {"facecolor": "0.86", "edgecolor": "0.3", "hatch": "/////", "lw": 0.5}
 
@@ -197,10 +198,13 @@ class Reading:
 
 
 def _draw_actions(axes: Axes, read: Reading, shown: Slice) -> None:
-    """Draw an arrow for a move and a symbol for other actions, in vermillion if not learned."""
+    """Draw an arrow for a move and a symbol for other actions, in vermillion if not learned.
+
+    If commands choose a cruise speed, the number at an arrow is that of the speed, from 1 on.
+    """
     grid = read.world.grid
     cells = np.argwhere(shown.learned & ~shown.built)
-    by_action: dict[Action, list[tuple[float, float, str]]] = {}
+    by_action: dict[Choice, list[tuple[float, float, str]]] = {}
     for ix, iy in cells.tolist():
         colour = INK if shown.tried[ix, iy] else UNTRIED
         at = by_action.setdefault(read.world.actions[shown.action[ix, iy]], [])
@@ -208,23 +212,39 @@ def _draw_actions(axes: Axes, read: Reading, shown: Slice) -> None:
     size = min(1.0, 10 / max(grid.cells))
     for action, places in by_action.items():
         xs, ys, colours = zip(*places, strict=True)
-        dx, dy, _ = MOVES.get(action, (0, 0, 0))
+        dx, dy, _ = move_of(action)
         if dx or dy:
             length = (0.66 * dx * grid.cell_m[0], 0.66 * dy * grid.cell_m[1])
             us, vs = ([part] * len(xs) for part in length)
             axes.quiver(xs, ys, us, vs, color=colours, zorder=6, **ARROW, width=0.009 * size)
         else:
             dot = (6.5 * size) ** 2
-            symbol, gid = SYMBOLS[action][0], action.name
+            symbol, gid = SYMBOLS[kind_of(action)][0], action.name
             axes.scatter(xs, ys, dot, c=colours, marker=symbol, lw=0, zorder=6, gid=gid)
+        if isinstance(action, AtSpeed):
+            number = _speeds(read).index(action.cruise_mps) + 1
+            for x, y in zip(xs, ys, strict=True):
+                axes.annotate(str(number), (x, y), **NUMBER, fontsize=6 * size, zorder=7)
+
+
+def _speeds(read: Reading) -> list[float]:
+    """Return the cruise speeds that commands choose from, ascending."""
+    at_speeds = [each.cruise_mps for each in read.world.actions if isinstance(each, AtSpeed)]
+    return sorted(set(at_speeds))
 
 
 def _legend(slices: list[Slice], read: Reading) -> list[Any]:
     """Return legend entries for everything that is on the maps."""
-    on = {read.world.actions[a] for s in slices for a in np.unique(s.action[s.learned & ~s.built])}
+    on = {
+        kind_of(read.world.actions[a])
+        for s in slices
+        for a in np.unique(s.action[s.learned & ~s.built])
+    }
     entries: list[Any] = []
-    if on & {action for action in MOVES if MOVES[action][2] == 0}:
-        entries.append(Line2D([], [], color=INK, marker=">", ms=5, lw=1.1, label="move"))
+    if any(any(move_of(action)[:2]) for action in on):
+        speeds = [f"{number}: {speed:g} m/s" for number, speed in enumerate(_speeds(read), 1)]
+        label = ", ".join(["move", *speeds])
+        entries.append(Line2D([], [], color=INK, marker=">", ms=5, lw=1.1, label=label))
     entries += [
         Line2D([], [], color=INK, marker=symbol, ls="", ms=5.5, mew=0, label=word)
         for action, (symbol, word) in SYMBOLS.items()

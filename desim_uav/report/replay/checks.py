@@ -54,8 +54,12 @@ class Checks:
     def codes(
         self, frame: pd.DataFrame, table: str, name: str, words: Any, none: int | None = None
     ) -> Whole:
-        """Return a column of names as numbers, with ``none`` for missing names."""
-        code = frame[name].map({word.name.lower(): int(word) for word in words})
+        """Return a column of names as numbers, with ``none`` for missing names.
+
+        ``words`` are names, which are numbered in their order, or members of an enumeration.
+        """
+        told = words if isinstance(words, list) else [word.name.lower() for word in words]
+        code = frame[name].map({word: number for number, word in enumerate(told)})
         if none is not None:
             code = code.where(frame[name].notna(), none)
         unknown = frame[name][code.isna()]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from desim_uav.model.rules import US, Action, Mode, Phase
+from desim_uav.model.rules import US, Action, AtSpeed, Mode, Phase
 from desim_uav.records import EPISODES
 from desim_uav.report.batteries import batteries_before_us, battery_knots
 from desim_uav.report.links import full_service_s, links_content, mean_rate_bps
@@ -48,6 +48,8 @@ class Encoder:
         self.services = list(self.scenario.services)
         self.step_us = round(self.scenario.episode.step_s * US)
         self.scenario.require_clock("a replay")
+        at_speeds = [each for each in run.world.actions if isinstance(each, AtSpeed)]
+        self.actions = [action.name.lower() for action in (*Action, *at_speeds)]
         self.types = [run.world.type_of(drone) for drone in range(self.drones)]
         self.check = Checks(run)
         self.flights = Flights(self.check)
@@ -183,9 +185,9 @@ class Encoder:
         return {
             "step.reward": floats(self.check.finite(steps, "steps", "reward")),
             "step.told": codes(
-                self.check.codes(steps, "steps", "action", Action, none=len(Action))
+                self.check.codes(steps, "steps", "action", self.actions, none=len(self.actions))
             ),
-            "step.taken": codes(self.check.codes(steps, "steps", "action_taken", Action)),
+            "step.taken": codes(self.check.codes(steps, "steps", "action_taken", self.actions)),
         }
 
     def _batteries(
@@ -251,7 +253,7 @@ class Encoder:
             "kinds": KINDS,
             "leads_to": {kind: int(mode) for kind, mode in LEADS_TO.items()},
             "modes": [mode.name.lower() for mode in Mode],
-            "actions": [action.name.lower() for action in Action],
+            "actions": self.actions,
             "record_phase": int(Phase.RECORD),
             "profiles": self.flights.profiles,
             "episodes": [self._measured(number) for number in episodes],

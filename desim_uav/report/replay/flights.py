@@ -6,9 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from desim_uav.model.free.legs import leg_between
-from desim_uav.model.free.space import ANY_SPEED, flight_of
-from desim_uav.model.motion import Transit, return_transit
+from desim_uav.model.motion import flown_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.replay.checks import Checks, Whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, plain
@@ -75,7 +73,8 @@ class Flights:
         profile = np.full(len(mode), -1, np.int64)
         for k in np.flatnonzero(duration_us > 0):
             commanded = int(mode[k]) == Mode.FLYING
-            number, takes_us = self._profile(int(types[k]), commanded, float(length_m[k]))
+            flown = int(types[k]), commanded, float(length_m[k]), int(duration_us[k])
+            number, takes_us = self._profile(*flown)
             self.check.expect(
                 abs(takes_us - int(duration_us[k])) <= 1,
                 "legs",
@@ -85,46 +84,19 @@ class Flights:
             profile[k] = number
         return profile
 
-    def _flown_freely(self, places: dict[str, Column], duration_us: Whole, types: Whole) -> Whole:
-        """Return the number of the profile of each leg of free flight, or -1 for a rest."""
-        ends = np.array(
-            [places[f"leg.{axis}_{side}"].values for side in ("from", "to") for axis in "xyz"],
-            float,
-        ).T
-        profile = np.full(len(ends), -1, np.int64)
-        for k in np.flatnonzero(duration_us > 0):
-            key = (int(types[k]), *ends[k].tolist())
-            if key not in self._profile_of:
-                space = self.check.run.world.types[key[0]].space
-                leg = leg_between(space.limits, space.wind, ANY_SPEED, key[1:4], key[4:])
-                self._add(key, flight_of(leg))
-            profile[k], takes_us = self._profile_of[key]
-            self.check.expect(
-                abs(takes_us - int(duration_us[k])) <= 1,
-                "legs",
-                f"duration_s: the leg takes {takes_us / US:g} s in this scenario, "
-                f"not {duration_us[k] / US:g}",
-            )
-        return profile
+    def _profile(
+        self, of_type: int, commanded: bool, length_m: float, lasted_us: int
+    ) -> tuple[int, int]:
+        """Return the number of the profile of a type's transit, and its duration (µs).
 
-    def _add(self, key: tuple[Any, ...], transit: Transit) -> None:
-        """Add the profile of a transit, as shares of the distance from its start."""
-        self._profile_of[key] = len(self.profiles), transit.duration_us
-        length_m = transit.distance_m
-        self.profiles.append((transit.profile / [1.0, length_m, length_m, length_m]).tolist())
-
-    def _profile(self, of_type: int, commanded: bool, length_m: float) -> tuple[int, int]:
-        """Return the number of the profile of a type's transit, and its duration (µs)."""
-        key = of_type, commanded, round(length_m, 6)
+        Of several transits, it is that of the one that lasts nearest to ``lasted_us``.
+        """
+        key = of_type, commanded, round(length_m, 6), lasted_us
         if key not in self._profile_of:
             motion, step_s = self.scenario.fleet[of_type].motion, self.scenario.episode.step_s
             self.check.expect(length_m > 0, "legs", "a transit leads nowhere")
             try:
-                transit = (
-                    motion.epoch_transit(length_m, step_s)
-                    if commanded
-                    else return_transit(motion, length_m, step_s)
-                )
+                transit = flown_transit(motion, commanded, length_m, step_s, lasted_us)
             except ValueError as error:
                 raise self.check.error("legs", str(error)) from error
             self._add(key, transit)
