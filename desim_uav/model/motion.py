@@ -8,7 +8,7 @@ rest at the destination. Drones fly rest to rest, one axis at a time.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -35,12 +35,16 @@ class Transit(NamedTuple):
     """A rest-to-rest flight along one axis.
 
     ``rises`` is the height gained per metre of the way: 1.0 straight up, -1.0 straight down.
+    ``tail_mps`` is the wind along its level direction (below 0: against it), and ``side_mps`` that
+    across it; a hover and a vertical flight have all of it from the side.
     """
 
     profile: NDArray[np.float64]
     duration_us: int
     distance_m: float
     rises: float = 0.0
+    tail_mps: float = 0.0
+    side_mps: float = 0.0
 
     @property
     def pieces(self) -> list[Piece]:
@@ -52,7 +56,8 @@ class Motion(Protocol):
     """A motion model, which determines how fast drones fly.
 
     It may have a method ``return_transit`` like ``BangCoastBang``; without one, the hops of a
-    return are flown in minimum time.
+    return are flown in minimum time. It can be used in wind if it has a method ``in_wind``, which
+    returns the motion along a level direction, given the wind along it and across it.
     """
 
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
@@ -97,6 +102,30 @@ class BangCoastBang:
     a step.
     """
 
+    @property
+    def highest_mps(self) -> float:
+        """The highest speed over the ground."""
+        return self.max_speed_mps
+
+    @property
+    def _limit(self) -> str:
+        """The limit on the speed over the ground, for messages."""
+        return f"max_speed_mps = {self.max_speed_mps:g}"
+
+    def in_wind(self, tail_mps: float, side_mps: float) -> BangCoastBang:
+        """Return the motion along a level direction with such a wind along it and across it.
+
+        The highest speed is then one through the air. Raises ValueError if it is not above that of
+        the wind, in which the drone could not hover.
+        """
+        wind_mps = math.hypot(tail_mps, side_mps)
+        if wind_mps >= self.max_speed_mps:
+            raise ValueError(
+                f"a wind of {wind_mps:g} m/s is not below max_speed_mps = {self.max_speed_mps:g}"
+            )
+        own = {each.name: getattr(self, each.name) for each in fields(self) if each.init}
+        return _InWind(**own, tail_mps=tail_mps, side_mps=side_mps)
+
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
         """Return the transit of ``distance_m`` within a step. Raises ValueError if none fits."""
         if self.timing == "minimum_time":
@@ -118,18 +147,52 @@ class BangCoastBang:
     def _filling_transit(self, distance_m: float, step_s: float) -> Transit:
         """Return the transit that lasts exactly a step. Raises ValueError if there is none."""
         speed = cruise_speed(distance_m, step_s, self.max_acceleration_mps2)
-        if speed > self.max_speed_mps:
+        if speed > self.highest_mps:
             raise ValueError(
                 f"{distance_m:g} m in {step_s:g} s need a cruise speed of {speed:.6g} m/s, "
-                f"above max_speed_mps = {self.max_speed_mps:g}"
+                f"above {self._limit}"
             )
         return _trapezoid(distance_m, speed, self.max_acceleration_mps2, step_s)
 
     def fastest_transit(self, distance_m: float) -> Transit:
         """Return the transit in minimum time."""
         a = self.max_acceleration_mps2
-        speed, duration = fastest(distance_m, self.max_speed_mps, a)
+        speed, duration = fastest(distance_m, self.highest_mps, a)
         return _trapezoid(distance_m, speed, a, duration)
+
+
+@dataclass(frozen=True)
+class _InWind(BangCoastBang):
+    """The motion along a level direction in wind (see ``BangCoastBang.in_wind``)."""
+
+    tail_mps: float = 0.0
+    side_mps: float = 0.0
+
+    @property
+    def highest_mps(self) -> float:
+        """The highest speed over the ground, which the limit on the air speed leaves."""
+        return ground_mps(self.max_speed_mps, self.tail_mps, self.side_mps)
+
+    @property
+    def _limit(self) -> str:
+        return (
+            f"the {self.highest_mps:.6g} m/s over the ground that max_speed_mps = "
+            f"{self.max_speed_mps:g} through the air leaves in the wind"
+        )
+
+
+@rule
+def ground_mps(limit: float, tail: float, side: float) -> float:
+    """Return the highest level speed over the ground at a highest speed through the air.
+
+    ``tail`` is the wind along the way and ``side`` that across it. The limit must be above the
+    speed of the wind. It is the larger root g of (g - tail)² + side² = limit², in a form that does
+    not cancel against the wind.
+    """
+    root = math.sqrt(limit * limit - side * side)
+    if tail >= 0.0:
+        return tail + root
+    return (limit * limit - (tail * tail + side * side)) / (root - tail)
 
 
 def cruise_speed(distance_m: float, duration_s: float, acceleration_mps2: float) -> float:

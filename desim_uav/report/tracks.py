@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from desim_uav.model.motion import REST, Leg, Transit, return_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
+from desim_uav.model.wind import motion_in, way_between
 from desim_uav.report.run import Run
 
 Ints = NDArray[np.int64]
@@ -33,7 +34,8 @@ class Track:
         length_m = in_order(abs(b - a) for a, b in zip(start, end, strict=True))
         transit: Transit = REST
         if self.ends_us[number] > self.starts_us[number]:
-            motion, step_s = self._motion, run.scenario.episode.step_s
+            step_s = run.scenario.episode.step_s
+            motion = motion_in(self._motion, run.scenario.wind_mps, way_between(start, end))
             if self.modes[number] is Mode.FLYING:
                 transit = motion.epoch_transit(length_m, step_s)
             else:

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from desim_uav.errors import UsageError
 from desim_uav.model.battery import Endurance, PerAction
 from desim_uav.model.kernels import maker
+from desim_uav.model.planner import time_on_open_map
 from desim_uav.optimum.run.legs import Shares, cells_ahead, leg_of
 from desim_uav.world import World
 
@@ -125,13 +126,12 @@ def _with_battery(world: World, ahead: NDArray[np.int64], begun: int) -> Alone:
         return world.until_full_us(battery_us)
 
     stations = np.array([ix * ny + iy for ix, iy in world.stations], np.int64)
-    hop_x_us = world.return_transits[1, 0, 0].duration_us
-    hop_y_us = world.return_transits[0, 1, 0].duration_us
+    hop_us = np.array(world.planner.hop_us)
     home = np.zeros((len(ahead), len(stations), begun), np.int64)
     for cell in range(len(ahead)):
         for s, station in enumerate(stations.tolist()):
-            flown_us = abs(cell // ny - station // ny) * hop_x_us
-            flown_us += abs(cell % ny - station % ny) * hop_y_us
+            dx, dy = station // ny - cell // ny, station % ny - cell % ny
+            flown_us = int(time_on_open_map(hop_us, dx, dy, 0))
             for j in range(begun):
                 arrives_with_us = int(left_us[j]) - flown_us
                 if left_us[j] <= world.return_below_us and arrives_with_us >= 0:

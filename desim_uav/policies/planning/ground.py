@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.coverage import all_walked
-from desim_uav.model.motion import REST
 from desim_uav.model.rules import MOVES, Action
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.model.walking import from_here
@@ -125,12 +124,13 @@ def _drains(world: World, actions: tuple[Action, ...]) -> tuple[int, Ints]:
     energy = world.only_type.drones.battery
     if energy is None:
         return world.step_us, np.zeros(len(actions), np.int64)
-    unit_us = max(1, energy.drained_us(REST, world.step_us))
+    rest = world.only_type.rest
+    unit_us = max(1, energy.drained_us(rest, world.step_us))
     units = []
     for action in actions:
-        transit = world.epoch_transits.get(action, REST)
+        transit = world.epoch_transits.get(action, rest)
         rest_us = world.step_us - transit.duration_us
-        drained_us = energy.drained_us(REST, max(rest_us, 0))
+        drained_us = energy.drained_us(rest, max(rest_us, 0))
         if transit.duration_us:
             drained_us += energy.drained_us(transit, transit.duration_us)
         units.append(-(-drained_us // unit_us))

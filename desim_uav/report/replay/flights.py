@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from desim_uav.model.free.limits import CALM
 from desim_uav.model.motion import return_transit
 from desim_uav.model.rules import US, Mode
+from desim_uav.model.wind import Course, motion_in, way_between, wind_along
 from desim_uav.report.replay.checks import Checks, Whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, plain
 
@@ -22,7 +24,7 @@ class Flights:
         self.check = check
         self.scenario = check.run.scenario
         self.profiles: list[list[list[float]]] = []
-        self._profile_of: dict[tuple[int, bool, float], tuple[int, int]] = {}
+        self._profile_of: dict[tuple[int, bool, float, Course], tuple[int, int]] = {}
 
     def legs(self, legs: pd.DataFrame) -> dict[str, Column]:
         """Return legs by drone in order of time, with their profiles."""
@@ -60,18 +62,16 @@ class Flights:
         self, places: dict[str, Column], mode: Whole, duration_us: Whole, types: Whole
     ) -> Whole:
         """Return the number of each leg's profile, or -1 for a rest."""
-        between = [
-            np.abs(
-                places[f"leg.{axis}_to"].values.astype(float)
-                - places[f"leg.{axis}_from"].values.astype(float)
-            )
-            for axis in "xyz"
+        ends = [
+            np.stack([places[f"leg.{axis}_{side}"].values.astype(float) for axis in "xyz"], axis=1)
+            for side in ("from", "to")
         ]
-        length_m = np.sum(between, axis=0)
+        length_m = np.abs(ends[1] - ends[0]).sum(axis=1)
         profile = np.full(len(mode), -1, np.int64)
         for k in np.flatnonzero(duration_us > 0):
             commanded = int(mode[k]) == Mode.FLYING
-            number, takes_us = self._profile(int(types[k]), commanded, float(length_m[k]))
+            way = way_between(*(side[k].tolist() for side in ends))
+            number, takes_us = self._profile(int(types[k]), commanded, float(length_m[k]), way)
             self.check.expect(
                 abs(takes_us - int(duration_us[k])) <= 1,
                 "legs",
@@ -81,13 +81,18 @@ class Flights:
             profile[k] = number
         return profile
 
-    def _profile(self, of_type: int, commanded: bool, length_m: float) -> tuple[int, int]:
+    def _profile(
+        self, of_type: int, commanded: bool, length_m: float, way: Course
+    ) -> tuple[int, int]:
         """Return the number of the profile of a type's transit, and its duration (µs)."""
-        key = of_type, commanded, round(length_m, 6)
+        wind = self.scenario.wind_mps
+        rises = float(way[2] != 0 and wind != CALM)
+        key = of_type, commanded, round(length_m, 6), (*wind_along(wind, way), rises)
         if key not in self._profile_of:
-            motion, step_s = self.scenario.fleet[of_type].motion, self.scenario.episode.step_s
+            step_s = self.scenario.episode.step_s
             self.check.expect(length_m > 0, "legs", "a transit leads nowhere")
             try:
+                motion = motion_in(self.scenario.fleet[of_type].motion, wind, way)
                 transit = (
                     motion.epoch_transit(length_m, step_s)
                     if commanded
