@@ -13,9 +13,10 @@ from desim_uav.model.free.limits import CALM
 from desim_uav.model.free.prisms import Zone
 from desim_uav.model.free.space import Space, space_of
 from desim_uav.model.grid import Cell, Grid
-from desim_uav.model.motion import Transit, commanded_transit, cruise_of, return_transit
+from desim_uav.model.motion import Motion, Transit, commanded_transit, cruise_of, return_transit
 from desim_uav.model.planner import HOPS, Node, Planner
 from desim_uav.model.rules import MOVES, US, Choice, actions, free_actions, kind_of
+from desim_uav.model.wind import flown_along, motion_in, rest_in
 from desim_uav.scenario.schema import Drones, Scenario, flies_freely
 
 
@@ -58,8 +59,8 @@ class DroneType(Unchanging):
             for zone in self.scenario.map.no_fly
         ]
         stations_m = np.array([self.grid.centre(*cell) for cell in self.stations]).reshape(-1, 2)
-        drones, wind = self.drones, getattr(self.scenario, "wind_mps", CALM)
-        return space_of(drones.motion, wind, drones.battery, self.grid, zones, stations_m)
+        drones = self.drones
+        return space_of(drones.motion, CALM, drones.battery, self.grid, zones, stations_m)
 
     @cached_property
     def capacity_us(self) -> int:
@@ -69,7 +70,7 @@ class DroneType(Unchanging):
     @cached_property
     def per_second(self) -> int:
         """How many units of its battery a drone takes in a second of hovering."""
-        return per_second_of(self.drones.battery)
+        return per_second_of(self.drones.battery, self.rest.side_mps)
 
     def hover_us(self, charge: int) -> int:
         """Return for how many microseconds of hovering a charge lasts."""
@@ -112,10 +113,12 @@ class DroneType(Unchanging):
     @cached_property
     def epoch_transits(self) -> dict[Choice, Transit]:
         """The transit that each moving action commands."""
-        motion, step_s = self.drones.motion, self.scenario.episode.step_s
+        step_s = self.scenario.episode.step_s
         moves = {each: MOVES[kind_of(each)] for each in self.actions if kind_of(each) in MOVES}
         return {
-            each: _rising(commanded_transit(motion, each, self._hop_m(move), step_s), move)
+            each: self._flown(
+                commanded_transit(self._motion(move), each, self._hop_m(move), step_s), move
+            )
             for each, move in moves.items()
             if self._has_hop(move)
         }
@@ -125,24 +128,36 @@ class DroneType(Unchanging):
         """The transit of each hop (dx, dy, dlevel) of a return."""
         motion, step_s = self.drones.motion, self.scenario.episode.step_s
         flights = {
-            move: return_transit(motion, self._hop_m(move), step_s)
+            move: return_transit(self._motion(move), self._hop_m(move), step_s)
             if self._has_hop(move)
             else motion.fastest_transit(self._hop_m(move))  # never flown: it need not fit a step
             for move in MOVES.values()
         }
-        return {move: _rising(flight, move) for move, flight in flights.items()}
+        return {move: self._flown(flight, move) for move, flight in flights.items()}
+
+    @cached_property
+    def rest(self) -> Transit:
+        """The hover of its drones, which has the wind from the side."""
+        return rest_in(self.scenario.wind_mps)
 
     @cached_property
     def planner(self) -> Planner:
         """The planner of returns to the stations."""
-        hops = [self.return_transits[axis] for axis in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
-        hop_us = tuple(hop.duration_us for hop in hops)
+        flights = [self.return_transits[hop] for hop in HOPS]
+        hop_us = tuple(flight.duration_us for flight in flights)
         energy = self.drones.battery
         if energy is None:
             return Planner(self.grid, self.stations, hop_us)
-        flights = [self.return_transits[hop] for hop in HOPS]
         drain_us = tuple(energy.drained_us(each, each.duration_us) for each in flights)
         return Planner(self.grid, self.stations, hop_us, drain_us)
+
+    def _motion(self, move: Node) -> Motion:
+        """Return the motion in the direction of a move, given the wind."""
+        return motion_in(self.drones.motion, self.scenario.wind_mps, move)
+
+    def _flown(self, flight: Transit, move: Node) -> Transit:
+        """Return a flight as that of a move, which may rise and have wind."""
+        return flown_along(flight, self.scenario.wind_mps, move)
 
     def _has_hop(self, move: Node) -> bool:
         sizes = (*self.grid.cells, len(self.grid.levels_m))
@@ -151,8 +166,3 @@ class DroneType(Unchanging):
     def _hop_m(self, move: tuple[int, int, int]) -> float:
         dx, dy = self.grid.cell_m
         return dx if move[0] else dy if move[1] else self.grid.level_step_m
-
-
-def _rising(flight: Transit, move: Node) -> Transit:
-    """Return a flight as one that rises if its move does, straight up or down."""
-    return flight._replace(rises=float(move[2])) if move[2] else flight

@@ -125,8 +125,8 @@ MUTATIONS = (
     Mutation(
         "A* with an overestimate of the remaining time",
         "model/planner.py",
-        "estimate = through + hop_us[0] * abs(jx - goal[0])",
-        "estimate = through + 2 * hop_us[0] * abs(jx - goal[0])",
+        "estimate = through + rest_us",
+        "estimate = through + 2 * rest_us",
         ("model/test_planner.py",),
     ),
     # ---- draws and order

@@ -324,14 +324,14 @@ class TestPhysics:
             "UP": 20,
             "DOWN": 20,
         }
-        assert drawn.planner.hop_us == (30_990_663, 30_990_663, 4_484_639)
+        assert drawn.planner.hop_us == (*[30_990_663] * 4, *[4_484_639] * 2)
 
     def test_cells_that_are_not_square(self):
         drawn = world(map__size_m="[2400, 1200]", stations__radius_m=500, users__count=1)
         assert drawn.epoch_transits[Action.FORWARD].distance_m == 120
         assert drawn.epoch_transits[Action.RIGHT].distance_m == 240
         assert drawn.planner.hop_us[0] == 30_990_663
-        assert drawn.planner.hop_us[1] == round((120 / 8.3 + 8.3 / 4) * 1e6)
+        assert drawn.planner.hop_us[2] == round((120 / 8.3 + 8.3 / 4) * 1e6)
 
     def test_unlimited(self):
         drawn = world(**FLAT, drones__battery="null", drones__bandwidth_kbps="null")

@@ -10,7 +10,7 @@ import numpy as np
 from desim_uav.engine.base import RunSettings
 from desim_uav.model.components import works_on_rows
 from desim_uav.model.coverage import bucket_grid
-from desim_uav.model.motion import REST, Transit
+from desim_uav.model.motion import Transit
 from desim_uav.model.planner import DIRECTIONS, HOPS, Node
 from desim_uav.model.radio.marks import KINDS
 from desim_uav.model.rewards import RowReward
@@ -93,7 +93,7 @@ def transits_of(world: World) -> list[Transit]:
 
     These are the moves, and the hops in the order of ``HOPS``.
     """
-    transits = [REST]
+    transits = [world.types[0].rest]
     for each in world.types:
         transits += [*each.epoch_transits.values(), *(each.return_transits[hop] for hop in HOPS)]
     return transits
@@ -159,7 +159,8 @@ def _set_flights(made: Constants, world: World) -> None:
 def _transit(transit: Transit) -> TransitRow:
     """Return a transit as a row."""
     pieces = Table(fill(Piece, piece) for piece in transit.profile.tolist())
-    return fill(TransitRow, (transit.duration_us, transit.distance_m, transit.rises, pieces))
+    _, *told = transit
+    return fill(TransitRow, (*told, pieces))
 
 
 def term_names(world: World) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ with a ``capacity_uj`` in microjoules; names such as ``battery_us`` stand for bo
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Protocol
 
@@ -51,7 +52,8 @@ class RowEnergy:
     A subclass is a frozen dataclass with the fields of ``Energy``. ``flight`` has
     ``duration_us``, ``distance_m`` (0.0: a hover) and ``pieces``, each with its constant
     ``acceleration_mps2`` and, at its start, ``start_s``, ``from_m`` and ``speed_mps``; the last one
-    is the rest at the destination. Compiled code can use rows and numbers only.
+    is the rest at the destination. ``rises``, ``tail_mps`` and ``side_mps`` are those of
+    ``model.motion.Transit``. Compiled code can use rows and numbers only.
     """
 
     plain: ClassVar = ("drained_us", "lasts_us")
@@ -86,8 +88,14 @@ def in_joules(energy: Energy | None) -> int:
     return getattr(energy, "capacity_uj", 0)
 
 
-def per_second_of(energy: Energy | None) -> int:
-    """Return how much charge a second of hovering takes: in microseconds, or in microjoules."""
+def per_second_of(energy: Energy | None, wind_mps: float = 0.0) -> int:
+    """Return how much charge a second of hovering takes: in microseconds, or in microjoules.
+
+    In wind, a drone hovers at its speed through the air, if the energy model has powers by speed.
+    """
+    level_w: Callable[[float], float] | None = getattr(energy, "level_w", None)
+    if wind_mps > 0.0 and in_joules(energy) and level_w is not None:
+        return max(1, round(level_w(wind_mps) * US))
     return getattr(energy, "hover_uw", US)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 from annotated_types import Ge, Gt, Le
 
@@ -30,6 +30,9 @@ class FixedWing(RowEnergy):
     It cannot hover, so that it needs a motion of your own with ``hovers = False``, whose flights
     have a speed above 0 everywhere. Where the drone waits, it loiters at the speed of least power.
     """
+
+    needs_calm: ClassVar = True
+    """It loiters on circles, on which the wind would come from all sides."""
 
     capacity_wh: Annotated[float, Ge(1e-3), Le(1e4)] = 50.0
     """What a full battery holds, in watt-hours."""

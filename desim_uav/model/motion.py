@@ -8,7 +8,7 @@ rest at the destination. Drones fly rest to rest, one axis at a time.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from typing import Annotated, Any, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
@@ -35,12 +35,16 @@ class Transit(NamedTuple):
     """A rest-to-rest flight along one axis.
 
     ``rises`` is the height gained per metre of the way: 1.0 straight up, -1.0 straight down.
+    ``tail_mps`` is the wind along its level direction (below 0: against it), and ``side_mps`` that
+    across it; a hover and a vertical flight have all of it from the side.
     """
 
     profile: NDArray[np.float64]
     duration_us: int
     distance_m: float
     rises: float = 0.0
+    tail_mps: float = 0.0
+    side_mps: float = 0.0
 
     @property
     def pieces(self) -> list[Piece]:
@@ -53,7 +57,9 @@ class Motion(Protocol):
 
     It may have a method ``return_transit`` like ``BangCoastBang``; without one, the hops of a
     return are flown in minimum time. If it has ``cruise``, a tuple of ascending speeds in m/s, each
-    move is commanded at one of them, and ``cruise_transit`` returns its transit.
+    move is commanded at one of them, and ``cruise_transit`` returns its transit. It can be used in
+    wind if it has a method ``in_wind``, which returns the motion along a level direction, given the
+    wind along it and across it.
     """
 
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
@@ -175,7 +181,8 @@ class BangCoastBang:
     margin_m: Annotated[float, Ge(0.01), Le(1000)] = 5.0
     """How far drones keep away from buildings and from `map.no_fly` in free flight, in metres."""
     cruise: CruiseSpeeds = None
-    """The cruise speeds from which each command of a move chooses, ascending, in metres per second.
+    """The cruise speeds from which each command of a move chooses, ascending, in metres per second
+    through the air.
     There is an action for each move and speed (`right@8.3`), and the drone hovers for the rest of
     the step. null: no choice, and `timing` says how fast moves are.
     """
@@ -187,6 +194,39 @@ class BangCoastBang:
             for number, speed in enumerate(self.cruise or ())
             if speed > self.max_speed_mps
         ]
+
+    @property
+    def highest_mps(self) -> float:
+        """The highest speed over the ground."""
+        return self._over_ground(self.max_speed_mps)
+
+    def _over_ground(self, air_mps: float) -> float:
+        """Return the speed over the ground at a speed through the air."""
+        return air_mps
+
+    @property
+    def _limit(self) -> str:
+        """The limit on the speed over the ground, for messages."""
+        return f"max_speed_mps = {self.max_speed_mps:g}"
+
+    def in_wind(self, tail_mps: float, side_mps: float) -> BangCoastBang:
+        """Return the motion along a level direction with such a wind along it and across it.
+
+        The highest speed and the cruise speeds are then those through the air. Raises ValueError
+        if one is not above that of the wind, against which the drone could not fly.
+        """
+        wind_mps = math.hypot(tail_mps, side_mps)
+        if self.cruise is not None and wind_mps >= self.cruise[0]:
+            raise ValueError(
+                f"a wind of {wind_mps:g} m/s is not below the lowest cruise speed, "
+                f"{self.cruise[0]:g}"
+            )
+        if wind_mps >= self.max_speed_mps:
+            raise ValueError(
+                f"a wind of {wind_mps:g} m/s is not below max_speed_mps = {self.max_speed_mps:g}"
+            )
+        own = {each.name: getattr(self, each.name) for each in fields(self) if each.init}
+        return _InWind(**own, tail_mps=tail_mps, side_mps=side_mps)
 
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
         """Return the transit of ``distance_m`` within a step. Raises ValueError if none fits.
@@ -205,7 +245,7 @@ class BangCoastBang:
         Raises ValueError if it takes longer than a step.
         """
         a = self.max_acceleration_mps2
-        speed, duration = fastest(distance_m, cruise_mps, a)
+        speed, duration = fastest(distance_m, self._over_ground(cruise_mps), a)
         return _within_step(_trapezoid(distance_m, speed, a, duration), step_s, cruise_mps)
 
     def return_transit(self, distance_m: float, step_s: float) -> Transit:
@@ -217,18 +257,50 @@ class BangCoastBang:
     def _filling_transit(self, distance_m: float, step_s: float) -> Transit:
         """Return the transit that lasts exactly a step. Raises ValueError if there is none."""
         speed = cruise_speed(distance_m, step_s, self.max_acceleration_mps2)
-        if speed > self.max_speed_mps:
+        if speed > self.highest_mps:
             raise ValueError(
                 f"{distance_m:g} m in {step_s:g} s need a cruise speed of {speed:.6g} m/s, "
-                f"above max_speed_mps = {self.max_speed_mps:g}"
+                f"above {self._limit}"
             )
         return _trapezoid(distance_m, speed, self.max_acceleration_mps2, step_s)
 
     def fastest_transit(self, distance_m: float) -> Transit:
         """Return the transit in minimum time."""
         a = self.max_acceleration_mps2
-        speed, duration = fastest(distance_m, self.max_speed_mps, a)
+        speed, duration = fastest(distance_m, self.highest_mps, a)
         return _trapezoid(distance_m, speed, a, duration)
+
+
+@dataclass(frozen=True)
+class _InWind(BangCoastBang):
+    """The motion along a level direction in wind (see ``BangCoastBang.in_wind``)."""
+
+    tail_mps: float = 0.0
+    side_mps: float = 0.0
+
+    def _over_ground(self, air_mps: float) -> float:
+        return ground_mps(air_mps, self.tail_mps, self.side_mps)
+
+    @property
+    def _limit(self) -> str:
+        return (
+            f"the {self.highest_mps:.6g} m/s over the ground that max_speed_mps = "
+            f"{self.max_speed_mps:g} through the air leaves in the wind"
+        )
+
+
+@rule
+def ground_mps(limit: float, tail: float, side: float) -> float:
+    """Return the highest level speed over the ground at a highest speed through the air.
+
+    ``tail`` is the wind along the way and ``side`` that across it. The limit must be above the
+    speed of the wind. It is the larger root g of (g - tail)² + side² = limit², in a form that does
+    not cancel against the wind.
+    """
+    root = math.sqrt(limit * limit - side * side)
+    if tail >= 0.0:
+        return tail + root
+    return (limit * limit - (tail * tail + side * side)) / (root - tail)
 
 
 def cruise_speed(distance_m: float, duration_s: float, acceleration_mps2: float) -> float:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.grid import Cell, Grid
-from desim_uav.model.kernels import maker
+from desim_uav.model.kernels import kernel, maker
 
 Node = tuple[int, int, int]
 """(cell x, cell y, level)."""
@@ -38,8 +38,8 @@ class Return:
 class Planner:
     """Plans returns and keeps the plans, because a world does not change.
 
-    ``hop_us``: the time of a hop along x, y and between levels, in microseconds;
-    ``drain_us``: the battery that each of the HOPS takes (None: its time).
+    ``hop_us`` is the time of each of the HOPS, in microseconds, and ``drain_us`` the battery that
+    it takes (None: its time).
     """
 
     grid: Grid
@@ -74,7 +74,7 @@ class Planner:
             if len(path) == 0:
                 continue
             hops = tuple(HOPS[dx, dy, dz] for dx, dy, dz in np.diff(path, axis=0).tolist())
-            duration = sum(self.hop_us[_axis(hop)] for hop in hops)
+            duration = sum(self.hop_us[DIRECTIONS[hop]] for hop in hops)
             if best is None or (duration, station) < (best.duration_us, best.station):
                 drained = duration
                 if self.drain_us is not None:
@@ -88,16 +88,20 @@ class Planner:
 
     def _bounds(self, start: Node) -> list[tuple[int, int]]:
         """Return a lower bound of the time to each station, and the station's index, in order."""
-        x_us, y_us, level_us = self.hop_us
-        x, y, level = start
+        hop_us = np.array(self.hop_us)
         return [
-            (x_us * abs(ix - x) + y_us * abs(iy - y) + level_us * level, station)
+            (int(time_on_open_map(hop_us, ix - start[0], iy - start[1], -start[2])), station)
             for station, (ix, iy) in enumerate(self.stations)
         ]
 
 
-def _axis(hop: Node) -> int:
-    return 0 if hop[0] else 1 if hop[1] else 2
+@kernel
+def time_on_open_map(hop_us: NDArray[np.int64], dx: int, dy: int, dlevel: int) -> int:
+    """Return the shortest time for a distance in cells and levels on a map without buildings."""
+    time_us = hop_us[0] * dx if dx > 0 else hop_us[1] * -dx
+    time_us += hop_us[2] * dy if dy > 0 else hop_us[3] * -dy
+    time_us += hop_us[4] * dlevel if dlevel > 0 else hop_us[5] * -dlevel
+    return int(time_us)
 
 
 @maker
@@ -110,9 +114,10 @@ def shortest_path(
     """Return the quickest path from ``start`` to ``goal`` (x, y, level) by A*: (hops + 1, 3).
 
     The path includes both ends; its shape is (0, 3) if there is none. ``blocked`` has the shape
-    (level, x, y); the start may be blocked. The estimate is the time on a map without buildings,
-    which is consistent, so that each node is settled once. Nodes with equal estimates are settled
-    in the order of their numbers.
+    (level, x, y); the start may be blocked, and ``hop_us`` the time of each of the HOPS. The
+    estimate is the time on a map without buildings. It is the shortest time there, because all
+    times are above 0, and therefore consistent, so that each node is settled once. Nodes with equal
+    estimates are settled in the order of their numbers.
     """
     levels, nx, ny = blocked.shape
     nodes = levels * nx * ny
@@ -148,12 +153,12 @@ def shortest_path(
             if blocked[jz, jx, jy]:
                 continue
             neighbour = (jz * nx + jx) * ny + jy
-            through = cost[node] + hop_us[move // 2]
+            through = cost[node] + hop_us[move]
             if through < cost[neighbour]:
                 cost[neighbour] = through
                 came_from[neighbour] = node
-                estimate = through + hop_us[0] * abs(jx - goal[0])
-                estimate += hop_us[1] * abs(jy - goal[1]) + hop_us[2] * abs(jz - goal[2])
+                rest_us = time_on_open_map(hop_us, goal[0] - jx, goal[1] - jy, goal[2] - jz)
+                estimate = through + rest_us
                 _push(heap, (np.int64(estimate), np.int64(neighbour)))
     if not settled[target]:
         return np.empty((0, 3), np.int64)

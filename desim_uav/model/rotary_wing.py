@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 from annotated_types import Ge, Gt, Le
 
 from desim_uav.model.battery import MOST_UJ, WH_UJ, RowEnergy, time_of_hover_problems
+from desim_uav.model.free.work import speeding_in_wind_j
 from desim_uav.model.kernels import rule
 from desim_uav.model.motion import Motion
 from desim_uav.model.propulsion.rotary_wing import (
@@ -123,7 +124,7 @@ class RotaryWing(RowEnergy):
         duration_us = int(flight.duration_us)
         used = used_uj(self, flight, duration_us)
         if used < battery_us:
-            lasts_us = duration_us + int((battery_us - used) / self.hover_w)
+            lasts_us = duration_us + int((battery_us - used) / hovering_w(self, flight))
             while used_uj(self, flight, lasts_us) < battery_us:
                 lasts_us += 1
             while used_uj(self, flight, lasts_us - 1) >= battery_us:
@@ -160,7 +161,7 @@ def energy_j(own: Any, flight: Any, elapsed_us: int) -> float:
     """
     elapsed_s = elapsed_us / US
     if flight.distance_m == 0.0:
-        return float(own.hover_w * elapsed_s)
+        return float(hovering_w(own, flight) * elapsed_s)
     pieces, energy, flown_m = flight.pieces, 0.0, 0.0
     level = math.sqrt(1.0 - flight.rises * flight.rises)
     for k in range(len(pieces)):
@@ -173,10 +174,40 @@ def energy_j(own: Any, flight: Any, elapsed_us: int) -> float:
         flown_m = piece.from_m + (
             piece.speed_mps * passes_s + 0.5 * piece.acceleration_mps2 * passes_s * passes_s
         )
-        energy += piece_j(own, piece, level, passes_s)
+        if is_calm(flight):
+            energy += piece_j(own, piece, level, passes_s)
+        else:
+            energy += piece_in_wind_j(own, flight, piece, level, passes_s)
     if flight.rises > 0.0:
         energy += own.lifts_n * flight.rises * flown_m
     return energy
+
+
+@rule
+def is_calm(flight: Any) -> bool:
+    """Return whether a flight has no wind."""
+    return bool(flight.tail_mps == 0.0) & bool(flight.side_mps == 0.0)
+
+
+@rule
+def hovering_w(own: Any, flight: Any) -> float:
+    """Return the power of a hover where a flight ends, in watts: that at the speed of the wind."""
+    if is_calm(flight):
+        return float(own.hover_w)
+    tail, side = flight.tail_mps, flight.side_mps
+    electronics_w = own.hover_w - own.blade_w - own.induced_w
+    return float(power_w(own, math.sqrt(tail * tail + side * side)) + electronics_w)
+
+
+@rule
+def piece_in_wind_j(own: Any, flight: Any, piece: Any, level: float, passes_s: float) -> float:
+    """Return the energy of the beginning of a piece of a flight in wind, without climbing."""
+    tail, side = flight.tail_mps, flight.side_mps
+    first = level * piece.speed_mps - tail
+    last = max(-tail, first + level * piece.acceleration_mps2 * passes_s)
+    drag_j = speeding_in_wind_j(power_w, own, side, first, last, passes_s, own.flow_mps)
+    electronics_j = (own.hover_w - own.blade_w - own.induced_w) * passes_s
+    return float(drag_j + electronics_j)
 
 
 @rule

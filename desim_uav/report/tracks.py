@@ -13,6 +13,7 @@ from desim_uav.model.free.space import ANY_SPEED, flight_of
 from desim_uav.model.motion import REST, Leg, Transit, flown_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
+from desim_uav.model.wind import motion_in, way_between
 from desim_uav.report.run import Run
 
 Ints = NDArray[np.int64]
@@ -41,7 +42,8 @@ class Track:
         duration_us = int(self.ends_us[number] - self.starts_us[number])
         if duration_us > 0:
             commanded, step_s = self.modes[number] is Mode.FLYING, run.scenario.episode.step_s
-            motion = self._own.drones.motion
+            wind, way = run.scenario.wind_mps, way_between(start, end)
+            motion = motion_in(self._own.drones.motion, wind, way)
             transit = flown_transit(motion, commanded, length_m, step_s, duration_us)
         return Leg(transit, start[:2], end[:2], start[2], end[2])
 

@@ -55,6 +55,8 @@ class TransitRow(Row):
     duration_us: int
     distance_m: float
     rises: float
+    tail_mps: float
+    side_mps: float
     pieces: Table[Piece]
 
 

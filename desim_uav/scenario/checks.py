@@ -15,6 +15,7 @@ from desim_uav.model.motion import cruise_of, return_transit, transits_over
 from desim_uav.model.services import Volume
 from desim_uav.model.sums import in_order
 from desim_uav.model.walking import Area
+from desim_uav.model.wind import motion_in
 from desim_uav.notices import notice
 from desim_uav.registry import FAULTS, did_you_mean, what_failed
 from desim_uav.rules.rewards import MultiService
@@ -31,6 +32,7 @@ from desim_uav.scenario.schema import (
     Scenario,
     flies_freely,
 )
+from desim_uav.scenario.wind import drones_can_fly_in_the_wind, problem_in_wind
 from desim_uav.scenario.yaml12 import KeyPath
 
 MAX_SQUARES = 1_000_000
@@ -172,17 +174,19 @@ def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
     """A moving action that its drone cannot carry out within a step."""
     dx, dy = scenario.map.cell_m
     nx, ny = scenario.map.cells
-    hops = {"along x": dx} if nx > 1 else {}
-    hops |= {"along y": dy} if ny > 1 else {}
+    hops = {"along x": ((1, 0, 0), dx), "along -x": ((-1, 0, 0), dx)} if nx > 1 else {}
+    hops |= {"along y": ((0, 1, 0), dy), "along -y": ((0, -1, 0), dy)} if ny > 1 else {}
     if scenario.three_d and scenario.map.obstacles is not None:
-        hops["between levels"] = scenario.map.levels.step_m
+        hops["between levels"] = (0, 0, 1), scenario.map.levels.step_m
     also = (*_GRID, ("map", "levels", "step_m"), ("map", "dimensions"), ("episode", "step_s"))
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         if flies_freely(drones):
             continue
         seen = set()
-        for which, distance in hops.items():
-            problem = _transit_problem(drones, distance, scenario.episode.step_s)
+        if problem_in_wind(drones, scenario.wind_mps):
+            continue
+        for which, (way, distance) in hops.items():
+            problem = _transit_problem(scenario, drones, way, distance)
             if problem and problem not in seen:
                 seen.add(problem)
                 message = f"a hop {which} cannot be flown: {problem}"
@@ -301,6 +305,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     drones_start_on_the_map,
     users_are_on_the_map,
     obstacles_fit_the_map,
+    drones_can_fly_in_the_wind,
     transits_fit_a_step,
     cruise_speeds_can_be_flown,
     the_mix_names_services,
@@ -361,11 +366,15 @@ def _cut_off(
             return
 
 
-def _transit_problem(drones: Drones, distance_m: float, step_s: float) -> str:
+def _transit_problem(
+    scenario: Scenario, drones: Drones, way: tuple[int, int, int], distance_m: float
+) -> str:
+    step_s = scenario.episode.step_s
     try:
-        transits_over(drones.motion, distance_m, step_s)
+        motion = motion_in(drones.motion, scenario.wind_mps, way)
+        transits_over(motion, distance_m, step_s)
         if drones.battery is not None:
-            return_transit(drones.motion, distance_m, step_s)
+            return_transit(motion, distance_m, step_s)
     except ValueError as error:
         return str(error)
     except FAULTS as error:

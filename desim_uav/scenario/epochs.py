@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 
 from desim_uav.model.motion import transits_over
+from desim_uav.model.planner import HOPS
 from desim_uav.model.rules import US
+from desim_uav.model.wind import motion_in
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Drones, Scenario
 from desim_uav.scenario.yaml12 import KeyPath
@@ -31,12 +33,17 @@ def shortest_leg_s(scenario: Scenario, drones: Drones) -> float:
     if scenario.free:
         return scenario.episode.step_s  # they decide by clock
     sizes = zip(scenario.map.cell_m, scenario.map.cells, strict=True)
-    hops_m = [size_m for size_m, count in sizes if count > 1]
-    if scenario.three_d:
-        hops_m.append(scenario.map.levels.step_m)
+    hops_m = [size_m if count > 1 else 0.0 for size_m, count in sizes]
+    hops_m.append(scenario.map.levels.step_m if scenario.three_d else 0.0)
     step_s = scenario.episode.step_s
-    motion = drones.motion
-    moves_s = [transits_over(motion, hop_m, step_s)[-1].duration_us / US for hop_m in hops_m]
+    moves_s = [
+        transits_over(motion_in(drones.motion, scenario.wind_mps, way), hop_m, step_s)[
+            -1
+        ].duration_us
+        / US
+        for way in HOPS
+        if (hop_m := sum(abs(d) * size_m for d, size_m in zip(way, hops_m, strict=True))) > 0.0
+    ]
     return min(scenario.decisions.patience_s, *moves_s, step_s)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from desim_uav.model.free.limits import CALM
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Drones, Scenario, flies_freely
 from desim_uav.scenario.yaml12 import KeyPath
@@ -32,6 +33,8 @@ def free_flight_fits_the_scenario(scenario: Scenario) -> Iterator[Finding]:
         return
     if scenario.decisions.by_event:
         yield Finding(("decisions",), f"not beside {FREE}, which needs decisions: clock", motions)
+    if scenario.wind_mps != CALM:
+        yield Finding(("wind_mps",), f"not beside {FREE}, in which there is no wind", motions)
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         yield from _of_type(scenario, key, drones)
 

@@ -26,6 +26,7 @@ from desim_uav.model.battery import Endurance, Energy
 from desim_uav.model.charging import Charging, Constant
 from desim_uav.model.decisions import ByClock, Decisions
 from desim_uav.model.demand import Demand, Dynamic
+from desim_uav.model.free.limits import CALM
 from desim_uav.model.free.polygons import MOST_CORNERS, checked
 from desim_uav.model.mobility import Mobility, RandomWalk
 from desim_uav.model.motion import BangCoastBang, Motion
@@ -84,6 +85,8 @@ CellCount = Annotated[int, Field(ge=1, le=1000)]
 Name = Annotated[str, StringConstraints(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]{0,63}$")]
 
 Side = Annotated[float, Field(ge=1, le=1e6)]
+Speed = Annotated[float, Field(ge=-1000, le=1000)]
+Velocity = tuple[Speed, Speed]
 
 FractionRange = Annotated[tuple[Fraction, Fraction], AfterValidator(_ascending)]
 HeightRange = Annotated[tuple[Height, Height], AfterValidator(_ascending)]
@@ -372,7 +375,7 @@ class AccessPoint(Section):
 class Scenario(Section):
     """A scenario, fully resolved: every key has its value, the preset's among them."""
 
-    later: ClassVar = ("decisions",)
+    later: ClassVar = ("decisions", "wind_mps")
 
     name: Name = "scenario"
     """The name of the scenario. Run folders are named after it."""
@@ -402,6 +405,10 @@ class Scenario(Section):
         dict[Name, Annotated[Hold | Volume, SERVICE]], Field(min_length=1, max_length=1000)
     ] = Field(default_factory=lambda: dict(PAPER))
     """The services by name: how long a request takes and what bandwidth it occupies."""
+    wind_mps: Velocity = CALM
+    """The velocity of the wind over the ground [to the east, to the north], in m/s. It is the same
+    everywhere and always. The highest speed of drones is then one through the air.
+    """
     position_noise: PositionNoise | None = None
     """How often a drone is wrong about its position; null means never."""
     decisions: Annotated[Decisions, DECISIONS] = cast(Decisions, ByClock())

@@ -395,6 +395,7 @@ def scenarios(draw: st.DrawFn) -> dict[str, Any]:
             "mobility": mobility,
         },
         "demand": demand,
+        "wind_mps": pick([0, 0], [0, 0], [3.1, 0], [-1.5, 2.75]),
         "position_noise": pick(None, {"probability": 0.5, "sigma_cells": 2}),
         "episode": {
             "steps": pick(1, 4, 8, 12, 16),

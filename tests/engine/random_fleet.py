@@ -98,6 +98,7 @@ def scenario(seed: int, graded: bool) -> dict[str, Any]:
     if made["reward"]["kind"] == "multi_service":
         made["reward"]["services"] = dict.fromkeys(made["services"], 0.3)
     made["observation"] = {"kind": dice.of("local", "position", "team", "radar")}
+    made["wind_mps"] = dice.of([0, 0], [0, 0], [-2.5, 1], [0, 3.9])
     return made
 
 

@@ -19,6 +19,11 @@ def flat(nx_, ny, height_m=None):
     return Grid(240.0 * nx_, 240.0 * ny, heights, levels, 10.0, under)
 
 
+def of_axes(x_us, y_us, level_us):
+    """The times of hops that do not depend on the direction along an axis."""
+    return (x_us, x_us, y_us, y_us, level_us, level_us)
+
+
 def fly(start, hops):
     """The nodes of a path."""
     stops = np.array(start) + np.cumsum(np.array(hops, int).reshape(-1, 3), axis=0)
@@ -39,8 +44,17 @@ def test_the_time_is_dijkstras_and_no_way_is_no_way():
     check(figures())
 
 
-def test_the_path_can_be_flown_hop_by_hop():
-    for graph, hop_us, start, stations, plan, _ in surveyed():
+def test_in_wind_the_time_is_dijkstras_with_an_own_time_of_each_direction():
+    cases = surveyed(400, windy=True)
+    assert sum(plan is not None and len(plan.hops) > 3 for *_, plan, _ in cases) > 100
+    for _, _, _, _, plan, times in cases:
+        ways = [(time, station) for station, time in enumerate(times) if time is not None]
+        assert (plan and (plan.duration_us, plan.station)) == min(ways, default=None)
+
+
+@pytest.mark.parametrize("windy", [False, True])
+def test_the_path_can_be_flown_hop_by_hop(windy):
+    for graph, hop_us, start, stations, plan, _ in surveyed(400, True) if windy else surveyed():
         if plan is None:
             continue
         assert set(plan.hops) <= set(HOPS)
@@ -52,12 +66,12 @@ def test_the_path_can_be_flown_hop_by_hop():
             assert graph.has_edge(here, there)
             flown += graph.edges[here, there]["weight"]
         assert flown == plan.duration_us
-        assert sum(hop_us[next(a for a in range(3) if hop[a])] for hop in plan.hops) == flown
+        assert sum(hop_us[HOPS.index(hop)] for hop in plan.hops) == flown
 
 
 class TestByHand:
     def test_on_a_station(self):
-        plan = Planner(flat(3, 3), [(2, 2), (1, 1)], (5, 7, 9)).plan((1, 1, 0))
+        plan = Planner(flat(3, 3), [(2, 2), (1, 1)], of_axes(5, 7, 9)).plan((1, 1, 0))
         assert (plan.station, plan.duration_us, plan.hops) == (1, 0, ())
 
     def test_around_a_wall_or_over_it(self):
@@ -67,7 +81,7 @@ class TestByHand:
         grid = flat(5, 3, heights)
         assert grid.levels_m == (20.0, 30.0)
         assert grid.levels_under_ceiling == 1
-        planner = Planner(grid, [(0, 2)], (10, 10, 3))
+        planner = Planner(grid, [(0, 2)], of_axes(10, 10, 3))
         assert planner.plan((0, 0, 0), ceiling=True).duration_us == 100
         assert planner.plan((0, 0, 0), ceiling=False).duration_us == 26
         over = planner.plan((0, 0, 0), ceiling=False).hops
@@ -77,44 +91,46 @@ class TestByHand:
     def test_no_way(self):
         heights = np.zeros((3, 3))
         heights[1, :] = 20.0
-        planner = Planner(flat(3, 3, heights), [(2, 2)], (10, 10, 3))
+        planner = Planner(flat(3, 3, heights), [(2, 2)], of_axes(10, 10, 3))
         assert planner.plan((0, 0, 0)) is None
         assert planner.plan((0, 0, 0), ceiling=False).duration_us == 46
 
     def test_out_of_a_building(self):
         heights = np.zeros((3, 1))
         heights[1, 0] = 100.0
-        planner = Planner(flat(3, 1, heights), [(0, 0), (2, 0)], (10, 10, 3))
+        planner = Planner(flat(3, 1, heights), [(0, 0), (2, 0)], of_axes(10, 10, 3))
         assert planner.plan((1, 0, 0)).hops == ((-1, 0, 0),)
         assert planner.plan((1, 0, 1)).duration_us == 13
 
     @pytest.mark.parametrize("stations", list(itertools.permutations(CROSS)))
     def test_ties_go_to_the_lowest_index(self, stations):
-        planner = Planner(flat(5, 5), list(stations), (11, 11, 3))
+        planner = Planner(flat(5, 5), list(stations), of_axes(11, 11, 3))
         plan = planner.plan((2, 2, 0))
         assert (plan.station, plan.duration_us) == (0, 22)
         # Nearer by one cell: the index does not matter.
         assert stations[planner.plan((3, 2, 0)).station] == (4, 2)
 
     def test_nearest_is_in_time_not_in_hops(self):
-        planner = Planner(flat(5, 5), [(4, 2), (2, 3)], (10, 21, 3))
+        planner = Planner(flat(5, 5), [(4, 2), (2, 3)], of_axes(10, 21, 3))
         assert planner.plan((2, 2, 0)).station == 0
 
     def test_a_plan_does_not_depend_on_those_before(self):
         grid = flat(6, 6)
         stations = [(0, 0), (5, 5)]
         asked = list(itertools.product(range(6), range(6), [0], [True, False]))
-        used = Planner(grid, stations, (7, 7, 3))
+        used = Planner(grid, stations, of_axes(7, 7, 3))
         forward = [used.plan((x, y, k), c) for x, y, k, c in asked]
         backward = [used.plan((x, y, k), c) for x, y, k, c in reversed(asked)][::-1]
-        anew = [Planner(grid, stations, (7, 7, 3)).plan((x, y, k), c) for x, y, k, c in asked]
+        anew = [
+            Planner(grid, stations, of_axes(7, 7, 3)).plan((x, y, k), c) for x, y, k, c in asked
+        ]
         assert forward == backward == anew
 
 
 def test_shortest_path_holds_both_ends():
     blocked = np.zeros((1, 4, 1), bool)
-    path = shortest_path(blocked, np.array([1, 1, 1]), np.array([0, 0, 0]), np.array([3, 0, 0]))
+    path = shortest_path(blocked, np.ones(6, np.int64), np.array([0, 0, 0]), np.array([3, 0, 0]))
     assert path.tolist() == [[0, 0, 0], [1, 0, 0], [2, 0, 0], [3, 0, 0]]
     blocked[0, 2, 0] = True
-    path = shortest_path(blocked, np.array([1, 1, 1]), np.array([0, 0, 0]), np.array([3, 0, 0]))
+    path = shortest_path(blocked, np.ones(6, np.int64), np.array([0, 0, 0]), np.array([3, 0, 0]))
     assert path.shape == (0, 3)

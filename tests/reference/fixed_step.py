@@ -118,14 +118,12 @@ class FixedStep:
         rotor = self.inputs.rotor
         if rotor is None:
             return self.dt_us
-        level_mps = up_mps = 0.0
+        level_mps, up_mps = math.hypot(*self.inputs.wind_mps), 0.0
         if drone.hop is not None:
             ends_s = (t_us - drone.since_us) / US
             flown_m = drone.flight.flown_m(ends_s) - drone.flight.flown_m(ends_s - self.dt_us / US)
-            speed_mps = flown_m / (self.dt_us / US)
-            level_mps, up_mps = (
-                (0.0, drone.hop[2] * speed_mps) if drone.hop[2] else (speed_mps, 0.0)
-            )
+            vx, vy, up_mps = (part * flown_m / (self.dt_us / US) for part in drone.hop)
+            level_mps = math.hypot(vx - self.inputs.wind_mps[0], vy - self.inputs.wind_mps[1])
         return rotor.power_w(level_mps, up_mps) * self.dt_us
 
     def _happen(self, t_us: int, xy: np.ndarray) -> None:
@@ -155,7 +153,7 @@ class FixedStep:
             drone.path = list(self.map.way_home(drone.node, drone.levels))
         if drone.path:
             hop = drone.path.pop(0)
-            self._take_hop(drone, hop, since_us, self.map.returning[axis_of(hop)])
+            self._take_hop(drone, hop, since_us, self.map.returning[hop])
         else:
             self._land(drone)
 
@@ -287,8 +285,8 @@ class FixedStep:
             name, _, speed = action.partition("@")
             hop = HOPS.get(name)
             if hop is not None and self.map.free(moved(drone.node, hop), drone.levels):
-                flights = self.map.cruising[float(speed)] if speed else self.map.commanded
-                self._take_hop(drone, hop, t_us, flights[axis_of(hop)])
+                flown = self.map.cruising[float(speed)] if speed else self.map.commanded
+                self._take_hop(drone, hop, t_us, flown[hop])
 
     def _record(self, epoch: int) -> None:
         records = []

@@ -46,6 +46,23 @@ def quickest(distance_m: float, v: float, a: float) -> Hop:
     return Hop(distance_m, peak, a, 2.0 * peak / a)
 
 
+def over_ground(wind: tuple[float, float], hop: Node, v: float) -> float:
+    """The highest speed over the ground at which that through the air is at most ``v``.
+
+    Vertical flights keep their limit.
+    """
+    if hop[2]:
+        return v
+    low, high = 0.0, v + math.hypot(*wind)
+    for _ in range(200):
+        middle = 0.5 * (low + high)
+        if math.hypot(middle * hop[0] - wind[0], middle * hop[1] - wind[1]) <= v:
+            low = middle
+        else:
+            high = middle
+    return low
+
+
 def filling(distance_m: float, duration_s: float, a: float) -> Hop:
     at = a * duration_s
     return Hop(distance_m, (at - math.sqrt(at * at - 4.0 * a * distance_m)) / 2.0, a, duration_s)
@@ -58,14 +75,22 @@ class Map:
         self.inputs = inputs
         self.shape = inputs.height_m.shape
         v, a = inputs.max_speed_mps, inputs.max_acceleration_mps2
-        dx, dy = inputs.cell_m
-        lengths = (dx, dy, inputs.level_step_m)
-        quick = [quickest(length, v, a) for length in lengths]
-        filled = [filling(length, inputs.step_us / US, a) for length in lengths]
+        lengths = (*inputs.cell_m, inputs.level_step_m)
+        quick, filled = {}, {}
+        for hop in HOPS.values():
+            length = lengths[axis_of(hop)]
+            quick[hop] = quickest(length, over_ground(inputs.wind_mps, hop, v), a)
+            filled[hop] = filling(length, inputs.step_us / US, a)
         self.commanded = filled if inputs.fill_epoch else quick
-        self.cruising = {v: [quickest(length, v, a) for length in lengths] for v in inputs.cruise}
+        self.cruising = {
+            speed: {
+                hop: quickest(lengths[axis_of(hop)], over_ground(inputs.wind_mps, hop, speed), a)
+                for hop in HOPS.values()
+            }
+            for speed in inputs.cruise
+        }
         self.returning = filled if inputs.returns_fill_epoch else quick
-        self.hop_us = [round(hop.duration_s * US) for hop in self.returning]
+        self.hop_us = {hop: round(way.duration_s * US) for hop, way in self.returning.items()}
         self.home_us = {levels: self._homes(levels) for levels in set(inputs.levels)}
 
     def free(self, node: Node, levels: int) -> bool:
@@ -81,11 +106,11 @@ class Map:
         for hop in HOPS.values():
             other = moved(node, hop)
             if self.free(other, levels):
-                found.append((other, hop, self.hop_us[axis_of(hop)]))
+                found.append((other, hop, self.hop_us[hop]))
         return found
 
     def _homes(self, levels: int) -> list[dict[Node, int]]:
-        """The quickest time between each free node and each station."""
+        """The quickest time from each free node to each station, found from there backwards."""
         tables = []
         for x, y in self.inputs.stations:
             table = {(x, y, 0): 0}
@@ -94,7 +119,8 @@ class Map:
                 time, node = heapq.heappop(heap)
                 if time > table[node]:
                     continue
-                for other, _, hop_us in self.neighbours(node, levels):
+                for other, hop, _ in self.neighbours(node, levels):
+                    hop_us = self.hop_us[-hop[0], -hop[1], -hop[2]]
                     if time + hop_us < table.get(other, NEVER):
                         table[other] = time + hop_us
                         heapq.heappush(heap, (time + hop_us, other))
@@ -125,7 +151,7 @@ class Map:
             for hop in hops:
                 at = moved(at, hop)
                 assert self.free(at, levels), f"{node}: planned through a building at {at}"
-                flown += self.hop_us[axis_of(hop)]
+                flown += self.hop_us[hop]
             assert (flown, at) == (time, goal), f"{node}: {flown} us to {at}, not {time} to {goal}"
             return hops
         hops = []

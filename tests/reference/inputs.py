@@ -49,7 +49,9 @@ class Association:
 class Inputs:
     """One episode in plain numbers. ``levels_m``: all altitudes; ``levels``: how many a drone has.
 
-    With a ``rotor`` batteries are in µJ, else in µs. A ``charger`` replaces ``charge_us``.
+    ``wind_mps`` is the velocity of the air along x and y; speeds are limited and energy is taken by
+    the speed through the air. With a ``rotor`` batteries are in µJ, else in µs. A ``charger``
+    replaces ``charge_us``.
     ``links``: the radio of each drone. ``legs``: for each user an array of rows t0_s, x0, y0, vx,
     vy. ``users_height_m`` None: all users stand on the ground. ``capacity_us`` None is an
     unlimited battery, ``respawn_after_us`` None is no respawn. ``plan`` settles what the model
@@ -90,6 +92,7 @@ class Inputs:
     rotor: Rotor | None = None
     charger: Charger | None = None
     cruise: Sequence[float] = ()
+    wind_mps: tuple[float, float] = (0.0, 0.0)
 
 
 @dataclass

@@ -150,6 +150,15 @@ def cruising(seed: int) -> dict[str, Any]:
     return mapping
 
 
+def windy(seed: int) -> dict[str, Any]:
+    """A scenario as that of ``energetic``, with wind and drones that are quick enough for it."""
+    mapping, rng = energetic(seed), np.random.default_rng([10, seed])
+    mapping["drones"]["motion"]["max_speed_mps"] = 12.0
+    strength, towards = rng.uniform(1.0, 5.0), rng.uniform(0.0, 2 * math.pi)
+    mapping["wind_mps"] = [strength * math.cos(towards), strength * math.sin(towards)]
+    return mapping
+
+
 def inputs_of(
     mapping: dict[str, Any], world: World, path: SamplePath, ceilings: tuple[bool, ...]
 ) -> Inputs:
@@ -205,6 +214,7 @@ def inputs_of(
         users_height_m=world.homes[:, 2],
         association=association_of(mapping),
         access_points=access_points_of(mapping),
+        wind_mps=tuple(mapping.get("wind_mps", (0.0, 0.0))),
         **energy_of(mapping),
     )
 

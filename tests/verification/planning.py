@@ -61,14 +61,16 @@ def free_graph(grid, hop_us, ceiling):
         for hop in HOPS:
             neighbour = tuple(a + b for a, b in zip(node, hop, strict=True))
             if neighbour in free:
-                axis = next(axis for axis in range(3) if hop[axis])
-                graph.add_edge(node, neighbour, weight=hop_us[axis])
+                graph.add_edge(node, neighbour, weight=hop_us[HOPS.index(hop)])
     return graph
 
 
 @cache
-def surveyed(maps=MAPS):
-    """Random maps: (graph, hop times, start, stations, plan, Dijkstra's times)."""
+def surveyed(maps=MAPS, windy=False):
+    """Random maps: (graph, hop times, start, stations, plan, Dijkstra's times).
+
+    If it is windy, hops there and back take different times.
+    """
     rng = np.random.default_rng(1959)
     found = []
     for _ in range(maps):
@@ -76,6 +78,8 @@ def surveyed(maps=MAPS):
         hop_us = tuple(rng.integers(1, 60_000_000, 3).tolist())
         if rng.random() < 0.3:
             hop_us = (hop_us[0],) * 3
+        each_us = rng.integers(1, 60_000_000, 6) if windy else np.repeat(hop_us, 2)
+        hop_us = tuple(each_us.tolist())
         ceiling = bool(rng.random() < 0.7)
         graph = free_graph(grid, hop_us, ceiling)
         nodes = sorted(graph)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from desim_uav.model.kernels import kernel, part
+from desim_uav.model.motion import ground_mps
 from desim_uav.model.radio.tracks import Point
 
 Wind = tuple[float, float]
@@ -56,12 +57,7 @@ def speed_along(limits: Limits, wind: Wind, ahead: Point) -> float:
     level, speed = np.sqrt(x * x + y * y), np.inf
     if level > 0.0:
         tail, side = (wx * x + wy * y) / level, (wx * y - wy * x) / level
-        root = np.sqrt(limits.level_mps * limits.level_mps - side * side)
-        if tail >= 0.0:
-            speed = (tail + root) / level
-        else:  # the same without cancellation
-            still = limits.level_mps * limits.level_mps - (wx * wx + wy * wy)
-            speed = still / (root - tail) / level
+        speed = ground_mps(limits.level_mps, tail, side) / level
     if z > 0.0:
         speed = min(speed, limits.climb_mps / z)
     elif z < 0.0:

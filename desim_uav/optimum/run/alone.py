@@ -23,7 +23,6 @@ from desim_uav.errors import UsageError
 from desim_uav.model.battery import Endurance, PerAction
 from desim_uav.model.charging import Constant, Swap, Tapered
 from desim_uav.model.kernels import maker
-from desim_uav.model.motion import REST
 from desim_uav.model.rotary_wing import RotaryWing
 from desim_uav.optimum.run.legs import Shares, cells_ahead, leg_of
 
@@ -127,13 +126,15 @@ def drain_of(kind: DroneType, step_us: int) -> Drain:
     if type(battery) is not RotaryWing:
         return Drain(step_us, step_us, kind.full_us == kind.capacity_us)
     used = [
-        int(battery.drained_us(flight, step_us)) for flight in (REST, *kind.epoch_transits.values())
+        int(battery.drained_us(flight, step_us))
+        for flight in (kind.rest, *kind.epoch_transits.values())
     ]
     return Drain(max(1, min(used) - ROUNDED), max(used) + ROUNDED, False)
 
 
 def _refuse_other_batteries(kind: DroneType) -> None:
-    battery, charging = kind.drones.battery, kind.scenario.charging
+    battery: Any = kind.drones.battery
+    charging = kind.scenario.charging
     if type(battery) not in (Endurance, PerAction, RotaryWing):
         raise UsageError(
             f"drones.battery.kind: {type(battery).__name__}: a run can be bounded only with "
@@ -159,29 +160,37 @@ def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], begun
         return max(1, -(-duration_us // step_us))
 
     stations = np.array([ix * ny + iy for ix, iy in kind.stations], np.int64)
-    (hop_x_us, taken_x), (hop_y_us, taken_y) = (_hop(kind, axis) for axis in ((1, 0, 0), (0, 1, 0)))
+    hops = {way: _hop(kind, (*way, 0)) for way in ((1, 0), (-1, 0), (0, 1), (0, -1))}
     home = np.zeros((len(ahead), len(stations), begun), np.int64)
     for cell in range(len(ahead)):
         for s, station in enumerate(stations.tolist()):
-            hops_x, hops_y = abs(cell // ny - station // ny), abs(cell % ny - station % ny)
-            flown_us = hops_x * hop_x_us + hops_y * hop_y_us
+            dx, dy = station // ny - cell // ny, station % ny - cell % ny
+            (x_us, taken_x), (y_us, taken_y) = hops[_sign(dx), 0], hops[0, _sign(dy)]
+            flown_us = abs(dx) * x_us + abs(dy) * y_us
             for j in range(begun):
-                arrives_with = int(left[j]) - hops_x * taken_x - hops_y * taken_y
+                arrives_with = int(left[j]) - abs(dx) * taken_x - abs(dy) * taken_y
                 may_return = kind.full_us - j * drain.most <= kind.return_below_us
                 if may_return and arrives_with >= 0:
                     home[cell, s, j] = steps_of(flown_us + kind.until_full_us(arrives_with))
     charge = np.array([steps_of(kind.until_full_us(int(battery))) for battery in left])
     # Where the battery has no exact charge, or a return by per_action drains it faster than time
     # passes, a crash may come at any time.
-    even = type(kind.drones.battery) is Endurance and drain.exact
+    battery: Any = kind.drones.battery
+    even = type(battery) is Endurance and drain.exact
     crash = np.array([steps_of(int(each) * even + kind.respawn_after_us) for each in left])
     doomed = min(begun, max(1, -(-kind.full_us // drain.most))) - 1
     return Alone(ahead, np.arange(len(ahead)), stations, charge, home, crash, doomed, True)
 
 
+def _sign(number: int) -> int:
+    """Return -1 for a number below 0, and 1 for all others."""
+    return -1 if number < 0 else 1
+
+
 def _hop(kind: DroneType, axis: tuple[int, int, int]) -> tuple[int, int]:
     """Return the time of a hop of a return, and what it takes from the battery at least."""
-    flight, battery = kind.return_transits[axis], kind.drones.battery
+    battery: Any = kind.drones.battery
+    flight = kind.return_transits[axis]
     if type(battery) is not RotaryWing:
         return flight.duration_us, flight.duration_us
     return flight.duration_us, battery.drained_us(flight, flight.duration_us) - ROUNDED

@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.coverage import all_walked
-from desim_uav.model.motion import REST
 from desim_uav.model.rules import MOVES, Action, Choice, kind_of, move_of
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.model.walking import from_here
@@ -151,9 +150,10 @@ def _drained_us(world: World, action: Choice) -> int:
     energy = world.only_type.drones.battery
     if energy is None:
         return 0
-    transit = world.epoch_transits.get(action, REST)
+    rest = world.only_type.rest
+    transit = world.epoch_transits.get(action, rest)
     rest_us = world.step_us - transit.duration_us
-    drained_us = energy.drained_us(REST, max(rest_us, 0))
+    drained_us = energy.drained_us(rest, max(rest_us, 0))
     if transit.duration_us:
         drained_us += energy.drained_us(transit, transit.duration_us)
     return drained_us
@@ -164,7 +164,7 @@ def _drains(world: World, actions: tuple[Choice, ...]) -> tuple[int, Ints]:
     energy = world.only_type.drones.battery
     if energy is None:
         return world.step_us, np.zeros(len(actions), np.int64)
-    unit_us = max(1, energy.drained_us(REST, world.step_us))
+    unit_us = max(1, energy.drained_us(world.only_type.rest, world.step_us))
     return unit_us, np.array([-(-_drained_us(world, action) // unit_us) for action in actions])
 
 

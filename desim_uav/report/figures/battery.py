@@ -59,7 +59,7 @@ def battery_figure(
     for axes, (number, battery) in zip(panels, held.items(), strict=True):
         own = run.world.type_of(number)
         of_second, unit = (own.per_second / WH_UJ, "Wh") if own.in_joules else (1 / 60, "min")
-        full = battery.autonomy_min * 60 * of_second
+        full = own.capacity_us * of_second / own.per_second
         t_s, left_s = playback.batteries[number]
         colour = drone_look(number)["color"]
         axes.plot(t_s / 60, left_s * of_second, "-", color=colour, path_effects=[HALO], zorder=3)

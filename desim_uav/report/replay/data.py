@@ -244,6 +244,7 @@ class Encoder:
             "step_us": self.step_us,
             "pads": scenario.stations.pads,
             "three_d": scenario.three_d,
+            "wind_mps": list(scenario.wind_mps),
             "map": {key: world[key] for key in ("size_m", "cells", "stations", "clusters")}
             | {
                 "cell_height_m": [

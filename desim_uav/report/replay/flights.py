@@ -6,8 +6,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from desim_uav.model.motion import flown_transit
+from desim_uav.model.free.legs import leg_between
+from desim_uav.model.free.limits import CALM
+from desim_uav.model.free.space import ANY_SPEED, flight_of
+from desim_uav.model.motion import Transit, flown_transit
 from desim_uav.model.rules import US, Mode
+from desim_uav.model.wind import Course, motion_in, way_between, wind_along
 from desim_uav.report.replay.checks import Checks, Whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, plain
 
@@ -62,19 +66,17 @@ class Flights:
         """Return the number of each leg's profile, or -1 for a rest."""
         if self.scenario.free:
             return self._flown_freely(places, duration_us, types)
-        between = [
-            np.abs(
-                places[f"leg.{axis}_to"].values.astype(float)
-                - places[f"leg.{axis}_from"].values.astype(float)
-            )
-            for axis in "xyz"
+        ends = [
+            np.stack([places[f"leg.{axis}_{side}"].values.astype(float) for axis in "xyz"], axis=1)
+            for side in ("from", "to")
         ]
-        length_m = np.sum(between, axis=0)
+        length_m = np.abs(ends[1] - ends[0]).sum(axis=1)
         profile = np.full(len(mode), -1, np.int64)
         for k in np.flatnonzero(duration_us > 0):
             commanded = int(mode[k]) == Mode.FLYING
+            way = way_between(*(side[k].tolist() for side in ends))
             flown = int(types[k]), commanded, float(length_m[k]), int(duration_us[k])
-            number, takes_us = self._profile(*flown)
+            number, takes_us = self._profile(*flown, way)
             self.check.expect(
                 abs(takes_us - int(duration_us[k])) <= 1,
                 "legs",
@@ -84,18 +86,50 @@ class Flights:
             profile[k] = number
         return profile
 
+    def _flown_freely(self, places: dict[str, Column], duration_us: Whole, types: Whole) -> Whole:
+        """Return the number of the profile of each leg of free flight, or -1 for a rest."""
+        ends = np.array(
+            [places[f"leg.{axis}_{side}"].values for side in ("from", "to") for axis in "xyz"],
+            float,
+        ).T
+        profile = np.full(len(ends), -1, np.int64)
+        for k in np.flatnonzero(duration_us > 0):
+            key = (int(types[k]), *ends[k].tolist())
+            if key not in self._profile_of:
+                space = self.check.run.world.types[key[0]].space
+                leg = leg_between(space.limits, space.wind, ANY_SPEED, key[1:4], key[4:])
+                self._add(key, flight_of(leg))
+            profile[k], takes_us = self._profile_of[key]
+            self.check.expect(
+                abs(takes_us - int(duration_us[k])) <= 1,
+                "legs",
+                f"duration_s: the leg takes {takes_us / US:g} s in this scenario, "
+                f"not {duration_us[k] / US:g}",
+            )
+        return profile
+
+    def _add(self, key: tuple[Any, ...], transit: Transit) -> None:
+        """Add the profile of a transit, as shares of the distance from its start."""
+        self._profile_of[key] = len(self.profiles), transit.duration_us
+        length_m = transit.distance_m
+        self.profiles.append((transit.profile / [1.0, length_m, length_m, length_m]).tolist())
+
     def _profile(
-        self, of_type: int, commanded: bool, length_m: float, lasted_us: int
+        self, of_type: int, commanded: bool, length_m: float, lasted_us: int, way: Course
     ) -> tuple[int, int]:
         """Return the number of the profile of a type's transit, and its duration (µs).
 
         Of several transits, it is that of the one that lasts nearest to ``lasted_us``.
         """
-        key = of_type, commanded, round(length_m, 6), lasted_us
+        wind = self.scenario.wind_mps
+        rises = float(way[2] != 0 and wind != CALM)
+        along = (*wind_along(wind, way), rises)
+        key = of_type, commanded, round(length_m, 6), lasted_us, along
         if key not in self._profile_of:
-            motion, step_s = self.scenario.fleet[of_type].motion, self.scenario.episode.step_s
+            step_s = self.scenario.episode.step_s
             self.check.expect(length_m > 0, "legs", "a transit leads nowhere")
             try:
+                motion = motion_in(self.scenario.fleet[of_type].motion, wind, way)
                 transit = flown_transit(motion, commanded, length_m, step_s, lasted_us)
             except ValueError as error:
                 raise self.check.error("legs", str(error)) from error

@@ -114,6 +114,13 @@ export class Legend {
         });
       });
     }
+    const [east, north] = run.wind_mps;
+    if (east || north) {
+      const mps = Math.hypot(east, north);
+      this.#row(list, `wind, ${Number(mps.toFixed(2))} m/s`, (ctx, theme) => {
+        strokeArrow(ctx, theme.ink, (8 * east) / mps, (-8 * north) / mps);
+      });
+    }
     if (run.map.clusters.length) {
       this.#row(list, "cluster of homes", (ctx, theme) => {
         ctx.strokeStyle = theme.muted;
@@ -170,6 +177,13 @@ export class Legend {
     const counts = state.counts();
     for (const [doing, count] of this.counts) setText(count, String(counts[doing]));
   }
+}
+
+/** An arrow through the middle of a sample, from (-dx, -dy) to (dx, dy). */
+function strokeArrow(ctx, colour, dx, dy) {
+  const barb = (side) => [X + 0.3 * dx - 0.45 * side * dy, Y + 0.3 * dy + 0.45 * side * dx];
+  strokeLine(ctx, colour, 1.5, [[X - dx, Y - dy], [X + dx, Y + dy]]);
+  strokeLine(ctx, colour, 1.5, [barb(1), [X + dx, Y + dy], barb(-1)]);
 }
 
 function strokeLine(ctx, colour, width, points) {
