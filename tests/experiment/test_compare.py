@@ -20,9 +20,12 @@ from desim_uav.errors import PolicyError, ScenarioError
 from desim_uav.experiment import compare
 from desim_uav.experiment.evaluate import MEASURES, evaluate
 from desim_uav.experiment.processes import run_each
+from desim_uav.experiment.run import run
 from desim_uav.experiment.statistics import estimate, paired
+from desim_uav.policies import load_policy
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from desim_uav.world import build_world
 from tests.command_line import IN_TROUBLE, START, runner, with_plug_ins
 from tests.selection import by_default
 
@@ -123,6 +126,23 @@ def small(*overrides):
 
 def values(found, policy, measure):
     return [row[measure] for row in found["replications"] if row["policy"] == policy]
+
+
+def test_energy_per_bit_is_compared_if_batteries_hold_energy(cli_run):
+    """The energy and what was served are those of all episodes of a seed."""
+    energy = ("-S", "drones.battery={kind: rotary_wing}", *SMALL)
+    done = cli_run(
+        *("compare", "case8", "--policies", "hover,random", "--seeds", 2, *energy, *SHORT),
+    )
+    assert done.code == 0 and "J per Mbit" in done.out, done.err
+    scenario = small("drones.battery={kind: rotary_wing}")
+    world = build_world(scenario.model_copy(update={"seed": 1}), 1)
+    episodes = run(world, load_policy("hover"), "hover", 1, 2, 1).episodes
+    counted = episodes[episodes["episode"] >= 0]
+    found = evaluate(scenario, "hover", 1, 2, 1)
+    assert tuple(found) == (*MEASURES, "j_per_mbit")
+    expected = 3600 * counted["energy_wh"].sum() / counted["served_mbit"].sum()
+    assert found["j_per_mbit"] == pytest.approx(expected)
 
 
 class TestEvaluate:

@@ -134,7 +134,11 @@ def drain_of(kind: DroneType, step_us: int) -> Drain:
 
 def _refuse_other_batteries(kind: DroneType) -> None:
     battery: Any = kind.drones.battery
+<<<<<<< HEAD
     charging = kind.scenario.charging
+=======
+    charging: Any = kind.scenario.charging
+>>>>>>> h-learn
     if type(battery) not in (Endurance, PerAction, RotaryWing):
         raise UsageError(
             f"drones.battery.kind: {type(battery).__name__}: a run can be bounded only with "
@@ -172,7 +176,7 @@ def _with_battery(kind: DroneType, step_us: int, ahead: NDArray[np.int64], begun
                 may_return = kind.full_us - j * drain.most <= kind.return_below_us
                 if may_return and arrives_with >= 0:
                     home[cell, s, j] = steps_of(flown_us + kind.until_full_us(arrives_with))
-    charge = np.array([steps_of(kind.until_full_us(int(battery))) for battery in left])
+    charge = np.array([steps_of(kind.until_full_us(int(each))) for each in left])
     # Where the battery has no exact charge, or a return by per_action drains it faster than time
     # passes, a crash may come at any time.
     battery: Any = kind.drones.battery
@@ -189,8 +193,13 @@ def _sign(number: int) -> int:
 
 def _hop(kind: DroneType, axis: tuple[int, int, int]) -> tuple[int, int]:
     """Return the time of a hop of a return, and what it takes from the battery at least."""
+<<<<<<< HEAD
     battery: Any = kind.drones.battery
     flight = kind.return_transits[axis]
+=======
+    flight = kind.return_transits[axis]
+    battery: Any = kind.drones.battery
+>>>>>>> h-learn
     if type(battery) is not RotaryWing:
         return flight.duration_us, flight.duration_us
     return flight.duration_us, battery.drained_us(flight, flight.duration_us) - ROUNDED
