@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from desim_uav.model.battery import in_joules
+from desim_uav.model.free.limits import CALM, Wind, can_hold
+from desim_uav.model.free.space import limits_of
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Drones, Scenario, flies_freely
 from desim_uav.scenario.yaml12 import KeyPath
@@ -36,6 +39,23 @@ def free_flight_fits_the_scenario(scenario: Scenario) -> Iterator[Finding]:
         yield from _of_type(scenario, key, drones)
 
 
+def _wind(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Finding]:
+    """Find wind in which drones cannot hover, or whose energy is not known."""
+    wind_mps: Wind = getattr(scenario, "wind_mps", CALM)
+    if not can_hold(limits_of(drones.motion), wind_mps):
+        yield Finding(
+            (*key, "motion", "max_speed_mps"),
+            f"must be above the speed of the wind, in which a drone hovers, beside {FREE}",
+            (("wind_mps",),),
+        )
+    elif any(wind_mps) and in_joules(drones.battery):
+        yield Finding(
+            (*key, "battery"),
+            f"not beside wind_mps and {FREE}, which need kind: endurance",
+            (("wind_mps",),),
+        )
+
+
 def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Finding]:
     motion: Any = drones.motion
     also: tuple[KeyPath, ...] = ((*key, "motion", "space"),)
@@ -45,6 +65,7 @@ def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Findi
             f"not beside {FREE}, in which drones always fly in minimum time",
             also,
         )
+    yield from _wind(scenario, key, drones)
     side_m = min(scenario.map.cell_m)
     if scenario.map.obstacles is not None and motion.margin_m >= side_m / 2.0:
         yield Finding(
