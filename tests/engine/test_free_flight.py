@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.choose import make_engine
+from desim_uav.engine.des import Simulation
 from desim_uav.model.rules import Mode
 from desim_uav.sample_path import draw
 from desim_uav.world import World
@@ -241,6 +242,38 @@ def test_no_place_of_a_flight_is_nearer_to_an_obstacle_than_the_margin(seed):
                 places = np.array(leg.from_m) + shares * (np.array(leg.to_m) - leg.from_m)
                 margin_m = world.type_of(leg.drone).drones.motion.margin_m
                 assert _nearest_m(world, places).min() >= margin_m - 1e-5, leg
+
+
+@pytest.mark.parametrize("seed", by_default(range(3), range(40)))
+def test_a_return_takes_just_what_was_foreseen(seed):
+    world, began = world_of(seed), {}
+
+    def look(simulation: Simulation) -> None:
+        for drone in simulation.drones:
+            mode, own = drone.mode, began.get(drone.index)
+            if mode == Mode.RETURNING and own is None:
+                home = drone.course.home
+                began[drone.index] = (
+                    drone.since_us,
+                    drone.battery_us,
+                    home.duration_us,
+                    home.drained_us,
+                )
+            elif own is not None and mode in (Mode.QUEUED, Mode.CHARGING):
+                since_us, battery, duration_us, drained = began.pop(drone.index)
+                assert drone.battery_us == battery - drained
+                assert simulation.state.now_us >= since_us + duration_us
+                assert mode != Mode.QUEUED or drone.since_us == since_us + duration_us
+            elif mode != Mode.RETURNING:
+                began.pop(drone.index, None)
+
+    told = RunSettings((True,) * world.scenario.drone_count, False)
+    engine, rng = Simulation(world, told, audit=look), np.random.default_rng(seed)
+    for episode in range(2):
+        began.clear()
+        shown = engine.reset(draw(world, 1, episode))
+        while not (shown.terminated or shown.truncated):
+            shown = engine.step([some_command(world, mask, rng) for mask in shown.masks])
 
 
 @pytest.mark.thorough
