@@ -311,7 +311,8 @@ def test_saved_states_go_on_as_the_original(seed, name):
     engine, rng = make_engine(name, world, told), np.random.default_rng(seed)
     shown = engine.reset(draw(world, 1, 0))
     for _ in range(4):
-        shown = engine.step([some_command(world, mask, rng) for mask in shown.masks])
+        if not shown.terminated:
+            shown = engine.step([some_command(world, mask, rng) for mask in shown.masks])
     saved, other = engine.save(), make_engine({"des": "batch", "batch": "des"}[name], world, told)
     other.restore(saved)
     while not (shown.terminated or shown.truncated):
