@@ -9,7 +9,6 @@ import numpy as np
 
 from desim_uav.copies import Unchanging
 from desim_uav.model.battery import capacity_of, in_joules, per_second_of
-from desim_uav.model.free.limits import CALM
 from desim_uav.model.free.prisms import Zone
 from desim_uav.model.free.space import Space, space_of
 from desim_uav.model.grid import Cell, Grid
@@ -60,7 +59,9 @@ class DroneType(Unchanging):
         ]
         stations_m = np.array([self.grid.centre(*cell) for cell in self.stations]).reshape(-1, 2)
         drones = self.drones
-        return space_of(drones.motion, CALM, drones.battery, self.grid, zones, stations_m)
+        return space_of(
+            drones.motion, self.scenario.wind_mps, drones.battery, self.grid, zones, stations_m
+        )
 
     @cached_property
     def capacity_us(self) -> int:

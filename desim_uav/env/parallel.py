@@ -149,10 +149,10 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         """Raise ActionError for actions that only drones of another type can take."""
         if self.session.world.scenario.differing:
             for agent, action in zip(self.agents, ordered, strict=True):
-                if action not in self.action_spaces[agent]:
+                space: Any = self.action_spaces[agent]
+                if action not in space:
                     raise ActionError(
-                        f"{agent}: actions must be from 0 to {self.action_spaces[agent].n - 1}, "
-                        f"not {action}"
+                        f"{agent}: actions must be from 0 to {space.n - 1}, not {action}"
                     )
 
     def state(self) -> NDArray[np.float32]:

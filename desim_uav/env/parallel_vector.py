@@ -133,7 +133,9 @@ class UavParallelVectorEnv(Many):
         over = self.over()
         self.require_episodes(over)
         if self.free:
-            self.steer(real_numbers(actions, self.action_space.shape), ~over)
+            numbers = self.sessions[0].world.command_numbers
+            shape = (self.num_envs, self.drones, numbers)
+            self.steer(real_numbers(actions, shape), ~over)
         else:
             self.advance(whole_numbers(actions, (self.num_envs, self.drones)), ~over)
         if over.any():

@@ -204,7 +204,8 @@ class Session(Independent):
     def _steer(self, action: Any) -> tuple[float, bool, bool]:
         """Give each drone its command of free flight, and run to the next decision epoch."""
         numbers = real_numbers(action, self.shape).reshape(self.drones, -1).tolist()
-        snapshot = self._snapshot = self.engine.step(numbers)
+        commands: Any = numbers
+        snapshot = self._snapshot = self.engine.step(commands)
         return in_order(snapshot.rewards) / self.drones, snapshot.terminated, snapshot.truncated
 
     # ---- the outputs of a decision epoch

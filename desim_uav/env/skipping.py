@@ -14,6 +14,7 @@ from typing import Any
 import gymnasium
 import numpy as np
 from gymnasium import error
+from gymnasium.spaces import Box
 from pettingzoo.utils import BaseParallelWrapper  # type: ignore[import-untyped]
 
 from desim_uav.copies import Independent
@@ -44,8 +45,14 @@ class SkipForced(Independent, gymnasium.Wrapper[Any, Any, Any, Any]):
                 return seen, gained, terminated, truncated, info
             discount *= self.gamma ** (info["elapsed_steps"] - passed)
             passed = info["elapsed_steps"]
-            only = np.asarray(info["action_mask"]).reshape(self._drones, -1).argmax(axis=1)
-            action = only if self._drones > 1 else int(only[0])
+            action = self._forced(info)
+
+    def _forced(self, info: dict[str, Any]) -> Any:
+        """Return the only allowed actions; in free flight, commands do not count then."""
+        if isinstance(self.action_space, Box):
+            return np.zeros(self.action_space.shape, self.action_space.dtype)
+        only = np.asarray(info["action_mask"]).reshape(self._drones, -1).argmax(axis=1)
+        return only if self._drones > 1 else int(only[0])
 
 
 class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc]
@@ -90,7 +97,14 @@ class SkipForcedParallel(Independent, BaseParallelWrapper):  # type: ignore[misc
             over = not self.agents
             if over or not all(info["forced"] for info in infos.values()):
                 return seen, self._paid(infos, over), ends, cuts, infos
-            chosen = {agent: int(one["action_mask"].argmax()) for agent, one in seen.items()}
+            chosen = {agent: self._forced(agent, one) for agent, one in seen.items()}
+
+    def _forced(self, agent: str, one: dict[str, Any]) -> Any:
+        """Return the only allowed action; in free flight, a command does not count then."""
+        space = self.action_space(agent)
+        if isinstance(space, Box):
+            return np.zeros(space.shape, space.dtype)
+        return int(one["action_mask"].argmax())
 
     def _paid(self, infos: dict[str, Any], over: bool) -> dict[str, float]:
         """Return the rewards that are due now, which are then no longer owed."""

@@ -81,6 +81,7 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
         vector = self.vector
         count, drones = vector.num_envs, vector.drones
         world = vector.sessions[0].world
+        world.scenario.require_cells("an environment for TorchRL")
         shown, actions = features(world), len(world.actions)
         low, high = (
             torch.tensor([getattr(feature, end) for feature in shown], dtype=torch.float32)

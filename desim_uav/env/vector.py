@@ -116,7 +116,8 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         count, drones = self.num_envs, self.sessions[0].drones
         shapes = [(count,), (count, 1)] if drones == 1 else [(count, drones)]
         if self.free:
-            self.steer(real_numbers(actions, self.action_space.shape), ~over)
+            numbers = drones * self.sessions[0].world.command_numbers
+            self.steer(real_numbers(actions, (count, numbers)), ~over)
         else:
             self.advance(whole_numbers(actions, *shapes).reshape(count, drones), ~over)
         if over.any():

@@ -397,9 +397,9 @@ class Course(Row):
     ``aim_x`` to ``aim_z`` are the command of free flight, from -1 to 1, and the drone asks for a
     charge if ``aim_charge`` is above 0. ``blocked`` says that an obstacle cuts the leg short.
     On a return, the next place is ``node`` of the ways at the altitude ``level``, which lead to
-    ``station`` (-1: the way is not planned yet); the last node is followed by -1. ``home`` is the
-    return from where the drone was when it last looked for one: ``first`` is its first node, and
-    ``end`` its level. ``probe`` is memory for a transit.
+    ``station``; the last node is followed by -1. ``home`` is the return from where the drone was at
+    the latest decision epoch (station -1: there is none): ``first`` is its first node, and ``end``
+    its level. ``probe`` is memory for a transit.
     """
 
     x0_m: float

@@ -236,7 +236,8 @@ class DroneType(Drones):
 
 def flies_freely(drones: Drones) -> bool:
     """Return whether drones fly freely, and not from cell to cell."""
-    return getattr(drones.motion, "space", "cells") == "free"
+    motion = drones.motion
+    return isinstance(motion, BangCoastBang) and motion.space == "free"
 
 
 Types = Annotated[tuple[DroneType, ...], Field(min_length=1, max_length=MOST_TYPES)]

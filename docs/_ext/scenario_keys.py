@@ -136,7 +136,8 @@ class Walker:
         for form in self.mappings(schema):
             for key, found in form["properties"].items():
                 required = key in form.get("required", [])
-                yield self.row(f"{path}.{key}", found, (default or {}).get(key), required)
+                inside = (default or {}).get(key, found.get("default"))
+                yield self.row(f"{path}.{key}", found, inside, required)
 
     def _item(self, path: str, schema: Schema) -> str:
         """The path of what has keys of its own: the value, or each item of a list."""

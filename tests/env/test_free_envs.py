@@ -14,6 +14,7 @@ from desim_uav.env.parallel import UavParallelEnv
 from desim_uav.env.parallel_vector import UavParallelVectorEnv
 from desim_uav.env.session import ActionError
 from desim_uav.env.single import UavEnv
+from desim_uav.env.skipping import SkipForced, SkipForcedParallel
 from desim_uav.env.vector import UavVectorEnv
 
 ENGINES = ["des", pytest.param("batch", marks=pytest.mark.thorough)]
@@ -123,6 +124,24 @@ def test_all_environments_give_the_same_numbers(dimensions):
             np.concatenate([each["observation"] for each in told.values()]), seen
         )
         assert list(gains.values()) == paid[0].tolist()
+
+
+def test_forced_epochs_are_skipped():
+    described = {**scenario(), "episode": {"steps": 12}}
+    env = SkipForced(UavEnv(described))
+    drones = SkipForcedParallel(UavParallelEnv(described))
+    env.reset(seed=1)
+    drones.reset(seed=1)
+    action = np.array([1.0, 0.0, 1.0], np.float32)
+    over, passed = False, 0
+    while not over:
+        _, _, _, over, info = env.step(np.tile(action, 2))
+        assert over or not info["forced"]
+        passed += 1
+    assert passed < 12
+    while drones.agents:
+        *_, infos = drones.step(dict.fromkeys(drones.agents, action))
+        assert not drones.agents or not all(each["forced"] for each in infos.values())
 
 
 def test_drones_of_types_without_a_battery_have_no_wish():

@@ -515,7 +515,7 @@ def test_what_is_too_large(tiny: Path, monkeypatch: pytest.MonkeyPatch, tmp_path
         ("stable_baselines3.common.policies", "MultiInputActorCriticPolicy"),
         ("stable_baselines3.common.policies", "ActorCriticCnnPolicy"),
         ("sb3_contrib.common.recurrent.policies", "RecurrentActorCriticPolicy"),
-        ("stable_baselines3.sac.policies", "SACPolicy"),
+        ("stable_baselines3.sac.policies", "CnnPolicy"),
         ("__main__", "ActorCriticPolicy"),
         ("os", "system"),
     ],

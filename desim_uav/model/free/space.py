@@ -19,6 +19,10 @@ from desim_uav.model.radio.tracks import Point
 
 ANY_SPEED = math.inf
 
+MOST_LINES = 2 * 10**8
+"""The most lines between nodes, at all altitudes, of which is looked whether they pass obstacles:
+this takes about a minute."""
+
 
 class Ways(NamedTuple):
     """The ways home at one altitude, down to the stations.
@@ -88,15 +92,21 @@ def space_of(
     prisms = obstacles(grid.height_m, grid.cell_m, zones, motion.margin_m)
     if energy is None:
         return Space(limits, wind, prisms, ())
+    nodes, levels = len(prisms.corners_m) + len(stations_m), len(grid.levels_m)
+    if levels * nodes * nodes > MOST_LINES:
+        raise ValueError(
+            f"ways home at {levels} altitudes round {len(prisms.corners_m)} corners of obstacles "
+            f"take too long to find; there must be fewer obstacles or levels"
+        )
     size_m = (grid.width_m, grid.depth_m)
     finder = _Finder(limits, wind, energy, prisms, grid.levels_m[0])
     for number, (x, y) in enumerate(stations_m.tolist()):
         require_free(prisms, (x, y, grid.levels_m[0]), f"station {number}")
-    levels = tuple(
+    ways = tuple(
         finder.ways(_roads_at(prisms, altitude_m, stations_m, size_m))
         for altitude_m in grid.levels_m
     )
-    return Space(limits, wind, prisms, levels)
+    return Space(limits, wind, prisms, ways)
 
 
 def require_free(prisms: Prisms, at: Point, what: str) -> None:

@@ -134,11 +134,7 @@ def drain_of(kind: DroneType, step_us: int) -> Drain:
 
 def _refuse_other_batteries(kind: DroneType) -> None:
     battery: Any = kind.drones.battery
-<<<<<<< HEAD
-    charging = kind.scenario.charging
-=======
     charging: Any = kind.scenario.charging
->>>>>>> h-learn
     if type(battery) not in (Endurance, PerAction, RotaryWing):
         raise UsageError(
             f"drones.battery.kind: {type(battery).__name__}: a run can be bounded only with "
@@ -193,13 +189,8 @@ def _sign(number: int) -> int:
 
 def _hop(kind: DroneType, axis: tuple[int, int, int]) -> tuple[int, int]:
     """Return the time of a hop of a return, and what it takes from the battery at least."""
-<<<<<<< HEAD
-    battery: Any = kind.drones.battery
-    flight = kind.return_transits[axis]
-=======
     flight = kind.return_transits[axis]
     battery: Any = kind.drones.battery
->>>>>>> h-learn
     if type(battery) is not RotaryWing:
         return flight.duration_us, flight.duration_us
     return flight.duration_us, battery.drained_us(flight, flight.duration_us) - ROUNDED

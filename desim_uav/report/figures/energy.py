@@ -35,6 +35,7 @@ def energy_figure(world: World) -> Figure:
 
     Raises UsageError if the battery has no power over the speed.
     """
+    world.scenario.require_cells("a picture of energy")
     battery: Any = world.require_one_type("a picture of energy").drones.battery
     if not hasattr(battery, "level_w") or not in_joules(battery):
         kind = "null" if battery is None else getattr(battery, "kind", type(battery).__name__)
