@@ -33,7 +33,6 @@ from tests.verification.convergence import (
 from tests.verification.figure import check
 
 SEEDS = range(32)
-MANY = range(48)
 MEASURED = ("served_s", "qoe1", "qoe2", "qoe3", "decided_s", "gained")
 
 
@@ -82,13 +81,13 @@ def test_agrees_at_the_finest_dt(seed: int) -> None:
 
 @pytest.mark.thorough
 def test_converges_with_slope_one() -> None:
-    check(slopes(MANY, 0.3, scenarios=asked_by_event, measures=MEASURED))
+    check(slopes(SEEDS, 0.3, scenarios=asked_by_event, measures=MEASURED))
 
 
 @pytest.mark.thorough
 def test_batteries_at_decisions_converge_at_least_as_fast() -> None:
     """A drone takes off full, however late: what is left is the error in the power of ramps."""
-    errors = pooled_errors(MANY, DTS_S, asked_by_event, ("battery_s",))["battery_s"]
+    errors = pooled_errors(SEEDS, DTS_S, asked_by_event, ("battery_s",))["battery_s"]
     assert (errors[1:] <= 0.6 * errors[:-1]).all()
 
 

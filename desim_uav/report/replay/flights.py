@@ -1,4 +1,4 @@
-"""The flights of an episode's drones: their legs and speed profiles."""
+"""The flights of an episode's drones: their legs, speed profiles and powers."""
 
 from __future__ import annotations
 
@@ -6,8 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from desim_uav.model.motion import return_transit
+from desim_uav.model.battery import in_joules
+from desim_uav.model.motion import Transit, return_transit
 from desim_uav.model.rules import US, Mode
+from desim_uav.report.batteries import powers_w
 from desim_uav.report.replay.checks import Checks, Whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, plain
 
@@ -16,13 +18,17 @@ if TYPE_CHECKING:
 
 
 class Flights:
-    """Encodes the legs of a run's episodes and collects the ``profiles`` of their transits."""
+    """Encodes the legs of a run's episodes and collects the ``profiles`` of their transits.
+
+    ``powers`` has the times and the watts of each profile, or None if batteries have no energy.
+    """
 
     def __init__(self, check: Checks) -> None:
         self.check = check
         self.scenario = check.run.scenario
         self.profiles: list[list[list[float]]] = []
-        self._profile_of: dict[tuple[int, bool, float], tuple[int, int]] = {}
+        self.powers: list[list[tuple[float, float]] | None] = []
+        self._profile_of: dict[tuple[int, bool, float, float], tuple[int, int]] = {}
 
     def legs(self, legs: pd.DataFrame) -> dict[str, Column]:
         """Return legs by drone in order of time, with their profiles."""
@@ -61,17 +67,17 @@ class Flights:
     ) -> Whole:
         """Return the number of each leg's profile, or -1 for a rest."""
         between = [
-            np.abs(
-                places[f"leg.{axis}_to"].values.astype(float)
-                - places[f"leg.{axis}_from"].values.astype(float)
-            )
+            places[f"leg.{axis}_to"].values.astype(float)
+            - places[f"leg.{axis}_from"].values.astype(float)
             for axis in "xyz"
         ]
-        length_m = np.sum(between, axis=0)
+        length_m = np.sum(np.abs(between), axis=0)
         profile = np.full(len(mode), -1, np.int64)
         for k in np.flatnonzero(duration_us > 0):
             commanded = int(mode[k]) == Mode.FLYING
-            number, takes_us = self._profile(int(types[k]), commanded, float(length_m[k]))
+            number, takes_us = self._profile(
+                int(types[k]), commanded, float(length_m[k]), float(between[2][k])
+            )
             self.check.expect(
                 abs(takes_us - int(duration_us[k])) <= 1,
                 "legs",
@@ -81,22 +87,28 @@ class Flights:
             profile[k] = number
         return profile
 
-    def _profile(self, of_type: int, commanded: bool, length_m: float) -> tuple[int, int]:
+    def _profile(
+        self, of_type: int, commanded: bool, length_m: float, up_m: float
+    ) -> tuple[int, int]:
         """Return the number of the profile of a type's transit, and its duration (µs)."""
-        key = of_type, commanded, round(length_m, 6)
+        self.check.expect(length_m > 0, "legs", "a transit leads nowhere")
+        energy = self.scenario.fleet[of_type].battery
+        rises = up_m / length_m if in_joules(energy) else 0.0
+        key = of_type, commanded, round(length_m, 6), round(rises, 6)
         if key not in self._profile_of:
-            motion, step_s = self.scenario.fleet[of_type].motion, self.scenario.episode.step_s
-            self.check.expect(length_m > 0, "legs", "a transit leads nowhere")
-            try:
-                transit = (
-                    motion.epoch_transit(length_m, step_s)
-                    if commanded
-                    else return_transit(motion, length_m, step_s)
-                )
-            except ValueError as error:
-                raise self.check.error("legs", str(error)) from error
+            transit = self._transit(of_type, commanded, length_m)._replace(rises=rises)
             self._profile_of[key] = len(self.profiles), transit.duration_us
             # As shares of the distance: x = from + share * (to - from).
             shares = transit.profile / [1.0, length_m, length_m, length_m]
             self.profiles.append(shares.tolist())
+            self.powers.append(powers_w(energy, transit) if energy and in_joules(energy) else None)
         return self._profile_of[key]
+
+    def _transit(self, of_type: int, commanded: bool, length_m: float) -> Transit:
+        motion, step_s = self.scenario.fleet[of_type].motion, self.scenario.episode.step_s
+        try:
+            if commanded:
+                return motion.epoch_transit(length_m, step_s)
+            return return_transit(motion, length_m, step_s)
+        except ValueError as error:
+            raise self.check.error("legs", str(error)) from error

@@ -18,7 +18,7 @@ from typing import Any
 from desim_uav.engine.base import UserState
 from desim_uav.palette import DRONES, USERS
 
-FORMAT = 2
+FORMAT = 3
 """The version of the format of the page's data."""
 
 MODULES = (
