@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,7 +28,7 @@ class Flights:
         self.scenario = check.run.scenario
         self.profiles: list[list[list[float]]] = []
         self.powers: list[list[tuple[float, float]] | None] = []
-        self._profile_of: dict[tuple[int, bool, float, float], tuple[int, int]] = {}
+        self._profile_of: dict[tuple[Any, ...], tuple[int, int]] = {}
 
     def legs(self, legs: pd.DataFrame) -> dict[str, Column]:
         """Return legs by drone in order of time, with their profiles."""
@@ -96,13 +96,19 @@ class Flights:
         rises = up_m / length_m if in_joules(energy) else 0.0
         key = of_type, commanded, round(length_m, 6), round(rises, 6)
         if key not in self._profile_of:
-            transit = self._transit(of_type, commanded, length_m)._replace(rises=rises)
-            self._profile_of[key] = len(self.profiles), transit.duration_us
-            # As shares of the distance: x = from + share * (to - from).
-            shares = transit.profile / [1.0, length_m, length_m, length_m]
-            self.profiles.append(shares.tolist())
-            self.powers.append(powers_w(energy, transit) if energy and in_joules(energy) else None)
+            transit = self._transit(of_type, commanded, length_m)
+            self._add(key, transit._replace(rises=rises))
         return self._profile_of[key]
+
+    def _add(self, key: tuple[Any, ...], transit: Transit) -> None:
+        """Add the powers and the profile of a transit of the type ``key[0]``.
+
+        Distances are shares of the whole: x = from + share * (to - from).
+        """
+        self._profile_of[key] = len(self.profiles), transit.duration_us
+        length_m, energy = transit.distance_m, self.scenario.fleet[key[0]].battery
+        self.profiles.append((transit.profile / [1.0, length_m, length_m, length_m]).tolist())
+        self.powers.append(powers_w(energy, transit) if energy and in_joules(energy) else None)
 
     def _transit(self, of_type: int, commanded: bool, length_m: float) -> Transit:
         motion, step_s = self.scenario.fleet[of_type].motion, self.scenario.episode.step_s
