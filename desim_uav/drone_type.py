@@ -5,13 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 
+import numpy as np
+
 from desim_uav.copies import Unchanging
 from desim_uav.model.battery import capacity_of, in_joules, per_second_of
+from desim_uav.model.free.limits import CALM
+from desim_uav.model.free.prisms import Zone
+from desim_uav.model.free.space import Space, space_of
 from desim_uav.model.grid import Cell, Grid
 from desim_uav.model.motion import Transit, return_transit
 from desim_uav.model.planner import HOPS, Node, Planner
-from desim_uav.model.rules import MOVES, US, Action, actions
-from desim_uav.scenario.schema import Drones, Scenario
+from desim_uav.model.rules import MOVES, US, Action, actions, free_actions
+from desim_uav.scenario.schema import Drones, Scenario, flies_freely
 
 
 @dataclass(frozen=True, eq=False)
@@ -31,7 +36,30 @@ class DroneType(Unchanging):
     @cached_property
     def actions(self) -> tuple[Action, ...]:
         """The actions that its drones can take, which are the first of those of the world."""
+        if self.free:
+            return free_actions(self.limited)
         return actions(self.scenario.three_d, self.limited)
+
+    @property
+    def free(self) -> bool:
+        """Whether its drones fly freely, and not from cell to cell."""
+        return flies_freely(self.drones)
+
+    @property
+    def command_numbers(self) -> int:
+        """How many numbers a command of free flight has."""
+        return self.scenario.map.dimensions + int(self.limited)
+
+    @cached_property
+    def space(self) -> Space:
+        """What free flight needs. Raises ValueError if a station is in an obstacle."""
+        zones = [
+            Zone(np.array(zone.polygon_m, float), *zone.altitude_m)
+            for zone in self.scenario.map.no_fly
+        ]
+        stations_m = np.array([self.grid.centre(*cell) for cell in self.stations]).reshape(-1, 2)
+        drones, wind = self.drones, getattr(self.scenario, "wind_mps", CALM)
+        return space_of(drones.motion, wind, drones.battery, self.grid, zones, stations_m)
 
     @cached_property
     def capacity_us(self) -> int:

@@ -104,9 +104,21 @@ STORED = Columns(
     energy_wh=(FLOAT, "What the drone has used in this step, in Wh. Null as above."),
 )
 
+AIMED = Columns(
+    "If drones fly freely (`motion: {space: free}`):",
+    aim_x=(
+        FLOAT,
+        "The displacement to the east that was commanded at the start of the step, as a share of "
+        "the furthest; `action` and `action_taken` are `fly` if it was followed.",
+    ),
+    aim_y=(FLOAT, "The same to the north."),
+    aim_z=(FLOAT, "The same upwards; 0 in 2D."),
+)
+
 STEPS = Columns(
     "One row per step and drone: the state at the end of the step, before the next command.",
     STORED,
+    AIMED,
     episode=_EPISODE,
     step=(INT, "The number of the step in its episode, from 0."),
     t_s=(FLOAT, "The time of the end of the step."),

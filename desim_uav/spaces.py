@@ -82,6 +82,21 @@ def action_space(actions: int, drones: int) -> Discrete[Any] | MultiDiscrete[Any
     return Discrete(actions) if drones == 1 else MultiDiscrete([actions] * drones)
 
 
+def command_space(numbers: int, drones: int = 1) -> Box:
+    """Return the space of commands of free flight, those of the drones one after the other."""
+    return Box(-1.0, 1.0, (numbers * drones,), np.float32)
+
+
+def action_space_of(
+    world: World, drones: int | None = None
+) -> Discrete[Any] | MultiDiscrete[Any] | Box:
+    """Return the space of the actions of so many drones of a world (None: of all)."""
+    drones = world.scenario.drone_count if drones is None else drones
+    if world.free:
+        return command_space(world.command_numbers, drones)
+    return action_space(len(world.actions), drones)
+
+
 def state_space(numbers: int) -> Box:
     """Return the space of the whole state (see ``rules.whole_state``)."""
     return Box(0.0, 1.0, (numbers,), np.float32)

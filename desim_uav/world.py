@@ -18,13 +18,14 @@ from desim_uav.model.asking import Requests, RowDemand, RowDraws
 from desim_uav.model.charging import Charging
 from desim_uav.model.components import works_on_rows
 from desim_uav.model.demand import requests_of
+from desim_uav.model.free.space import require_free
 from desim_uav.model.grid import Cell, Grid, altitudes, connected
 from desim_uav.model.mobility import walks_of
 from desim_uav.model.motion import Transit
 from desim_uav.model.observations import Feature
 from desim_uav.model.planner import Node, Planner
 from desim_uav.model.radio.link import thresholds_db
-from desim_uav.model.rules import US, Action, actions
+from desim_uav.model.rules import US, Action, actions, free_actions
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
 from desim_uav.model.streams import Purpose, Seeds, Streams, states_of
@@ -94,7 +95,24 @@ class World(Unchanging):
 
         A drone whose battery is unlimited takes none of those of charging, which are the last ones.
         """
+        if self.free:
+            return free_actions(self.scenario.limited_battery)
         return actions(self.scenario.three_d, self.scenario.limited_battery)
+
+    @property
+    def free(self) -> bool:
+        """Whether drones fly freely, and not from cell to cell."""
+        return self.scenario.free
+
+    @property
+    def command_numbers(self) -> int:
+        """How many numbers a command of free flight has, at most."""
+        return self.dimensions + int(self.scenario.limited_battery)
+
+    @property
+    def dimensions(self) -> int:
+        """The number of dimensions of the map: 2 or 3."""
+        return self.scenario.map.dimensions
 
     @cached_property
     def types(self) -> tuple[DroneType, ...]:
@@ -130,7 +148,7 @@ class World(Unchanging):
     def planners(self) -> tuple[Planner, ...]:
         """The planners of returns, each of one or more types of drones."""
         found: list[Planner] = []
-        for planner in (each.planner for each in self.types if each.limited):
+        for planner in (each.planner for each in self.types if each.limited and not each.free):
             if not any(planner.plans_as(other) for other in found):
                 found.append(planner)
         return tuple(found)
@@ -138,7 +156,7 @@ class World(Unchanging):
     def planner_number(self, number: int) -> int:
         """Return the number of the planner of a type of drones; 0 if it never returns."""
         own = self.types[number]
-        if not own.limited:
+        if not own.limited or own.free:
             return 0
         return next(k for k, each in enumerate(self.planners) if each.plans_as(own.planner))
 
@@ -445,7 +463,25 @@ def build_world(scenario: Scenario, seed: int) -> World:
     grid = Grid(width_m, depth_m, height_m, levels_m, levels.step_m, under_ceiling)
     clusters = _draw_clusters(scenario, seed)
     homes = _draw_homes(scenario, seed, grid, clusters)
-    return World(scenario, seed, grid, tuple(stations), tuple(starts), clusters, homes)
+    world = World(scenario, seed, grid, tuple(stations), tuple(starts), clusters, homes)
+    _check_spaces(world)
+    return world
+
+
+def _check_spaces(world: World) -> None:
+    """Raise ScenarioError if drones that fly freely start, or charge, in an obstacle."""
+    for key, own in zip(world.scenario.fleet_keys, world.types, strict=True):
+        if not own.free:
+            continue
+        try:
+            prisms = own.space.prisms
+            for drone, cell in enumerate(world.starts):
+                if world.type_of(drone) is own:
+                    at = (*world.grid.centre(*cell), world.grid.levels_m[0])
+                    require_free(prisms, at, f"the start of drone {drone}")
+        except ValueError as error:
+            where = ".".join(map(str, key))
+            raise ScenarioError(f"{where}.motion: space: free: {error}") from error
 
 
 def _draw_buildings(scenario: Scenario, seed: int, kept_free: set[Cell]) -> NDArray[np.float64]:

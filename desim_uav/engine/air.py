@@ -21,6 +21,7 @@ from desim_uav.model.radio.scene import (
 )
 from desim_uav.model.radio.sight import Buildings, cells_as_prisms
 from desim_uav.model.rows import Table
+from desim_uav.rules.air import PROFILE
 from desim_uav.rules.rows import Constants
 from desim_uav.world import Links, World
 
@@ -69,7 +70,13 @@ def set_air(made: Constants, world: World) -> None:
 def fits_between(world: World, links: Links) -> Fits:
     """Return the radii of classes between the levels of a radio's links, if it needs them."""
     radio, levels = links.radio, world.grid.levels_m
-    if not links.in_air or len(links.rings_m) != len(levels) or radio.marked or radio.reuse > 0:
+    if (
+        world.free
+        or not links.in_air
+        or len(links.rings_m) != len(levels)
+        or radio.marked
+        or radio.reuse > 0
+    ):
         return NONE
     return fits_of(radio, levels, world.heights_m)
 
@@ -101,6 +108,9 @@ def set_memory(tables: Any, world: World) -> None:
         tables.held = np.zeros(senders * len(world.homes), np.int64)
         tables.found = np.zeros(senders * FOUND_COLUMNS, np.int64)
         tables.passed = np.zeros(2 * MOST_PASSED, np.int64)
+        if world.free:
+            tables.pieces = np.zeros(4 * PROFILE * senders)
+            tables.pieces_at = np.arange(0, PROFILE * senders + 1, PROFILE)
 
 
 def set_room(tables: Any, world: World, room: Room) -> None:

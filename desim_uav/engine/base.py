@@ -149,13 +149,28 @@ class UserState(IntEnum):
     SERVED = 3
 
 
+class FreeCarried(NamedTuple):
+    """The present leg of a drone that flies freely, and its way home (see ``rows.Course``)."""
+
+    x0_m: float
+    y0_m: float
+    z0_m: float
+    x1_m: float
+    y1_m: float
+    z1_m: float
+    station: int
+    node: int
+    level: int
+
+
 class CarriedDrone(NamedTuple):
     """The state of a drone between two episodes.
 
     Its present leg or mode began ``age_us`` microseconds ago at ``node``, with ``battery_us``.
     ``hop`` is its present hop if it returns, and ``route`` the hops after that; ``counted_m`` of
     the hop are already part of a log's distance. ``place`` is the number of drones before it in its
-    station's queue, including those on pads. ``fallen_m`` is the position of a crashed drone.
+    station's queue, including those on pads. ``fallen_m`` is the position of a crashed drone. A
+    drone that flies freely has the leg in ``free``; its ``hop`` says only whether it returns.
     """
 
     mode: Mode
@@ -167,6 +182,7 @@ class CarriedDrone(NamedTuple):
     counted_m: float
     place: int
     fallen_m: tuple[float, float] | None
+    free: FreeCarried | None = None
 
 
 Carried = tuple[CarriedDrone, ...]

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from desim_uav.engine import base
 from desim_uav.engine.constants import hop_transit, term_names
+from desim_uav.engine.free import aim, carried_course, flown_leg, load_course
 from desim_uav.engine.restorable import Restorable
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
@@ -156,6 +157,7 @@ class Engine(Restorable):
                     drone.counted_m,
                     places.get(drone.index, 0),
                     (drone.fallen_x_m, drone.fallen_y_m) if drone.fallen else None,
+                    carried_course(drone) if drone.off_grid else None,
                 )
             )
         return tuple(carried)
@@ -171,7 +173,10 @@ class Engine(Restorable):
             drone.to_x, drone.to_y, drone.to_level = one.node
             drone.route, drone.route_end = self.route(one.route) if one.route else (0, 0)
             drone.counted_m = one.counted_m
-            if one.hop is not None:
+            if one.free is not None:
+                load_course(self.world, drone, one.free)
+                drone.hopping = int(one.hop is not None)
+            elif one.hop is not None:
                 to = [int(at) + by for at, by in zip(one.node, one.hop, strict=True)]
                 drone.to_x, drone.to_y, drone.to_level = to
                 drone.transit, drone.hopping = hop_transit(self.world, drone.type, one.hop), 1
@@ -195,7 +200,10 @@ class Engine(Restorable):
             raise ValueError(f"{len(commands)} commands for {drones} drones")
         self.latest = None  # which it stays if the step fails
         for drone, command in zip(self.drones, commands, strict=True):
-            drone.command = int(command) if 0 <= command < count else -1
+            if drone.off_grid:
+                drone.command = aim(self.world, drone, command)
+            else:
+                drone.command = int(command) if 0 <= command < count else -1
 
     def check_components(self) -> None:
         """Raise SimulationError if the reward or the admission rule has broken its contract."""
@@ -232,7 +240,10 @@ class Engine(Restorable):
             capacity_s, per_second = facts.capacity_s, world.types[number].per_second
             if capacity_s is not None:
                 drained_s = math.inf
-                plan = self.plan(first_plans[number] + ceiling * places + row.believed)
+                if world.free:
+                    plan = self.drones[index].course.home
+                else:
+                    plan = self.plan(first_plans[number] + ceiling * places + row.believed)
                 if plan.station >= 0:
                     station, duration_s = plan.station, plan.duration_us / US
                     drained_s = plan.drained_us / per_second
@@ -306,6 +317,7 @@ class Engine(Restorable):
                     rest = (event.drone, event.user, event.request, event.station)
                     link_class = (event.link_class,) if state.keeps_links else ()
                     log.events.append((event.t_us, phase, kind, *rest, *link_class))
+            log.legs.extend(map(flown_leg, self.entries("flown")))
         if state.terminated or state.truncated:
             self._end_log()
 

@@ -28,6 +28,7 @@ from desim_uav.world import World
 OF_ONE_ENGINE = {
     State: {
         *("keeps_requests", "drones", "events", "closed", "handovers", "records", "point_records"),
+        *("flown", "away_m"),
         *("look", "slot_times", "slot_keys", "winners"),
     },
     Drone: {"route", "route_end", "features"},
@@ -40,6 +41,7 @@ NOT_TOLD = {
     *("rival", "turns_us", "needs_hz", "rate", "used_hz", "counted_us", "fallen_x_m", "fallen_y_m"),
     *("command", "taken", "terms", "rewards"),
     *("used", "gained", "counted"),
+    *("course", "off_grid", "away_m", "flown"),
 }
 """The fields that may hold what an earlier episode has left there, until they are next needed; and
 what a battery used and gained as far as it is counted, which depends on what is recorded."""

@@ -7,6 +7,7 @@ from typing import NamedTuple, TypeVar
 
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.constants import term_names
+from desim_uav.engine.free import set_course, set_memory
 from desim_uav.model.rows import Queue, Table, blank
 from desim_uav.rules import rows, words
 from desim_uav.world import World
@@ -59,6 +60,7 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     state.rewards = Table([0.0] * drones)
     state.crashed.buffer = drones * (epochs + 2)
     state.history = _zeros(epochs * drones)
+    set_memory(state, world, buffers.log * settings.keep_events)
     state.events = Queue(of=rows.Event, buffer=buffers.log * settings.keep_events)
     state.closed = Queue(of=rows.Closed, buffer=buffers.log * settings.keep_steps)
     state.handovers = Queue(of=rows.Handover, buffer=2 * buffers.log * settings.keep_steps)
@@ -78,6 +80,7 @@ def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
     drone.type = 0 if drone.point >= 0 else world.type_numbers[index]
     drone.radio = drone.type if drone.point < 0 else len(world.types) + drone.point
     drone.mode = words.FLYING
+    set_course(drone, world)
     drone.waiting.buffer = drone.sharing.buffer = len(world.homes)
     drone.ahead = Queue(of=rows.Change, buffer=buffers.crossings)
     services = len(world.services.names)

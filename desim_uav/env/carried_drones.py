@@ -25,6 +25,8 @@ def checked(value: Any, world: World, ceilings: Sequence[bool]) -> Carried:
 
 
 def _drone(value: Any, world: World, ceiling: bool, own: DroneType) -> CarriedDrone:
+    if len(_listed(value)) == 10 and value[9] is None:  # it does not fly freely
+        value = value[:9]
     mode, node, battery_us, age_us, hop, route, counted_m, place, fallen_m = _listed(value, 9)
     returns = mode == Mode.RETURNING  # what another drone has of a route is left from before
     (nx, ny), levels = world.grid.cells, world.grid.levels(ceiling)

@@ -13,7 +13,8 @@ from desim_uav.engine.base import COUNTS, MEASURES, OWN_COUNTS, RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.episode import Engine
-from desim_uav.env.session import Session, info_keys, out_of_range, whole_numbers
+from desim_uav.env.free import aims_of
+from desim_uav.env.session import Session, info_keys, out_of_range, real_numbers, whole_numbers
 from desim_uav.env.tasks import Tasks
 from desim_uav.model.rows import Words
 from desim_uav.model.state import Snapshot
@@ -151,7 +152,12 @@ class CompiledSession(Session):
         self._look()
 
     def _step(self, action: Any) -> tuple[float, bool, bool]:
-        commands = whole_numbers(action, self.shape).reshape(1, -1)
+        if self.world.free:
+            aims = aims_of(real_numbers(action, self.shape), self.world)
+            calls.aim_all(self._row.addresses, aims, ONE)
+            commands = np.zeros((1, self.drones), np.int64)  # of which the first one is to fly
+        else:
+            commands = whole_numbers(action, self.shape).reshape(1, -1)
         stopped = calls.step_all(self._row.addresses, commands, ONE)
         if stopped < 0:
             raise out_of_range(commands.tolist(), self.world)

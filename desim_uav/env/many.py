@@ -16,6 +16,7 @@ from desim_uav.copies import Independent
 from desim_uav.engine.compiled import calls
 from desim_uav.engine.compiled.paths import blocks_of
 from desim_uav.env.compiled import CompiledSession, Outputs
+from desim_uav.env.free import aims_of
 from desim_uav.env.render import Screen
 from desim_uav.env.room import require_room
 from desim_uav.env.saving_vector import VectorSaving
@@ -189,6 +190,18 @@ class Many(VectorSaving, Independent):
         if commands.min() < 0 or commands.max() >= len(world.actions):
             raise out_of_range(commands.tolist(), world)
         self._call(calls.step_all, commands, which)
+
+    @property
+    def free(self) -> bool:
+        """Whether drones fly freely."""
+        return self.sessions[0].world.free
+
+    def steer(self, numbers: NDArray[np.float64], which: Flags) -> None:
+        """Give the environments ``which`` commands of free flight, and run each on."""
+        world = self.sessions[0].world
+        self._call(calls.aim_all, aims_of(numbers, world), which)
+        commands = np.zeros((self.num_envs, self.sessions[0].drones), np.int64)
+        self.advance(commands, which)  # of which the first one is to fly
 
     def _call(self, kernel: Callable[..., int], argument: NDArray[Any], which: Flags) -> None:
         """Call a kernel on the environments ``which``, in all threads; repeat what ran out of room.

@@ -13,11 +13,12 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 from desim_uav.copies import Independent
 from desim_uav.env.compiled import session_of
 from desim_uav.env.configure import Source, WorldSeed
+from desim_uav.env.free import of_all
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.saving import Saving
 from desim_uav.env.session import ActionError
 from desim_uav.env.tasks import Change, Curriculum, tasks_of
-from desim_uav.spaces import features_of, observation_space, state_space
+from desim_uav.spaces import command_space, features_of, observation_space, state_space
 
 Parts = dict[str, NDArray[Any]]
 Infos = dict[str, dict[str, Any]]
@@ -30,6 +31,11 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
     if it has real numbers), and ``action_mask``, int8 with one entry per action, never all 0.
     Drones that return, charge or have crashed stay agents, and their mask leaves one action. The
     time limit truncates an episode; a crash terminates it if the scenario says so.
+
+    In free flight (``motion: {space: free}``), an action is a Box of 2 or 3 numbers of the
+    displacement and, if the drone's battery is limited, one more, by which it asks for a charge.
+    The mask is called ``allowed`` then, because an ``action_mask`` is that of a Discrete space. Its
+    entries are those of ``World.actions``: to fly, to hover, to return to a station, to charge.
 
     If the scenario has several types of drones, the spaces are those of the drone's own type: one
     without a battery has no actions for charging. Actions have the same numbers for all.
@@ -66,16 +72,20 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         self.possible_agents = [f"drone_{d}" for d in range(self.session.drones)]
         self.agents: list[str] = []
         world, self.observation_spaces, self.action_spaces = self.session.world, {}, {}
+        self.mask_key = "allowed" if world.free else "action_mask"
         self._counts: list[tuple[int, int]] = []
         for drone, agent in enumerate(self.possible_agents):
-            numbers, actions = features_of(world, drone), len(world.type_of(drone).actions)
+            own = world.type_of(drone)
+            numbers, actions = features_of(world, drone), len(own.actions)
             self.observation_spaces[agent] = Dict(
                 {
                     "observation": observation_space(numbers),
-                    "action_mask": Box(0, 1, (actions,), np.int8),
+                    self.mask_key: Box(0, 1, (actions,), np.int8),
                 }
             )
-            self.action_spaces[agent] = Discrete(actions)
+            self.action_spaces[agent] = (
+                command_space(own.command_numbers) if world.free else Discrete(actions)
+            )
             self._counts.append((len(numbers), actions))
         self.state_space = state_space(len(self.session.state_names))
 
@@ -83,7 +93,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         """Return the observation space of an agent, always the same object."""
         return self.observation_spaces[agent]
 
-    def action_space(self, agent: str) -> Discrete[Any]:
+    def action_space(self, agent: str) -> Discrete[Any] | Box:
         """Return the action space of an agent, always the same object."""
         return self.action_spaces[agent]
 
@@ -118,8 +128,7 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
                 f"there must be one action for each of {self.agents}, not for {list(actions)}"
             )
         ordered = [actions[agent] for agent in self.agents]
-        self._refuse_those_of_others(ordered)
-        _, terminated, truncated = self.session.step(ordered if len(ordered) != 1 else ordered[0])
+        _, terminated, truncated = self.session.step(self._joined(ordered))
         if terminated or truncated:
             self.agents = []
         self.screen.refresh()
@@ -129,14 +138,21 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
             rewards[agent], ends[agent], cuts[agent] = reward, terminated, truncated
         return observations, rewards, ends, cuts, infos
 
+    def _joined(self, ordered: Sequence[Any]) -> Any:
+        """Return the actions of all agents as one of the session's."""
+        if self.session.world.free:
+            return of_all(ordered, self.session.world) if ordered else ordered
+        self._refuse_those_of_others(ordered)
+        return ordered if len(ordered) != 1 else ordered[0]
+
     def _refuse_those_of_others(self, ordered: Sequence[Any]) -> None:
         """Raise ActionError for actions that only drones of another type can take."""
         if self.session.world.scenario.differing:
             for agent, action in zip(self.agents, ordered, strict=True):
-                if action not in self.action_spaces[agent]:
+                space: Any = self.action_spaces[agent]
+                if action not in space:
                     raise ActionError(
-                        f"{agent}: actions must be from 0 to {self.action_spaces[agent].n - 1}, "
-                        f"not {action}"
+                        f"{agent}: actions must be from 0 to {space.n - 1}, not {action}"
                     )
 
     def state(self) -> NDArray[np.float32]:
@@ -161,6 +177,6 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         for agent, encoded, mask, (numbers, actions) in zip(
             self.possible_agents, session.observations(), masks, self._counts, strict=True
         ):
-            own = {"observation": encoded[:numbers], "action_mask": mask[:actions]}
+            own = {"observation": encoded[:numbers], self.mask_key: mask[:actions]}
             observations[agent] = own
         return observations, dict(zip(self.possible_agents, session.infos(), strict=True))

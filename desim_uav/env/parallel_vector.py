@@ -16,9 +16,9 @@ from desim_uav.engine.base import COUNTS, OWN_COUNTS
 from desim_uav.env.compiled import COUNTED, MEASURED, OWN_COUNTED, states_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Flags, Many, Seed
-from desim_uav.env.session import whole_numbers
+from desim_uav.env.session import real_numbers, whole_numbers
 from desim_uav.env.tasks import Change, Curriculum, tasks_of
-from desim_uav.spaces import features, observation_space, state_space
+from desim_uav.spaces import command_space, features, observation_space, state_space
 
 Told = tuple[
     NDArray[Any], NDArray[np.float64], NDArray[np.bool_], NDArray[np.bool_], dict[str, Any]
@@ -70,12 +70,18 @@ class UavParallelVectorEnv(Many):
         self.possible_agents = [f"drone_{d}" for d in range(self.drones)]
         actions = len(first.world.actions)
         self.single_observation_space = observation_space(features(first.world))
-        self.single_action_space = Discrete(actions)
+        self.single_action_space = (
+            command_space(first.world.command_numbers) if self.free else Discrete(actions)
+        )
         of_one = batch_space(self.single_observation_space, self.drones)
         self.observation_space = batch_space(of_one, num_envs)
         self.single_state_space = state_space(len(first.state_names))
         self.state_space = batch_space(self.single_state_space, num_envs)
-        self.action_space = MultiDiscrete(np.full((num_envs, self.drones), actions))
+        self.action_space = (
+            batch_space(batch_space(self.single_action_space, self.drones), num_envs)
+            if self.free
+            else MultiDiscrete(np.full((num_envs, self.drones), actions))
+        )
 
     def _set_up(self) -> None:
         super()._set_up()
@@ -109,6 +115,8 @@ class UavParallelVectorEnv(Many):
     def step(self, actions: NDArray[Any]) -> Told:
         """Take the actions (num_envs, drones), whole numbers, one for each drone.
 
+        In free flight, they are the numbers of commands: (num_envs, drones, numbers).
+
         Returns the observations (num_envs, drones, features), the rewards of the drones, float64
         (num_envs, drones), terminations and truncations, bool (num_envs, drones), and the infos.
 
@@ -124,7 +132,12 @@ class UavParallelVectorEnv(Many):
         """
         over = self.over()
         self.require_episodes(over)
-        self.advance(whole_numbers(actions, (self.num_envs, self.drones)), ~over)
+        if self.free:
+            numbers = self.sessions[0].world.command_numbers
+            shape = (self.num_envs, self.drones, numbers)
+            self.steer(real_numbers(actions, shape), ~over)
+        else:
+            self.advance(whole_numbers(actions, (self.num_envs, self.drones)), ~over)
         if over.any():
             self.begin(over)
         ended, final = self.over(), {}

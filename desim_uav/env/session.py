@@ -60,7 +60,7 @@ class Session(Independent):
         self.tasks = tasks
         self.scenario = scenario = tasks.stages[0][1]
         self.drones = scenario.drone_count
-        self.shape = () if self.drones == 1 else (self.drones,)
+        self.shape: tuple[int, ...] = () if self.drones == 1 else (self.drones,)
         given = "seed" in scenario.model_fields_set
         self.seed = scenario.seed if given else secrets.randbits(32)
         self.episode, self.steps = -1, 0
@@ -73,6 +73,8 @@ class Session(Independent):
             self.start(self.seed)
         else:
             self.world = world
+        if self.world.free:
+            self.shape = (self.drones * self.world.command_numbers,)
 
     def start(self, seed: int | None) -> bool:
         """Prepare the next episode: its scenario, its world, and an engine for them.
@@ -178,7 +180,8 @@ class Session(Independent):
     def step(self, action: Any) -> tuple[float, bool, bool]:
         """Give each drone its action and run to the next decision epoch.
 
-        ``action``: one whole number per drone; for a single drone it is that number. Returns the
+        ``action``: one whole number per drone; for a single drone it is that number. In free
+        flight, it is the numbers of the drones' commands, one after the other. Returns the
         mean reward, and whether a crash or the end of its time ended the episode. Raises
         ResetNeeded outside an episode, and ActionError for an invalid action.
         """
@@ -190,9 +193,18 @@ class Session(Independent):
         return reward, terminated, truncated
 
     def _step(self, action: Any) -> tuple[float, bool, bool]:
+        if self.world.free:
+            return self._steer(action)
         commands = whole_numbers(action, self.shape).reshape(-1).tolist()
         if min(commands) < 0 or max(commands) >= len(self.world.actions):
             raise out_of_range(commands, self.world)
+        snapshot = self._snapshot = self.engine.step(commands)
+        return in_order(snapshot.rewards) / self.drones, snapshot.terminated, snapshot.truncated
+
+    def _steer(self, action: Any) -> tuple[float, bool, bool]:
+        """Give each drone its command of free flight, and run to the next decision epoch."""
+        numbers = real_numbers(action, self.shape).reshape(self.drones, -1).tolist()
+        commands: Any = numbers
         snapshot = self._snapshot = self.engine.step(commands)
         return in_order(snapshot.rewards) / self.drones, snapshot.terminated, snapshot.truncated
 
@@ -341,6 +353,19 @@ def whole_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.int64]:
         numbers = numbers.astype(np.int64)
     if numbers.shape not in shapes:
         raise ActionError(f"actions must have the shape {shapes[0]}, not {numbers.shape}")
+    return numbers
+
+
+def real_numbers(actions: Any, *shapes: tuple[int, ...]) -> NDArray[np.float64]:
+    """Return actions as float64; they must have one of these shapes. Raises ActionError."""
+    try:
+        numbers = np.asarray(actions, np.float64)
+    except (TypeError, ValueError) as problem:
+        raise ActionError(f"actions must be numbers: {problem}") from problem
+    if numbers.shape not in shapes:
+        raise ActionError(f"actions must have the shape {shapes[0]}, not {numbers.shape}")
+    if not np.isfinite(numbers).all():
+        raise ActionError(f"actions must be finite numbers, not {numbers.tolist()}")
     return numbers
 
 

@@ -15,7 +15,7 @@ from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.saving import Saving
 from desim_uav.env.tasks import Change, Curriculum, tasks_of
-from desim_uav.spaces import action_space, features, observation_space
+from desim_uav.spaces import action_space_of, features, observation_space
 
 
 class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
@@ -27,6 +27,10 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
     users and crashes are counted over all drones. The masks, in the info and from
     ``action_masks``, are those of the drones, one after the other; each allows at least one
     action. The time limit truncates an episode; a crash terminates it if the scenario says so.
+
+    In free flight (``motion: {space: free}``), the action space is a Box: 2 or 3 numbers of each
+    drone's displacement and, if batteries are limited, one more, by which the drone asks for a
+    charge if it is above 0 (see ``docs/howto/free_flight.md``).
 
     If the scenario has several types of drones, each has as many numbers and actions as the one
     with the most: behind its own numbers are zeros, and its mask forbids the actions of others.
@@ -67,7 +71,7 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
         self.drones = self.session.drones
         world = self.session.world
         self.observation_space = observation_space(features(world) * self.drones)
-        self.action_space = action_space(len(world.actions), self.drones)
+        self.action_space = action_space_of(world)
 
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None

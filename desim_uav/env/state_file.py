@@ -68,6 +68,7 @@ def write(path: Path, saved: SavedState, seed: int, steps: int) -> None:
 
     Raises DesimError if it cannot be written.
     """
+    saved.world.scenario.require_cells("a file of a saved state")
     about = {
         "format": FORMAT,
         "version": desim_uav.__version__,

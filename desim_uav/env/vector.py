@@ -15,9 +15,9 @@ from desim_uav.env.compiled import COUNTED, MEASURED
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Many
 from desim_uav.env.render import RENDERING
-from desim_uav.env.session import whole_numbers
+from desim_uav.env.session import real_numbers, whole_numbers
 from desim_uav.env.tasks import Change, Curriculum, tasks_of
-from desim_uav.spaces import action_space, features, observation_space
+from desim_uav.spaces import action_space_of, features, observation_space
 
 
 class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
@@ -76,7 +76,7 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def _set_spaces(self) -> None:
         first = self.sessions[0]
         self.single_observation_space = observation_space(features(first.world) * first.drones)
-        self.single_action_space = action_space(len(first.world.actions), first.drones)
+        self.single_action_space = action_space_of(first.world)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
@@ -105,6 +105,8 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     ]:
         """Take the actions (num_envs, drones), or (num_envs,) with a single drone each.
 
+        In free flight, they are the numbers of commands: (num_envs, drones * numbers).
+
         Raises ResetNeeded before the first reset of an environment and, with
         ``AutoresetMode.DISABLED``, after the end of its episode, and ActionError for an invalid
         action. No environment is stepped in these cases.
@@ -113,7 +115,11 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self.require_episodes(over)
         count, drones = self.num_envs, self.sessions[0].drones
         shapes = [(count,), (count, 1)] if drones == 1 else [(count, drones)]
-        self.advance(whole_numbers(actions, *shapes).reshape(count, drones), ~over)
+        if self.free:
+            numbers = drones * self.sessions[0].world.command_numbers
+            self.steer(real_numbers(actions, (count, numbers)), ~over)
+        else:
+            self.advance(whole_numbers(actions, *shapes).reshape(count, drones), ~over)
         if over.any():
             self.begin(over)
         rewards = self.outputs.rewards[:, 0].copy()

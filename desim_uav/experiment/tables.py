@@ -22,6 +22,7 @@ from desim_uav.model.coverage import T0_US, VX, VY, X0, Y0
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
 from desim_uav.records import (
+    AIMED,
     ENERGY,
     EPISODES,
     EVENTS,
@@ -96,7 +97,8 @@ STEP_VALUES: dict[str, Callable[[Any], Any]] = {
 
 def steps_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     """Return one row per step and drone."""
-    columns = STEPS.among(STORED if world.in_joules else ())
+    more = [*(STORED if world.in_joules else ()), *(AIMED if world.free else ())]
+    columns = STEPS.among(more)
     types = [world.type_of(drone) for drone in range(world.scenario.drone_count)]
     own = STEP_VALUES | _charge_values(types)
     values = [own.get(name, attrgetter(name)) for name in columns if name != "episode"]

@@ -91,6 +91,7 @@ class Training:
 
     def __init__(self, world: World, seed: int, engine: str = "des") -> None:
         scenario = world.scenario
+        scenario.require_cells("a learner with a table")
         self.world = world
         self.seed = seed
         self.settings = scenario.learning

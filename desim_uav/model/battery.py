@@ -162,6 +162,8 @@ class PerAction(Endurance):
 
     def problems(self, motion: Motion, step_s: float) -> list[str]:
         """Return why an action of serving flight would not take ``action_min``."""
+        if getattr(motion, "space", "cells") == "free":
+            return ["an action leads to the next cell: drones.motion must have space: cells"]
         if round(self.action_min * float(MINUTE_US)) != round(step_s * US):
             return [
                 f"an action takes {self.action_min:g} min, but a step of hovering takes "

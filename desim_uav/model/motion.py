@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Annotated, Literal, NamedTuple, Protocol
+from typing import Annotated, ClassVar, Literal, NamedTuple, Protocol
 
 import numpy as np
 from annotated_types import Ge, Le
@@ -82,7 +82,11 @@ class BangCoastBang:
     ``fill_epoch``: the drone cruises at the speed with which the transit lasts exactly one step
     (the paper's "240 m in about 60 s"). ``minimum_time``: it cruises at the highest speed and then
     hovers. ``return_timing`` says the same of the hops of a return, which follow upon each other.
+
+    In free ``space``, drones fly straight to any place in minimum time (see ``model.free``).
     """
+
+    later: ClassVar = ("space", "climb_mps", "descent_mps", "vertical_mps2", "margin_m")
 
     max_speed_mps: Annotated[float, Ge(0.001), Le(1000)] = 8.3
     """The highest speed, in metres per second."""
@@ -96,6 +100,19 @@ class BangCoastBang:
     """The same for each hop of a return to a charging station. `fill_epoch`: it takes as long as
     a step.
     """
+    space: Literal["cells", "free"] = "cells"
+    """`cells`: drones fly from cell centre to cell centre. `free`: they fly straight to any place
+    that they reach within a step, always in minimum time, and `max_speed_mps` and
+    `max_acceleration_mps2` limit the horizontal speed and acceleration.
+    """
+    climb_mps: Annotated[float, Ge(0.001), Le(1000)] = 5.0
+    """The highest speed of climb in free flight, in metres per second."""
+    descent_mps: Annotated[float, Ge(0.001), Le(1000)] = 3.0
+    """The highest speed of descent in free flight, in metres per second."""
+    vertical_mps2: Annotated[float, Ge(0.001), Le(10_000)] = 2.0
+    """The highest vertical acceleration in free flight, in metres per second squared."""
+    margin_m: Annotated[float, Ge(0.01), Le(1000)] = 5.0
+    """How far drones keep away from buildings and from `map.no_fly` in free flight, in metres."""
 
     def epoch_transit(self, distance_m: float, step_s: float) -> Transit:
         """Return the transit of ``distance_m`` within a step. Raises ValueError if none fits."""

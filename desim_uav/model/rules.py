@@ -21,6 +21,8 @@ class Action(IntEnum):
     DOWN = 6
     GOTO_CHARGING_STATION = 7
     CHARGE = 8
+    FLY = 9
+    """A free flight, whose direction and length the command gives (``motion: {space: free}``)."""
 
 
 MOVES: dict[Action, tuple[int, int, int]] = {
@@ -82,6 +84,15 @@ def actions(three_d: bool, limited_battery: bool) -> tuple[Action, ...]:
     chosen = [Action.FORWARD, Action.BACKWARD, Action.RIGHT, Action.LEFT, Action.HOVER]
     if three_d:
         chosen += [Action.UP, Action.DOWN]
+    if limited_battery:
+        chosen += [Action.GOTO_CHARGING_STATION, Action.CHARGE]
+    return tuple(chosen)
+
+
+@cache
+def free_actions(limited_battery: bool) -> tuple[Action, ...]:
+    """Return the 2 or 4 actions of a scenario in which drones fly freely."""
+    chosen = [Action.FLY, Action.HOVER]
     if limited_battery:
         chosen += [Action.GOTO_CHARGING_STATION, Action.CHARGE]
     return tuple(chosen)

@@ -35,6 +35,8 @@ def _problems(scenario: Scenario) -> Iterator[str]:
         return
     if scenario.decisions.by_event:
         yield f"decisions: event: {ONLY} with clock, where all drones are asked at each step"
+    if scenario.free:
+        yield f"drones.motion.space: free: {ONLY} with cells, of which there are finitely many"
     radio: Any = scenario.fleet[0].radio
     association = scenario.association
     if type(radio) is not Disc:

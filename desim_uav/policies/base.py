@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
+import numpy as np
+
 from desim_uav import array_file
 from desim_uav.errors import DesimError, PolicyError
 from desim_uav.model.state import Observation, Snapshot
@@ -41,6 +43,7 @@ class Policy(Protocol):
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
         """Return the action of ``observation.drone`` as an index into ``world.actions``.
 
+        In free flight, it can also be a sequence with the numbers of a command, from -1 to 1.
         ``mask`` says of each action whether it is allowed. This method is called for every drone
         at every decision epoch, in the order of the drones.
         """
@@ -100,22 +103,25 @@ def show(policy: Policy, engine: Engine) -> None:
         watch(engine)
 
 
-def decide(policy: Policy, shown: Snapshot) -> list[int]:
+def decide(policy: Policy, shown: Snapshot) -> list[Any]:
     """Return the policy's actions for a snapshot, in the order of the drones."""
     return decide_by(policy, shown.observations, shown.masks)
 
 
 def decide_by(
     policy: Policy, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
-) -> list[int]:
-    """Return the policy's actions for what all drones observe, in their order."""
+) -> list[Any]:
+    """Return the policy's actions for what all drones observe, in their order.
+
+    Each is an index into ``World.actions`` or, in free flight, the numbers of a command.
+    """
     jointly = getattr(policy, "act_jointly", None)
     if jointly is not None:
         commands = jointly(observations, masks)
     else:
         seen = zip(observations, masks, strict=True)
         commands = [policy.act(observation, mask) for observation, mask in seen]
-    return [int(command) for command in commands]
+    return [command if np.ndim(command) else int(command) for command in commands]
 
 
 def memory_of(policy: Policy) -> Any:

@@ -27,6 +27,7 @@ class Baseline:
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Determine the routes of all drones."""
+        world.scenario.require_cells("the baseline")
         self._grid = world.grid
         self._index = {action: k for k, action in enumerate(world.actions)}
         self._ring = ring(*world.grid.cells)

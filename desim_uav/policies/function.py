@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import Action
@@ -11,9 +12,10 @@ from desim_uav.model.streams import Streams
 from desim_uav.registry import did_you_mean
 from desim_uav.world import World
 
-Choice = Callable[[Observation, Sequence[bool]], "Action | int | str"]
+Choice = Callable[[Observation, Sequence[bool]], "Action | int | str | Sequence[float]"]
 """A function that chooses a drone's action from its observation and mask. It returns an ``Action``,
-the name of an action, or an index into ``world.actions``."""
+the name of an action, or an index into ``world.actions``; in free flight also the numbers of a
+command, from -1 to 1."""
 
 
 class Function:
@@ -34,7 +36,7 @@ class Function:
         self._index = {action: index for index, action in enumerate(world.actions)}
         self._by_name = {action.name.lower(): action for action in world.actions}
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
         """Call the function. Raises PolicyError for an action that the scenario does not have."""
         if sum(mask) == 1:
             return list(mask).index(True)

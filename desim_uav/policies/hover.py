@@ -18,8 +18,9 @@ class Hover:
     ceiling = True
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
-        """Do nothing; this policy has no state."""
+        """Note the number of the action."""
+        self._hover = world.actions.index(Action.HOVER)
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> int:
         """Return "hover", which a forced action overrides."""
-        return int(Action.HOVER)
+        return self._hover

@@ -15,12 +15,17 @@ from desim_uav.world import World
 
 @register("policy", "random")
 class Random:
-    """Chooses each allowed action with equal probability, from one random stream per drone."""
+    """Chooses each allowed action with equal probability, from one random stream per drone.
+
+    In free flight, it draws the numbers of each command uniformly from -1 to 1.
+    """
 
     ceiling = True
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Take a new random stream for each drone."""
+        own = [world.type_of(d).command_numbers for d in range(world.scenario.drone_count)]
+        self._numbers = own if world.free else None
         self._streams = [streams.generator(d) for d in range(world.scenario.drone_count)]
 
     def memory(self) -> list[list[int]]:
@@ -34,7 +39,10 @@ class Random:
             state: dict[str, Any] = dict(stream.bit_generator.state)
             stream.bit_generator.state = state | {"state": {"state": np.array(words, np.uint64)}}
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
         """Draw one of the allowed actions."""
+        if self._numbers is not None:
+            stream, count = self._streams[observation.drone], self._numbers[observation.drone]
+            return stream.uniform(-1.0, 1.0, count).tolist()
         allowed = [action for action, legal in enumerate(mask) if legal]
         return allowed[int(self._streams[observation.drone].random() * len(allowed))]

@@ -92,19 +92,21 @@ class StableBaselines:
         except Exception as error:  # torch and the libraries refuse weights in many ways
             raise PolicyError(f"{self.file}: its weights do not fit: {reason(error)}") from error
         self._dtype = observations.dtype
+        continuous = CONTINUOUS[self._saved.policy] if world.free else None
+        self._means = continuous
         self.act_jointly = self._decide if jointly else None
         self._world = world
 
     def _fitting(self, world: World) -> tuple[Any, Any, bool]:
         """Return the spaces of the training, and whether they are those of all drones."""
-        from desim_uav.spaces import action_space, observation_space, widest
+        from desim_uav.spaces import action_space_of, observation_space, widest
 
-        drones, actions = world.scenario.drone_count, len(world.actions)
+        drones = world.scenario.drone_count
         encoding, trained = world.scenario.observation, self._saved.spaces
         here: dict[Spaces, None] = {}
         for count, facts in itertools.product((drones, 1), (widest(world), world.facts)):
             seen = observation_space(encoding.features(facts) * count)
-            told = action_space(actions, count)
+            told = action_space_of(world, count)
             spaces = Spaces(_described(seen), _described(told))
             if spaces == trained:
                 return seen, told, count == drones
@@ -114,18 +116,25 @@ class StableBaselines:
             f"{world.scenario.name} has " + ", or ".join(map(_in_words, here))
         )
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
         """Return the best allowed action of one drone, by a network trained on a single drone."""
         return self._decide([observation], [mask])[0]
 
     def _decide(
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
-    ) -> list[int]:
-        """Return the best allowed action of each drone; of equally good ones, the first."""
+    ) -> list[Any]:
+        """Return the best allowed action of each drone; of equally good ones, the first.
+
+        In free flight, return the command of each drone: the mean, or the best one.
+        """
         assert self._world is not None, "an episode has begun"
         encode, facts = self._world.scenario.observation.encode, self._world.facts
         code = [number for seen in observations for number in encode(seen, facts)]
         batch, _ = self._network.obs_to_tensor(np.array(code, self._dtype))
+        if self._means is not None:
+            numbers = self._means(self._network, batch).numpy().reshape(len(observations), -1)
+            commands: list[Any] = numbers.astype(float).clip(-1.0, 1.0).tolist()
+            return commands
         scores = NETWORKS[self._saved.policy](self._network, batch).numpy()
         allowed = np.array(masks)
         best = np.where(allowed, scores.reshape(allowed.shape), -np.inf).argmax(axis=1)
@@ -153,6 +162,11 @@ def _mean_quantiles(network: Any, batch: Any) -> Any:
     return network.quantile_net(batch).mean(dim=1)
 
 
+def _action(network: Any, batch: Any) -> Any:
+    """Return the action of DDPG, SAC and TD3, without noise."""
+    return network._predict(batch, deterministic=True)
+
+
 NETWORKS: dict[str, Callable[[Any, Any], Any]] = {
     "stable_baselines3.common.policies.ActorCriticPolicy": _logits,
     "stable_baselines3.dqn.policies.DQNPolicy": _q_values,
@@ -160,6 +174,13 @@ NETWORKS: dict[str, Callable[[Any, Any], Any]] = {
     "sb3_contrib.qrdqn.policies.QRDQNPolicy": _mean_quantiles,
 }
 """The only policy classes that can be read: the MlpPolicy of each algorithm."""
+
+CONTINUOUS: dict[str, Callable[[Any, Any], Any]] = {
+    "stable_baselines3.common.policies.ActorCriticPolicy": _logits,  # which are means here
+    "stable_baselines3.sac.policies.SACPolicy": _action,
+    "stable_baselines3.td3.policies.TD3Policy": _action,
+}
+"""The same for commands of free flight."""
 
 
 def _network(saved: Saved, observations: Any, actions: Any) -> Any:
@@ -181,10 +202,11 @@ def _read(path: Path) -> Saved:
         data = json.loads(_member(archive, "data"))
         weights = _member(archive, "policy.pth")
     policy = _policy(data)
-    if policy not in NETWORKS:
+    if policy not in NETWORKS | CONTINUOUS:
         raise PolicyError(
             f"{path}: its policy is {in_short(policy)}; networks that can be read are the "
-            f"MlpPolicy of A2C, DQN, PPO, MaskablePPO and QRDQN"
+            f"MlpPolicy of A2C, DQN, PPO, MaskablePPO and QRDQN and, in free flight, of A2C, DDPG, "
+            f"PPO, SAC and TD3"
         )
     try:
         _class(policy)
@@ -274,13 +296,15 @@ def _setting(key: str, shown: Any) -> Any:
 def _is_architecture(value: Any) -> bool:
     """Return whether ``value`` is a list of layer widths, or two for policy and value function."""
     if isinstance(value, dict):
-        return value.keys() <= {"pi", "vf"} and all(map(are_widths, value.values()))
+        return value.keys() <= {"pi", "vf", "qf"} and all(map(are_widths, value.values()))
     return are_widths(value)
 
 
 SETTINGS: dict[str, Callable[[Any], bool]] = {
+    "n_critics": is_width,
     "n_quantiles": is_width,
     "net_arch": _is_architecture,
     "share_features_extractor": is_bool,
+    "use_sde": lambda value: value is False,
 }
 """The settings that are used, apart from the activation, with a check of each value."""

@@ -39,6 +39,7 @@ class Script:
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Check the script. Raises PolicyError if it does not fit the scenario."""
+        world.scenario.require_cells("a script of actions")
         self._index = {action: k for k, action in enumerate(world.actions)}
         drones = world.scenario.drone_count
         for (step, drone), action in self.commands.items():

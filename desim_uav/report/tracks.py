@@ -9,6 +9,8 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from desim_uav.model.free.legs import leg_between
+from desim_uav.model.free.space import ANY_SPEED, flight_of
 from desim_uav.model.motion import REST, Leg, Transit, return_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
@@ -22,7 +24,7 @@ class Track:
     """The legs of a drone in an episode, and its position at any time."""
 
     def __init__(self, legs: pd.DataFrame, run: Run, drone: int) -> None:
-        self._motion = run.world.type_of(drone).drones.motion
+        self._own = run.world.type_of(drone)
         self.starts_us: Ints = (legs["t_s"] * US).round().to_numpy(np.int64)
         self.modes = [Mode[mode.upper()] for mode in legs["mode"]]
         self.ends_us = self.starts_us + (legs["duration_s"] * US).round().to_numpy(np.int64)
@@ -31,10 +33,14 @@ class Track:
 
     def _leg(self, number: int, run: Run) -> Leg:
         start, end = self.places[number]
+        if self._own.free:
+            space = self._own.space
+            flown = leg_between(space.limits, space.wind, ANY_SPEED, start, end)
+            return Leg(flight_of(flown), start[:2], end[:2], start[2], end[2])
         length_m = in_order(abs(b - a) for a, b in zip(start, end, strict=True))
         transit: Transit = REST
         if self.ends_us[number] > self.starts_us[number]:
-            motion, step_s = self._motion, run.scenario.episode.step_s
+            motion, step_s = self._own.drones.motion, run.scenario.episode.step_s
             if self.modes[number] is Mode.FLYING:
                 transit = motion.epoch_transit(length_m, step_s)
             else:

@@ -29,6 +29,10 @@ from desim_uav.model.radio.scene import (
 )
 from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Constants, Drone, State
+from desim_uav.rules.words import OWN
+
+PROFILE = 4
+"""The rows of a profile in free flight, which are 0 while a drone hovers."""
 
 
 @rule
@@ -40,6 +44,8 @@ def keeps_rings(world: Constants, drone: Drone) -> bool:
     """
     radio = world.radios[drone.radio]
     known = drone.level == drone.to_level or goes_between(world, drone)
+    if len(world.spaces) > 0 and drone.point < 0:  # at any altitude
+        known = world.levels == 1
     return bool(radio.flat) or (world.reuse == 0 and known and not radio.marked)
 
 
@@ -84,10 +90,29 @@ def place_drones(world: Constants, state: State) -> None:
         )
         air.ways[at + Z0], air.ways[at + Z1] = heights_of(world, drone)
         air.ways[at + POWER_DBM] = world.radios[drone.radio].power_dbm
-        air.senders[own + BEGUN_US], air.senders[own + TRANSIT] = drone.since_us, drone.transit
+        air.senders[own + BEGUN_US] = drone.since_us
+        air.senders[own + TRANSIT] = number_of_profile(state, drone)
         air.senders[own + SERVES], air.senders[own + RADIO] = drone.serving, drone.radio
         air.senders[own + BAND] = d % world.reuse if world.reuse > 0 else d
         air.senders[own + MARKED_US] = drone.marked_us
+
+
+@rule
+def number_of_profile(state: State, drone: Drone) -> int:
+    """Return the number of the profile of a drone's transit, which is written in free flight."""
+    air = state.look.air
+    if len(air.pieces) == 0:
+        return drone.transit
+    pieces, flies = drone.course.flight.pieces, drone.transit == OWN
+    for k in range(PROFILE):
+        at = 4 * (PROFILE * drone.index + k)
+        for column in range(4):
+            air.pieces[at + column] = 0.0
+        if flies:
+            piece = pieces[k]
+            air.pieces[at], air.pieces[at + 1] = piece.start_s, piece.from_m
+            air.pieces[at + 2], air.pieces[at + 3] = piece.speed_mps, piece.acceleration_mps2
+    return drone.index
 
 
 @rule

@@ -9,6 +9,7 @@ from desim_uav.model.compiled_rows import call_for_int
 from desim_uav.model.kernels import rule
 from desim_uav.rules.due import depletion_slot, due, key, undo
 from desim_uav.rules.rows import Constants, Drone, State, TypeRow
+from desim_uav.rules.transits import flight_of
 from desim_uav.rules.words import CHARGING, DEPLETION, FLYING, RETURNING
 
 # ---- what a drone's type says
@@ -63,13 +64,13 @@ def until_full_us(world: Constants, drone: Drone) -> int:
 def drained_us(world: Constants, drone: Drone, elapsed_us: int) -> int:
     """Return the charge that the first ``elapsed_us`` of a drone's transit use."""
     own = world.types[drone.type]
-    return call_for_int(own.drained_us, (own, world.transits[drone.transit], elapsed_us))
+    return call_for_int(own.drained_us, (own, flight_of(world, drone), elapsed_us))
 
 
 @rule
 def lasts_us(world: Constants, drone: Drone) -> int:
     """Return after how many µs of its transit a drone's battery is empty."""
-    own, flight = world.types[drone.type], world.transits[drone.transit]
+    own, flight = world.types[drone.type], flight_of(world, drone)
     return call_for_int(own.lasts_us, (own, flight, drone.battery_us))
 
 

@@ -9,7 +9,7 @@ from desim_uav.rules.battery import change_mode, type_of
 from desim_uav.rules.coverage import silence
 from desim_uav.rules.due import arrival_slot, undo
 from desim_uav.rules.epochs import ask_at, asked_after_crash_us
-from desim_uav.rules.flight import appear, count_distance, hover_at, orient, position
+from desim_uav.rules.flight import appear, count_distance, hover_at, orient, position, stay_at
 from desim_uav.rules.note import note, note_drone, note_leg
 from desim_uav.rules.rows import Constants, Drone, Path, State
 
@@ -26,6 +26,8 @@ def crash(world: Constants, path: Path, state: State, drone: Drone) -> None:
     hover_at(drone, x, y, 0)
     drone.fallen = 1
     drone.fallen_x_m, drone.fallen_y_m = x_m, y_m
+    if drone.off_grid:
+        stay_at(drone, x_m, y_m, 0.0)
     drone.waits = drone.hopping = 0
     drone.route = drone.route_end = 0
     undo(state, arrival_slot(state, drone.index))

@@ -23,6 +23,11 @@ from desim_uav.rules.flight import (
     turn_back,
     way_back,
 )
+from desim_uav.rules.free_flight import (
+    fly_freely,
+    fly_home_freely,
+    turn_back_freely,
+)
 from desim_uav.rules.rows import Constants, Drone, Observation, Path, State
 
 
@@ -82,6 +87,8 @@ def record(world: Constants, state: State) -> None:
         count_charge(drone, observation.battery_us)
         record.used = drone.used
         record.reward = state.rewards[d]
+        course = drone.course
+        record.aim_x, record.aim_y, record.aim_z = course.aim_x, course.aim_y, course.aim_z
     for k in range(len(world.points)):
         sender, point_record = state.senders[len(state.drones) + k], state.point_records[k]
         point_record.step, point_record.t_us = state.step - 1, state.now_us
@@ -112,6 +119,8 @@ def allow(world: Constants, state: State) -> None:
         is_full = battery_us >= full_of(world, drone)
         if world.by_event and is_full:
             may_return = False  # at a station it would be asked again at once, without end
+        if may_return and drone.off_grid:
+            may_return = drone.course.home.station >= 0
         may_charge = not is_full and station_under(world, drone) >= 0
         mode = words.GOING_ON if is_under_way(world, drone) else drone.mode
         allows = 1 + 4 * mode + 2 * int(may_return) + int(may_charge)
@@ -188,10 +197,15 @@ def obey(world: Constants, path: Path, state: State, drone: Drone) -> None:
     drone.waits = 0
     action = world.moves[drone.taken].action
     if action == words.GOTO:
-        turn_back(world, path, state, drone)
+        if drone.off_grid:
+            turn_back_freely(world, path, state, drone)
+        else:
+            turn_back(world, path, state, drone)
         go_home(world, path, state, drone, words.COMMAND)
     elif action == words.CHARGE:
         land(world, path, state, drone, words.COMMAND)
+    elif drone.off_grid:
+        fly_freely(world, path, state, drone, action == words.FLY)
     else:
         fly(world, path, state, drone, drone.taken)
 
@@ -199,7 +213,11 @@ def obey(world: Constants, path: Path, state: State, drone: Drone) -> None:
 @rare_rule
 def go_home(world: Constants, path: Path, state: State, drone: Drone, phase: int) -> None:
     """Begin the next hop of a drone's return, or land if it has reached a station."""
-    if not fly_home(world, state, drone, phase):
+    if drone.off_grid:
+        on_its_way = fly_home_freely(world, state, drone, phase)
+    else:
+        on_its_way = fly_home(world, state, drone, phase)
+    if not on_its_way:
         land(world, path, state, drone, phase)
 
 

@@ -14,6 +14,7 @@ from desim_uav.rules.decide import allow, go_home, is_under_way, obey, observe, 
 from desim_uav.rules.due import key, nothing_due, run_until
 from desim_uav.rules.epochs import await_epoch
 from desim_uav.rules.flight import appear, await_hop, count_distance, orient
+from desim_uav.rules.free_flight import wish
 from desim_uav.rules.links import forget_links
 from desim_uav.rules.note import note_drone, note_leg
 from desim_uav.rules.requests import close_all, doing, foresee_asking
@@ -91,6 +92,7 @@ def _forget(state: State) -> None:
     state.events.clear()
     state.closed.clear()
     state.handovers.clear()
+    state.flown.clear()
     for service in range(len(state.open_requests)):
         state.open_requests[service] = 0
     for u in range(len(state.users)):
@@ -162,6 +164,9 @@ def hear(world: Constants, path: Path, state: State) -> None:
     for d in range(len(state.drones)):
         drone = state.drones[d]
         state.history[state.step * len(state.drones) + d] = drone.command
+        if len(state.aims) > 0:
+            _keep_aim(state, drone)
+            wish(world, state, drone)
         if is_under_way(world, drone):
             drone.command = -1
             continue
@@ -170,6 +175,14 @@ def hear(world: Constants, path: Path, state: State) -> None:
             note_drone(state, words.COMMAND, words.ON_DECIDE, drone)
     if len(world.points) > 0:
         _serve_from_points(world, path, state, world.step_us, words.COVERAGE)
+
+
+@rare_rule
+def _keep_aim(state: State, drone: Drone) -> None:
+    """Keep what belongs to a command of free flight, beside ``history``."""
+    at, course = 4 * (state.step * len(state.drones) + drone.index), drone.course
+    state.aims[at], state.aims[at + 1] = course.aim_x, course.aim_y
+    state.aims[at + 2], state.aims[at + 3] = course.aim_z, course.aim_charge
 
 
 @rule

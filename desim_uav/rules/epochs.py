@@ -7,6 +7,7 @@ from desim_uav.rules import words
 from desim_uav.rules.battery import type_of
 from desim_uav.rules.due import key, run_until
 from desim_uav.rules.rows import Constants, Drone, State
+from desim_uav.rules.transits import flight_of
 
 
 @rule
@@ -45,14 +46,16 @@ def _schedule(state: State) -> None:
 
 
 @rule
-def span_of(world: Constants, transit: int) -> int:
-    """Return for how long a drone follows a command, in microseconds, given its transit's number.
+def span_of(world: Constants, drone: Drone) -> int:
+    """Return for how long a drone follows a command whose transit it begins, in microseconds.
 
     This is a step or, if decisions are by event, the transit or a hover of ``patience_us``.
     """
     if not world.by_event:
         return world.step_us
-    return world.patience_us if transit == words.REST else world.transits[transit].duration_us
+    if drone.transit == words.REST:
+        return world.patience_us
+    return flight_of(world, drone).duration_us
 
 
 @rare_rule

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+from desim_uav.model.compiled_rows import call
 from desim_uav.model.grid import cell_index, level_index
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.model.rules import US
 from desim_uav.rules import words
-from desim_uav.rules.battery import change_mode, foresee_depletion, refill, type_of
+from desim_uav.rules.battery import change_mode, foresee_depletion, is_limited, refill, type_of
 from desim_uav.rules.coverage import silence, track
 from desim_uav.rules.due import arrival_slot, due, key
 from desim_uav.rules.epochs import ask_at, span_of
 from desim_uav.rules.note import note_drone, note_leg, place
 from desim_uav.rules.rows import Constants, Drone, Hop, Path, Plan, State
+from desim_uav.rules.transits import flight_of
 
 # ---- where a drone is
 
@@ -19,9 +21,18 @@ from desim_uav.rules.rows import Constants, Drone, Hop, Path, Plan, State
 @rule
 def station_under(world: Constants, drone: Drone) -> int:
     """Return the index of the station on whose cell a drone is at the lowest level, or -1."""
-    if drone.level != 0:
+    if drone.level != 0 or (drone.off_grid and not _is_at_centre(world, drone)):
         return -1
     return world.station_at[drone.x * world.ny + drone.y]
+
+
+@rare_rule
+def _is_at_centre(world: Constants, drone: Drone) -> bool:
+    """Return whether a drone that flies freely hovers just at the centre of a cell, and lowest."""
+    course = drone.course
+    level = course.z1_m == world.levels_m[0] and drone.transit == words.REST
+    x_m, y_m = (drone.x + 0.5) * world.cell_x_m, (drone.y + 0.5) * world.cell_y_m
+    return bool(level and course.x1_m == x_m and course.y1_m == y_m)
 
 
 @rule
@@ -36,7 +47,7 @@ def can_enter(world: Constants, drone: Drone, x: int, y: int, level: int) -> boo
 @rule
 def flown_m(world: Constants, state: State, drone: Drone) -> float:
     """Return the distance in metres that a drone has flown on its leg until now."""
-    pieces = world.transits[drone.transit].pieces
+    pieces = flight_of(world, drone).pieces
     elapsed_s, k = (state.now_us - drone.since_us) / US, 0
     while k + 1 < len(pieces) and pieces[k + 1].start_s <= elapsed_s:
         k += 1
@@ -49,9 +60,9 @@ def flown_m(world: Constants, state: State, drone: Drone) -> float:
 @rule
 def way_of(world: Constants, drone: Drone) -> tuple[float, float, float, float]:
     """Return the start and the end of a drone's leg: x0, y0, x1 and y1, in metres."""
-    if drone.point >= 0:
-        point = world.points[drone.point]
-        return point.x_m, point.y_m, point.x_m, point.y_m
+    if drone.off_grid:
+        course = drone.course
+        return course.x0_m, course.y0_m, course.x1_m, course.y1_m
     return (
         (drone.x + 0.5) * world.cell_x_m,
         (drone.y + 0.5) * world.cell_y_m,
@@ -63,8 +74,8 @@ def way_of(world: Constants, drone: Drone) -> tuple[float, float, float, float]:
 @rule
 def heights_of(world: Constants, drone: Drone) -> tuple[float, float]:
     """Return the heights at the start and at the end of a drone's leg, in metres."""
-    if drone.point >= 0:
-        return world.points[drone.point].z_m, world.points[drone.point].z_m
+    if drone.off_grid:
+        return drone.course.z0_m, drone.course.z1_m
     return world.levels_m[drone.level], world.levels_m[drone.to_level]
 
 
@@ -77,7 +88,7 @@ def position(world: Constants, state: State, drone: Drone) -> tuple[float, float
     z0, z1 = heights_of(world, drone)
     if drone.transit == words.REST:
         return x0, y0, z0
-    share = flown_m(world, state, drone) / world.transits[drone.transit].distance_m
+    share = flown_m(world, state, drone) / flight_of(world, drone).distance_m
     return x0 + share * (x1 - x0), y0 + share * (y1 - y0), z0 + share * (z1 - z0)
 
 
@@ -86,7 +97,7 @@ def orient(world: Constants, path: Path, state: State, drone: Drone) -> None:
     """Set the cell and level at which a drone believes itself to be, at a decision epoch.
 
     Its x and y contain the position errors of the sample path, in cells, which are drawn for each
-    step; its altitude is exact.
+    step; its altitude is exact. In free flight, the way home is looked for too, from where it is.
     """
     noisy = len(path.errors) > 0
     x, y, level = drone.x, drone.y, drone.level
@@ -102,11 +113,18 @@ def orient(world: Constants, path: Path, state: State, drone: Drone) -> None:
     observation = state.observations[drone.index]
     observation.x, observation.y, observation.level = x, y, level
     observation.believed = place(world, x, y, level)
+    if drone.off_grid and is_limited(world, drone):
+        call(world.look_home, (world, state, drone))
 
 
 @rule
 def way_back(world: Constants, drone: Drone, from_place: int) -> Plan:
-    """Return the planned return from a place, below the drone's ceiling if it has one."""
+    """Return the planned return from a place, below the drone's ceiling if it has one.
+
+    In free flight, it is from where the drone has been at the latest decision epoch.
+    """
+    if drone.off_grid:
+        return drone.course.home
     places, first = world.levels * world.nx * world.ny, type_of(world, drone).first_plan
     return world.plans[first + world.ceilings[drone.index] * places + from_place]
 
@@ -131,6 +149,17 @@ def appear(world: Constants, state: State, drone: Drone, x: int, y: int) -> None
     drone.since_us = state.now_us
     drone.counted_m = 0.0
     hover_at(drone, x, y, 0)
+    if drone.off_grid:
+        x_m, y_m = (x + 0.5) * world.cell_x_m, (y + 0.5) * world.cell_y_m
+        stay_at(drone, x_m, y_m, world.levels_m[0])
+
+
+@rare_rule
+def stay_at(drone: Drone, x_m: float, y_m: float, z_m: float) -> None:
+    """Put a drone that flies freely at rest at a place."""
+    course = drone.course
+    course.x0_m, course.y0_m, course.z0_m = x_m, y_m, z_m
+    course.x1_m, course.y1_m, course.z1_m = x_m, y_m, z_m
 
 
 @rule
@@ -145,9 +174,11 @@ def set_out(world: Constants, state: State, drone: Drone, mode: int, transit: in
 @rule
 def arrive(world: Constants, state: State, drone: Drone) -> None:
     """End a drone's transit: it hovers at its destination."""
-    state.distance_m += world.transits[drone.transit].distance_m - drone.counted_m
+    state.distance_m += flight_of(world, drone).distance_m - drone.counted_m
     change_mode(world, state, drone, drone.mode)
     hover_at(drone, drone.to_x, drone.to_y, drone.to_level)
+    if drone.off_grid:
+        stay_at(drone, drone.course.x1_m, drone.course.y1_m, drone.course.z1_m)
     note_drone(state, words.ARRIVAL, words.ON_ARRIVE, drone)
 
 
@@ -176,23 +207,23 @@ def fly(world: Constants, path: Path, state: State, drone: Drone, taken: int) ->
         moves = False
     if not moves:
         hover_at(drone, drone.x, drone.y, drone.level)
-        _serve_on(world, path, state, drone, words.REST)
+        serve_on(world, path, state, drone, words.REST)
         if world.by_event:
-            _await_end(world, state, drone, world.patience_us)
+            await_end(world, state, drone, world.patience_us)
         else:
             drone.waits = 1
         return
     drone.to_x, drone.to_y, drone.to_level = x, y, level
-    _serve_on(world, path, state, drone, type_of(world, drone).first_transit + move.transit)
+    serve_on(world, path, state, drone, type_of(world, drone).first_transit + move.transit)
     note_drone(state, words.COMMAND, words.ON_DEPART, drone)
     _await_arrival(world, state, drone)
 
 
 @rule
-def _serve_on(world: Constants, path: Path, state: State, drone: Drone, transit: int) -> None:
+def serve_on(world: Constants, path: Path, state: State, drone: Drone, transit: int) -> None:
     """Begin a leg on which the drone serves users until its next command."""
     set_out(world, state, drone, words.FLYING, transit)
-    span_us = span_of(world, transit)
+    span_us = span_of(world, drone)
     foresee_depletion(world, state, drone, span_us)
     track(world, path, state, drone, span_us, words.COVERAGE)
 
@@ -200,11 +231,11 @@ def _serve_on(world: Constants, path: Path, state: State, drone: Drone, transit:
 @rule
 def _await_arrival(world: Constants, state: State, drone: Drone) -> None:
     """Schedule the end of a drone's transit."""
-    _await_end(world, state, drone, world.transits[drone.transit].duration_us)
+    await_end(world, state, drone, flight_of(world, drone).duration_us)
 
 
 @rule
-def _await_end(world: Constants, state: State, drone: Drone, span_us: int) -> None:
+def await_end(world: Constants, state: State, drone: Drone, span_us: int) -> None:
     """Schedule the end of a drone's leg."""
     end_us = drone.since_us + span_us
     due(state, arrival_slot(state, drone.index), end_us, key(words.ARRIVAL, drone.index, -1))
@@ -216,7 +247,7 @@ def end_move(world: Constants, state: State, drone: Drone) -> None:
     if world.by_event:
         _end_leg(world, state, drone)
         return
-    rest_us = world.step_us - world.transits[drone.transit].duration_us
+    rest_us = world.step_us - flight_of(world, drone).duration_us
     arrive(world, state, drone)
     foresee_depletion(world, state, drone, rest_us)
     drone.waits = 1
@@ -291,5 +322,5 @@ def _direction(hop: Hop) -> int:
 @rule
 def await_hop(world: Constants, state: State, drone: Drone) -> None:
     """Schedule the end of a hop, or the depletion of the battery if this comes before."""
-    foresee_depletion(world, state, drone, world.transits[drone.transit].duration_us)
+    foresee_depletion(world, state, drone, flight_of(world, drone).duration_us)
     _await_arrival(world, state, drone)

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from desim_uav.model.kernels import rule
+from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules.rows import Constants, Drone, State, User
-from desim_uav.rules.words import ON_LEG
+from desim_uav.rules.transits import flight_of
+from desim_uav.rules.words import ON_LEG, REST
 
 
 @rule
@@ -39,15 +40,28 @@ def note_leg(world: Constants, state: State, drone: Drone) -> None:
     """Append a drone's leg since ``since_us``, a transit or a rest, to the log.
 
     It is an event of kind ON_LEG with the drone's mode as ``phase``, the places at which the leg
-    begins and ends as ``user`` and ``request``, and its duration in µs as ``station``.
+    begins and ends as ``user`` and ``request``, and its duration in µs as ``station``. Legs of free
+    flight are kept by themselves.
     """
-    if state.keeps_events:
+    if state.keeps_events and drone.off_grid:
+        _note_free_leg(world, state, drone)
+    elif state.keeps_events:
         leg = state.events.added()
         leg.t_us, leg.phase, leg.kind, leg.drone = drone.since_us, drone.mode, ON_LEG, drone.index
         leg.user = place(world, drone.x, drone.y, drone.level)
         leg.request = place(world, drone.to_x, drone.to_y, drone.to_level)
         leg.station = world.transits[drone.transit].duration_us
         leg.link_class = -1
+
+
+@rare_rule
+def _note_free_leg(world: Constants, state: State, drone: Drone) -> None:
+    """Append a drone's leg of free flight since ``since_us`` to ``flown``."""
+    leg, course = state.flown.added(), drone.course
+    leg.t_us, leg.drone, leg.mode = drone.since_us, drone.index, drone.mode
+    leg.duration_us = 0 if drone.transit == REST else flight_of(world, drone).duration_us
+    leg.x0_m, leg.y0_m, leg.z0_m = course.x0_m, course.y0_m, course.z0_m
+    leg.x1_m, leg.y1_m, leg.z1_m = course.x1_m, course.y1_m, course.z1_m
 
 
 @rule

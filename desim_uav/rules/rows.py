@@ -70,6 +70,46 @@ class Plan(Row):
 
 
 @row
+class WaysRow(Row):
+    """The ways home at one altitude in free flight (see ``model.free.space.Ways``)."""
+
+    altitude_m: float
+    nodes_m: Table[float]
+    lengths_m: Table[float]
+    following: Table[int]
+    times_us: Table[int]
+    drains: Table[int]
+
+
+@row
+class SpaceRow(Row):
+    """What a type of drones needs for free flight (see ``model.free.space.Space``).
+
+    The fields from ``corners_m`` to ``members`` are its obstacles (``model.free.prisms.Prisms``).
+    """
+
+    level_mps: float
+    level_mps2: float
+    climb_mps: float
+    descent_mps: float
+    vertical_mps2: float
+    wind_x_mps: float
+    wind_y_mps: float
+    corners_m: Table[float]
+    walls: Table[float]
+    offsets: Table[int]
+    heights_m: Table[float]
+    boxes_m: Table[float]
+    shape_x: int
+    shape_y: int
+    side_x_m: float
+    side_y_m: float
+    heads: Table[int]
+    members: Table[int]
+    levels: Table[WaysRow]
+
+
+@row
 class Hop(Row):
     """A hop of a return, which leads to a neighbouring cell or level."""
 
@@ -199,6 +239,7 @@ class Constants(Row):
     on. For ``trigger_us`` and ``margin_db``
     see ``rules.association``. ``known`` holds changes of users who stand still
     (``engine.compiled.standing``). ``features`` is the number of features that a learner observes.
+    If drones fly freely, ``spaces`` has an entry for each type.
     The fields from ``foresee`` on are functions, or in compiled code their addresses;
     ``reward_values`` and the like are the addresses of the components' fields.
     """
@@ -267,6 +308,7 @@ class Constants(Row):
     bucket_y_m: float
     known_at: Table[int]
     known: Table[Change]
+    spaces: Table[SpaceRow]
     foresee: int
     foresee_all: int
     foresee_rings: int
@@ -276,6 +318,9 @@ class Constants(Row):
     charged: int
     until_full_us: int
     walk: int
+    steer: int
+    home_leg: int
+    look_home: int
     run: int
 
 
@@ -340,6 +385,54 @@ class Credit(Row):
 
 
 @row
+class Course(Row):
+    """The leg of a drone that is not from cell to cell: of free flight, or an access point's rest.
+
+    The leg is from (x0_m, y0_m, z0_m) to (x1_m, y1_m, z1_m), and ``flight`` is its transit.
+    ``aim_x`` to ``aim_z`` are the command of free flight, from -1 to 1, and the drone asks for a
+    charge if ``aim_charge`` is above 0. ``blocked`` says that an obstacle cuts the leg short.
+    On a return, the next place is ``node`` of the ways at the altitude ``level``, which lead to
+    ``station`` (-1: the way is not planned yet); the last node is followed by -1. ``home`` is the
+    return from where the drone was when it last looked for one: ``first`` is its first node, and
+    ``end`` its level. ``probe`` is memory for a transit.
+    """
+
+    x0_m: float
+    y0_m: float
+    z0_m: float
+    x1_m: float
+    y1_m: float
+    z1_m: float
+    aim_x: float
+    aim_y: float
+    aim_z: float
+    aim_charge: float
+    blocked: int
+    station: int
+    node: int
+    level: int
+    home: Plan
+    flight: TransitRow
+    probe: TransitRow
+
+
+@row
+class FlownRow(Row):
+    """A free leg in the event log (see ``engine.base.FlownLeg``)."""
+
+    t_us: int
+    drone: int
+    duration_us: int
+    mode: int
+    x0_m: float
+    y0_m: float
+    z0_m: float
+    x1_m: float
+    y1_m: float
+    z1_m: float
+
+
+@row
 class Drone(Row):
     """A drone on a leg from (x, y, level) to (to_x, to_y, to_level) since ``since_us``.
 
@@ -365,6 +458,7 @@ class Drone(Row):
 
     index: int
     point: int
+    off_grid: int
     type: int
     radio: int
     mode: int
@@ -406,6 +500,7 @@ class Drone(Row):
     served: Table[int]
     asking: Table[int]
     credit: Credit
+    course: Course
     terms: Table[float]
     features: Table[float]
 
@@ -441,7 +536,8 @@ class Observation(Row):
 class Record(Row):
     """The log's record of a drone at the end of a step; ``return_us`` is n_B (NEVER: no way).
 
-    ``used`` is what it has drained of its battery since the episode began.
+    ``used`` is what it has drained of its battery since the episode began. ``aim_x`` to ``aim_z``
+    are the command of a free flight.
     """
 
     step: int
@@ -460,6 +556,9 @@ class Record(Row):
     return_us: int
     used: int
     reward: float
+    aim_x: float
+    aim_y: float
+    aim_z: float
 
 
 @row
@@ -624,7 +723,8 @@ class AirTables(Row):
     (``model.radio.air.FOUND_COLUMNS``), and ``passed`` are the rows of a pair of levels. ``marks``
     has ``mark_rows`` rows for each sender; ``marks_lost`` says that they were too few, or the
     memory in which marks are made (``model.radio.marks.Memory``), from ``flown`` (tracks) to
-    ``visited``.
+    ``visited``. In free flight, ``pieces`` has the profile of each sender, of four rows, in the
+    place of ``Constants.profiles``.
     """
 
     ways: Table[float]
@@ -650,6 +750,8 @@ class AirTables(Row):
     times: Table[float]
     stretches: Table[float]
     visited: Table[int]
+    pieces: Table[float]
+    pieces_at: Table[int]
 
 
 @row
@@ -693,7 +795,9 @@ class State(Row):
     the time in outages that have ended (see ``rules.links``). At
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
-    ``history`` holds all commands, ``slot_times`` to ``winners`` the compiled event queue.
+    ``history`` holds all commands, ``slot_times`` to ``winners`` the compiled event queue. In free
+    flight, ``aims`` holds what belongs to the commands (``Course.aim_x`` and the three after it),
+    ``flown`` the legs of a step for the log, and ``away_m`` is memory.
     """
 
     now_us: int
@@ -747,6 +851,9 @@ class State(Row):
     rewards: Table[float]
     crashed: Queue[int]
     history: Table[int]
+    aims: Table[float]
+    away_m: Table[float]
+    flown: Queue[FlownRow]
     events: Queue[Event]
     closed: Queue[Closed]
     handovers: Queue[Handover]

@@ -86,5 +86,9 @@ number; an admission rule served requests beyond a drone's bandwidth; a user's l
 NEVER = 2**62
 """A time after all others, in microseconds, for events that are not scheduled."""
 
+OWN = -1
+"""Stands for the number of a transit that is a drone's own (``Course.flight``), in free flight."""
+
+FLY = int(Action.FLY)
 REST = 0
 """The number of the transit without a distance, which is a hover."""

@@ -22,8 +22,15 @@ from desim_uav.scenario import radio_checks
 from desim_uav.scenario.components import place_of_problem
 from desim_uav.scenario.epochs import decisions_by_event_fit_the_scenario
 from desim_uav.scenario.finding import Finding
+from desim_uav.scenario.free import free_flight_fits_the_scenario
 from desim_uav.scenario.layout import start_cells, station_cells
-from desim_uav.scenario.schema import DrawnObstacles, Drones, ListedObstacles, Scenario
+from desim_uav.scenario.schema import (
+    DrawnObstacles,
+    Drones,
+    ListedObstacles,
+    Scenario,
+    flies_freely,
+)
 from desim_uav.scenario.yaml12 import KeyPath
 
 MAX_SQUARES = 1_000_000
@@ -171,6 +178,8 @@ def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
         hops["between levels"] = scenario.map.levels.step_m
     also = (*_GRID, ("map", "levels", "step_m"), ("map", "dimensions"), ("episode", "step_s"))
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        if flies_freely(drones):
+            continue
         seen = set()
         for which, distance in hops.items():
             problem = _transit_problem(drones, distance, scenario.episode.step_s)
@@ -281,6 +290,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     times_are_whole_microseconds,
     components_fit_the_scenario,
     decisions_by_event_fit_the_scenario,
+    free_flight_fits_the_scenario,
     *radio_checks.CHECKS,
 )
 

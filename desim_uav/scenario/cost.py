@@ -189,7 +189,7 @@ def _of_batch(scenario: Scenario, n: _Counts) -> Iterable[Part]:
     """The compiled engine: tables of users by drones, and the ways back from every place."""
     yield Part("users in footprints", 8.0 * n.users * (10.0 * n.drones + 110.0), _PAIRS)
     yield Part("commands so far", 16.0 * n.drones * n.epochs, _STEPS)
-    if scenario.limited_battery:
+    if scenario.limited_battery and not scenario.free:
         nx, ny = scenario.map.cells
         hops = (nx + ny) / (2.0 * math.sqrt(scenario.stations.count)) + n.places / n.cells / 2.0
         size = n.places * (80.0 + 72.0 * hops)

@@ -27,6 +27,8 @@ def most_epochs(scenario: Scenario) -> int:
 
 def shortest_leg_s(scenario: Scenario, drones: Drones) -> float:
     """Return the shortest time from a command to the next one in serving flight, in seconds."""
+    if scenario.free:
+        return scenario.episode.step_s  # they decide by clock
     sizes = zip(scenario.map.cell_m, scenario.map.cells, strict=True)
     hops_m = [size_m for size_m, count in sizes if count > 1]
     if scenario.three_d:

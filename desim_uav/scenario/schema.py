@@ -11,6 +11,7 @@ from pydantic import (
     Field,
     StringConstraints,
     ValidationInfo,
+    field_validator,
     model_validator,
 )
 
@@ -25,6 +26,7 @@ from desim_uav.model.battery import Endurance, Energy
 from desim_uav.model.charging import Charging, Constant
 from desim_uav.model.decisions import ByClock, Decisions
 from desim_uav.model.demand import Demand, Dynamic
+from desim_uav.model.free.polygons import MOST_CORNERS, checked
 from desim_uav.model.mobility import Mobility, RandomWalk
 from desim_uav.model.motion import BangCoastBang, Motion
 from desim_uav.model.observations import Encoding
@@ -62,6 +64,13 @@ def _ascending(values: tuple[float, float]) -> tuple[float, float]:
     low, high = values
     if low > high:
         raise ValueError(f"must be [low, high] with low <= high; {low:g} is above {high:g}")
+    return values
+
+
+def _rising(values: tuple[float, float]) -> tuple[float, float]:
+    low, high = values
+    if low >= high:
+        raise ValueError(f"must be [low, high] with low < high; {low:g} is not below {high:g}")
     return values
 
 
@@ -122,9 +131,30 @@ def _obstacles(value: Any) -> Any:
 
 Obstacles = Annotated[DrawnObstacles | ListedObstacles, BeforeValidator(_obstacles)]
 
+Altitude = Annotated[float, Field(ge=0, le=1e4)]
+
+
+class NoFly(Section):
+    """A zone in which no drone may fly: a polygon, from one altitude to another."""
+
+    polygon_m: Annotated[tuple[Point, ...], Field(min_length=3, max_length=MOST_CORNERS)]
+    """The corners [x, y] of the polygon, in metres, in either direction. Its edges must meet only
+    at the corners between neighbours.
+    """
+    altitude_m: Annotated[tuple[Altitude, Altitude], AfterValidator(_rising)] = (0.0, 10_000.0)
+    """The lowest and the highest altitude of the zone, in metres."""
+
+    @field_validator("polygon_m")
+    @classmethod
+    def _is_simple(cls, corners: tuple[Point, ...]) -> tuple[Point, ...]:
+        checked(corners)
+        return corners
+
 
 class Map(Section):
     """The map: its size, its cells, and in 3D its levels and obstacles."""
+
+    later: ClassVar = ("no_fly",)
 
     size_m: tuple[Side, Side] = (SIDE_M, SIDE_M)
     """The width (to the east) and depth (to the north) of the map, in metres."""
@@ -136,6 +166,8 @@ class Map(Section):
     """The altitudes at which drones fly."""
     obstacles: Obstacles | None = DrawnObstacles()
     """The buildings (3D only): drawn, or listed under `cells`; null means none."""
+    no_fly: Annotated[tuple[NoFly, ...], Field(max_length=1000)] = ()
+    """The zones in which no drone may fly. They need `drones.motion: {space: free}`."""
 
     @model_validator(mode="after")
     def _nothing_stands_in_the_way_in_2d(self) -> Map:
@@ -197,6 +229,11 @@ class DroneType(Drones):
 
     name: Name
     """The name of the type, which no other type has."""
+
+
+def flies_freely(drones: Drones) -> bool:
+    """Return whether drones fly freely, and not from cell to cell."""
+    return getattr(drones.motion, "space", "cells") == "free"
 
 
 Types = Annotated[tuple[DroneType, ...], Field(min_length=1, max_length=MOST_TYPES)]
@@ -440,6 +477,19 @@ class Scenario(Section):
         """Raise ScenarioError, which says that ``what`` needs it, unless drones decide by clock."""
         if self.decisions.by_event:
             raise ScenarioError(f"decisions: event: {what} needs decisions: clock")
+
+    @property
+    def free(self) -> bool:
+        """Do drones fly freely, and not from cell to cell?"""
+        return any(flies_freely(drones) for drones in self.fleet)
+
+    def require_cells(self, what: str) -> None:
+        """Raise ScenarioError, which says that ``what`` needs it, unless drones fly by cells."""
+        if self.free:
+            raise ScenarioError(
+                f"drones.motion: space: free: {what} needs drones that fly from cell to cell "
+                f"(space: cells)"
+            )
 
     @property
     def drone_count(self) -> int:

@@ -135,7 +135,8 @@ class TestByHand:
         world = fleet({"battery": {"return_below": 1.0}, "start_cells": [(4, 0)]}, {})
         flight = Flight(world)
         log = flight.episode(path_of(world), "hover charge", "goto charge")
-        goto, charge = (world.actions.index(a) for a in list(Action)[-2:])
+        charging = (Action.GOTO_CHARGING_STATION, Action.CHARGE)
+        goto, charge = map(world.actions.index, charging)
         allowed = [[shown.masks[d][goto] for shown in flight.shown[:3]] for d in range(2)]
         assert allowed == [[True, True, True], [False, False, False]]
         allowed = [[shown.masks[d][charge] for shown in flight.shown[:2]] for d in range(2)]

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, MEASURES
+from desim_uav.engine.compiled import free, looking, loop
 from desim_uav.engine.compiled import in_air as sought
-from desim_uav.engine.compiled import looking, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.model.compiled_rows import address_of, as_array, call, entries_at, pointer_to
 from desim_uav.model.coverage import leg_at, walked
@@ -42,6 +42,8 @@ def set_functions(constants: Any, in_air: bool) -> None:
         constants.foresee = address_of(sought.foresee_in_air, *leg)
         constants.foresee_all = address_of(sought.foresee_all, *leg[:3], int)
         constants.passes_us = address_of(sought.passes_us, *pair, int, int, int, float)
+    if len(constants.spaces) > 0:
+        free.set_free(constants)
     constants.run = address_of(loop.run, Constants, Path, State, int)
 
 
@@ -57,6 +59,19 @@ def describe(world: int, state: int) -> None:
     """Write the features that learners observe (see ``model.observations.RowObservation``)."""
     at = constants_at(world)
     call(at.describe, (at, state_at(state)))
+
+
+@kernel
+def aim_all(environments: Ints, aims: NDArray[np.float64], which: NDArray[np.bool_]) -> int:
+    """Write the numbers (n, drones, AIMS) of commands of free flight; return 0."""
+    for k in range(len(environments)):
+        if which[k]:
+            own = state_at(environments[k, 2])
+            for d in range(aims.shape[1]):
+                course = own.drones[d].course
+                course.aim_x, course.aim_y = aims[k, d, 0], aims[k, d, 1]
+                course.aim_z, course.aim_charge = aims[k, d, 2], aims[k, d, 3]
+    return 0
 
 
 @kernel

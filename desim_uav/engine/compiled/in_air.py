@@ -45,6 +45,7 @@ from desim_uav.rules.air import (
     lacks_marks,
     note_classes,
     number_in_draws,
+    number_of_profile,
     place_drones,
 )
 from desim_uav.rules.flight import heights_of, way_of
@@ -179,8 +180,9 @@ def _sight_of(world: Constants, path: Path, state: State, drone: Drone) -> Any:
     own, radio, users = state.look.air, world.radios[drone.radio], len(state.users)
     legs, legs_at = _walks_of(path, state)
     (x0, y0, x1, y1), (z0, z1) = way_of(world, drone), heights_of(world, drone)
-    pieces = as_array(world.profiles, (len(world.profiles) // PIECE_COLUMNS, PIECE_COLUMNS))
-    begins, after = world.profiles_at[drone.transit], world.profiles_at[drone.transit + 1]
+    pieces, pieces_at = _profiles_of(world, state)
+    number = number_of_profile(state, drone)
+    begins, after = pieces_at[number], pieces_at[number + 1]
     cells, cell_m = (world.nx, world.ny), (world.cell_x_m, world.cell_y_m)
     return Sight(
         radio.sight,
@@ -229,16 +231,27 @@ def _walks_of(path: Path, state: State) -> Any:
 
 
 @rule
+def _profiles_of(world: Constants, state: State) -> Any:
+    """Return the profiles of all transits, and the first row of each."""
+    rows, begins = world.profiles, world.profiles_at
+    if len(state.look.air.pieces) > 0:
+        rows, begins = state.look.air.pieces, state.look.air.pieces_at
+    pieces = as_array(rows, (len(rows) // PIECE_COLUMNS, PIECE_COLUMNS))
+    return pieces, as_array(begins, (len(begins),))
+
+
+@rule
 def _air_of(world: Constants, path: Path, state: State) -> Any:
     """Return what kernels know of drones and users."""
     place_drones(world, state)
     own, senders, users = state.look.air, len(state.senders), len(state.users)
     legs, legs_at = _walks_of(path, state)
+    pieces, pieces_at = _profiles_of(world, state)
     return Air(
         as_array(own.ways, (senders, PLACE_COLUMNS)),
         as_array(own.senders, (senders, SENDER_COLUMNS)),
-        as_array(world.profiles, (len(world.profiles) // PIECE_COLUMNS, PIECE_COLUMNS)),
-        as_array(world.profiles_at, (len(world.profiles_at),)),
+        pieces,
+        pieces_at,
         as_array(own.losses, (len(world.radios), LOSS_COLUMNS)),
         as_array(own.radios, (len(world.radios), RADIO_COLUMNS)),
         as_array(world.thresholds_db, (len(world.thresholds_db),)),

@@ -28,6 +28,7 @@ from desim_uav.rules import coverage as seam
 from desim_uav.rules import spots
 from desim_uav.rules.flight import way_of
 from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.transits import flight_of
 from desim_uav.rules.words import LOST
 
 CHANGE_COLUMNS, PIECE_COLUMNS = 3, 4
@@ -134,7 +135,7 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
         look.from_us, look.to_us = start_us, end_us
         if in_buckets:
             look.far_m = sort_into_buckets(users.seen, buckets)
-    pieces, ahead = world.transits[drone.transit].pieces, drone.ahead
+    pieces, ahead = flight_of(world, drone).pieces, drone.ahead
     radio = world.radios[drone.radio]
     groups = len(radio.rings) // (radio.levels * radio.classes)
     levels = as_array(radio.rings, (radio.levels, groups, radio.classes))
@@ -145,7 +146,7 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
         (start_us, end_us),
         rings[0, 0],
         drone.serving == 0,
-        0.0,
+        drone.course.z1_m - drone.course.z0_m,
     )
     found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))
     if radio.classes > 1:

@@ -26,6 +26,7 @@ from desim_uav.engine.compiled.components import (
 from desim_uav.engine.compiled.slots import tournaments
 from desim_uav.engine.compiled.standing import legs_in_table, tabulate
 from desim_uav.engine.constants import constants_of
+from desim_uav.engine.free import space_row
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
 from desim_uav.model.components import compiled
@@ -144,6 +145,8 @@ def _pack(world: World, settings: RunSettings) -> Fixed:
     set_air(constants, world)
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
+    if world.free:
+        constants.spaces = Table(space_row(own.space) for own in world.types)
     for number, own in enumerate(constants.types):
         own.first_known = number * legs_in_table(world)
     components = components_of(SLOTS, world)

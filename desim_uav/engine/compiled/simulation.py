@@ -18,6 +18,7 @@ from desim_uav.engine.compiled.pack import legs_of_step, pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.engine.compiled.saving import Block
 from desim_uav.engine.episode import Engine
+from desim_uav.engine.free import aims_of
 from desim_uav.engine.saved import Kept, Rows, SavedState, copied, write
 from desim_uav.engine.state import Buffers
 from desim_uav.errors import ScenarioError, SimulationError
@@ -333,16 +334,21 @@ class BatchSimulation(Engine):
         """Add a step to the log; if it ran out of memory, run the episode again in more memory."""
         while self.state.faults & OUT_OF_MEMORY:
             heard = self.state.history.reshape(-1, len(self.drones))[: self.state.step].tolist()
+            aims = self.state.aims.copy()
             self.buffers = Buffers(2 * self.buffers.log, 2 * self.buffers.crossings)
             self.leg_buffer *= 2
             self._make_room()
             self.load(self._before())
             self.new_log(self.log.episode)
             calls.run(*self.addresses(), RESET)
-            for commands in heard:  # only the last of them can have run out of memory
+            for step, commands in enumerate(
+                heard
+            ):  # only the last of them can have run out of memory
                 self.drain_log()
                 for drone, command in zip(self.drones, commands, strict=True):
                     drone.command = command
+                if len(aims):
+                    aims_of(aims, step, self.drones)
                 calls.run(*self.addresses(), STEP)
         self.check_components()
         self.drain_log()

@@ -37,7 +37,13 @@ def tabulate(world: World) -> tuple[Ints, Ints]:
     pairs = legs_in_table(world) * len(world.types) * len(world.homes)
     walks = world.fixed_walks
     one_level = len(world.grid.levels_m) == 1 or not world.graded
-    if walks is None or walks.legs[:, VX:].any() or pairs > MOST_LOOKS or not one_level:
+    if (
+        world.free
+        or walks is None
+        or walks.legs[:, VX:].any()
+        or pairs > MOST_LOOKS
+        or not one_level
+    ):
         return np.empty(0, np.int64), np.empty((0, CHANGE_COLUMNS), np.int64)
     looks = _Looks(world)
     found = [rows for number in range(len(world.types)) for rows in looks.of_type(number)]

@@ -35,6 +35,9 @@ Change: Any = named(rows.Change)
 Course = tuple[Transit, "Way", tuple[int, int]]
 """A transit along a way, and the levels at its start and at its end."""
 
+FreeCourse = tuple[Transit, "Way", tuple[float, float]]
+"""A transit along a way, and the heights at its start and at its end, in metres."""
+
 Way = tuple[float, float, float, float]
 """The start and the end of a leg: x0, y0, x1 and y1, in metres."""
 
@@ -99,15 +102,32 @@ class Changes:
             kept = self._kept[key] = self._find(flight, 0, span_us, fresh)
         return [Change(start_us + t_us, user, change) for t_us, user, change in kept]
 
-    def _find(self, flight: Course, start_us: int, span_us: int, fresh: bool) -> list[Change]:
-        """Compute the changes that ``of`` returns."""
-        transit, way, (level, to_level) = flight
-        users, buckets, span = self._users, self._buckets, (start_us, start_us + span_us)
+    def of_free(self, flight: FreeCourse, start_us: int, span_us: int, fresh: bool) -> list[Change]:
+        """Return the changes on a free leg, at all heights of which the classes are the same."""
+        transit, way, (z0_m, z1_m) = flight
+        users, span = self._seen(start_us, span_us)
+        radius_m = float(self.radii_m[0, 0, 0])
+        leg = DroneLeg(transit.profile, way, span, radius_m, fresh, z1_m - z0_m)
+        if self._by_buckets:
+            found = self._near(leg)
+        else:
+            found = changes_on(leg, users, self.radii_m[0], self.groups)
+        return last_first(found.tolist())
+
+    def _seen(self, start_us: int, span_us: int) -> tuple[Users, tuple[int, int]]:
+        """Return the users, after a look at how they walk in a span, and the span."""
+        users, span = self._users, (start_us, start_us + span_us)
         if self._span != span:
             look_around(users, *span)
             self._span = span
             if self._by_buckets:
-                self._far_m = sort_into_buckets(users.seen, buckets)
+                self._far_m = sort_into_buckets(users.seen, self._buckets)
+        return users, span
+
+    def _find(self, flight: Course, start_us: int, span_us: int, fresh: bool) -> list[Change]:
+        """Compute the changes that ``of`` returns."""
+        transit, way, (level, to_level) = flight
+        users, span = self._seen(start_us, span_us)
         radii_m = self.radii_m[level]
         leg = DroneLeg(transit.profile, way, span, float(radii_m[0, 0]), fresh)
         if self._by_buckets:

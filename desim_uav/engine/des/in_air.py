@@ -39,7 +39,13 @@ from desim_uav.model.radio.scene import (
 from desim_uav.model.radio.sight import Buffers
 from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight
 from desim_uav.model.walking import Walks
-from desim_uav.rules.air import lacks_marks, note_classes, number_in_draws, place_drones
+from desim_uav.rules.air import (
+    lacks_marks,
+    note_classes,
+    number_in_draws,
+    number_of_profile,
+    place_drones,
+)
 from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.words import NEVER
 from desim_uav.world import World
@@ -69,6 +75,9 @@ class InAir:
                 self._kept.append(chance)
         profiles = [transit.profile for transit in transits_of(world)]
         self._profiles = np.concatenate(profiles), np.cumsum([0, *map(len, profiles)])
+        own = state.look.air
+        if len(own.pieces):
+            self._profiles = own.pieces.reshape(-1, 4), own.pieces_at
         self._memory = memory(len(state.senders), max(map(len, profiles)))
         self._thresholds = np.array(constants.thresholds_db), np.array(constants.thresholds_at)
         self._heights = np.array(constants.heights_m)
@@ -186,7 +195,8 @@ class InAir:
         radio, (legs, offsets) = world.radios[drone.radio], self._walks
         (x0, y0, x1, y1), (z0, z1) = way_of(world, drone), heights_of(world, drone)
         pieces, begins = self._profiles
-        profile = pieces[begins[drone.transit] : begins[drone.transit + 1]]
+        number = number_of_profile(self.state, drone)
+        profile = pieces[begins[number] : begins[number + 1]]
         return Sight(
             radio.sight,
             self._key,

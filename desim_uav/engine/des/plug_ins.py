@@ -7,6 +7,7 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from desim_uav.engine.constants import transits_of
+from desim_uav.engine.des.free import transit_of
 from desim_uav.model.admission import RowAdmission
 from desim_uav.model.battery import Energy
 from desim_uav.model.components import over_rows, works_on_rows
@@ -108,10 +109,10 @@ def _energy(
     """
 
     def drained_us(own: Any, transit: Any, elapsed_us: int) -> int:
-        return energy.drained_us(flights[id(transit)], elapsed_us)
+        return energy.drained_us(flights.get(id(transit)) or transit_of(transit), elapsed_us)
 
     def lasts_us(own: Any, transit: Any, battery_us: int) -> int:
-        return energy.lasts_us(flights[id(transit)], battery_us)
+        return energy.lasts_us(flights.get(id(transit)) or transit_of(transit), battery_us)
 
     return drained_us, lasts_us
 

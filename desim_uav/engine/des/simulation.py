@@ -12,6 +12,7 @@ from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.constants import constants_of, transits_of
 from desim_uav.engine.des.clock import Clock
 from desim_uav.engine.des.crossings import Changes, last_first
+from desim_uav.engine.des.free import set_free, transit_of
 from desim_uav.engine.des.in_air import InAir
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import set_components
@@ -21,15 +22,16 @@ from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
 from desim_uav.engine.state import Buffers, state_of
 from desim_uav.model.asking import Requests
 from desim_uav.model.coverage import all_walked
+from desim_uav.model.motion import REST as REST_FLIGHT
 from desim_uav.model.rows import Table, blank, fill
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.rules.air import keeps_rings
 from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
-from desim_uav.rules.flight import way_of
+from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Ask, Constants, Path, State
 from desim_uav.rules.settle import settle
-from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN
+from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN, REST
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -94,6 +96,8 @@ class Simulation(Engine):
         made.foresee = self._foresee
         made.foresee_all = self._foresee_all
         set_components(made, world)
+        if world.free:
+            set_free(made, world)
         constants: Constants = made
         return constants
 
@@ -176,6 +180,7 @@ class Simulation(Engine):
         state.events.clear()
         state.closed.clear()
         state.handovers.clear()
+        state.flown.clear()
         hear(world, self.own_path, state)
         for drone in state.drones:
             if drone.waits:
@@ -201,8 +206,13 @@ class Simulation(Engine):
             rows = self._in_air.changes(drone, (state.now_us, state.now_us + span_us))
             drone.ahead[:] = last_first(rows)
             return
-        flight = self.transits[drone.transit], way_of(world, drone), (drone.level, drone.to_level)
         changes = self._changes[drone.radio]
+        if drone.off_grid and drone.point < 0:
+            own = REST_FLIGHT if drone.transit == REST else transit_of(drone.course.flight)
+            course = own, way_of(world, drone), heights_of(world, drone)
+            drone.ahead[:] = changes.of_free(course, state.now_us, span_us, not drone.serving)
+            return
+        flight = self.transits[drone.transit], way_of(world, drone), (drone.level, drone.to_level)
         drone.ahead[:] = changes.of(flight, state.now_us, span_us, not drone.serving)
 
     def _foresee_all(self, world: Any, path: Any, state: Any, span_us: int) -> None:

@@ -76,6 +76,7 @@ def ground_of(world: World) -> Ground:
     """
     world.require_one_type("a planner (greedy, rollout or clairvoyant)")
     world.scenario.require_clock("a planner (greedy, rollout or clairvoyant)")
+    world.scenario.require_cells("a planner (greedy, rollout or clairvoyant)")
     grid, limited = world.grid, world.scenario.limited_battery
     (nx, ny), levels = grid.cells, grid.levels(True)
     count = levels * nx * ny

@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from desim_uav.model.battery import in_joules
+from desim_uav.model.free.legs import leg_between
+from desim_uav.model.free.space import ANY_SPEED, flight_of
 from desim_uav.model.motion import Transit, return_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.report.batteries import powers_w
@@ -66,6 +68,8 @@ class Flights:
         self, places: dict[str, Column], mode: Whole, duration_us: Whole, types: Whole
     ) -> Whole:
         """Return the number of each leg's profile, or -1 for a rest."""
+        if self.scenario.free:
+            return self._flown_freely(places, duration_us, types)
         between = [
             places[f"leg.{axis}_to"].values.astype(float)
             - places[f"leg.{axis}_from"].values.astype(float)
@@ -85,6 +89,28 @@ class Flights:
                 f"not {duration_us[k] / US:g}",
             )
             profile[k] = number
+        return profile
+
+    def _flown_freely(self, places: dict[str, Column], duration_us: Whole, types: Whole) -> Whole:
+        """Return the number of the profile of each leg of free flight, or -1 for a rest."""
+        ends = np.array(
+            [places[f"leg.{axis}_{side}"].values for side in ("from", "to") for axis in "xyz"],
+            float,
+        ).T
+        profile = np.full(len(ends), -1, np.int64)
+        for k in np.flatnonzero(duration_us > 0):
+            key = (int(types[k]), *ends[k].tolist())
+            if key not in self._profile_of:
+                space = self.check.run.world.types[key[0]].space
+                leg = leg_between(space.limits, space.wind, ANY_SPEED, key[1:4], key[4:])
+                self._add(key, flight_of(leg))
+            profile[k], takes_us = self._profile_of[key]
+            self.check.expect(
+                abs(takes_us - int(duration_us[k])) <= 1,
+                "legs",
+                f"duration_s: the leg takes {takes_us / US:g} s in this scenario, "
+                f"not {duration_us[k] / US:g}",
+            )
         return profile
 
     def _profile(

@@ -1,0 +1,26 @@
+"""Free flight in the SimPy engine."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+
+from desim_uav.model.motion import Transit
+from desim_uav.rules.free_flight import home_leg, look_home, steer
+from desim_uav.world import World
+
+
+def set_free(constants: Any, world: World) -> None:
+    """Set what the constants have for free flight: spaces as they are, and functions."""
+    constants.spaces = [own.space for own in world.types]
+    constants.steer, constants.home_leg, constants.look_home = steer, home_leg, look_home
+
+
+def transit_of(flight: Any) -> Transit:
+    """Return the row of a transit as one."""
+    profile = [
+        (piece.start_s, piece.from_m, piece.speed_mps, piece.acceleration_mps2)
+        for piece in flight.pieces
+    ]
+    return Transit(np.array(profile), flight.duration_us, flight.distance_m, flight.rises)

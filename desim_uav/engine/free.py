@@ -1,0 +1,133 @@
+"""Free flight in an engine: the spaces of types of drones as rows, and commands as numbers."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from desim_uav.engine.base import FlownLeg, FreeCarried
+from desim_uav.model.free.legs import leg_between
+from desim_uav.model.free.space import ANY_SPEED, Space, Ways
+from desim_uav.model.motion import TRAPEZOID
+from desim_uav.model.rows import Queue, Table, blank, fill
+from desim_uav.model.rules import Action, Mode
+from desim_uav.rules.free_flight import write_flight
+from desim_uav.rules.rows import Course, FlownRow, Piece, SpaceRow, WaysRow
+from desim_uav.rules.words import OWN, REST
+from desim_uav.world import World
+
+AIMS = 4
+"""The numbers of a command: x, y and z of the displacement, and the wish to charge."""
+
+
+def space_row(space: Space) -> SpaceRow:
+    """Return a space as a row."""
+    made: Any = blank(SpaceRow)
+    for name, value in space.limits._asdict().items():
+        setattr(made, name, value)
+    made.wind_x_mps, made.wind_y_mps = space.wind
+    prisms = space.prisms
+    for name in ("corners_m", "walls", "offsets", "heights_m", "boxes_m", "heads", "members"):
+        setattr(made, name, getattr(prisms, name).reshape(-1))
+    made.shape_x, made.shape_y = prisms.shape
+    made.side_x_m, made.side_y_m = prisms.side_m
+    made.levels = Table(map(_ways_row, space.levels))
+    return made  # type: ignore[no-any-return]
+
+
+def _ways_row(ways: Ways) -> WaysRow:
+    roads = ways.roads
+    arrays = (roads.nodes_m, roads.lengths_m, roads.following, ways.times_us, ways.drains)
+    return fill(WaysRow, (roads.altitude_m, *(array.reshape(-1) for array in arrays)))
+
+
+def set_course(drone: Any, world: World) -> None:
+    """Prepare the course of a new row of a drone that flies freely, or of an access point."""
+    if drone.point >= 0:
+        point = world.scenario.access_points[drone.point]
+        drone.off_grid, course = 1, drone.course
+        x_m, y_m = map(float, point.at_m)
+        course.x0_m, course.y0_m, course.x1_m, course.y1_m = x_m, y_m, x_m, y_m
+        course.z0_m = course.z1_m = float(point.height_m)
+    elif world.types[drone.type].free:
+        drone.off_grid = 1
+        for flight in (drone.course.flight, drone.course.probe):
+            flight.pieces = Table(blank(Piece) for _ in range(TRAPEZOID))
+
+
+def set_memory(state: Any, world: World, log: int) -> None:
+    """Add what free flight needs to a new state; ``log`` is the buffer for a step's legs."""
+    state.flown = Queue(of=FlownRow, buffer=0)
+    if world.free:
+        state.aims = Table([0.0] * (AIMS * len(state.history)))
+        state.away_m = np.zeros(max(own.space.nodes for own in world.types))
+        state.flown = Queue(of=FlownRow, buffer=log)
+
+
+def aim(world: World, drone: Any, command: Any) -> int:
+    """Write a command of free flight into a drone's row, and return the index of its action.
+
+    It is an index into ``World.actions``, or the numbers of a displacement and, if the battery is
+    limited, of the wish to charge. Raises ValueError for anything else.
+    """
+    numbers = _numbers(world, drone.type, command)
+    course = drone.course
+    course.aim_x, course.aim_y, course.aim_z, course.aim_charge = numbers or (0.0,) * AIMS
+    if numbers is not None:
+        return world.actions.index(Action.FLY)
+    return int(command) if 0 <= command < len(world.actions) else -1
+
+
+def _numbers(world: World, number: int, command: Any) -> tuple[float, ...] | None:
+    """Return the numbers of a command, with those that its type of drones has not; or None."""
+    if np.ndim(command) == 0:
+        return None
+    given = [float(one) for one in command]
+    own = {world.types[number].command_numbers, world.command_numbers}
+    if len(given) not in own or not all(map(math.isfinite, given)):
+        raise ValueError(f"a command of free flight is {min(own)} finite numbers, not {given}")
+    flown, charge = given[: world.dimensions], given[world.dimensions :]
+    return (*flown, *(0.0,) * (3 - len(flown)), *(charge or [0.0]))
+
+
+def flown_leg(row: Any) -> FlownLeg:
+    """Return the leg of a row of the log."""
+    ends_m = (row.x0_m, row.y0_m, row.z0_m), (row.x1_m, row.y1_m, row.z1_m)
+    return FlownLeg(row.t_us, row.drone, row.duration_us, tuple(Mode)[row.mode], *ends_m)
+
+
+# ---- from one episode to the next
+
+
+def carried_course(drone: Any) -> FreeCarried:
+    """Return what an episode takes over of the course of a drone."""
+    names = FreeCarried._fields
+    course = drone.course
+    if isinstance(course, tuple):  # a row of the memory of the compiled engine, as it is
+        course = dict(zip(Course.kinds, course, strict=True))
+        return FreeCarried(*(course[name] for name in names))
+    return FreeCarried(*(getattr(course, name) for name in names))
+
+
+def load_course(world: World, drone: Any, carried: FreeCarried) -> None:
+    """Put a drone on the course of an earlier episode."""
+    for name, value in carried._asdict().items():
+        setattr(drone.course, name, value)
+    start, stop = carried[:3], carried[3:6]
+    space = world.types[drone.type].space
+    leg = leg_between(space.limits, space.wind, ANY_SPEED, start, stop)
+    drone.transit = REST if leg.distance_m == 0.0 else OWN
+    drone.to_x, drone.to_y = world.grid.cell_of(*stop[:2])
+    drone.to_level = world.grid.level_of(stop[2])
+    write_flight(drone.course.flight, leg)
+
+
+def aims_of(state: Any, step: int, drones: Sequence[Any]) -> None:
+    """Give drones the numbers of their commands of an earlier step again."""
+    for k, drone in enumerate(drones):
+        at = AIMS * (step * len(drones) + k)
+        course, numbers = drone.course, [float(one) for one in state[at : at + AIMS]]
+        course.aim_x, course.aim_y, course.aim_z, course.aim_charge = numbers

@@ -1,0 +1,185 @@
+"""What a type of drones needs for free flight in a world: its limits, obstacles, and ways home."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.free.legs import FreeLeg, leg_between, write_profile
+from desim_uav.model.free.limits import Limits, Wind
+from desim_uav.model.free.prisms import Prisms, Zone, deepest_at, first_entry, obstacles
+from desim_uav.model.free.roads import Roads, roads
+from desim_uav.model.grid import Grid
+from desim_uav.model.motion import REST, TRAPEZOID, Transit
+from desim_uav.model.radio.tracks import Point
+
+ANY_SPEED = math.inf
+
+
+class Ways(NamedTuple):
+    """The ways home at one altitude, down to the stations.
+
+    ``times_us`` (stations, nodes) says how long it takes from a node to land on a station, and
+    ``drains`` what this takes of the battery. Both are -1 where there is no way.
+    """
+
+    roads: Roads
+    times_us: NDArray[np.int64]
+    drains: NDArray[np.int64]
+
+    @property
+    def altitude_m(self) -> float:
+        """The altitude, in metres."""
+        return self.roads.altitude_m
+
+
+class Space(NamedTuple):
+    """The limits of a type of drones, its grown obstacles, and its ways home by level (or none)."""
+
+    limits: Limits
+    wind: Wind
+    prisms: Prisms
+    levels: tuple[Ways, ...]
+
+    @property
+    def nodes(self) -> int:
+        """The largest number of nodes of a graph of ways home."""
+        return max((len(ways.roads.nodes_m) for ways in self.levels), default=0)
+
+
+def limits_of(motion: Any) -> Limits:
+    """Return the limits of drones that fly by a motion."""
+    return Limits(
+        float(motion.max_speed_mps),
+        float(motion.max_acceleration_mps2),
+        float(motion.climb_mps),
+        float(motion.descent_mps),
+        float(motion.vertical_mps2),
+    )
+
+
+def flight_of(leg: FreeLeg) -> Transit:
+    """Return a free leg as a transit."""
+    if leg.distance_m == 0.0:
+        return REST
+    profile = np.zeros((TRAPEZOID, 4))
+    write_profile(leg, profile)
+    rises = (leg.route[5] - leg.route[2]) / leg.distance_m
+    return Transit(profile, leg.duration_us, leg.distance_m, rises)
+
+
+def space_of(
+    motion: Any,
+    wind: Wind,
+    energy: Any,
+    grid: Grid,
+    zones: Sequence[Zone],
+    stations_m: NDArray[np.float64],
+) -> Space:
+    """Return the space of a type of drones; without an ``energy`` model it needs no ways home.
+
+    Raises ValueError if a station is in an obstacle, or if there are too many corners.
+    """
+    limits = limits_of(motion)
+    prisms = obstacles(grid.height_m, grid.cell_m, zones, motion.margin_m)
+    if energy is None:
+        return Space(limits, wind, prisms, ())
+    size_m = (grid.width_m, grid.depth_m)
+    finder = _Finder(limits, wind, energy, prisms, grid.levels_m[0])
+    for number, (x, y) in enumerate(stations_m.tolist()):
+        require_free(prisms, (x, y, grid.levels_m[0]), f"station {number}")
+    levels = tuple(
+        finder.ways(_roads_at(prisms, altitude_m, stations_m, size_m))
+        for altitude_m in grid.levels_m
+    )
+    return Space(limits, wind, prisms, levels)
+
+
+def require_free(prisms: Prisms, at: Point, what: str) -> None:
+    """Raise ValueError if a place is in an obstacle or its margin."""
+    if deepest_at(prisms, at) > 0.0:
+        x, y, z = at
+        raise ValueError(
+            f"{what} at ({x:g}, {y:g}) m is in an obstacle, or within margin_m of one, at {z:g} m"
+        )
+
+
+def _roads_at(
+    prisms: Prisms,
+    altitude_m: float,
+    stations_m: NDArray[np.float64],
+    size_m: tuple[float, float],
+) -> Roads:
+    """Return the ways at an altitude to the stations that are not under an obstacle there.
+
+    The others have no ways.
+    """
+    open_ = [deepest_at(prisms, (x, y, altitude_m)) <= 0.0 for x, y in stations_m.tolist()]
+    found = roads(prisms, altitude_m, stations_m[np.array(open_, bool)], size_m)
+    if all(open_):
+        return found
+    lacking, (count, nodes) = len(stations_m) - sum(open_), found.lengths_m.shape
+    lengths_m = np.full((len(stations_m), nodes + lacking), np.inf)
+    following = np.full((len(stations_m), nodes + lacking), -1, np.int64)
+    nodes_m = np.concatenate([stations_m, found.nodes_m[count:]])
+    new = np.concatenate([np.flatnonzero(open_), np.arange(len(stations_m), len(nodes_m))])
+    for old, station in enumerate(np.flatnonzero(open_).tolist()):
+        lengths_m[station, new] = found.lengths_m[old]
+        ahead = found.following[old]
+        following[station, new] = np.where(ahead < 0, -1, new[ahead])
+    return Roads(nodes_m, lengths_m, following, found.altitude_m)
+
+
+class _Finder:
+    """Finds what the ways home take."""
+
+    def __init__(
+        self, limits: Limits, wind: Wind, energy: Any, prisms: Prisms, lowest_m: float
+    ) -> None:
+        self.limits, self.wind, self.energy = limits, wind, energy
+        self.prisms, self.lowest_m = prisms, lowest_m
+
+    def ways(self, found: Roads) -> Ways:
+        """Return ways with what they take."""
+        times_us = np.full(found.lengths_m.shape, -1, np.int64)
+        drains = times_us.copy()
+        for station, lengths_m in enumerate(found.lengths_m):
+            landing = self._landing(found, station)
+            if landing is None:
+                continue
+            times_us[station, station], drains[station, station] = landing
+            for node in np.argsort(lengths_m, kind="stable").tolist():
+                ahead = int(found.following[station, node])
+                if ahead < 0 or times_us[station, ahead] < 0:
+                    continue
+                takes_us, drained = self._takes(_at(found, node), _at(found, ahead))
+                times_us[station, node] = times_us[station, ahead] + takes_us
+                drains[station, node] = drains[station, ahead] + drained
+        return Ways(found, times_us, drains)
+
+    def _landing(self, found: Roads, station: int) -> tuple[int, int] | None:
+        """Return what the descent to a station takes; None if it is not free."""
+        over = _at(found, station)
+        low = (over[0], over[1], self.lowest_m)
+        if found.lengths_m[station, station] != 0.0:
+            return None
+        if first_entry(self.prisms, over, low) != np.inf:
+            return None
+        return self._takes(over, low)
+
+    def _takes(self, start: Point, stop: Point) -> tuple[int, int]:
+        """Return the time of a leg in µs, and what it takes of the battery."""
+        leg = leg_between(self.limits, self.wind, ANY_SPEED, start, stop)
+        if leg.distance_m == 0.0:
+            return 0, 0
+        flight = flight_of(leg)
+        return flight.duration_us, int(self.energy.drained_us(flight, flight.duration_us))
+
+
+def _at(ways: Roads, node: int) -> Point:
+    x, y = ways.nodes_m[node].tolist()
+    return x, y, ways.altitude_m

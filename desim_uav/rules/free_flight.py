@@ -1,0 +1,319 @@
+"""Free flight: the leg of a command, and the way home round obstacles, leg by leg.
+
+The functions ``steer``, ``home_leg`` and ``look_home`` are called by their addresses in the
+constants. Arrays of a space, such as its obstacles, are made by functions of which each engine has
+its own.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from desim_uav.model.compiled_rows import call_for_int
+from desim_uav.model.free.flight import step_leg
+from desim_uav.model.free.legs import Bounds, FreeLeg, leg_between
+from desim_uav.model.free.limits import Limits, Wind
+from desim_uav.model.free.prisms import Prisms, first_entry
+from desim_uav.model.free.roads import way_home
+from desim_uav.model.free.space import Ways
+from desim_uav.model.grid import cell_index, level_index
+from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.model.radio.tracks import Point
+from desim_uav.model.rules import US
+from desim_uav.rules import words
+from desim_uav.rules.battery import is_limited, type_of
+from desim_uav.rules.coverage import silence
+from desim_uav.rules.flight import await_end, await_hop, position, serve_on, set_out
+from desim_uav.rules.note import note_drone
+from desim_uav.rules.rows import Constants, Course, Drone, Path, State, TransitRow
+
+
+class Memory(NamedTuple):
+    """Memory for the search of ways home: a number for each node."""
+
+    away_m: NDArray[np.float64]
+
+
+# ---- what each engine has a function of its own for
+
+
+def prisms_of(world: Any, number: int) -> Any:
+    """Return the obstacles of a type of drones."""
+    found: Prisms = world.spaces[number].prisms
+    return found
+
+
+def ways_of(world: Any, number: int, level: int) -> Any:
+    """Return the ways home of a type of drones at a level."""
+    found: Ways = world.spaces[number].levels[level]
+    return found
+
+
+def memory_of(state: Any) -> Any:
+    """Return memory for a number for each node."""
+    return Memory(state.away_m)
+
+
+def limits_of(world: Any, number: int) -> Any:
+    """Return the limits of a type of drones."""
+    found: Limits = world.spaces[number].limits
+    return found
+
+
+def wind_of(world: Any, number: int) -> Any:
+    """Return the wind in which a type of drones flies."""
+    found: Wind = world.spaces[number].wind
+    return found
+
+
+# ---- legs
+
+
+@rule
+def here(course: Course) -> Point:
+    """Return where a drone is that hovers, or where its leg ends."""
+    return course.x1_m, course.y1_m, course.z1_m
+
+
+@rule
+def bounds_of(world: Constants, drone: Drone) -> Bounds:
+    """Return where a drone may be."""
+    levels = world.levels_under_ceiling if world.ceilings[drone.index] else world.levels
+    return Bounds(world.width_m, world.depth_m, world.levels_m[0], world.levels_m[levels - 1])
+
+
+@rule
+def write_flight(flight: TransitRow, leg: FreeLeg) -> None:
+    """Write a leg as a transit, with the numbers of ``model.motion.write_trapezoid``."""
+    flight.duration_us, flight.distance_m = leg.duration_us, float(leg.distance_m)
+    flight.rises = 0.0
+    if leg.distance_m > 0.0:
+        flight.rises = float((leg.route[5] - leg.route[2]) / leg.distance_m)
+        ramp_s = leg.speed_mps / leg.acceleration_mps2
+        ramp_m = leg.speed_mps * ramp_s / 2.0
+        _write(flight, 0, 0.0, 0.0, 0.0, leg.acceleration_mps2)
+        _write(flight, 1, ramp_s, ramp_m, leg.speed_mps, 0.0)
+        braking = -leg.acceleration_mps2
+        ends_s, ends_m = leg.duration_s, leg.distance_m
+        _write(flight, 2, ends_s - ramp_s, ends_m - ramp_m, leg.speed_mps, braking)
+        _write(flight, 3, ends_s, ends_m, 0.0, 0.0)
+
+
+@rule
+def _write(
+    flight: TransitRow, k: int, start: float, flown: float, speed: float, pull: float
+) -> None:
+    piece = flight.pieces[k]
+    piece.start_s, piece.from_m = float(start), float(flown)
+    piece.speed_mps, piece.acceleration_mps2 = float(speed), float(pull)
+
+
+@rule
+def begin_leg(world: Constants, drone: Drone, leg: FreeLeg) -> int:
+    """Make a leg that of a drone, and return the number of its transit (REST: it hovers)."""
+    course = drone.course
+    x0, y0, z0, x1, y1, z1 = leg.route
+    course.x0_m, course.y0_m, course.z0_m = float(x0), float(y0), float(z0)
+    course.x1_m, course.y1_m, course.z1_m = float(x1), float(y1), float(z1)
+    drone.to_x = cell_index(course.x1_m, world.cell_x_m, world.nx)
+    drone.to_y = cell_index(course.y1_m, world.cell_y_m, world.ny)
+    drone.to_level = level_index(course.z1_m, world.lowest_m, world.level_step_m, world.levels)
+    if leg.distance_m == 0.0:
+        return words.REST
+    write_flight(course.flight, leg)
+    return words.OWN
+
+
+@rule
+def steer(world: Constants, state: State, drone: Drone) -> int:
+    """Begin the leg of a command, which an obstacle may cut short; return its transit's number."""
+    course = drone.course
+    command = (course.aim_x, course.aim_y, course.aim_z)
+    leg, blocked = step_leg(
+        limits_of(world, drone.type),
+        wind_of(world, drone.type),
+        np.inf,
+        bounds_of(world, drone),
+        prisms_of(world, drone.type),
+        world.step_us / US,
+        here(course),
+        command,
+    )
+    course.blocked = int(blocked)
+    return begin_leg(world, drone, leg)
+
+
+# ---- serving flight
+
+
+@rare_rule
+def wish(world: Constants, state: State, drone: Drone) -> None:
+    """Turn a command with the wish to charge into that of charging, or of returning to a station.
+
+    If neither is allowed, the drone flies as the command says.
+    """
+    if drone.course.aim_charge <= 0.0 or drone.command < 0:
+        return
+    if world.moves[drone.command].action != words.FLY:
+        return
+    first = drone.index * len(world.moves)
+    for k in range(len(world.moves)):  # charging comes after the return
+        action = world.moves[k].action
+        if action in (words.GOTO, words.CHARGE) and state.masks[first + k]:
+            drone.command = k
+
+
+@rare_rule
+def fly_freely(world: Constants, path: Path, state: State, drone: Drone, flies: bool) -> None:
+    """Begin a step of serving flight: the leg of the command if the drone ``flies``, or a hover."""
+    course, transit = drone.course, words.REST
+    course.blocked = 0
+    if flies:
+        transit = call_for_int(world.steer, (world, state, drone))
+    if course.blocked:
+        note_drone(state, words.COMMAND, words.ON_BLOCKED, drone)
+    if transit == words.REST:
+        rest(drone)
+    serve_on(world, path, state, drone, transit)
+    if transit != words.REST:
+        note_drone(state, words.COMMAND, words.ON_DEPART, drone)
+        await_end(world, state, drone, course.flight.duration_us)
+    elif world.by_event:
+        await_end(world, state, drone, world.patience_us)
+    else:
+        drone.waits = 1
+
+
+@rule
+def rest(drone: Drone) -> None:
+    """Let a drone hover where it is."""
+    course = drone.course
+    course.x1_m, course.y1_m, course.z1_m = course.x0_m, course.y0_m, course.z0_m
+    drone.to_x, drone.to_y, drone.to_level = drone.x, drone.y, drone.level
+    drone.transit = words.REST
+
+
+# ---- the way home
+
+
+@rare_rule
+def turn_back_freely(world: Constants, path: Path, state: State, drone: Drone) -> None:
+    """Stop serving; the return is planned from where the drone is."""
+    set_out(world, state, drone, words.RETURNING, words.REST)
+    silence(world, path, state, drone, words.COVERAGE)
+    course = drone.course
+    home = course.home
+    course.station, course.node, course.level = home.station, home.first, home.end
+    drone.hopping = 0
+
+
+@rare_rule
+def fly_home_freely(world: Constants, state: State, drone: Drone, phase: int) -> bool:
+    """Begin the next leg of a return; return False if the drone has reached a station instead."""
+    drone.hopping = 0
+    transit = call_for_int(world.home_leg, (world, state, drone))
+    if transit == words.REST:
+        return False
+    set_out(world, state, drone, words.RETURNING, transit)
+    drone.hopping = 1
+    await_hop(world, state, drone)
+    note_drone(state, phase, words.ON_DEPART, drone)
+    return True
+
+
+@rule
+def home_leg(world: Constants, state: State, drone: Drone) -> int:
+    """Begin the next leg of a return; return its transit's number (REST: it is at the station).
+
+    It goes straight up or down to the altitude of the ways, from node to node, and down.
+    """
+    course, number = drone.course, drone.type
+    if course.station < 0:  # which the mask does not allow
+        return words.REST
+    at, altitude_m = here(course), world.levels_m[course.level]
+    while course.node >= 0:
+        stop = (at[0], at[1], altitude_m)
+        if at[2] == altitude_m:
+            roads = ways_of(world, number, course.level).roads
+            stop = (roads.nodes_m[course.node, 0], roads.nodes_m[course.node, 1], altitude_m)
+            course.node = int(roads.following[course.station, course.node])
+        leg = leg_between(limits_of(world, number), wind_of(world, number), np.inf, at, stop)
+        if leg.distance_m > 0.0:
+            return begin_leg(world, drone, leg)
+        at = stop
+        _move(course, at)
+    stop = (at[0], at[1], world.levels_m[0])
+    leg = leg_between(limits_of(world, number), wind_of(world, number), np.inf, at, stop)
+    if leg.distance_m > 0.0:
+        return begin_leg(world, drone, leg)
+    _move(course, stop)
+    return words.REST
+
+
+@rule
+def _move(course: Course, to: Point) -> None:
+    """Put a hovering drone at a place that is no way from where it is."""
+    course.x0_m, course.y0_m, course.z0_m = float(to[0]), float(to[1]), float(to[2])
+    course.x1_m, course.y1_m, course.z1_m = course.x0_m, course.y0_m, course.z0_m
+
+
+@rule
+def look_home(world: Constants, state: State, drone: Drone) -> None:
+    """Write the return from where a drone is into ``course.home``; its station is -1 if none is.
+
+    It leads over the altitude of the world that is nearest and from which there is a way.
+    """
+    home, (x, y, z) = drone.course.home, position(world, state, drone)
+    home.station = home.first = home.end = -1
+    home.duration_us = home.drained_us = words.NEVER
+    if drone.fallen:
+        return
+    levels = world.levels_under_ceiling if world.ceilings[drone.index] else world.levels
+    low = level_index(z, world.lowest_m, world.level_step_m, levels)
+    high = low + 1
+    while home.station < 0 and (low >= 0 or high < levels):
+        level = high
+        if high >= levels or (
+            low >= 0 and abs(z - world.levels_m[low]) <= abs(world.levels_m[high] - z)
+        ):
+            level = low
+            low -= 1
+        else:
+            high += 1
+        _look_at(world, state, drone, (x, y, z), level)
+
+
+@rule
+def _look_at(world: Constants, state: State, drone: Drone, at: Point, level: int) -> None:
+    """Write the return over a level, if there is one."""
+    home, number, limits = drone.course.home, drone.type, limits_of(world, drone.type)
+    prisms, wind = prisms_of(world, number), wind_of(world, number)
+    over = (at[0], at[1], world.levels_m[level])
+    if first_entry(prisms, at, over) != np.inf:
+        return
+    ways, away_m = ways_of(world, number, level), memory_of(state).away_m
+    station, node, lasts_us = way_home(
+        prisms, ways.roads, ways.times_us, limits, wind, np.inf, at[0], at[1], away_m
+    )
+    if station < 0:
+        return
+    rising = leg_between(limits, wind, np.inf, at, over)
+    there = (ways.roads.nodes_m[node, 0], ways.roads.nodes_m[node, 1], over[2])
+    ahead = leg_between(limits, wind, np.inf, over, there)
+    home.station, home.first, home.end = station, node, level
+    home.duration_us = rising.duration_us + lasts_us
+    home.drained_us = int(ways.drains[station, node])
+    home.drained_us += _drains(world, drone, rising) + _drains(world, drone, ahead)
+
+
+@rule
+def _drains(world: Constants, drone: Drone, leg: FreeLeg) -> int:
+    """Return what a leg takes of the battery."""
+    if leg.distance_m == 0.0 or not is_limited(world, drone):
+        return 0
+    own, probe = type_of(world, drone), drone.course.probe
+    write_flight(probe, leg)
+    return call_for_int(own.drained_us, (own, probe, probe.duration_us))

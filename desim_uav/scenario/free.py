@@ -1,0 +1,54 @@
+"""Checks of free flight: what it cannot be combined with, each refused by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+from desim_uav.scenario.finding import Finding
+from desim_uav.scenario.schema import Drones, Scenario, flies_freely
+from desim_uav.scenario.yaml12 import KeyPath
+
+FREE = "drones.motion: space: free"
+
+
+def free_flight_fits_the_scenario(scenario: Scenario) -> Iterator[Finding]:
+    """What drones that fly freely cannot do, and what only they can."""
+    if not scenario.free:
+        if scenario.map.no_fly:
+            yield Finding(
+                ("map", "no_fly"),
+                f"drones that fly from cell to cell do not heed it; it needs {FREE}",
+                tuple((*key, "motion") for key in scenario.fleet_keys),
+            )
+        return
+    motions = tuple((*key, "motion", "space") for key in scenario.fleet_keys)
+    if not all(map(flies_freely, scenario.fleet)):
+        yield Finding(
+            ("drones",),
+            "some types fly freely and some from cell to cell; all must do one",
+            motions,
+        )
+        return
+    if scenario.decisions.by_event:
+        yield Finding(("decisions",), f"not beside {FREE}, which needs decisions: clock", motions)
+    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        yield from _of_type(scenario, key, drones)
+
+
+def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Finding]:
+    motion: Any = drones.motion
+    also: tuple[KeyPath, ...] = ((*key, "motion", "space"),)
+    if motion.return_timing != "minimum_time":
+        yield Finding(
+            (*key, "motion", "return_timing"),
+            f"not beside {FREE}, in which drones always fly in minimum time",
+            also,
+        )
+    side_m = min(scenario.map.cell_m)
+    if scenario.map.obstacles is not None and motion.margin_m >= side_m / 2.0:
+        yield Finding(
+            (*key, "motion", "margin_m"),
+            f"must be less than half of the side of a cell, {side_m / 2.0:g} m, beside buildings",
+            (*also, ("map", "cells"), ("map", "size_m")),
+        )

@@ -1,0 +1,137 @@
+"""Environments of free flight: their spaces, their masks, and whole episodes of checkers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from gymnasium.spaces import Box
+from gymnasium.utils.env_checker import check_env
+from pettingzoo.test import parallel_api_test
+
+from desim_uav.env.parallel import UavParallelEnv
+from desim_uav.env.parallel_vector import UavParallelVectorEnv
+from desim_uav.env.session import ActionError
+from desim_uav.env.single import UavEnv
+from desim_uav.env.vector import UavVectorEnv
+
+ENGINES = ["des", pytest.param("batch", marks=pytest.mark.thorough)]
+
+
+def scenario(dimensions: int = 2, limited: bool = True, **drones: Any) -> dict[str, Any]:
+    """Two drones over a small map."""
+    built = {"obstacles": {"cells": [[0, 0, 35], [2, 1, 70]]}} if dimensions == 3 else {}
+    battery = {"autonomy_min": 6, "return_below": 0.8} if limited else None
+    return {
+        "seed": 1,
+        "map": {"size_m": [800, 800], "cells": [4, 4], "dimensions": dimensions, **built},
+        "drones": {
+            "count": 2,
+            "start_cells": [[1, 1], [2, 2]],
+            "motion": {"space": "free"},
+            "battery": battery,
+            **drones,
+        },
+        "stations": {"count": 1, "radius_m": 200} if limited else {"count": 0},
+        "users": {"count": 9},
+        "episode": {"steps": 8},
+    }
+
+
+def box(numbers: int) -> Box:
+    return Box(-1.0, 1.0, (numbers,), np.float32)
+
+
+@pytest.mark.parametrize(
+    ("dimensions", "limited", "numbers"), [(2, False, 2), (2, True, 3), (3, False, 3), (3, True, 4)]
+)
+def test_an_action_is_a_displacement_and_the_wish_to_charge(dimensions, limited, numbers):
+    described = scenario(dimensions, limited)
+    assert UavEnv(described).action_space == box(2 * numbers)
+    assert UavParallelEnv(described).action_space("drone_1") == box(numbers)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_gymnasium_and_pettingzoo_find_nothing(dimensions, engine):
+    check_env(UavEnv(scenario(dimensions), engine=engine), skip_render_check=True)
+    parallel_api_test(UavParallelEnv(scenario(dimensions), engine=engine), num_cycles=20)
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_the_mask_says_what_the_last_number_can_do(engine):
+    # fly, hover, return, charge: a drone with less than 80 % may return, and then does nothing else
+    env = UavParallelEnv(scenario(), engine=engine)
+    shown, _ = env.reset(seed=1)
+    assert shown["drone_0"]["allowed"].tolist() == [1, 1, 0, 0]
+    actions = {agent: np.array([1.0, 0.0, 1.0], np.float32) for agent in env.agents}
+    shown, *_ = env.step(actions)
+    assert shown["drone_0"]["allowed"].tolist() == [1, 1, 0, 0]  # 5 of 6 minutes are left
+    shown, *_ = env.step(actions)
+    assert shown["drone_0"]["allowed"].tolist() == [1, 1, 1, 0]
+    shown, *_, infos = env.step(actions)
+    assert shown["drone_0"]["allowed"].sum() == 1
+    assert infos["drone_0"]["forced"] == 1
+
+
+def test_wrong_actions_are_refused():
+    env = UavEnv(scenario())
+    env.reset(seed=1)
+    for wrong in (np.zeros(5), np.full(6, np.nan), "east", np.zeros((2, 3))):
+        with pytest.raises(ActionError):
+            env.step(wrong)
+    env.step(np.full(6, 3.0))  # which counts as 1
+    drones = UavParallelEnv(scenario())
+    drones.reset(seed=1)
+    with pytest.raises(ActionError, match="drone_1"):
+        drones.step({"drone_0": np.zeros(3), "drone_1": np.zeros(2)})
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("dimensions", [2, 3])
+def test_all_environments_give_the_same_numbers(dimensions):
+    rng = np.random.default_rng(dimensions)
+    described = scenario(dimensions)
+    numbers = dimensions + 1
+    slow, fast = UavEnv(described), UavEnv(described, engine="batch")
+    drones = UavParallelEnv(described, engine="batch")
+    many = UavVectorEnv(described, 2, world_seed=1)
+    crowd = UavParallelVectorEnv(described, 2, world_seed=1)
+    assert many.action_space.shape == (2, 2 * numbers)
+    assert crowd.action_space.shape == (2, 2, numbers)
+    first, _ = slow.reset(seed=1)
+    np.testing.assert_array_equal(first, fast.reset(seed=1)[0])
+    drones.reset(seed=1)
+    many.reset(seed=[1, 5])
+    crowd.reset(seed=[1, 5])
+    for _ in range(8):
+        action = rng.uniform(-1, 1, 2 * numbers).astype(np.float32)
+        seen, reward, *_ = slow.step(action)
+        other, others, *_ = fast.step(action)
+        np.testing.assert_array_equal(seen, other)
+        assert reward == others
+        rows = np.stack([action, action])
+        batch, rewards, *_ = many.step(rows)
+        np.testing.assert_array_equal(batch[0], seen)
+        assert rewards[0] == reward
+        own, paid, *_ = crowd.step(rows.reshape(2, 2, numbers))
+        np.testing.assert_array_equal(own[0].reshape(-1), seen)
+        parts = dict(zip(drones.agents, action.reshape(2, numbers), strict=True))
+        told, gains, *_ = drones.step(parts)
+        np.testing.assert_array_equal(
+            np.concatenate([each["observation"] for each in told.values()]), seen
+        )
+        assert list(gains.values()) == paid[0].tolist()
+
+
+def test_drones_of_types_without_a_battery_have_no_wish():
+    described = scenario()
+    motion = {"space": "free"}
+    described["drones"] = [
+        {"name": "a", "count": 1, "motion": motion, "battery": {"autonomy_min": 6}},
+        {"name": "b", "count": 1, "motion": motion, "battery": None},
+    ]
+    env = UavParallelEnv(described)
+    assert (env.action_space("drone_0"), env.action_space("drone_1")) == (box(3), box(2))
+    parallel_api_test(env, num_cycles=10)
