@@ -260,7 +260,11 @@ class Encoder:
             | {
                 "cell_height_m": [
                     [round(h, 2) for h in column] for column in world["cell_height_m"]
-                ]
+                ],
+                "zones": [
+                    {"polygon_m": zone.polygon_m, "altitude_m": zone.altitude_m}
+                    for zone in scenario.map.no_fly
+                ],
             },
             "kinds": KINDS,
             "leads_to": {kind: int(mode) for kind, mode in LEADS_TO.items()},

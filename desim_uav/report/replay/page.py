@@ -23,7 +23,18 @@ FORMAT = 3
 
 MODULES = (
     *("decode", "palette", "episode", "states", "state", "history", "camera", "crowd", "links"),
-    *("view2d", "view3d", "users", "drones", "stations", "points", "scale", "scene", "rows"),
+    *(
+        "view2d",
+        "view3d",
+        "zones",
+        "users",
+        "drones",
+        "stations",
+        "points",
+        "scale",
+        "scene",
+        "rows",
+    ),
     *(
         "legend",
         "fork",

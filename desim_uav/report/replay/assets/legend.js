@@ -8,6 +8,7 @@ import { ATTACHED, IDLE, SERVED, WAITING } from "./states.js";
 import { drawPad, drawStation } from "./stations.js";
 import { drawUser, RADII } from "./users.js";
 import { roof } from "./view2d.js";
+import { zoneWords } from "./zones.js";
 
 const [WIDTH, HEIGHT] = [26, 20];
 const [X, Y] = [WIDTH / 2, HEIGHT / 2];
@@ -112,6 +113,14 @@ export class Legend {
           ctx.fillStyle = roof(theme, low / high + share * (1 - low / high));
           ctx.fillRect(1 + 6 * k, 4, 6, 12);
         });
+      });
+    }
+    if (run.map.zones.length) {
+      const [zone, other] = run.map.zones;
+      this.#row(list, other ? "no flight" : zoneWords(zone.altitude_m), (ctx, theme) => {
+        ctx.strokeStyle = theme.danger;
+        ctx.setLineDash([4, 3]);
+        ctx.strokeRect(3, 4, 20, 12);
       });
     }
     if (run.map.clusters.length) {
