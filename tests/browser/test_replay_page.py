@@ -29,8 +29,9 @@ from desim_uav.world import build_world
 pytestmark = pytest.mark.thorough
 
 EPISODES = 3
-RADIO, ASKED = (
-    str(Path(__file__).parents[1] / "report" / f"{name}.yaml") for name in ("radio", "asked")
+RADIO, ASKED, FREELY = (
+    str(Path(__file__).parents[1] / "report" / f"{name}.yaml")
+    for name in ("radio", "asked", "freely")
 )
 RUNS = {
     "case8": ("case8", "baseline", ()),
@@ -60,6 +61,7 @@ RUNS = {
     ),
     "radio": (RADIO, "random", ()),
     "asked": (ASKED, "random", ()),
+    "freely": (FREELY, "random", ()),
     "fleet": (
         "case8",
         "random",
@@ -273,6 +275,15 @@ class TestEnergyAndDecisions:
         watts = float(rows["power"].removesuffix(" W"))
         assert watts < 168.4  # level flight takes less than a hover
         assert whole == pytest.approx(watts * leg["duration_s"], rel=0.05)  # ramps take more
+
+    def test_zones_are_in_the_legend(self, page, runs):
+        page.open(page_of(runs / "freely"))
+        assert "no flight" in page.text("legend-parts")
+        page.picture("zones")
+        page.click("tilt")
+        page.picture("zones-3d")
+        page.open(page_of(runs / "case8"))
+        assert "no flight" not in page.text("legend-parts")
 
     def test_when_a_drone_was_asked(self, page, runs):
         page.open(page_of(runs / "asked"))
