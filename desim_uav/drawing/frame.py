@@ -126,6 +126,8 @@ class Painter:
                 height_m = float(grid.height_m[ix, iy])
                 fill = self._shade(height_m) if height_m > 0.0 else None
                 draw.rectangle((left, top, right, bottom), fill=fill, outline="#E6E6E2")
+        for zone in self.world.scenario.map.no_fly:
+            draw.polygon([self._pixel(*corner) for corner in zone.polygon_m], outline=RED, width=2)
         for cell in self.world.stations:
             stick(picture, station(), *self._pixel(*grid.centre(*cell)))
         for point in self.world.scenario.access_points:
@@ -170,6 +172,10 @@ class Painter:
             draw.rectangle((LEFT, y - 6, LEFT + 12, y + 6), fill=self._shade((low_m + high_m) / 2))
             text = f"buildings, {low_m:.0f}-{high_m:.0f} m"
             draw.text((LEFT + 20, y), text, INK, font(12), anchor="lm")
+            y -= 20
+        if self.world.scenario.map.no_fly:
+            draw.rectangle((LEFT, y - 6, LEFT + 12, y + 6), outline=RED, width=2)
+            draw.text((LEFT + 20, y), "no flight", INK, font(12), anchor="lm")
 
     # ---- what does
 

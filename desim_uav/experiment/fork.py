@@ -74,6 +74,8 @@ class Branches:
     past: list[Played] = field(default_factory=list)
     """The episodes before the fork, which both branches have in common."""
     saved: SavedState | None = None
+    at_us: int = 0
+    """The time of the fork."""
 
     def original(self) -> Generator[Played]:
         """Yield the episodes of the first policy, and save the state at the fork."""
@@ -121,7 +123,7 @@ class Branches:
                         f"--fork {self.at}: episode {episode} is over after {snapshot.step} "
                         f"step(s); the last one that can be forked is {snapshot.step - 1}"
                     )
-                self.saved = engine.save()
+                self.saved, self.at_us = engine.save(), snapshot.t_us
             run.fly(engine, policy, name, snapshot)
         return engine.log, engine.drawn
 
@@ -153,7 +155,7 @@ def record_branches(
     fork = {
         "episode": at.episode,
         "step": at.step,
-        "t_us": at.step * prepared.world.step_us,
+        "t_us": branches.at_us,
         "policy": prepared.name,
         "to": branches.other_name,
     }
@@ -182,11 +184,11 @@ def _recorded(
 
 def _check(branches: Branches) -> None:
     """Raise UsageError for a step that no episode has."""
-    steps, at = branches.prepared.scenario.episode.steps, branches.at
-    if at.step >= steps:
-        raise UsageError(
-            f"--fork {at}: an episode has the steps 0 to {steps - 1}; step {at.step} is none"
-        )
+    world, at = branches.prepared.world, branches.at
+    most = world.most_epochs
+    if at.step >= most:
+        have = f"at most {most} steps" if world.by_event else f"the steps 0 to {most - 1}"
+        raise UsageError(f"--fork {at}: an episode has {have}; step {at.step} is none")
 
 
 class Since:

@@ -2,20 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from bisect import bisect_right
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from itertools import pairwise
 
 import pandas as pd
 
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import PolicyError
+from desim_uav.model.battery import Energy
 from desim_uav.model.charging import Charging
+from desim_uav.model.motion import ACCELERATION, START, Transit
+from desim_uav.model.rules import US
 from desim_uav.report.run import Run
+from desim_uav.report.tracks import Track
 
 Knot = tuple[int, int]
 """A time in microseconds and the charge at that time; the charge is linear in between."""
 
 PARTS = 16
 """The number of pieces of which a charge is drawn that is not linear."""
+
+RAMP_PARTS = 8
+"""The number of pieces of which the energy of a drone that speeds up or slows down is drawn."""
+
+NEAR_US = 1000
+"""Half the time over which a power is measured."""
 
 
 def batteries_before_us(run: Run, episode: int) -> list[int]:
@@ -38,6 +50,23 @@ def _ended(types: Sequence[DroneType], crashed: Iterable[bool]) -> bool:
     """Return whether a drone had crashed whose type's crashes end episodes."""
     fallen = zip(types, crashed, strict=True)
     return any(has and own.on_crash == "end_episode" for own, has in fallen)
+
+
+def battery_curve(
+    own: DroneType,
+    track: Track,
+    begins_with: int,
+    records: Sequence[Knot],
+    events: Sequence[tuple[int, str]],
+    end_us: int,
+) -> list[Knot]:
+    """Return the charge of a battery of this type: ``battery_knots``, and others in its flights."""
+    energy, charging = own.drones.battery, own.scenario.charging
+    assert energy is not None
+    assert charging is not None
+    knots = battery_knots(begins_with, records, events, own.capacity_us, charging)
+    flown = knots_in_flight(energy, track, knots, end_us)
+    return sorted([*flown, *knots], key=lambda knot: knot[0])
 
 
 def battery_knots(
@@ -68,6 +97,57 @@ def battery_knots(
                 knots += _while_charging(held, t_us, until_us, capacity, charging)
     # The sort is stable: jumps keep their order, and a replacement at a record comes after it.
     return sorted(knots, key=lambda knot: knot[0])
+
+
+def knots_in_flight(
+    energy: Energy, track: Track, knots: Sequence[Knot], end_us: int
+) -> Iterator[Knot]:
+    """Yield the charge in flights that take more or less than a hover, where it is not linear.
+
+    ``knots`` are those of ``battery_knots``: a flight begins with the charge of one of them, or at
+    the end of the hop before it. If it began before the episode, the energy until then is added.
+    """
+    times = [t_us for t_us, _ in knots]
+    landed_us, held = -1, 0
+    for number, flight in track.flights():
+        starts_us = int(track.starts_us[number])
+        if starts_us < 0:
+            held = knots[0][1] + energy.drained_us(flight, -starts_us)
+        elif starts_us != landed_us:
+            held = knots[bisect_right(times, starts_us) - 1][1]
+        until_us = min(end_us, track.until_us(number))
+        for elapsed_us in () if _is_even(energy, flight) else samples_us(flight):
+            if elapsed_us > 0 and 0 < starts_us + elapsed_us <= until_us:
+                yield starts_us + elapsed_us, held - energy.drained_us(flight, elapsed_us)
+        landed_us = starts_us + flight.duration_us
+        held -= energy.drained_us(flight, flight.duration_us)
+
+
+def _is_even(energy: Energy, flight: Transit) -> bool:
+    """Return whether a flight takes a microsecond of autonomy in each microsecond."""
+    times = (flight.duration_us // 2, flight.duration_us)
+    return all(energy.drained_us(flight, t_us) == t_us for t_us in times)
+
+
+def samples_us(flight: Transit) -> list[int]:
+    """Return the times of a flight between which its power is near constant, from 0 to its end."""
+    pieces = flight.profile.tolist()
+    found = [0]
+    for piece, after in pairwise(pieces):
+        parts = RAMP_PARTS if piece[ACCELERATION] else 1
+        span_s = after[START] - piece[START]
+        found += [round((piece[START] + span_s * k / parts) * US) for k in range(1, parts + 1)]
+    return sorted({min(t_us, flight.duration_us) for t_us in found} | {flight.duration_us})
+
+
+def powers_w(energy: Energy, flight: Transit) -> list[tuple[float, float]]:
+    """Return times of a flight in seconds and the power then in watts, near linear in between."""
+    found = []
+    for t_us in samples_us(flight):
+        low, high = max(0, t_us - NEAR_US), min(flight.duration_us, t_us + NEAR_US)
+        used = energy.drained_us(flight, high) - energy.drained_us(flight, low)
+        found.append((t_us / US, round(used / (high - low), 3)))
+    return found
 
 
 def _while_charging(

@@ -10,6 +10,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from desim_uav.model.battery import WH_UJ
+from desim_uav.model.rules import US
 from desim_uav.world import World
 
 
@@ -105,6 +106,7 @@ def _type_content(world: World, number: int) -> dict[str, Any]:
         "name": world.scenario.type_names[number],
         "capacity_us": own.hover_us(own.capacity_us) if own.limited else None,
         "capacity_wh": own.capacity_us / WH_UJ if own.in_joules else None,
+        "hover_w": own.per_second / US if own.in_joules else None,
         "bandwidth_bps": None if unlimited else round(links.bandwidth_hz),
         "footprint_m": links.reach_m,
         "rings": rings,

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 from desim_uav.engine.base import Measures, UserState
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import US, Mode, Phase
-from desim_uav.report.batteries import batteries_before_us, battery_knots
+from desim_uav.report.batteries import batteries_before_us, battery_curve
 from desim_uav.report.links import full_service_s
 from desim_uav.report.run import Run
 from desim_uav.report.tracks import Track
@@ -170,17 +170,17 @@ class Playback:
             if not drone_type.limited:
                 found.append((np.empty(0), np.empty(0)))
                 continue
-            assert world.charging is not None
             events = self._events[(self._events["drone"] == drone) & self._events["user"].isna()]
-            knots = battery_knots(
+            knots = battery_curve(
+                drone_type,
+                self._tracks[drone],
                 begins_us,
                 [
                     (round(t_s * US), round(left_s * drone_type.per_second))
                     for t_s, left_s in zip(own["t_s"], own["battery_s"], strict=True)
                 ],
                 [*zip(events["t_us"].tolist(), events["kind"], strict=True)],
-                drone_type.capacity_us,
-                world.charging,
+                self.duration_us,
             )
             t_us, left = np.array(knots, np.float64).T
             found.append((t_us / US, left / drone_type.per_second))

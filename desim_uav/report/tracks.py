@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from desim_uav.model.free.space import ANY_SPEED, flight_of
 from desim_uav.model.motion import REST, Leg, Transit, flown_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
-from desim_uav.model.wind import motion_in, way_between
+from desim_uav.model.wind import flown_along, motion_in, way_between
 from desim_uav.report.run import Run
 
 Ints = NDArray[np.int64]
@@ -45,7 +46,20 @@ class Track:
             wind, way = run.scenario.wind_mps, way_between(start, end)
             motion = motion_in(self._own.drones.motion, wind, way)
             transit = flown_transit(motion, commanded, length_m, step_s, duration_us)
+            transit = flown_along(transit, wind, way)
         return Leg(transit, start[:2], end[:2], start[2], end[2])
+
+    def flights(self) -> Iterator[tuple[int, Transit]]:
+        """Yield the number and the transit of each leg that leads somewhere."""
+        for number, leg in enumerate(self._legs):
+            if leg.transit.duration_us > 0:
+                yield number, leg.transit
+
+    def until_us(self, number: int) -> int:
+        """Return the end of a leg, or the time at which another one cuts it off."""
+        later = self.starts_us[number + 1 :]
+        end_us = int(self.ends_us[number])
+        return min(end_us, int(later[0])) if len(later) else end_us
 
     def position_m(self, t_us: int) -> tuple[float, float, float]:
         """Return x, y and z on the latest leg, or at its end if it is over."""
@@ -53,6 +67,11 @@ class Track:
         if t_us >= self.ends_us[last]:
             return self.places[last][1]
         return self._legs[last].position_m((t_us - int(self.starts_us[last])) / US)
+
+
+def rising(transit: Transit, start: Place, end: Place, length_m: float) -> Transit:
+    """Return a transit with the height that it gains per metre."""
+    return transit._replace(rises=(end[2] - start[2]) / length_m)
 
 
 def _places(leg: dict[str, Any]) -> tuple[Place, Place]:

@@ -2,6 +2,7 @@
 
 import json
 import random
+import re
 import shutil
 from pathlib import Path
 
@@ -28,7 +29,10 @@ from desim_uav.world import build_world
 pytestmark = pytest.mark.thorough
 
 EPISODES = 3
-RADIO = str(Path(__file__).parents[1] / "report" / "radio.yaml")
+RADIO, ASKED, FREELY = (
+    str(Path(__file__).parents[1] / "report" / f"{name}.yaml")
+    for name in ("radio", "asked", "freely")
+)
 RUNS = {
     "case8": ("case8", "baseline", ()),
     "crashing": (
@@ -56,6 +60,8 @@ RUNS = {
         ("drones.admission={kind: 'tests.engine.helpers:Loss'}", "drones.bandwidth_kbps=400"),
     ),
     "radio": (RADIO, "random", ()),
+    "asked": (ASKED, "random", ()),
+    "freely": (FREELY, "random", ()),
     "fleet": (
         "case8",
         "random",
@@ -232,6 +238,78 @@ class TestAgainstTheEngine:
                     assert dock["queue"][-1] == landing.drone and dock["charging"]
                     waited += 1
         assert waited > 0
+
+
+class TestEnergyAndDecisions:
+    """A fleet whose drones are asked by event, and some of whose batteries have energy."""
+
+    def rows(self, page, drone):
+        page.run("replay.select({ what: 'drone', index: arguments[0] })", drone)
+        texts = page.run(
+            "return [...document.getElementById('chosen-rows').children].map((e) => e.textContent)"
+        )
+        page.run("replay.select(null)")
+        return dict(zip(texts[::2], texts[1::2], strict=True))
+
+    def test_a_drone_tells_its_type_battery_and_power(self, page, runs):
+        page.open(page_of(runs / "asked"))
+        page.seek(0, 0.0)
+        scout, relay, tethered = (self.rows(page, drone) for drone in (0, 2, 3))
+        assert [rows["type"] for rows in (scout, relay, tethered)] == ["scout", "relay", "tethered"]
+        assert (scout["battery"], scout["power"]) == ("100 %, 20.0 Wh", "168.5 W")
+        assert relay["battery"] == "100 %, 9 min"
+        assert "power" not in relay
+        assert "battery" not in tethered
+        assert "scout, flying" in page.text("drones")
+
+    def test_the_energy_of_a_leg(self, page, runs):
+        page.open(page_of(runs / "asked"))
+        legs = table(runs / "asked", "legs").query(
+            "episode == 0 and drone == 0 and duration_s > 15"
+        )
+        leg = legs.iloc[0]
+        page.seek(0, leg["t_s"] + leg["duration_s"] / 2)
+        rows = self.rows(page, 0)
+        so_far, whole = map(int, re.findall(r"\d+", rows["energy of this leg"]))
+        assert so_far == pytest.approx(whole / 2, abs=1)
+        watts = float(rows["power"].removesuffix(" W"))
+        assert watts < 168.4  # level flight takes less than a hover
+        assert whole == pytest.approx(watts * leg["duration_s"], rel=0.05)  # ramps take more
+
+    def test_zones_are_in_the_legend(self, page, runs):
+        page.open(page_of(runs / "freely"))
+        assert "no flight" in page.text("legend-parts")
+        page.picture("zones")
+        page.click("tilt")
+        page.picture("zones-3d")
+        page.open(page_of(runs / "case8"))
+        assert "no flight" not in page.text("legend-parts")
+
+    def test_when_a_drone_was_asked(self, page, runs):
+        page.open(page_of(runs / "asked"))
+        events = table(runs / "asked", "events").query("episode == 0 and kind == 'decide'")
+        own = events[events["drone"] == 1]["t_us"].tolist()
+        page.seek(0, own[6] / US + 0.5)
+        rows = self.rows(page, 1)
+        assert rows["asked"].endswith(f", 7 of {len(own)} times")
+        assert [rows["asked"].split(",")[0], rows["asked next"]] == [
+            f"{t // 3600 // US}:{t // 60 // US % 60:02}:{t // US % 60:02}.{t // 100_000 % 10}"
+            for t in own[6:8]
+        ]
+        steps = table(runs / "asked", "steps").query("episode == 0")["t_s"].unique()
+        now = (steps <= own[6] / US + 0.5).sum() + 1
+        assert page.text("step") == f"decision epoch {now} of {len(steps)}, episode 0"
+        page.click("charts-toggle")
+        page.picture("asked")
+
+    def test_what_a_drone_does_is_what_it_was_told(self, page, runs):
+        page.open(page_of(runs / "asked"))
+        steps = table(runs / "asked", "steps").query("episode == 0 and drone == 0")
+        told = steps[steps["action"].notna() & (steps["action_taken"] == "right")]
+        begins_s = dict(zip(steps["step"], [0.0, *steps["t_s"]], strict=False))
+        for step in told["step"].head(3):
+            page.seek(0, begins_s[step] + 0.001)
+            assert self.rows(page, 0)["action"].startswith(("right, ", "hovers: right is blocked"))
 
 
 def places(things):

@@ -84,6 +84,29 @@ class TestBranches:
         for name in (*TABLES, "episodes"):
             assert getattr(same.other, name).equals(getattr(same.original, name))
 
+    @pytest.mark.parametrize("engine", ["des", pytest.param("batch", marks=pytest.mark.thorough)])
+    def test_a_fork_between_two_steps(self, engine: str):
+        """Drones that are asked by event: the step of the fork begins at a time of its own."""
+        asked = {
+            **SMALL,
+            "decisions": {"kind": "event", "patience_s": 25},
+            "drones.motion.timing": "minimum_time",
+            "episode.carry_over": False,
+        }
+        found = du.counterfactual(
+            "case8", asked, policy="random", to="hover", fork=(0, 9), engine=engine, progress=False
+        )
+        begins_us = found.summary()["t_us"]
+        ends_us = [round(t_s * 1e6) for t_s in found.original.steps["t_s"].unique()]
+        assert begins_us == ends_us[8] and begins_us % 60_000_000
+        own, other = (
+            each.events[each.events["t_us"] < begins_us] for each in (found.original, found.other)
+        )
+        assert len(own) and own.reset_index(drop=True).equals(other.reset_index(drop=True))
+        assert not found.original.steps.equals(found.other.steps)
+        since = found.other.steps[found.other.steps["step"] >= 9]
+        assert set(since["action"].dropna()) == {"hover"}
+
     def test_measures_are_those_since_the_episode_of_the_fork(self, done):
         for branch, told in ((done.original, "original"), (done.other, "other")):
             episodes = branch.episodes[branch.episodes["episode"] >= 1]

@@ -235,7 +235,7 @@ class FixedStep:
         x, y = np.clip(cell.astype(int), 0, np.array(self.map.shape) - 1).tolist()
         return x, y, drone.node[2]
 
-    def _allowed(self, drone: Drone, epoch: int) -> set[str]:
+    def _allowed(self, drone: Drone, epoch: int, battery_us: float) -> set[str]:
         if drone.mode == "returning":
             return {"goto_charging_station"}
         if drone.mode in ("queued", "charging"):
@@ -249,44 +249,54 @@ class FixedStep:
         # As fractions: 0.3 of 500 s is 150 s, not 149.99999999999997.
         low = Fraction(str(self.inputs.return_below)) * capacity
         home_us, _ = self.map.nearest(self._believed(drone, epoch), drone.levels)
-        if drone.battery_us <= low and home_us < NEVER:
+        if battery_us <= low and home_us < NEVER:
             allowed.add("goto_charging_station")
-        if self._station(drone.node) is not None and drone.battery_us < self._full():
+        if self._station(drone.node) is not None and battery_us < self._full():
             allowed.add("charge")
         return allowed
 
     def _respawn(self, t_us: int) -> None:
-        after = self.inputs.respawn_after_us
         for drone in self.drones:
-            if drone.mode == "crashed" and after is not None and drone.crashed_us + after <= t_us:
+            if drone.mode == "crashed" and self._replaced_us(drone) <= t_us:
                 station = self.inputs.respawn[drone.index, drone.respawns]
                 drone.respawns += 1
                 drone.node = (*self.inputs.stations[station], 0)
                 drone.mode, drone.battery_us = "flying", self.inputs.capacity_us
 
+    def _replaced_us(self, drone: Drone) -> int:
+        """When a crashed drone may be replaced."""
+        after_us = self.inputs.respawn_after_us
+        return NEVER if after_us is None else drone.crashed_us + after_us
+
     def _command(self, t_us: int, epoch: int, commands: Sequence[int]) -> None:
         for drone, command in zip(self.drones, commands, strict=True):
-            allowed = self._allowed(drone, epoch)
-            action = self.actions[command] if 0 <= command < len(self.actions) else None
-            if action not in allowed:
-                action = next(iter(allowed)) if len(allowed) == 1 else "hover"
-            drone.action = action
-            if drone.mode not in ("flying", "charged"):
-                continue
-            drone.mode = "flying"
-            if action == "charge":
-                self._land(drone)
-            elif action == "goto_charging_station":
-                drone.mode = "returning"
-                if self._station(drone.node) is None:  # else it lands, whatever it believes
-                    believed = self._believed(drone, epoch)
-                    drone.path = list(self.map.way_home(believed, drone.levels))
-                self._fly_on(drone, t_us)
-            name, _, speed = action.partition("@")
-            hop = HOPS.get(name)
-            if hop is not None and self.map.free(moved(drone.node, hop), drone.levels):
-                flown = self.map.cruising[float(speed)] if speed else self.map.commanded
-                self._take_hop(drone, hop, t_us, flown[hop])
+            drone.action = self._taken(command, self._allowed(drone, epoch, drone.battery_us))
+            if drone.mode in ("flying", "charged"):
+                self._obey(drone, t_us, epoch)
+
+    def _taken(self, command: int, allowed: set[str]) -> str:
+        """The action that is taken: that of the command, if the mask allows it."""
+        action = self.actions[command] if 0 <= command < len(self.actions) else None
+        if action in allowed:
+            return action
+        return next(iter(allowed)) if len(allowed) == 1 else "hover"
+
+    def _obey(self, drone: Drone, t_us: int, epoch: int) -> None:
+        """Begin the drone's action."""
+        action, drone.mode = drone.action, "flying"
+        if action == "charge":
+            self._land(drone)
+        elif action == "goto_charging_station":
+            drone.mode = "returning"
+            if self._station(drone.node) is None:  # else it lands, whatever it believes
+                believed = self._believed(drone, epoch)
+                drone.path = list(self.map.way_home(believed, drone.levels))
+            self._fly_on(drone, t_us)
+        name, _, speed = action.partition("@")
+        hop = HOPS.get(name)
+        if hop is not None and self.map.free(moved(drone.node, hop), drone.levels):
+            flown = self.map.cruising[float(speed)] if speed else self.map.commanded
+            self._take_hop(drone, hop, t_us, flown[hop])
 
     def _record(self, epoch: int) -> None:
         records = []

@@ -173,7 +173,10 @@ def moved(node: Node, hop: Node) -> Node:
 
 @dataclass
 class Drone:
-    """``node`` is where it rests or was last; a flight goes on from there until ``until_us``."""
+    """``node`` is where it rests or was last; a flight goes on from there until ``until_us``.
+
+    ``free_us``: when it is to be asked, if decisions are by event; ``asked_us``: when it was.
+    """
 
     index: int
     levels: int
@@ -189,3 +192,6 @@ class Drone:
     crashed_us: int = 0
     crash_position_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     respawns: int = 0
+    free_us: int = 0
+    asked_us: int = 0
+    gained: float = 0.0

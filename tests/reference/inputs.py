@@ -58,6 +58,8 @@ class Inputs:
     leaves open, which of several equally short ways is flown: a way (hops) from a node for a drone
     with so many levels, checked here against Dijkstra's time; without it any shortest way is flown.
     ``cruise``: the speeds from which commands choose, ascending; none: ``fill_epoch`` says it.
+    With ``patience_us`` a drone is asked when it is free, and a reward (R1) is paid, which is
+    discounted by ``gamma`` per step.
     """
 
     cell_m: tuple[float, float]
@@ -93,6 +95,8 @@ class Inputs:
     charger: Charger | None = None
     cruise: Sequence[float] = ()
     wind_mps: tuple[float, float] = (0.0, 0.0)
+    patience_us: int | None = None
+    gamma: float = 0.9
 
 
 @dataclass
@@ -106,6 +110,23 @@ class Record:
     action_taken: str
     attached: tuple[int, ...]
     return_us: float | None
+
+
+@dataclass
+class Decision:
+    """A drone that is free, and the action that it takes.
+
+    ``battery_us``, ``attached`` and ``return_us`` are those of the moment before. ``gained``: the
+    rewards since the drone's previous decision, discounted to that decision.
+    """
+
+    t_us: int
+    action_taken: str
+    node: Node
+    battery_us: float | None
+    attached: tuple[int, ...]
+    return_us: float | None
+    gained: float
 
 
 @dataclass
@@ -134,12 +155,15 @@ class Closed:
 
 @dataclass
 class Result:
-    """What became of the episode; ``records[step][drone]``.
+    """What became of the episode; ``records[step][drone]`` or ``decisions[drone][which]``.
 
+    ``rest``: what each drone has gained between its last decision and the end.
     ``handovers``: how often a user went from one transmitter to another without a time between.
     """
 
     records: list[list[Record]] = field(default_factory=list)
+    decisions: list[list[Decision]] = field(default_factory=list)
+    rest: list[float] = field(default_factory=list)
     requests: list[Closed] = field(default_factory=list)
     attached_us: int = 0
     handovers: int = 0

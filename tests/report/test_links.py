@@ -45,6 +45,7 @@ def test_a_disc_is_one_ring() -> None:
             "name": "drones",
             "capacity_us": 1_800_000_000,
             "capacity_wh": None,
+            "hover_w": None,
             "bandwidth_bps": 5_000_000,
             "footprint_m": 600.0,
             "rings": None,

@@ -7,6 +7,7 @@ import re
 import shutil
 import sys
 import zlib
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
@@ -27,6 +28,8 @@ from desim_uav.report.run import Run
 from desim_uav.run_folder import parquet
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
+from tests.reference.energy import Rotor
+from tests.reference.flight import quickest
 
 US = 1_000_000
 SMALL = ("users.count=16", "episode.steps=12", "drones.battery.autonomy_min=6")
@@ -242,6 +245,122 @@ class TestBlocks:
         ):
             shares = encoder.flights.profiles[int(number)]
             assert shares[-1][:2] == pytest.approx([duration_s, 1.0])
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory):
+    where = tmp_path_factory.mktemp("asked") / "run"
+    scenario = load(Path(__file__).parent / "asked.yaml")
+    run_to_folder(scenario, "random", keep_events=True, out=where, episodes=1, warmup=0, command=[])
+    return where
+
+
+@pytest.fixture(scope="module")
+def block(asked):
+    folder = Run(asked)
+    encoder, tables = Encoder(folder), folder.of_episode(0)
+    return tables, unpack(encoder.episode(0, tables)), encoder
+
+
+class TestEnergyAndDecisions:
+    """Two drones with energy, one with a battery by time, one without; all asked by event."""
+
+    def test_steps_end_when_they_ended(self, block):
+        tables, columns, _ = block
+        ends_s = tables["steps"]["t_s"].drop_duplicates().tolist()
+        assert (columns["step.t_us"] / US).tolist() == ends_s
+        assert len(ends_s) > 40
+        assert len({*np.diff(ends_s).round(6)}) > 10
+        assert len(columns["step.told"]) == 4 * len(ends_s)
+
+    def test_batteries_in_flight_are_those_of_the_energy_model(self, block):
+        """Against a quadrature of the power over the speed of each flight."""
+        tables, columns, _ = block
+        ends = np.cumsum(columns["battery.count"]).astype(int)
+        hover_w = Rotor().power_w(0.0, 0.0)
+        compared = 0
+        for leg in tables["legs"].query("duration_s > 0 and drone < 2").itertuples():
+            part = slice(
+                ends[leg.drone] - int(columns["battery.count"][leg.drone]), ends[leg.drone]
+            )
+            t_s, held_s = columns["battery.t_us"][part] / US, columns["battery.us"][part] / US
+            inside = (t_s >= leg.t_s) & (t_s <= leg.t_s + leg.duration_s)
+            up = np.sign(leg.z_to_m - leg.z_from_m)
+            length_m = sum(
+                abs(getattr(leg, f"{a}_to_m") - getattr(leg, f"{a}_from_m")) for a in "xyz"
+            )
+            flight = quickest(length_m, 12.0, 4.0)
+            if inside.sum() < 5:
+                continue  # cut off by a crash
+            elapsed_s = np.linspace(0.0, t_s[inside][-1] - t_s[inside][0], 1001)
+            flown_m = np.array([flight.flown_m(t) for t in elapsed_s])
+            speeds = np.gradient(flown_m, elapsed_s)
+            watts = [Rotor().power_w(0.0 if up else v, up * v) for v in speeds]
+            used_j = np.trapezoid(watts, elapsed_s)
+            assert (held_s[inside][0] - held_s[inside][-1]) * hover_w == pytest.approx(used_j, 1e-3)
+            compared += 1
+        assert compared > 20
+
+    def test_powers_are_those_of_the_energy_model(self, block):
+        *_, encoder = block
+        hover_w, seen_w = Rotor().power_w(0.0, 0.0), set()
+        for powers, profile in zip(encoder.flights.powers, encoder.flights.profiles, strict=True):
+            if powers is None:
+                continue  # of the relay or of the tethered drone
+            duration_s = profile[-1][0]
+            assert powers[0] == (0.0, pytest.approx(hover_w, rel=2e-3))
+            assert powers[-1] == pytest.approx((duration_s, hover_w), rel=2e-3)
+            middle = min(powers, key=lambda power: abs(power[0] - duration_s / 2))
+            seen_w.add(round(middle[1]))
+        climbing = Rotor().power_w(0.0, quickest(20.0, 12.0, 4.0).speed_mps)
+        expected = (Rotor().power_w(12.0, 0.0), climbing, hover_w)
+        assert seen_w == {round(power_w) for power_w in expected}
+
+    def test_batteries_go_through_what_was_recorded(self, block):
+        tables, columns, _ = block
+        ends = np.cumsum(columns["battery.count"]).astype(int)
+        for drone, own in tables["steps"].query("drone < 3").groupby("drone"):
+            part = slice(ends[drone] - int(columns["battery.count"][drone]), ends[drone])
+            knots = [*zip(columns["battery.t_us"][part], columns["battery.us"][part], strict=True)]
+            assert [t for t, _ in knots] == sorted(t for t, _ in knots)
+            for record in zip(own["t_s"] * US, own["battery_s"] * US, strict=True):
+                assert pytest.approx(record, abs=1.0) in knots
+        assert columns["battery.count"][3] == 0
+
+    def test_a_battery_rises_on_a_pad_and_in_a_replacement_only(self, block):
+        tables, columns, _ = block
+        ends = np.cumsum(columns["battery.count"]).astype(int)
+        rises = {"charge": 0, "respawn": 0}
+        for drone, own in tables["events"].query("drone < 3 and user.isna()").groupby("drone"):
+            part = slice(ends[drone] - int(columns["battery.count"][drone]), ends[drone])
+            t_us, held_us = columns["battery.t_us"][part], columns["battery.us"][part]
+            for k in np.flatnonzero(np.diff(held_us) > 1):
+                last = own[own["t_us"] <= t_us[k]].query("kind in ('charge', 'respawn')").iloc[-1]
+                rises[last["kind"]] += 1
+                ended = own[(own["t_us"] > last["t_us"]) & (own["t_us"] < t_us[k + 1])]["kind"]
+                assert not {"charged", "crash"} & {*ended}
+        assert min(rises.values()) > 0
+
+    def test_the_page_is_told_of_types_and_of_epochs(self, asked):
+        html = write_replay(asked).file.read_text(encoding="utf-8")
+        (data,) = re.findall(r'<script type="application/json" id="runs">(.*?)</script>', html)
+        (run,) = json.loads(data)["runs"]
+        assert run["by_event"] is True
+        assert [kind["name"] for kind in run["types"]] == ["scout", "relay", "tethered"]
+        assert [kind["capacity_wh"] for kind in run["types"]] == [20.0, None, None]
+        assert [kind["hover_w"] for kind in run["types"]] == [
+            pytest.approx(168.484, abs=0.01),
+            None,
+            None,
+        ]
+        assert len(run["powers"]) == len(run["profiles"])
+
+    @pytest.mark.parametrize("value", [0.0, 1e6, float("nan")])
+    def test_ends_of_steps_that_do_not_fit_are_refused(self, asked, tmp_path, value):
+        run = shutil.copytree(asked, tmp_path / "run")
+        spoil_table(run, "steps", "t_s", value)
+        with pytest.raises(PolicyError, match=r"steps\.parquet: t_s"):
+            write_replay(run)
 
 
 class TestBatteryKnots:

@@ -21,10 +21,12 @@ from desim_uav.model.rules import Action
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
+from tests.reference import by_event
 from tests.reference.energy import Charger, Rotor
 from tests.reference.fixed_step import simulate
 from tests.reference.inputs import US, Inputs, Request, Result
 from tests.reference.scenario import access_points_of, association_of, links_of
+from tests.verification.asked import commands_of, decisions_of, totals, totals_of
 from tests.verification.figure import Exact, Figure
 
 DTS_S = (0.5, 0.25, 0.125, 0.0625)
@@ -159,6 +161,20 @@ def windy(seed: int) -> dict[str, Any]:
     return mapping
 
 
+def asked_by_event(seed: int) -> dict[str, Any]:
+    """A scenario of ``scenario_of`` or ``energetic``, in which drones are asked by event."""
+    mapping, rng = (energetic, scenario_of)[seed // 2 % 2](seed), np.random.default_rng([11, seed])
+    patience_s = float(rng.choice([20.0, 45.0, 77.0]))
+    drones = mapping["drones"]
+    drones["motion"]["timing"] = "fill_epoch" if seed % 8 == 7 else "minimum_time"
+    if drones["battery"] is not None:
+        drones["battery"]["respawn_after_min"] += patience_s / 60
+    mapping["reward"] = {"kind": "coverage"}
+    mapping["decisions"] = {"kind": "event", "patience_s": patience_s}
+    mapping["episode"] |= {"steps": 12, "carry_over": False}
+    return mapping
+
+
 def inputs_of(
     mapping: dict[str, Any], world: World, path: SamplePath, ceilings: tuple[bool, ...]
 ) -> Inputs:
@@ -215,6 +231,7 @@ def inputs_of(
         association=association_of(mapping),
         access_points=access_points_of(mapping),
         wind_mps=tuple(mapping.get("wind_mps", (0.0, 0.0))),
+        patience_us=world.patience_us if world.by_event else None,
         **energy_of(mapping),
     )
 
@@ -248,6 +265,7 @@ class Case:
     world: World
     inputs: Inputs
     commands: list[list[int]]
+    """Of each step for all drones or, by event, of each drone at its decisions."""
     log: EpisodeLog
     transfers: list[bool]
 
@@ -288,6 +306,8 @@ def flown(seed: int, mapping: dict[str, Any], episodes: int) -> list[Case]:
         while not snapshot.truncated:
             commands.append([chosen(rng, world, mask) for mask in snapshot.masks])
             snapshot = engine.step(commands[-1])
+        if world.by_event:
+            commands = commands_of(engine.log, commands)
         inputs = inputs_of(mapping, world, path, ceilings)
         cases.append(Case(world, inputs, commands, engine.log, transfers_of(mapping, world)))
     return cases
@@ -305,7 +325,8 @@ def chosen(rng: np.random.Generator, world: World, mask: tuple[bool, ...]) -> in
 @cache
 def sampled(seed: int, dt_s: float, scenarios: Scenarios | None = None) -> Result:
     case = case_of(seed, scenarios)
-    return simulate(case.inputs, case.commands, dt_s)
+    told = by_event.simulate if case.world.by_event else simulate
+    return told(case.inputs, case.commands, dt_s)
 
 
 def exact_measures(case: Case) -> dict[str, float]:
@@ -313,6 +334,7 @@ def exact_measures(case: Case) -> dict[str, float]:
     requests = case.log.requests
     share = [r.done / r.required for r in requests]
     unserved = [r.t_end_us - r.t_request_us - r.served_us for r in requests]
+    asked = totals(*decisions_of(case.log, case.inputs)) if case.world.by_event else {}
     return {
         "served_s": sum(r.served_us for r in requests) / US,
         "delivered_mbit": sum(r.done for r in requests if case.transfers[r.service]) / 1e12,
@@ -320,6 +342,7 @@ def exact_measures(case: Case) -> dict[str, float]:
         "qoe2": float(np.mean(unserved)) / case.world.step_us if share else 0.0,
         "qoe3": 100.0 * case.log.attached_us / (len(case.inputs.legs) * case.world.horizon_us),
         "battery_s": sum((step.battery_us or 0) for step in case.log.steps) / US,
+        **asked,
     }
 
 
@@ -332,6 +355,7 @@ def sampled_measures(result: Result) -> dict[str, float]:
         "qoe2": result.qoe2,
         "qoe3": result.qoe3,
         "battery_s": sum((record.battery_us or 0) for record in records) / US,
+        **(totals_of(result) if result.decisions else {}),
     }
 
 

@@ -10,12 +10,13 @@ import numpy as np
 
 from desim_uav.model.rules import US, Action, AtSpeed, Mode, Phase
 from desim_uav.records import EPISODES
-from desim_uav.report.batteries import batteries_before_us, battery_knots
+from desim_uav.report.batteries import batteries_before_us, battery_curve
 from desim_uav.report.links import full_service_s, links_content, mean_rate_bps
 from desim_uav.report.replay.checks import Checks, Whole, whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, pack, plain
 from desim_uav.report.replay.flights import Flights
 from desim_uav.report.run import Run, Tables
+from desim_uav.report.tracks import Track
 from desim_uav.rules.words import EVENT_KINDS, LEADS_TO
 
 if TYPE_CHECKING:
@@ -47,7 +48,6 @@ class Encoder:
         self.users = len(run.map["users"])
         self.services = list(self.scenario.services)
         self.step_us = round(self.scenario.episode.step_s * US)
-        self.scenario.require_clock("a replay")
         at_speeds = [each for each in run.world.actions if isinstance(each, AtSpeed)]
         self.actions = [action.name.lower() for action in (*Action, *at_speeds)]
         self.types = [run.world.type_of(drone) for drone in range(self.drones)]
@@ -65,7 +65,7 @@ class Encoder:
         columns |= self.flights.legs(tables["legs"])
         columns |= self._walks(tables["users"])
         columns |= self._steps(tables["steps"], duration_us)
-        columns |= self._batteries(number, tables["steps"], events)
+        columns |= self._batteries(number, tables, events, duration_us)
         return pack(columns)
 
     def _row(self, number: int) -> dict[str, Any]:
@@ -170,7 +170,7 @@ class Encoder:
         }
 
     def _steps(self, steps: pd.DataFrame, duration_us: int) -> dict[str, Column]:
-        """Return rewards and commands, by step and drone."""
+        """Return the ends of steps, and the rewards and commands by step and drone."""
         steps = steps.sort_values(["step", "drone"])
         count = len(steps) // self.drones
         grid = np.divmod(np.arange(count * self.drones), self.drones)
@@ -179,10 +179,19 @@ class Encoder:
             for name, values in zip(("step", "drone"), grid, strict=True)
         )
         self.check.expect(complete, "steps", "not a row for each step and drone")
+        ends_us = self.check.us(steps, "steps", "t_s", 0).reshape(count, self.drones)
+        begins_us = np.concatenate((np.zeros(1, np.int64), ends_us[:-1, 0]))
+        lasts_us = ends_us[:, 0] - begins_us
+        fit = (lasts_us > 0) if self.scenario.decisions.by_event else (lasts_us == self.step_us)
+        same = ends_us == ends_us[:, :1]
+        self.check.expect(bool(fit.all() and same.all()), "steps", "t_s: not the ends of steps")
         self.check.expect(
-            count * self.step_us == duration_us, "steps", "they do not cover the whole episode"
+            count > 0 and bool((ends_us[-1] == duration_us).all()),
+            "steps",
+            "they do not cover the whole episode",
         )
         return {
+            "step.t_us": delta(ends_us[:, 0]),
             "step.reward": floats(self.check.finite(steps, "steps", "reward")),
             "step.told": codes(
                 self.check.codes(steps, "steps", "action", self.actions, none=len(self.actions))
@@ -191,12 +200,12 @@ class Encoder:
         }
 
     def _batteries(
-        self, number: int, steps: pd.DataFrame, events: dict[str, Whole]
+        self, number: int, tables: Tables, events: dict[str, Whole], duration_us: int
     ) -> dict[str, Column]:
         if not self.scenario.limited_battery:
             return {}
-        counts, times, values, world = [], [], [], self.run.world
-        assert world.charging is not None
+        counts, times, values = [], [], []
+        steps, legs = tables["steps"], tables["legs"]
         begins_with = batteries_before_us(self.run, number)
         for drone, drone_type in enumerate(self.types):
             if not drone_type.limited:
@@ -204,18 +213,22 @@ class Encoder:
                 continue
             own = steps[steps["drone"] == drone].sort_values("step")
             self.check.us(own, "steps", "battery_s", 0)
-            records = [round(left_s * drone_type.per_second) for left_s in own["battery_s"]]
+            records = [
+                (round(t_s * US), round(left_s * drone_type.per_second))
+                for t_s, left_s in zip(own["t_s"], own["battery_s"], strict=True)
+            ]
             mine = (events["drone"] == drone) & (events["user"] < 0)
             happened = [
                 (int(t), KINDS[kind])
                 for t, kind in zip(events["t_us"][mine], events["kind"][mine], strict=True)
             ]
-            knots = battery_knots(
+            knots = battery_curve(
+                drone_type,
+                Track(legs[legs["drone"] == drone], self.run, drone),
                 begins_with[drone],
-                [(self.step_us * (k + 1), charge) for k, charge in enumerate(records)],
+                records,
                 happened,
-                drone_type.capacity_us,
-                world.charging,
+                duration_us,
             )
             counts.append(len(knots))
             times += [t for t, _ in knots]
@@ -242,6 +255,7 @@ class Encoder:
             "users": self.users,
             "services": self.services,
             "step_us": self.step_us,
+            "by_event": scenario.decisions.by_event,
             "pads": scenario.stations.pads,
             "three_d": scenario.three_d,
             "wind_mps": list(scenario.wind_mps),
@@ -249,7 +263,11 @@ class Encoder:
             | {
                 "cell_height_m": [
                     [round(h, 2) for h in column] for column in world["cell_height_m"]
-                ]
+                ],
+                "zones": [
+                    {"polygon_m": zone.polygon_m, "altitude_m": zone.altitude_m}
+                    for zone in scenario.map.no_fly
+                ],
             },
             "kinds": KINDS,
             "leads_to": {kind: int(mode) for kind, mode in LEADS_TO.items()},
@@ -257,6 +275,7 @@ class Encoder:
             "actions": self.actions,
             "record_phase": int(Phase.RECORD),
             "profiles": self.flights.profiles,
+            "powers": self.flights.powers,
             "episodes": [self._measured(number) for number in episodes],
         }
 

@@ -1,4 +1,4 @@
-"""The flights of an episode's drones: their legs and speed profiles."""
+"""The flights of an episode's drones: their legs, speed profiles and powers."""
 
 from __future__ import annotations
 
@@ -6,12 +6,14 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from desim_uav.model.battery import in_joules
 from desim_uav.model.free.legs import leg_between
 from desim_uav.model.free.limits import CALM
 from desim_uav.model.free.space import ANY_SPEED, flight_of
 from desim_uav.model.motion import Transit, flown_transit
 from desim_uav.model.rules import US, Mode
-from desim_uav.model.wind import Course, motion_in, way_between, wind_along
+from desim_uav.model.wind import Course, flown_along, motion_in, way_between
+from desim_uav.report.batteries import powers_w
 from desim_uav.report.replay.checks import Checks, Whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, plain
 
@@ -20,12 +22,16 @@ if TYPE_CHECKING:
 
 
 class Flights:
-    """Encodes the legs of a run's episodes and collects the ``profiles`` of their transits."""
+    """Encodes the legs of a run's episodes and collects the ``profiles`` of their transits.
+
+    ``powers`` has the times and the watts of each profile, or None if batteries have no energy.
+    """
 
     def __init__(self, check: Checks) -> None:
         self.check = check
         self.scenario = check.run.scenario
         self.profiles: list[list[list[float]]] = []
+        self.powers: list[list[tuple[float, float]] | None] = []
         self._profile_of: dict[tuple[Any, ...], tuple[int, int]] = {}
 
     def legs(self, legs: pd.DataFrame) -> dict[str, Column]:
@@ -108,12 +114,6 @@ class Flights:
             )
         return profile
 
-    def _add(self, key: tuple[Any, ...], transit: Transit) -> None:
-        """Add the profile of a transit, as shares of the distance from its start."""
-        self._profile_of[key] = len(self.profiles), transit.duration_us
-        length_m = transit.distance_m
-        self.profiles.append((transit.profile / [1.0, length_m, length_m, length_m]).tolist())
-
     def _profile(
         self, of_type: int, commanded: bool, length_m: float, lasted_us: int, way: Course
     ) -> tuple[int, int]:
@@ -121,17 +121,27 @@ class Flights:
 
         Of several transits, it is that of the one that lasts nearest to ``lasted_us``.
         """
-        wind = self.scenario.wind_mps
-        rises = float(way[2] != 0 and wind != CALM)
-        along = (*wind_along(wind, way), rises)
-        key = of_type, commanded, round(length_m, 6), lasted_us, along
+        wind, drones = self.scenario.wind_mps, self.scenario.fleet[of_type]
+        matters = wind != CALM or in_joules(drones.battery)
+        course = tuple(float(np.sign(part)) for part in way) if matters else ()
+        key = of_type, commanded, round(length_m, 6), lasted_us, course
         if key not in self._profile_of:
             step_s = self.scenario.episode.step_s
             self.check.expect(length_m > 0, "legs", "a transit leads nowhere")
             try:
-                motion = motion_in(self.scenario.fleet[of_type].motion, wind, way)
+                motion = motion_in(drones.motion, wind, way)
                 transit = flown_transit(motion, commanded, length_m, step_s, lasted_us)
             except ValueError as error:
                 raise self.check.error("legs", str(error)) from error
-            self._add(key, transit)
+            self._add(key, flown_along(transit, wind, way))
         return self._profile_of[key]
+
+    def _add(self, key: tuple[Any, ...], transit: Transit) -> None:
+        """Add the powers and the profile of a transit of the type ``key[0]``.
+
+        Distances are shares of the whole: x = from + share * (to - from).
+        """
+        self._profile_of[key] = len(self.profiles), transit.duration_us
+        length_m, energy = transit.distance_m, self.scenario.fleet[key[0]].battery
+        self.profiles.append((transit.profile / [1.0, length_m, length_m, length_m]).tolist())
+        self.powers.append(powers_w(energy, transit) if energy and in_joules(energy) else None)

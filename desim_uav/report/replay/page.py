@@ -18,12 +18,23 @@ from typing import Any
 from desim_uav.engine.base import UserState
 from desim_uav.palette import DRONES, USERS
 
-FORMAT = 2
+FORMAT = 3
 """The version of the format of the page's data."""
 
 MODULES = (
     *("decode", "palette", "episode", "states", "state", "history", "camera", "crowd", "links"),
-    *("view2d", "view3d", "users", "drones", "stations", "points", "scale", "scene", "rows"),
+    *(
+        "view2d",
+        "view3d",
+        "zones",
+        "users",
+        "drones",
+        "stations",
+        "points",
+        "scale",
+        "scene",
+        "rows",
+    ),
     *(
         "legend",
         "fork",

@@ -96,7 +96,9 @@ function ofDrone(state, d) {
     const left = own.capacity_wh === null ? span(batteryUs) : `${(share * own.capacity_wh).toFixed(1)} Wh`;
     rows.push(["battery", `${percent(100 * share, 0)}, ${left}`]);
   }
+  rows.push(...energyRows(state, d));
   rows.push(["action", action(state, d)]);
+  if (run.by_event) rows.push(...asked(state, d));
   rows.push([run.graded ? "mean data rate" : "bandwidth in use", shareOf(state.usedBps[d], own.bandwidth_bps)]);
   rows.push(["attached users", usersOf(state, d)]);
   const served = [];
@@ -108,6 +110,33 @@ function ofDrone(state, d) {
     rows.push(["serves users", served.length > 12 ? `${list} …` : list]);
   }
   return { title: `Drone ${d}`, tag: modeOf(state, d), rows };
+}
+
+/** The power that a drone takes now, and the energy of the leg that it flies. */
+function energyRows(state, d) {
+  const { episode } = state;
+  if (typeOf(state.run, d).hover_w === null) return [];
+  if (state.mode[d] !== FLYING && state.mode[d] !== RETURNING) return [["power", "0 W"]];
+  const rows = [["power", `${episode.powerW(d, state.tUs).toFixed(1)} W`]];
+  const k = episode.legAt(d, state.tUs);
+  const [beginsUs, endsUs] = [episode.leg.tUs[k], episode.leg.tUs[k] + episode.leg.durationUs[k]];
+  if (beginsUs < 0 || endsUs <= state.tUs || endsUs > episode.durationUs) return rows;
+  const held = [beginsUs, state.tUs, endsUs].map((tUs) => episode.batteryUs(d, tUs));
+  const [soFar, whole] = [held[0] - held[1], held[0] - held[2]].map((us) => joules(state.run, d, us));
+  return [...rows, ["energy of this leg", `${soFar.toFixed(0)} of ${whole.toFixed(0)} J`]];
+}
+
+/** The energy of so many microseconds of hovering. */
+const joules = (run, d, us) => (us / 1e6) * typeOf(run, d).hover_w;
+
+/** When a drone was asked last, how often so far, and when it is asked next. */
+function asked(state, d) {
+  const { episode } = state;
+  const all = episode.decisionsOf(d);
+  const count = all.filter((i) => i < state.sums.next).length;
+  const at = (k) => clock(episode.event.tUs[all[k]], 1);
+  const rows = [["asked", count ? `${at(count - 1)}, ${count} of ${all.length} times` : "not yet"]];
+  return count < all.length ? [...rows, ["asked next", at(count)]] : rows;
 }
 
 /** The states of the users attached to a drone: 3 served, 1 waiting, 5 not asking. */
@@ -147,7 +176,6 @@ export function modeOf(state, d) {
 function action(state, d) {
   const { run, episode } = state;
   const mode = state.mode[d];
-  const k = state.stepNow() * run.drones + d;
   const since = span(state.tUs - state.sinceUs[d]);
   if (mode === CRASHED) return `lies crashed for ${since}`;
   if (mode === QUEUED) return `waits for a pad for ${since}`;
@@ -158,11 +186,12 @@ function action(state, d) {
   if (mode === RETURNING) {
     return leftUs > 0 ? `returns; ${span(leftUs)} left of this hop` : "returns to a station";
   }
+  const k = Math.min(episode.step.count - 1, episode.stepsEnded(state.sinceUs[d])) * run.drones + d;
   const [told, taken] = [run.actions[episode.step.told[k]], run.actions[episode.step.taken[k]]];
   const unlike = told && told !== taken ? ` (command: ${words(told)})` : "";
   if (mode === FLYING && leftUs > 0) return `${words(taken)}${unlike}, ${span(leftUs)} left`;
   const moved = episode.leg.durationUs[leg] > 0
-    && episode.leg.tUs[leg] >= state.stepNow() * run.step_us;
+    && episode.leg.tUs[leg] >= state.sinceUs[d];
   if (taken !== "hover" && !moved) return `hovers: ${words(taken)} is blocked`;
   return moved ? `hovers after ${words(taken)}${unlike}` : `hovers${unlike}`;
 }
@@ -225,7 +254,7 @@ export function tell(state, i) {
   const link = linkWords(run, e.drone, event.linkClass[i]);
   e.link = link ? `, ${link}` : "";
   if (kind === "decide") {
-    const step = Math.floor(event.tUs[i] / run.step_us);
+    const step = episode.stepsEnded(event.tUs[i]);
     e.action = words(run.actions[episode.step.taken[step * run.drones + e.drone]] ?? "");
   }
   return {

@@ -37,7 +37,8 @@ export class Episode {
       z: Float32Array.from(columns["walk.z"]),
     };
     this.step = {
-      count: columns["step.reward"].length / run.drones,
+      count: columns["step.t_us"].length,
+      tUs: columns["step.t_us"], // their ends
       reward: columns["step.reward"],
       told: columns["step.told"],
       taken: columns["step.taken"],
@@ -61,6 +62,14 @@ export class Episode {
       sums[k + 1] = sums[k] + sum / drones;
     }
     return sums;
+  }
+
+  // ---- steps
+
+  /** The number of steps that have ended at a time: that of the present one, counted from 0. */
+  stepsEnded(tUs) {
+    const { tUs: ends, count } = this.step;
+    return count > 0 && ends[0] <= tUs ? lastUpTo(ends, 0, count, tUs) + 1 : 0;
   }
 
   // ---- drones
@@ -100,6 +109,16 @@ export class Episode {
     return battery.us[k] + share * (battery.us[k + 1] - battery.us[k]);
   }
 
+  /** The power that drone d takes in the air, in watts; null if its battery has no energy. */
+  powerW(d, tUs) {
+    const hoverW = this.run.types[this.run.type_of[d]].hover_w;
+    if (hoverW === null) return null;
+    const k = this.legAt(d, tUs);
+    const elapsedUs = tUs - this.leg.tUs[k];
+    if (elapsedUs >= this.leg.durationUs[k]) return hoverW;
+    return interpolated(this.run.powers[this.leg.profile[k]], elapsedUs / US);
+  }
+
   // ---- users
 
   /** Write the positions of all users into two arrays, x and y in metres. */
@@ -135,6 +154,14 @@ export class Episode {
       this.run.drones,
     );
     return this.byDrone(d);
+  }
+
+  /** The numbers of the events at which a drone was asked, in order. */
+  decisionsOf(d) {
+    const decide = this.run.kinds.indexOf("decide");
+    this.asked ??= Array.from({ length: this.run.drones }, (_, drone) => (
+      this.eventsOfDrone(drone).filter((i) => this.event.kind[i] === decide)));
+    return this.asked[d];
   }
 
   /** The numbers of a user's requests, in order. */
@@ -182,6 +209,14 @@ function travelled(profile, elapsedS) {
   const [start, share, speed, acceleration] = profile[phase];
   const t = elapsedS - start;
   return share + speed * t + 0.5 * acceleration * t * t;
+}
+
+/** The value at t of a curve of points [t, value] that is straight between them. */
+function interpolated(points, t) {
+  let k = 0;
+  while (k + 2 < points.length && points[k + 1][0] <= t) k += 1;
+  const [[from, before], [to, after]] = [points[k], points[k + 1]];
+  return before + ((t - from) / (to - from)) * (after - before);
 }
 
 function grouped(keys, count) {

@@ -8,6 +8,7 @@ import { ATTACHED, IDLE, SERVED, WAITING } from "./states.js";
 import { drawPad, drawStation } from "./stations.js";
 import { drawUser, RADII } from "./users.js";
 import { roof } from "./view2d.js";
+import { zoneWords } from "./zones.js";
 
 const [WIDTH, HEIGHT] = [26, 20];
 const [X, Y] = [WIDTH / 2, HEIGHT / 2];
@@ -119,6 +120,14 @@ export class Legend {
       const mps = Math.hypot(east, north);
       this.#row(list, `wind, ${Number(mps.toFixed(2))} m/s`, (ctx, theme) => {
         strokeArrow(ctx, theme.ink, (8 * east) / mps, (-8 * north) / mps);
+      });
+    }
+    if (run.map.zones.length) {
+      const [zone, other] = run.map.zones;
+      this.#row(list, other ? "no flight" : zoneWords(zone.altitude_m), (ctx, theme) => {
+        ctx.strokeStyle = theme.danger;
+        ctx.setLineDash([4, 3]);
+        ctx.strokeRect(3, 4, 20, 12);
       });
     }
     if (run.map.clusters.length) {

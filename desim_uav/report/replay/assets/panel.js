@@ -138,7 +138,7 @@ export class Panel {
     setText(byId("clock"), parts[0]);
     setText(byId("fraction"), player.playing || parts[1] === "000" ? "" : `.${parts[1]}`);
     setText(byId("of"), `of ${shortClock(player.durationUs)}`);
-    setText(byId("step"), `step ${state.stepNow() + 1} of ${state.episode.step.count}, episode ${state.episode.about.episode}`);
+    setText(byId("step"), `${this.#stepsNow()}, episode ${state.episode.about.episode}`);
     const now = states.map((each) => each.measures());
     for (const { form, values } of this.measures) {
       values.forEach((value, k) => setText(value, form(now[k])));
@@ -157,13 +157,21 @@ export class Panel {
     this.#updateNow();
   }
 
+  /** The present step; drones that are asked by event have other steps in each run. */
+  #stepsNow() {
+    const now = (state) => `${state.stepNow() + 1} of ${state.episode.step.count}`;
+    const { states, state } = this.player;
+    return this.run.by_event ? `decision epoch ${states.map(now).join(" and ")}` : `step ${now(state)}`;
+  }
+
   #updateDrones(state, rows) {
     const { player } = this;
     const { run } = state;
     rows.forEach((row, d) => {
       const flies = state.mode[d] === FLYING || state.mode[d] === RETURNING;
       const place = run.three_d && flies ? `, ${state.episode.dronePlace(d, state.tUs, [0, 0, 0])[2].toFixed(0)} m` : "";
-      setText(row.mode, modeOf(state, d) + place);
+      const type = run.types.length > 1 ? `${typeOf(run, d).name}, ` : "";
+      setText(row.mode, type + modeOf(state, d) + place);
       setText(row.users, state.mode[d] === CRASHED ? "" : usersOf(state, d));
       const pressed = player.selection?.what === "drone" && player.selection.index === d;
       row.button.setAttribute("aria-pressed", String(pressed));

@@ -10,6 +10,7 @@ import { drawStations } from "./stations.js";
 import { drawLinks, drawUsers, drawWalk, MANY_USERS } from "./users.js";
 import { drawFlatGround } from "./view2d.js";
 import { circle, drawBuildings, drawTiltedGround } from "./view3d.js";
+import { drawZones } from "./zones.js";
 
 const at = [0, 0, 0];
 const place = [0, 0, 0];
@@ -150,6 +151,7 @@ export class Scene {
       ctx.fillStyle = theme.paper;
       ctx.fillRect(0, 0, camera.width, camera.height);
       (camera.tilted ? drawTiltedGround : drawFlatGround)(ctx, run, camera, theme);
+      drawZones(ctx, run, camera, theme);
       this.backdropOf = key;
     }
     if (this.backdrop.width && this.backdrop.height) this.ctx.drawImage(this.backdrop, 0, 0);

@@ -244,7 +244,7 @@ export class State {
   }
 
   _decide(d, u, r, s, tUs) {
-    const action = this.episode.step.taken[Math.floor(tUs / this.run.step_us) * this.run.drones + d];
+    const action = this.episode.step.taken[this.episode.stepsEnded(tUs) * this.run.drones + d];
     if (action === this.charge) return; // it lands: the next row says so
     this.mode[d] = action === this.goto ? RETURNING : FLYING;
     this.station[d] = -1;
@@ -269,7 +269,7 @@ export class State {
   /** The measures so far; null if there was no request. */
   measures() {
     const { sums, run, episode } = this;
-    const steps = Math.min(episode.step.count, Math.floor(sums.atUs / run.step_us));
+    const steps = episode.stepsEnded(sums.atUs);
     return {
       qoe1: sums.asked ? (100 * sums.qoe1) / sums.asked : null,
       qoe2: sums.asked ? sums.unservedUs / run.step_us / sums.asked : null,
@@ -311,7 +311,7 @@ export class State {
 
   /** The present step: its number, counted from 0. */
   stepNow() {
-    return Math.min(this.episode.step.count - 1, Math.floor(this.tUs / this.run.step_us));
+    return Math.min(this.episode.step.count - 1, this.episode.stepsEnded(this.tUs));
   }
 }
 

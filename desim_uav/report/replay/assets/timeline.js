@@ -9,6 +9,7 @@ const AXIS = 18;
 const GAP = 7;
 const RIGHT = 12;
 const SLOW_PATHS = 20;
+const SHORT_US = 10_000;
 const FLAT = 90; // below this height there is no room for charts
 const LETTERS = ["A", "B"];
 const DASHES = [[], [5, 3]]; // of two runs
@@ -382,6 +383,7 @@ function lanesOf(run, state) {
     },
   ];
   if (episode.battery) lanes.push(batteryLane(run, episode));
+  if (run.types.some((type) => type.hover_w !== null)) lanes.push(powerLane(run, episode));
   return lanes;
 }
 
@@ -401,10 +403,34 @@ function rewardSteps(run, episode) {
   const tUs = [0];
   const values = [0];
   for (let k = 1; k <= episode.step.count; k += 1) {
-    tUs.push(k * run.step_us, k * run.step_us);
+    tUs.push(episode.step.tUs[k - 1], episode.step.tUs[k - 1]);
     values.push(episode.rewardSoFar[k - 1], episode.rewardSoFar[k]);
   }
   return { tUs, values };
+}
+
+/** The power of drones whose batteries have energy, by what they hold. */
+function powerLane(run, episode) {
+  const { battery } = episode;
+  const lines = [];
+  for (let d = 0; d < run.drones; d += 1) {
+    const { hover_w: hoverW } = typeOf(run, d);
+    if (hoverW === null) continue;
+    const [tUs, values] = [[], []];
+    for (let k = battery.first[d]; k + 1 < battery.first[d + 1]; k += 1) {
+      const spanUs = battery.tUs[k + 1] - battery.tUs[k];
+      if (spanUs < SHORT_US) continue; // a jump, or too short to divide by
+      const power = (hoverW * Math.max(0, battery.us[k] - battery.us[k + 1])) / spanUs;
+      tUs.push(battery.tUs[k], battery.tUs[k + 1]);
+      values.push(power, power);
+    }
+    lines.push({ drone: d, colour: droneColour(d), faint: run.drones > SLOW_PATHS, tUs, values });
+  }
+  const most = lines.flatMap(({ values }) => values).reduce((a, b) => Math.max(a, b), 1);
+  return {
+    low: 0, high: 1.05 * most, lines,
+    labels: () => [{ text: "power" }, { text: `0 to ${most.toFixed(0)} W` }],
+  };
 }
 
 function batteryLane(run, episode) {

@@ -1,0 +1,114 @@
+"""The fixed-step simulator for drones that are asked when they are free.
+
+A drone is free when it has arrived, when it is charged, when it has hovered for the patience, and
+when it replaces a crashed one. Motion has its closed form: a drone that arrives between two ticks
+begins its next leg at that very time, although this is noticed at the next tick. The end of a
+charge and a crash are found at ticks, so that what follows from them is late by less than ``dt``.
+
+R1 is paid at each decision epoch, in proportion to the time since the epoch before.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from tests.reference.fixed_step import FixedStep
+from tests.reference.flight import Drone
+from tests.reference.inputs import NEVER, US, Decision, Inputs, Result
+
+
+class ByEvent(FixedStep):
+    """One episode, tick by tick; ``commands[drone]`` are those at its decisions, in order."""
+
+    def __init__(self, inputs: Inputs, dt_us: int) -> None:
+        super().__init__(inputs, dt_us)
+        self.result.decisions = [[] for _ in self.drones]
+        self.epoch_us = 0
+        self.drained = np.zeros(len(self.drones))
+
+    def run(self, commands: Sequence[Sequence[int]]) -> Result:
+        ticks_us = np.arange(0, self.horizon_us + 1, self.dt_us)
+        for some_us in np.array_split(ticks_us, self.inputs.steps):
+            for t_us, xy in zip(some_us.tolist(), self._users_at(some_us), strict=True):
+                self._tick(t_us, xy, commands)
+        self._pay(self.horizon_us)
+        self.result.rest = [drone.gained for drone in self.drones]
+        for user in np.flatnonzero(self.services.open):
+            self.services.close(user, self.horizon_us, False)
+        self._measure()
+        return self.result
+
+    def _tick(self, t_us: int, xy: np.ndarray, commands: Sequence[Sequence[int]]) -> None:
+        if t_us > 0:
+            self._elapse(t_us)
+        self._happen(t_us, xy)
+        if t_us < self.horizon_us:
+            self._ask(t_us, commands)
+            self._serve(t_us, xy)
+
+    def _elapse(self, t_us: int) -> None:
+        before = [drone.battery_us for drone in self.drones]
+        super()._elapse(t_us)
+        after = [drone.battery_us for drone in self.drones]
+        self.drained = np.maximum(np.array(before) - np.array(after), 0.0) / self.dt_us
+
+    # ---- decision epochs
+
+    def _ask(self, t_us: int, commands: Sequence[Sequence[int]]) -> None:
+        """Ask the drones that have become free since the last tick, in the order of these times."""
+        free = [(self._free_us(drone, t_us), drone.index) for drone in self.drones]
+        for since_us, d in sorted(free):
+            if since_us <= t_us:
+                self._pay(since_us)
+                self._respawn(since_us)
+                asked = len(self.result.decisions[d])
+                self._decide(self.drones[d], since_us, t_us, commands[d][asked])
+
+    def _free_us(self, drone: Drone, t_us: int) -> int:
+        """When a drone has become free or will: NEVER if nobody knows yet."""
+        if drone.mode == "flying":
+            return drone.free_us
+        if drone.mode == "crashed":
+            return self._replaced_us(drone)
+        return t_us if drone.mode == "charged" else NEVER
+
+    def _decide(self, drone: Drone, since_us: int, t_us: int, command: int) -> None:
+        """Let a drone act that has been free since ``since_us``, with its battery of that time."""
+        limited, epoch = self.inputs.capacity_us is not None, since_us // self.inputs.step_us
+        battery_us = drone.battery_us + self.drained[drone.index] * (t_us - since_us)
+        home_us = self.map.nearest(self._believed(drone, epoch), drone.levels)[0] if limited else 0
+        allowed = self._allowed(drone, epoch, battery_us)
+        if limited and battery_us >= self._full():
+            allowed.discard("goto_charging_station")
+        drone.action = self._taken(command, allowed)
+        decision = Decision(
+            since_us,
+            drone.action,
+            drone.node,
+            battery_us if limited else None,
+            tuple(np.flatnonzero(self.attachments.holder == drone.index).tolist()),
+            (math.inf if home_us >= NEVER else home_us) if limited else None,
+            drone.gained,
+        )
+        self.result.decisions[drone.index].append(decision)
+        drone.asked_us, drone.gained = since_us, 0.0
+        self._obey(drone, since_us, epoch)
+        drone.free_us = drone.until_us if drone.hop else since_us + self.inputs.patience_us
+
+    def _pay(self, t_us: int) -> None:
+        """Pay each drone for the time since the last epoch, by the users that it has now."""
+        step_us, share = self.inputs.step_us, (t_us - self.epoch_us) / self.inputs.step_us
+        fair = len(self.inputs.legs) / len(self.drones)
+        for drone in self.drones:
+            users = int((self.attachments.holder == drone.index).sum())
+            discount = self.inputs.gamma ** ((self.epoch_us - drone.asked_us) / step_us)
+            drone.gained += discount * share * min(1.0, users / fair)
+        self.epoch_us = t_us
+
+
+def simulate(inputs: Inputs, commands: Sequence[Sequence[int]], dt_s: float) -> Result:
+    """Run one episode in steps of ``dt_s``; ``commands[drone][which]`` index actions."""
+    return ByEvent(inputs, round(dt_s * US)).run(commands)
