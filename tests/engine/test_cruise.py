@@ -231,14 +231,14 @@ def learned(engine: str) -> np.ndarray[Any, Any]:
                 "users": {"count": 6, "clusters": {"count": 1, "radius_m": [60, 100]}},
                 "decisions": {"kind": "event", "patience_s": 60},
                 "reward": {"kind": "qoe", "crash": 2.0, "energy": 0.5},
-                "learning": {"episodes": 20},
                 "episode": {"steps": 12},
             }
         ),
         0,
     )
     training = Training(world, 0, engine)
-    training.play(20)
+    while training.episode < 6:
+        training.play(6 - training.episode)
     return training.q.copy()
 
 
@@ -292,7 +292,8 @@ def test_engines_agree_in_the_cases_with_a_choice_of_speeds():
 
 @pytest.mark.thorough
 def test_both_engines_learn_the_same():
-    one, other = (learned(engine) for engine in ENGINES)
+    one, other = map(learned, ENGINES)
+    assert np.abs(one).sum() > 0
     assert (one == other).all()
 
 
