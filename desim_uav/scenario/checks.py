@@ -25,6 +25,7 @@ from desim_uav.scenario.epochs import decisions_by_event_fit_the_scenario
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.layout import start_cells, station_cells
 from desim_uav.scenario.schema import DrawnObstacles, Drones, ListedObstacles, Scenario
+from desim_uav.scenario.separation import drones_can_keep_apart
 from desim_uav.scenario.wind import drones_can_fly_in_the_wind, problem_in_wind
 from desim_uav.scenario.yaml12 import KeyPath
 
@@ -280,6 +281,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     users_are_on_the_map,
     obstacles_fit_the_map,
     drones_can_fly_in_the_wind,
+    drones_can_keep_apart,
     transits_fit_a_step,
     the_mix_names_services,
     the_reward_names_services,
