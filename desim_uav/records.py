@@ -170,6 +170,16 @@ LINKS = Columns(
     delivered_mbit=(FLOAT, "The volume that was delivered to all users together, in Mbit."),
 )
 
+APART = Columns(
+    "If drones have to keep a distance (`separation_m`):",
+    conflicts=(INT, "How often two drones in the air came nearer than `separation_m`."),
+    conflict_s=(FLOAT, "Seconds for which two drones were that near, summed over pairs of drones."),
+    least_distance_m=(
+        FLOAT,
+        "The least distance of two drones in the air, in metres. Null if never two were.",
+    ),
+)
+
 ENERGY = Columns(
     "If batteries are measured in Wh:",
     energy_wh=(FLOAT, "What the drones used in flight, in Wh, summed over them."),
@@ -185,6 +195,7 @@ ENERGY = Columns(
 EPISODES = Columns(
     "One row per episode: its measures.",
     LINKS,
+    APART,
     ENERGY,
     episode=_EPISODE,
     qoe1_percent=_QOE1_PERCENT,
@@ -232,18 +243,26 @@ USERS = Columns(
     z_m=(FLOAT, "The height of the user, in metres: above 0 in a building."),
 )
 
+CLASSES = Columns(
+    "If the drones' radio is not the paper's disc:",
+    link_class=(
+        "Int64",
+        "The class of the link between drone and user from now on, if that has changed.",
+    ),
+)
+
+OTHERS = Columns(
+    "If drones have to keep a distance (`separation_m`):",
+    other=("Int64", "The other drone of an event of two drones."),
+)
+
 EVENTS = Columns(
     "One row per event, sorted by time, phase, drone and user. Kept with `--events`.",
-    Columns(
-        "If the drones' radio is not the paper's disc:",
-        link_class=(
-            "Int64",
-            "The class of the link between drone and user from now on, if that has changed.",
-        ),
-    ),
+    CLASSES,
+    OTHERS,
     episode=_EPISODE,
     t_us=(INT, "The time of the event, in microseconds."),
-    phase=(INT, "The phase of the instant in which it happened, from 1 to 12."),
+    phase=(INT, "The phase of the instant in which it happened, from 1 to 13."),
     kind=(TEXT, "What happened."),
     drone=("Int64", "The drone it concerns, if any."),
     user=("Int64", "The user it concerns, if any."),

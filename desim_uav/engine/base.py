@@ -14,7 +14,8 @@ from desim_uav.rules.rows import PointRecord, Record
 Event = tuple[Any, ...]
 """An event: (t_us, phase, kind, drone, user, request_id, station); -1 stands for none.
 
-If the drones' links have classes, the class of the link that the event changed follows.
+If the drones' links have classes, the class of the link that the event changed follows. If drones
+have to keep a distance, the other drone of an event of two drones follows.
 """
 
 
@@ -88,6 +89,18 @@ class LinkCounts(NamedTuple):
     outage_us: int
 
 
+class Conflicts(NamedTuple):
+    """How often two drones came too near to each other, for how long, and the least distance.
+
+    ``conflict_us`` is summed over pairs of drones. ``least_m`` is inf if no two drones were in the
+    air at a time.
+    """
+
+    conflicts: int
+    conflict_us: int
+    least_m: float
+
+
 @dataclass
 class EpisodeLog:
     """The log of one episode, which is complete once the episode has ended.
@@ -98,7 +111,8 @@ class EpisodeLog:
     bandwidth in use. ``queueing_us`` is the drones' time between landing and charging. ``crashed``
     lists the drone of each crash, and ``suppressed`` counts the arrivals that were dropped.
     ``links`` is None if the drones' radio is the paper's disc. If batteries are in microjoules, the
-    drones ``used`` and ``gained`` (by charging) so many together.
+    drones ``used`` and ``gained`` (by charging) so many together. ``apart`` is None unless drones
+    have to keep a distance.
     """
 
     episode: int
@@ -119,6 +133,7 @@ class EpisodeLog:
     gained: int = 0
     suppressed: int = 0
     links: LinkCounts | None = None
+    apart: Conflicts | None = None
 
     @property
     def crashes(self) -> int:

@@ -43,6 +43,8 @@ def constants_of(world: World, settings: RunSettings) -> Constants:
     constants.types = Table(_type(world, number) for number in range(len(world.types)))
     constants.pads = scenario.stations.pads
     constants.services = len(world.services.names)
+    constants.separation_m = scenario.separation_m or 0.0
+    constants.gives_way = int(scenario.on_conflict == "hover_higher_index")
     _set_links(constants, world)
     constants.nx, constants.ny = grid.cells
     constants.levels, constants.levels_under_ceiling = len(grid.levels_m), grid.levels_under_ceiling

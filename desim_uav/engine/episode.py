@@ -26,7 +26,7 @@ from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
 from desim_uav.rules.rows import Closed
 from desim_uav.rules.whole_state import names_of, write_state
-from desim_uav.rules.words import EVENT_KINDS, NEVER, ON_LEG, OVERBOOKED, TOO_LARGE
+from desim_uav.rules.words import EVENT_KINDS, NEVER, OF_PAIRS, ON_LEG, OVERBOOKED, TOO_LARGE
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -302,6 +302,7 @@ class Engine(Restorable):
     def drain_log(self) -> None:
         """Add the events, requests and records of the step that has ended to the log."""
         log, state = self.log, self.state
+        keeps_apart = self.world.scenario.separation_m is not None
         if state.crashes > len(log.crashed):
             log.crashed[:] = self.entries("crashed")
         if state.keeps_requests:
@@ -314,9 +315,12 @@ class Engine(Restorable):
                     log.legs.append(self._leg(event))
                 else:
                     phase, kind = PHASES[event.phase], EVENT_KINDS[event.kind]
-                    rest = (event.drone, event.user, event.request, event.station)
+                    of_pair = event.kind in OF_PAIRS
+                    user, other = (-1, event.user) if of_pair else (event.user, -1)
+                    rest = (event.drone, user, event.request, event.station)
                     link_class = (event.link_class,) if state.keeps_links else ()
-                    log.events.append((event.t_us, phase, kind, *rest, *link_class))
+                    others = (other,) if keeps_apart else ()
+                    log.events.append((event.t_us, phase, kind, *rest, *link_class, *others))
             log.legs.extend(map(flown_leg, self.entries("flown")))
         if state.terminated or state.truncated:
             self._end_log()
@@ -387,6 +391,9 @@ class Engine(Restorable):
         if state.keeps_links:
             counts = (state.handed_over, state.ping_pongs, state.outages, state.outage_us)
             log.links = base.LinkCounts(*map(int, counts))
+        if self.world.scenario.separation_m is not None:
+            nearest_m = float(state.nearest_m) if len(self.drones) > 1 else math.inf
+            log.apart = base.Conflicts(int(state.conflicts), int(state.conflict_us), nearest_m)
         log.requests.sort(key=lambda request: request.request_id)
         log.legs.sort(key=itemgetter(0, 1))
         if log.events is not None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from itertools import combinations, starmap
 from typing import NamedTuple, TypeVar
 
 from desim_uav.engine.base import RunSettings
@@ -10,6 +11,7 @@ from desim_uav.engine.constants import term_names
 from desim_uav.engine.free import set_course, set_memory
 from desim_uav.model.rows import Queue, Table, blank
 from desim_uav.rules import rows, words
+from desim_uav.rules.separation import MOST_TURNS
 from desim_uav.world import World
 
 
@@ -41,6 +43,8 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
     for drone in state.senders[:drones]:
         drone.features = Table([0.0] * len(world.features_of_types[drone.type]))
     state.drones = Table(state.senders[:drones])
+    if scenario.separation_m is not None:
+        state.pairs = Table(starmap(_pair, combinations(range(drones), 2)))
     state.users = Table(_user(index, senders) for index in range(users))
     state.stations = Table(blank(rows.Station) for _ in world.stations)
     for station in state.stations:
@@ -87,6 +91,14 @@ def _sender(world: World, index: int, buffers: Buffers) -> rows.Drone:
     drone.served, drone.asking = _zeros(services), _zeros(services)
     drone.terms = Table([0.0] * len(term_names(world)))
     return drone
+
+
+def _pair(one: int, other: int) -> rows.Pair:
+    """Return a pair of drones that are not near to each other."""
+    pair = blank(rows.Pair)
+    pair.one, pair.other = one, other
+    pair.turns.buffer = MOST_TURNS
+    return pair
 
 
 def _user(index: int, senders: int) -> rows.User:

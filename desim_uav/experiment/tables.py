@@ -23,11 +23,13 @@ from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
 from desim_uav.records import (
     AIMED,
+    APART,
     ENERGY,
     EPISODES,
     EVENTS,
     LEGS,
     LINKS,
+    OTHERS,
     POINTS,
     REQUESTS,
     STEPS,
@@ -147,7 +149,8 @@ def episodes_table(
 ) -> pd.DataFrame:
     """Return one row per episode with its measures."""
     by_episode = dict(list(requests.groupby("episode")))
-    more = [*(LINKS if world.graded else ()), *(ENERGY if world.in_joules else ())]
+    apart = APART if world.scenario.separation_m is not None else ()
+    more = [*(LINKS if world.graded else ()), *apart, *(ENERGY if world.in_joules else ())]
     columns = EPISODES.among(more)
     rows = (
         _episode_row(log, world, by_episode.get(log.episode, requests.iloc[:0]), columns)
@@ -179,6 +182,10 @@ def _episode_row(
         values |= {"link_handovers": handovers, "ping_pongs": ping_pongs, "outages": outages}
         delivered = requests["delivered_mbit"].sum() if "delivered_mbit" in requests else 0.0
         values |= {"outage_s": outage_us / US, "delivered_mbit": delivered}
+    if log.apart is not None:
+        conflicts, conflict_us, least_m = log.apart
+        values |= {"conflicts": conflicts, "conflict_s": conflict_us / US}
+        values["least_distance_m"] = None if math.isinf(least_m) else least_m
     if world.in_joules:
         values |= _energy(log, requests)
     return tuple(values[name] for name in columns)
@@ -198,13 +205,14 @@ def _energy(log: EpisodeLog, requests: pd.DataFrame) -> dict[str, float | None]:
 
 def events_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:
     """Return one row per event, in order of time, phase, drone and user."""
-    graded = any(log.links is not None for log in logs)
+    more = [*(CLASSES if any(log.links is not None for log in logs) else ())]
+    more += OTHERS if any(log.apart is not None for log in logs) else ()
     rows = (
         (log.episode, t_us, int(phase), kind, *(None if i < 0 else i for i in concerned))
         for log in logs
         for t_us, phase, kind, *concerned in log.events or ()
     )
-    return to_frame(EVENTS.among(EVENTS.more if graded else ()), rows)
+    return to_frame(EVENTS.among(more), rows)
 
 
 def legs_table(logs: Sequence[EpisodeLog]) -> pd.DataFrame:

@@ -100,6 +100,7 @@ class Phase(IntEnum):
     COMMAND = 10
     COVERAGE = 11
     ADMISSION = 12
+    SEPARATION = 13
 
 
 class Outcome(StrEnum):

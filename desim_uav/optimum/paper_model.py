@@ -61,6 +61,11 @@ def _problems(scenario: Scenario, several_types: bool) -> Iterator[str]:
     if scenario.access_points:
         count = len(scenario.access_points)
         yield f"access_points: {count} given: {ONLY} without access points ([])"
+    if scenario.on_conflict != "log":
+        yield (
+            f"on_conflict: {scenario.on_conflict}: {ONLY} with log, where no move of a drone is "
+            "blocked by another"
+        )
     for name, service in scenario.services.items():
         if isinstance(service, Volume):
             yield (

@@ -69,11 +69,6 @@ class Track:
         return self._legs[last].position_m((t_us - int(self.starts_us[last])) / US)
 
 
-def rising(transit: Transit, start: Place, end: Place, length_m: float) -> Transit:
-    """Return a transit with the height that it gains per metre."""
-    return transit._replace(rises=(end[2] - start[2]) / length_m)
-
-
 def _places(leg: dict[str, Any]) -> tuple[Place, Place]:
     start, end = ((leg[f"x_{s}_m"], leg[f"y_{s}_m"], leg[f"z_{s}_m"]) for s in ("from", "to"))
     return start, end

@@ -5,7 +5,7 @@ A charge is a whole number, of microseconds of autonomy or, by some energy model
 
 from __future__ import annotations
 
-from desim_uav.model.compiled_rows import call_for_int
+from desim_uav.model.compiled_rows import call, call_for_int
 from desim_uav.model.kernels import rule
 from desim_uav.rules.due import depletion_slot, due, key, undo
 from desim_uav.rules.rows import Constants, Drone, State, TypeRow
@@ -92,6 +92,8 @@ def battery_now(world: Constants, state: State, drone: Drone) -> int:
 @rule
 def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None:
     """Begin a new leg or mode: update the battery to now, and cancel the scheduled depletion."""
+    if world.separation_m > 0.0:
+        call(world.part, (world, state, drone))
     held = battery_now(world, state, drone)
     count_charge(drone, held)
     drone.battery_us, drone.counted = held, 0

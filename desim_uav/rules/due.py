@@ -92,10 +92,16 @@ def association_slot(state: State, user: int) -> int:
     return settle_slot(state) + 1 + user
 
 
+@rule
+def separation_slot(state: State) -> int:
+    """Return the slot for the next pair of drones to look at."""
+    return settle_slot(state) + 1 + (len(state.users) if state.by_level else 0)
+
+
 def slots(state: Any) -> int:
     """Return the number of slots for a state.
 
-    Only if users are associated ``by_level`` there are those of ``association_slot``.
+    Only if users are associated ``by_level`` there are those of ``association_slot``, and only if
+    there are pairs of drones that of ``separation_slot``.
     """
-    asking = (3 if state.by_level else 2) * len(state.users)
-    return asking + len(state.senders) + 2 * len(state.drones) + 1
+    return separation_slot(state) + (1 if len(state.pairs) > 0 else 0)

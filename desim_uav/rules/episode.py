@@ -19,6 +19,7 @@ from desim_uav.rules.links import forget_links
 from desim_uav.rules.note import note_drone, note_leg
 from desim_uav.rules.requests import close_all, doing, foresee_asking
 from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.separation import BEGINS, ENDS
 from desim_uav.rules.settle import settle, settle_after
 from desim_uav.rules.spots import locate
 
@@ -56,6 +57,8 @@ def begin(world: Constants, path: Path, state: State) -> None:
         _go_on(world, path, state, state.drones[d])
     for station in range(len(state.stations)):
         hand_on_pads(world, state, station)
+    if world.separation_m > 0.0:
+        call(world.tally, (world, state, BEGINS))
     run_until(state, 0, key(words.RESPAWN, -1, -1))
 
 
@@ -240,6 +243,8 @@ def _end_episode(world: Constants, path: Path, state: State) -> None:
         state.users[u].doing = doing(state.users[u])
     close_all(world, path, state)
     leave_all(state, words.RECORD)
+    if world.separation_m > 0.0:
+        call(world.tally, (world, state, ENDS))
     for d in range(len(state.senders)):
         sender = state.senders[d]
         sender.serving = 0

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from desim_uav.model.compiled_rows import call
+from desim_uav.model.compiled_rows import call, call_for_int
 from desim_uav.model.grid import cell_index, level_index
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.model.rules import US
@@ -12,7 +12,7 @@ from desim_uav.rules.coverage import silence, track
 from desim_uav.rules.due import arrival_slot, due, key
 from desim_uav.rules.epochs import ask_at, span_of
 from desim_uav.rules.note import note_drone, note_leg, place
-from desim_uav.rules.rows import Constants, Drone, Hop, Path, Plan, State
+from desim_uav.rules.rows import Constants, Drone, Hop, Move, Path, Plan, State
 from desim_uav.rules.transits import flight_of
 
 # ---- where a drone is
@@ -197,12 +197,16 @@ def count_distance(world: Constants, state: State, drone: Drone) -> None:
 def fly(world: Constants, path: Path, state: State, drone: Drone, taken: int) -> None:
     """Begin a step of serving flight: a move to the next cell or level, or a hover.
 
-    A move to a place that the drone cannot enter is blocked: the drone hovers instead.
+    A move to a place that the drone cannot enter is blocked: the drone hovers instead. So is one
+    that leads too near to a drone with a lower index, if drones give way to these.
     """
     move = world.moves[taken]
     x, y, level = drone.x + move.dx, drone.y + move.dy, drone.level + move.dlevel
     moves = move.action != words.HOVER
-    if moves and not can_enter(world, drone, x, y, level):
+    if moves and not (
+        can_enter(world, drone, x, y, level)
+        and (not world.gives_way or _has_way(world, state, drone, move))
+    ):
         note_drone(state, words.COMMAND, words.ON_BLOCKED, drone)
         moves = False
     if not moves:
@@ -217,6 +221,15 @@ def fly(world: Constants, path: Path, state: State, drone: Drone, taken: int) ->
     serve_on(world, path, state, drone, type_of(world, drone).first_transit + move.transit)
     note_drone(state, words.COMMAND, words.ON_DEPART, drone)
     _await_arrival(world, state, drone)
+
+
+@rare_rule
+def _has_way(world: Constants, state: State, drone: Drone, move: Move) -> bool:
+    """Return whether a drone may begin a move, as far as drones with lower indices let it."""
+    drone.to_x, drone.to_y = drone.x + move.dx, drone.y + move.dy
+    drone.to_level = drone.level + move.dlevel
+    transit = type_of(world, drone).first_transit + move.transit
+    return call_for_int(world.must_wait, (world, state, drone, transit)) == 0
 
 
 @rule

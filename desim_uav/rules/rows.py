@@ -240,7 +240,9 @@ class Constants(Row):
     the corners from ``corners_at[b]`` on, and bucket k the buildings ``built`` from ``built_at[k]``
     on. For ``trigger_us`` and ``margin_db``
     see ``rules.association``. ``known`` holds changes of users who stand still
-    (``engine.compiled.standing``). ``features`` is the number of features that a learner observes.
+    (``engine.compiled.standing``). Drones are too near to each other below a distance of
+    ``separation_m`` (0: they have not to keep any); one ``gives_way`` to those with lower indices.
+    ``features`` is the number of features that a learner observes.
     If drones fly freely, ``spaces`` has an entry for each type.
     The fields from ``foresee`` on are functions, or in compiled code their addresses;
     ``reward_values`` and the like are the addresses of the components' fields.
@@ -258,6 +260,8 @@ class Constants(Row):
     reuse: int
     trigger_us: int
     margin_db: float
+    separation_m: float
+    gives_way: int
     nx: int
     ny: int
     levels: int
@@ -315,6 +319,10 @@ class Constants(Row):
     foresee_all: int
     foresee_rings: int
     passes_us: int
+    part: int
+    on_separation: int
+    tally: int
+    must_wait: int
     pay: int
     describe: int
     charged: int
@@ -677,9 +685,27 @@ class Station(Row):
 
 
 @row
+class Pair(Row):
+    """Two drones, of which ``one`` has the lower index (see ``rules.separation``).
+
+    While both are in the air it is ``open``: both have been on their present legs since
+    ``since_us``. It is ``near`` while they are nearer to each other than ``separation_m``, and
+    ``turns`` are the times at which this will change, the next one last.
+    """
+
+    one: int
+    other: int
+    open: int
+    near: int
+    since_us: int
+    turns: Queue[int]
+
+
+@row
 class Event(Row):
     """An entry of the event log, which is an event or a leg (see ``note_leg``).
 
+    An event of two drones (``words.OF_PAIRS``) has the other one in the place of ``user``.
     ``link_class`` is the new class of the link between ``drone`` and ``user``, if that has changed.
     """
 
@@ -764,7 +790,8 @@ class Look(Row):
     """The users' walks in the present span of time (only in ``engine.compiled.looking``).
 
     They are known until ``walked_us`` if users walk step by step. ``windows``, ``found`` and
-    ``order`` are memory for the changes on a leg.
+    ``order`` are memory for the changes on a leg, and ``apart`` and ``turns`` for the tracks of two
+    drones and the changes of their distance.
     """
 
     from_us: int
@@ -778,6 +805,8 @@ class Look(Row):
     windows: Table[float]
     found: Table[int]
     order: Table[int]
+    apart: Table[float]
+    turns: Table[int]
     walking: Walking
     air: AirTables
 
@@ -797,7 +826,10 @@ class State(Row):
     associated ``by_level``; ``retunes`` says that interference has changed. Legs are known until
     ``known_until_us``. ``to_scan`` counts the drones whose queues have to be scanned. If
     the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
-    the time in outages that have ended (see ``rules.links``). At
+    the time in outages that have ended (see ``rules.links``). If drones have to keep a distance,
+    ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too near,
+    ``conflict_us`` sums the ends of these times less their starts, and ``nearest_m`` is the least
+    distance in the windows that have ended. At
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
     ``history`` holds all commands, ``slot_times`` to ``winners`` the compiled event queue. In free
@@ -837,9 +869,13 @@ class State(Row):
     ping_pongs: int
     outages: int
     outage_us: int
+    conflicts: int
+    conflict_us: int
+    nearest_m: float
     faults: int
     senders: Table[Drone]
     drones: Table[Drone]
+    pairs: Table[Pair]
     users: Table[User]
     stations: Table[Station]
     loose: Queue[int]

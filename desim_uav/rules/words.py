@@ -23,6 +23,7 @@ GOING_ON = len(Mode)
     COMMAND,
     COVERAGE,
     ADMISSION,
+    SEPARATION,
 ) = map(int, Phase)
 
 IDLE, ATTACHED, OPEN, SERVED = range(4)
@@ -38,6 +39,7 @@ EVENT_KINDS = (
     *("decide", "depart", "blocked", "arrive", "land", "charge", "charged"),
     *("deplete", "crash", "respawn"),
     *("class", "handover", "ping_pong", "outage"),
+    *("conflict", "clear"),
 )
 """The names of the kinds of events by number; the next number, ON_LEG, is for ``note_leg``."""
 
@@ -76,8 +78,13 @@ LEADS_TO = {
     ON_HANDOVER,
     ON_PING_PONG,
     ON_OUTAGE,
+    ON_CONFLICT,
+    ON_CLEAR,
     ON_LEG,
 ) = range(len(EVENT_KINDS) + 1)
+
+OF_PAIRS = (ON_CONFLICT, ON_CLEAR)
+"""The kinds of events of two drones."""
 
 OUT_OF_MEMORY, TOO_LARGE, OVERBOOKED, LOST = 1, 2, 4, 8
 """The flags of ``State.faults``: something did not fit in memory; a reward was too large or not a

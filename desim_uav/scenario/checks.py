@@ -32,6 +32,7 @@ from desim_uav.scenario.schema import (
     Scenario,
     flies_freely,
 )
+from desim_uav.scenario.separation import drones_can_keep_apart
 from desim_uav.scenario.wind import drones_can_fly_in_the_wind, problem_in_wind
 from desim_uav.scenario.yaml12 import KeyPath
 
@@ -306,6 +307,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     users_are_on_the_map,
     obstacles_fit_the_map,
     drones_can_fly_in_the_wind,
+    drones_can_keep_apart,
     transits_fit_a_step,
     cruise_speeds_can_be_flown,
     the_mix_names_services,

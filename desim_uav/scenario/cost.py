@@ -109,6 +109,7 @@ def cost(scenario: Scenario, engine: str = "des", keep_events: bool = False) -> 
         *([Part("links", 250.0 * n.users * n.senders, _LINKS)] if n.searches else []),
         Part("what drones observe", 60.0 * n.features, ("observation", "drones.count")),
         *(_of_batch(scenario, n) if engine == "batch" else _of_des(n)),
+        *_pairs(scenario, n),
         *([_event_log(logged, n)] if keep_events else []),
     )
     return Cost(events, memory)
@@ -194,6 +195,13 @@ def _of_batch(scenario: Scenario, n: _Counts) -> Iterable[Part]:
         hops = (nx + ny) / (2.0 * math.sqrt(scenario.stations.count)) + n.places / n.cells / 2.0
         size = n.places * (80.0 + 72.0 * hops)
         yield Part("ways back to the stations", _ways_back(scenario) * size, _LEVELS)
+
+
+def _pairs(scenario: Scenario, n: _Counts) -> Iterable[Part]:
+    """The pairs of drones, if these have to keep a distance."""
+    if scenario.separation_m is not None:
+        keys = ("separation_m", "drones.count")
+        yield Part("pairs of drones", 700.0 * n.drones * n.drones / 2.0, keys)
 
 
 def _ways_back(scenario: Scenario) -> int:

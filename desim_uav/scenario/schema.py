@@ -376,7 +376,7 @@ class AccessPoint(Section):
 class Scenario(Section):
     """A scenario, fully resolved: every key has its value, the preset's among them."""
 
-    later: ClassVar = ("decisions", "wind_mps")
+    later: ClassVar = ("decisions", "wind_mps", "separation_m", "on_conflict")
 
     name: Name = "scenario"
     """The name of the scenario. Run folders are named after it."""
@@ -409,6 +409,14 @@ class Scenario(Section):
     wind_mps: Velocity = CALM
     """The velocity of the wind over the ground [to the east, to the north], in m/s. It is the same
     everywhere and always. The highest speed of drones is then one through the air.
+    """
+    separation_m: Metres | None = None
+    """The least distance that two drones in the air should keep, in metres; null means that it is
+    not looked at. Each time at which two come nearer, or part again, is an event.
+    """
+    on_conflict: Literal["log", "hover_higher_index"] = "log"
+    """What follows if two drones would come nearer than `separation_m`: nothing (`log`), or a move
+    that would lead a drone nearer to one with a lower index is blocked (`hover_higher_index`).
     """
     position_noise: PositionNoise | None = None
     """How often a drone is wrong about its position; null means never."""

@@ -26,6 +26,7 @@ COMPILED_IN_AIR = (
     "test_line_of_sight",
     "test_link_memory",
     "test_radio_engines",
+    "test_separation",
 )
 """Files whose tests of the compiled engine need kernels for links in the air, which take more than
 a minute to compile. These tests are thorough; the default run has the same tests on SimPy."""

@@ -50,6 +50,8 @@ PHASES = {
     "decide": {Phase.COMMAND},
     "depart": {Phase.COMMAND, Phase.ARRIVAL},
     "blocked": {Phase.COMMAND, Phase.ARRIVAL},
+    "conflict": {Phase.SEPARATION},
+    "clear": {Phase.SEPARATION},
 }
 """When things of a kind happen. An admission scan belongs to the attachment phase, or to 12."""
 
@@ -175,7 +177,7 @@ class Replay:
 
     def apply(self, row: Event) -> None:
         """Apply one row; kinds that are of no user change nothing."""
-        t_us, phase, kind, drone, user, request_id, _ = row
+        t_us, phase, kind, drone, user, request_id, *_ = row
         if kind == "request":
             assert request_id == len(self.told), "requests are numbered as they open"
             assert user not in self.open_of, "a second open request"

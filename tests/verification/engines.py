@@ -20,7 +20,7 @@ from tests.verification.figure import Exact, Figure
 
 SUMS = (
     *("duration_us", "attached_us", "bandwidth_us_hz", "queueing_us", "distance_m"),
-    *("crashed", "charges", "suppressed", "point_steps", "links"),
+    *("crashed", "charges", "suppressed", "point_steps", "links", "apart"),
 )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, MEASURES
-from desim_uav.engine.compiled import free, looking, loop
+from desim_uav.engine.compiled import free, looking, loop, separation
 from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.model.compiled_rows import address_of, as_array, call, entries_at, pointer_to
@@ -33,7 +33,8 @@ def set_functions(constants: Any, in_air: bool) -> None:
     """Write the addresses of the engine's functions, which are valid in this process.
 
     Those of components are written by ``components.point_at``. Changes that are not those of rings
-    are sought only ``in_air``, so that the code for it is compiled only for worlds that need it.
+    are sought only ``in_air``, so that the code for it is compiled only for worlds that need it;
+    the same holds for distances of drones.
     """
     constants.foresee = address_of(looking.foresee, Constants, Path, State, Drone, int)
     if in_air:
@@ -44,6 +45,12 @@ def set_functions(constants: Any, in_air: bool) -> None:
         constants.passes_us = address_of(sought.passes_us, *pair, int, int, int, float)
     if len(constants.spaces) > 0:
         free.set_free(constants)
+    if constants.separation_m > 0.0:
+        pairs = (Constants, State)
+        constants.part = address_of(separation.part, *pairs, Drone)
+        constants.on_separation = address_of(separation.on_separation, *pairs)
+        constants.tally = address_of(separation.tally, *pairs, int)
+        constants.must_wait = address_of(separation.must_wait, *pairs, Drone, int)
     constants.run = address_of(loop.run, Constants, Path, State, int)
 
 

@@ -31,11 +31,13 @@ from desim_uav.engine.state import Buffers, state_of
 from desim_uav.errors import ScenarioError
 from desim_uav.model.components import compiled
 from desim_uav.model.coverage import SEEN_ROWS, bucket_grid
+from desim_uav.model.radio.tracks import TRACK_COLUMNS
 from desim_uav.model.rows import Table, View, Words, blank, held_by, packed
 from desim_uav.model.rules import US
 from desim_uav.model.walking import LEG_COLUMNS, walking_of
 from desim_uav.rules.due import crossing_slot, slots
 from desim_uav.rules.rows import Constants, State
+from desim_uav.rules.separation import MOST_TRACK_ROWS, MOST_TURNS
 from desim_uav.world import World
 
 Array = np.ndarray[Any, Any]
@@ -225,6 +227,9 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
     if world.graded:
         look.windows = _windows_of(world).reshape(-1)
         look.found, look.order = _whole(3 * buffers.crossings), _whole(buffers.crossings)
+    if len(state.pairs) > 0:
+        look.apart = np.zeros(MOST_TRACK_ROWS * TRACK_COLUMNS)
+        look.turns = _whole(2 * MOST_TURNS)
     look.heads, look.following = _whole(nx * ny), _whole(users if nx * ny else 0)
     if world.row_mobility:
         model: Any = type(world.row_mobility)

@@ -15,6 +15,7 @@ from desim_uav.rules.decide import go_home, obey
 from desim_uav.rules.flight import arrive, end_move, station_under
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Drone, User
+from desim_uav.rules.separation import on_separation
 from desim_uav.rules.settle import on_turn, settle
 
 
@@ -44,6 +45,8 @@ class Processes:
             if self.state.by_level:
                 self.clock.process(self.levels(user))
         self.clock.process(self.attachment())
+        if self.state.pairs:
+            self.clock.process(self.separation())
 
     def tell(self, drone: int) -> None:
         """Schedule the action of a drone that waits for its command, in this instant."""
@@ -119,6 +122,12 @@ class Processes:
         while True:
             yield from self.until(due.settle_slot(self.state))
             settle(self.world, self.path, self.state, words.ATTACHMENT, words.ATTACHMENT)
+
+    def separation(self) -> Process:
+        """Let pairs of drones come too near to each other, and part again."""
+        while True:
+            yield from self.until(due.separation_slot(self.state))
+            on_separation(self.world, self.state)
 
     def until(self, slot: int) -> Process:
         """Wait until the event of a slot happens."""

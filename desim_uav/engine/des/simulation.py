@@ -17,6 +17,7 @@ from desim_uav.engine.des.in_air import InAir
 from desim_uav.engine.des.plans import Plans
 from desim_uav.engine.des.plug_ins import set_components
 from desim_uav.engine.des.processes import Processes
+from desim_uav.engine.des.separation import Separation
 from desim_uav.engine.episode import Engine
 from desim_uav.engine.saved import Kept, Rows, SavedState, read, write
 from desim_uav.engine.state import Buffers, state_of
@@ -30,6 +31,7 @@ from desim_uav.rules.due import key, slots
 from desim_uav.rules.episode import begin, end_step, hear, show_first, start_afresh
 from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Ask, Constants, Path, State
+from desim_uav.rules.separation import must_wait, part, tally
 from desim_uav.rules.settle import settle
 from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN, REST
 from desim_uav.sample_path import SamplePath
@@ -37,14 +39,16 @@ from desim_uav.world import World
 
 
 class LiveState(State):
-    """The state of an episode, with four fields that only the SimPy engine needs.
+    """The state of an episode, with five fields that only the SimPy engine needs.
 
-    ``clock`` is its event queue. ``named_terms`` holds the terms of each drone's reward by name if
-    the reward does not work on rows, ``observed`` returns the drones' observations, and
-    ``find_users`` writes the users' places (see ``rules.spots``).
+    ``clock`` is its event queue, and ``apart`` finds the distances of drones. ``named_terms`` holds
+    the terms of each drone's reward by name if the reward does not work on rows, ``observed``
+    returns the drones' observations, and ``find_users`` writes the users' places (see
+    ``rules.spots``).
     """
 
-    __slots__ = ("clock", "find_users", "named_terms", "observed")
+    __slots__ = ("apart", "clock", "find_users", "named_terms", "observed")
+    apart: Separation
     clock: Clock
     find_users: Callable[[], None]
     named_terms: Sequence[dict[str, float]]
@@ -95,6 +99,7 @@ class Simulation(Engine):
         made.hops = made.plans.hops
         made.foresee = self._foresee
         made.foresee_all = self._foresee_all
+        made.part, made.tally, made.must_wait = part, tally, must_wait
         set_components(made, world)
         if world.free:
             set_free(made, world)
@@ -106,7 +111,7 @@ class Simulation(Engine):
         state = state_of(self.world, self.settings, Buffers(), LiveState)
         state.keeps_requests = 1
         state.named_terms, state.observed = (), self.observations
-        state.find_users = self._find_users
+        state.find_users, state.apart = self._find_users, Separation(self.transits)
         return state
 
     # ---- episodes

@@ -259,6 +259,7 @@ class Encoder:
             "pads": scenario.stations.pads,
             "three_d": scenario.three_d,
             "wind_mps": list(scenario.wind_mps),
+            "separation_m": scenario.separation_m,
             "map": {key: world[key] for key in ("size_m", "cells", "stations", "clusters")}
             | {
                 "cell_height_m": [

@@ -237,6 +237,8 @@ const TOLD = {
   charged: (e) => `drone ${e.drone} is charged`,
   deplete: (e) => `the battery of drone ${e.drone} is empty`,
   crash: (e) => `drone ${e.drone} crashes`,
+  conflict: (e) => `drone ${e.drone} and another one come too near to each other`,
+  clear: (e) => `drone ${e.drone} and another one are no longer too near`,
   respawn: (e) => `drone ${e.drone} is replaced at station ${e.station}`,
 };
 

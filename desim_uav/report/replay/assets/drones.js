@@ -1,7 +1,7 @@
 // Drones on the map: their positions, paths, batteries and crashes.
 
 import { clock, droneColour, FONT, inkOn } from "./palette.js";
-import { CRASHED, RETURNING } from "./states.js";
+import { CRASHED, FLYING, RETURNING } from "./states.js";
 
 const at = [0, 0, 0];
 const place = [0, 0, 0];
@@ -61,6 +61,7 @@ export function drawDrones(scene) {
     order.sort((a, b) => depth(b) - depth(a));
     order.forEach((d) => drawPole(scene, d));
   }
+  const near = tooNear(scene);
   const beside = new Map();
   for (const d of order) {
     const drone = scene.drones[d];
@@ -69,7 +70,33 @@ export function drawDrones(scene) {
     beside.set(key, others + 1);
     drone.px += scene.tiny ? 0 : others * (scene.small ? 17 : 26); // those that share a place stand side by side
     drawDrone(scene, d);
+    if (near.has(d)) drawRing(scene.ctx, scene.theme, drone.px, drone.py, scene.small ? 12 : 18);
   }
+}
+
+/** The drones in the air that are nearer to another one than the scenario's least distance. */
+function tooNear({ run, state, drones }) {
+  const near = new Set();
+  if (!run.separation_m) return near;
+  const flying = [...drones.keys()].filter((d) => state.mode[d] === FLYING || state.mode[d] === RETURNING);
+  flying.forEach((one, k) => {
+    for (const other of flying.slice(k + 1)) {
+      const [a, b] = [drones[one], drones[other]];
+      if (Math.hypot(a.x - b.x, a.y - b.y, a.z - b.z) < run.separation_m) near.add(one).add(other);
+    }
+  });
+  return near;
+}
+
+/** A ring around a drone that is too near to another one. */
+export function drawRing(ctx, theme, x, y, r) {
+  ctx.strokeStyle = theme.danger;
+  ctx.lineWidth = 2;
+  ctx.setLineDash([4, 3]);
+  ctx.beginPath();
+  ctx.arc(x, y, r, 0, 2 * Math.PI);
+  ctx.stroke();
+  ctx.setLineDash([]);
 }
 
 function isDocked(scene, d) {

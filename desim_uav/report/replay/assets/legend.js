@@ -1,6 +1,6 @@
 // The legend: a sample and a name of everything that is drawn on the map.
 
-import { drawBattery, drawBody, drawCross, drawFrame } from "./drones.js";
+import { drawBattery, drawBody, drawCross, drawFrame, drawRing } from "./drones.js";
 import { droneColour, userWord, words } from "./palette.js";
 import { drawMast } from "./points.js";
 import { byId, element, setText } from "./rows.js";
@@ -71,6 +71,12 @@ export class Legend {
       ctx.globalAlpha = 0.75;
       ctx.stroke();
     });
+    if (run.separation_m) {
+      this.#row(list, `nearer than ${run.separation_m} m to another drone`, (ctx, theme) => {
+        drawRing(ctx, theme, X, Y, 8);
+        drawBody(ctx, theme, 0, X, Y, 5, false, false);
+      });
+    }
     this.#row(list, "path so far", (ctx) => {
       strokeLine(ctx, droneColour(0), 2, [[2, 15], [10, 15], [10, 6], [24, 6]]);
     });

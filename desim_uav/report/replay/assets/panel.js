@@ -63,6 +63,7 @@ export class Panel {
       ["flights", ["decide", "depart", "arrive", "blocked"]],
       ["charging", ["land", "charge", "charged"]],
       ["crashes", ["deplete", "crash", "respawn"]],
+      ...(run.separation_m ? [["distances", ["conflict", "clear"]]] : []),
     ];
     for (const [name, kinds] of groups) {
       const option = element("option", "", name);

@@ -1,0 +1,196 @@
+"""Separation: when two drones in the air come nearer to each other than a least distance.
+
+It is looked at only if the scenario has a ``separation_m``. All that begins or ends a leg of a
+drone ends the windows of its pairs (``part``). At the end of this instant, when all legs are known,
+new ones begin (``on_separation``), with the times at which the pairs will come too near or part.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+from desim_uav.model.kernels import rare_rule, rule
+from desim_uav.rules import words
+from desim_uav.rules.due import due, key, separation_slot
+from desim_uav.rules.note import note
+from desim_uav.rules.rows import Constants, Drone, Pair, State
+
+MOST_TURNS = 64
+"""More than how often two drones can come too near and part again on a leg: their squared distance
+is a polynomial of degree 4 in each of at most 9 pieces."""
+
+MOST_TRACK_ROWS = 16
+"""More than the rows of the tracks of two legs (see ``model.radio.tracks``)."""
+
+BEGINS, ENDS = range(2)
+"""What ``tally`` does."""
+
+TOLERANCE_M = 1e-6
+"""By how much drones may come nearer than they are while they fly side by side."""
+
+
+def meet(world: Any, state: Any, pair: Any, until_us: int) -> None:
+    """Write when a pair comes too near or parts again into ``turns``, the next time last.
+
+    The first of them is now if the pair is not as it has been (``near``). Each engine has an
+    implementation of its own.
+    """
+    state.apart.meet(world, state, pair, until_us)
+
+
+def least_m(world: Any, state: Any, one: Any, other: Any, begin_us: int, end_us: int) -> float:
+    """Return the least distance of two drones in a part of their present legs, in metres."""
+    return float(state.apart.least_m(world, state, one, other, begin_us, end_us))
+
+
+@rule
+def in_air(drone: Drone) -> bool:
+    """Return whether a drone is in the air, where it has to keep its distance."""
+    return drone.mode in (words.FLYING, words.RETURNING)
+
+
+@rule
+def pair_of(state: State, one: int, other: int) -> Pair:
+    """Return the pair of two drones, of which ``one`` has the lower index."""
+    return state.pairs[one * (2 * len(state.drones) - one - 1) // 2 + other - one - 1]
+
+
+@rule
+def tally(world: Constants, state: State, what: int) -> None:
+    """Begin or complete the measures of an episode (``what``)."""
+    if what == BEGINS:
+        _begin(state)
+    else:
+        _end(world, state)
+
+
+@rare_rule
+def _begin(state: State) -> None:
+    """Forget the previous episode, and look at all pairs at the end of this instant."""
+    state.conflicts = state.conflict_us = 0
+    state.nearest_m = math.inf
+    for k in range(len(state.pairs)):
+        pair = state.pairs[k]
+        pair.open = pair.near = 0
+        pair.since_us = 0
+        pair.turns.clear()
+    if len(state.pairs) > 0:
+        _look_at(state, state.now_us)
+
+
+@rare_rule
+def part(world: Constants, state: State, drone: Drone) -> None:
+    """End the windows of a drone whose leg or mode changes now, before it does."""
+    for d in range(len(state.drones)):
+        if d < drone.index:
+            _close(world, state, pair_of(state, d, drone.index))
+        elif d > drone.index:
+            _close(world, state, pair_of(state, drone.index, d))
+    if len(state.pairs) > 0:
+        _look_at(state, state.now_us)
+
+
+@rare_rule
+def _close(world: Constants, state: State, pair: Pair) -> None:
+    """End the window of a pair, if it has one, with the least distance in it."""
+    if pair.open:
+        one, other = state.drones[pair.one], state.drones[pair.other]
+        nearest_m = least_m(world, state, one, other, pair.since_us, state.now_us)
+        state.nearest_m = min(state.nearest_m, nearest_m)
+        pair.open = 0
+        pair.turns.clear()
+
+
+@rule
+def _look_at(state: State, t_us: int) -> None:
+    """Let pairs be looked at (``on_separation``) at the end of an instant."""
+    due(state, separation_slot(state), t_us, key(words.SEPARATION, -1, -1))
+
+
+@rare_rule
+def on_separation(world: Constants, state: State) -> None:
+    """Begin windows of pairs whose legs have changed, and let pairs come too near and part."""
+    next_us = words.NEVER
+    for k in range(len(state.pairs)):
+        pair = state.pairs[k]
+        if not pair.open:
+            _open(world, state, pair)
+        turns = pair.turns
+        while len(turns) > 0 and turns[len(turns) - 1] <= state.now_us:
+            turns.pop()
+            _turn(state, pair)
+        if len(turns) > 0:
+            next_us = min(next_us, turns[len(turns) - 1])
+    if next_us < words.NEVER:
+        _look_at(state, next_us)
+
+
+@rule
+def _open(world: Constants, state: State, pair: Pair) -> None:
+    """Begin the window of a pair in the air; one of which a drone has left the air is clear."""
+    one, other = state.drones[pair.one], state.drones[pair.other]
+    if in_air(one) and in_air(other):
+        pair.open, pair.since_us = 1, state.now_us
+        meet(world, state, pair, rests_at(world, state, one, other))
+    elif pair.near:
+        _turn(state, pair)
+
+
+@rule
+def _turn(state: State, pair: Pair) -> None:
+    """Let a pair come too near now, or part."""
+    pair.near = 1 - pair.near
+    if pair.near:
+        state.conflicts += 1
+        state.conflict_us -= state.now_us
+        _note(state, words.ON_CONFLICT, pair)
+    else:
+        state.conflict_us += state.now_us
+        _note(state, words.ON_CLEAR, pair)
+
+
+@rule
+def _note(state: State, kind: int, pair: Pair) -> None:
+    """Append an event of two drones to the log, with the other one in the place of a user."""
+    note(state, words.SEPARATION, kind, pair.one, pair.other, -1, -1)
+
+
+@rule
+def rests_at(world: Constants, state: State, one: Drone, other: Drone) -> int:
+    """Return when two drones in the air both rest, if they are told nothing else."""
+    first = one.since_us + world.transits[one.transit].duration_us
+    second = other.since_us + world.transits[other.transit].duration_us
+    return max(first, second, state.now_us)
+
+
+@rare_rule
+def _end(world: Constants, state: State) -> None:
+    """Complete the measures of an episode that ends now."""
+    for k in range(len(state.pairs)):
+        pair = state.pairs[k]
+        _close(world, state, pair)
+        if pair.near:
+            state.conflict_us += state.now_us
+
+
+@rare_rule
+def must_wait(world: Constants, state: State, drone: Drone, transit: int) -> bool:
+    """Return whether a drone at rest must not begin a flight by a transit to ``to_x``, ….
+
+    It must not if this led it nearer to a drone in the air with a lower index than the least
+    distance, and nearer than it is. The latter may have been commanded in this instant.
+    """
+    since_us, rests = drone.since_us, drone.transit
+    drone.since_us, drone.transit = state.now_us, transit
+    waits = False
+    for d in range(drone.index):
+        other = state.drones[d]
+        if in_air(other) and not waits:
+            now_us, until_us = state.now_us, rests_at(world, state, other, drone)
+            nearest_m = least_m(world, state, other, drone, now_us, until_us)
+            if nearest_m < world.separation_m:
+                now_m = least_m(world, state, other, drone, now_us, now_us)
+                waits = nearest_m < now_m - TOLERANCE_M
+    drone.since_us, drone.transit = since_us, rests
+    return waits
