@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
+from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,7 +19,8 @@ from tests.engine.replay import check_log
 from tests.selection import by_default
 from tests.verification.engines import differences, engines
 
-SEEDS = range(400)
+SEEDS, AUDITED, TOGETHER = range(400), range(400, 480), range(1000, 1500)
+"""The seeds of scenarios for each of the tests below."""
 TOLD = RunSettings((), carry_over=False, keep_events=True)
 
 
@@ -33,10 +36,18 @@ def test_both_engines_are_equal(first: int) -> None:
     assert {seed: found for seed, found in unlike.items() if found} == {}
 
 
-@pytest.mark.parametrize("first", by_default([400], range(400, 480, 8)))
-def test_no_event_breaks_a_rule(first: int) -> None:
+def parts(seeds: range, brief: int, size: int) -> list[Any]:
+    """All seeds in parts of this size, of which the first is brief and runs by default."""
+    begins = [seeds.start, *range(seeds.start + brief, seeds.stop, size)]
+    spans = [range(*span) for span in pairwise([*begins, seeds.stop])]
+    assert [seed for span in spans for seed in span] == list(seeds)
+    return by_default(spans[:1], spans)
+
+
+@pytest.mark.parametrize("seeds", parts(AUDITED, 6, 8))
+def test_no_event_breaks_a_rule(seeds: range) -> None:
     """The audit after each event, and the log read by rules of its own."""
-    for seed in range(first, first + (6 if first == 400 else 8)):
+    for seed in seeds:
         world = world_of(seed)
         for log in audited(world):
             check_log(world, log)
@@ -53,8 +64,8 @@ def most_at_once(world: World) -> float:
     return max(Counter(event[0] for event in engine.log.events or ()).values()) / links
 
 
-@pytest.mark.parametrize("first", by_default([1000], range(1000, 1500, 25)))
-def test_instants_end_where_drones_interfere(first: int) -> None:
+@pytest.mark.parametrize("seeds", parts(TOGETHER, 6, 26))
+def test_instants_end_where_drones_interfere(seeds: range) -> None:
     """Interference ends and begins with the drones that it makes others take, but not for ever."""
-    for seed in range(first, first + (6 if first == 1000 else 25)):
+    for seed in seeds:
         assert most_at_once(world_of(seed, "co_channel")) < 4

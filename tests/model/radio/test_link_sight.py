@@ -146,8 +146,8 @@ def test_a_ray_caster_sees_the_same():
 
 
 @pytest.mark.slow
-def test_a_ray_caster_sees_the_same_on_a_thousand_maps():
-    check(survey(1000, 2))
+def test_a_ray_caster_sees_the_same_on_two_thousand_maps():
+    check(survey(2000, 2))
 
 
 # ---- by hand
