@@ -24,6 +24,7 @@ from desim_uav.model.sums import in_order
 from desim_uav.records import (
     AIMED,
     APART,
+    CLASSES,
     ENERGY,
     EPISODES,
     EVENTS,

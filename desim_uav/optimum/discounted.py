@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
-from desim_uav.model.rules import Action
+from desim_uav.model.rules import Action, kind_of
 from desim_uav.optimum.footprints import flown_to
 from desim_uav.optimum.process import DroneProcess
 from desim_uav.world import World
@@ -78,7 +78,10 @@ class _Places:
         number = {node: k for k, node in enumerate(self.nodes)}
         self.reward = np.array([drone.arrival((node, 0)) for node in self.nodes])
         self.leads = np.array(
-            [[number[drone.neighbour(node, a)] for a in world.actions] for node in self.nodes]
+            [
+                [number[drone.neighbour(node, kind_of(a))] for a in world.actions]
+                for node in self.nodes
+            ]
         )
         nx, ny = world.grid.cells
         three_d = world.scenario.three_d

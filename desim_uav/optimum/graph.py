@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
 from desim_uav.model.planner import Node
-from desim_uav.model.rules import Action
+from desim_uav.model.rules import Action, Choice, kind_of
 from desim_uav.optimum.footprints import flown_to
 from desim_uav.optimum.lone_drone import State
 from desim_uav.optimum.process import DroneProcess, Flight, Outcome
@@ -108,7 +108,8 @@ def _too_many(largest: int) -> str:
     )
 
 
-def _hover_first(actions: tuple[Action, ...]) -> tuple[Action, ...]:
+def _hover_first(choices: tuple[Choice, ...]) -> tuple[Action, ...]:
+    actions = map(kind_of, choices)  # without a choice of cruise speeds
     return (Action.HOVER, *(action for action in actions if action is not Action.HOVER))
 
 
