@@ -13,7 +13,7 @@ from typing import NamedTuple
 from desim_uav.errors import UsageError
 from desim_uav.model.demand import Continuous
 from desim_uav.model.planner import Node
-from desim_uav.model.rules import MOVES, Action
+from desim_uav.model.rules import MOVES, Action, kind_of
 from desim_uav.optimum.footprints import refuse_walks
 from desim_uav.optimum.lone_drone import LoneDrone, State, Step
 from desim_uav.optimum.paper_model import refuse_other_models
@@ -57,6 +57,7 @@ class DroneProcess:
         refuse_what_is_random(world)
         refuse_walks(world)
         self.world = world
+        self._actions = [kind_of(choice) for choice in world.actions]
         self.start: State = ((*world.starts[0], 0), world.capacity_us)
         self._lone = LoneDrone(world)
 
@@ -65,14 +66,14 @@ class DroneProcess:
         self._lone.put(state)
         return tuple(
             action
-            for action, allowed in zip(self.world.actions, self._lone.state.masks, strict=True)
+            for action, allowed in zip(self._actions, self._lone.state.masks, strict=True)
             if allowed and (action not in MOVES or self.neighbour(state[0], action) != state[0])
         )
 
     def neighbour(self, node: Node, action: Action) -> Node:
         """Return the place to which a move leads, which is the same place if it is blocked."""
         world = self._lone.constants
-        move = world.moves[self.world.actions.index(action)]
+        move = world.moves[self._actions.index(action)]
         there = (node[0] + move.dx, node[1] + move.dy, node[2] + move.dlevel)
         return there if can_enter(world, self._lone.drone, *there) else node
 

@@ -34,7 +34,8 @@ class Function:
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Note the actions of the scenario."""
-        self._index = fastest_of(world.actions) | {a: k for k, a in enumerate(world.actions)}
+        self._index: dict[Any, int] = {**fastest_of(world.actions)}
+        self._index |= {action: k for k, action in enumerate(world.actions)}
         self._by_name = {action.name.lower(): action for action in self._index}
 
     def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
