@@ -132,7 +132,7 @@ def test_the_higher_index_hovers():
     log = fly(world, path_of(world), "right right", "left left")
     left_s = 8.3 / 4 + (100 - 8.3**2 / 8) / 8.3
     assert seen(log, "depart", "blocked", "conflict") == [
-        *(event + (-1,) for event in events(f"""
+        *((*event, -1) for event in events(f"""
                    0  10  depart   0
                    0  10  blocked  1
             {60 * US} 10  depart   0
