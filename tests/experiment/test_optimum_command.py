@@ -260,6 +260,13 @@ NOT_THE_PAPERS = {
             "for a volume"
         ],
     ),
+    "giving way": (
+        {"separation_m": 50, "on_conflict": "hover_higher_index"},
+        [
+            f"on_conflict: hover_higher_index: {ONLY} with log, where no move of a drone is "
+            "blocked by another"
+        ],
+    ),
     "all": (
         CLASSES
         | {

@@ -664,7 +664,7 @@ class TestRefused:
             ("events", "user", None, "user: not of this run"),
             ("events", "drone", -2, "drone: not of this run"),
             ("events", "t_us", -1, "t_us: not of this run"),
-            ("events", "phase", 13, "phase: not of this run"),
+            ("events", "phase", 14, "phase: not of this run"),
             ("requests", "service", "<img>", "service: '<img>' is not in scenario.yaml"),
             ("requests", "request_id", 5, "request_id: not numbered"),
             ("requests", "requested_s", 0.0, "requested_s: below"),
