@@ -167,6 +167,12 @@ class BangCoastBang:
     """The same for each hop of a return to a charging station. `fill_epoch`: it takes as long as
     a step.
     """
+    cruise: CruiseSpeeds = None
+    """The cruise speeds from which each command of a move chooses, ascending, in metres per second
+    through the air.
+    There is an action for each move and speed (`right@8.3`), and the drone hovers for the rest of
+    the step. null: no choice, and `timing` says how fast moves are.
+    """
     space: Literal["cells", "free"] = "cells"
     """`cells`: drones fly from cell centre to cell centre. `free`: they fly straight to any place
     that they reach within a step, always in minimum time, and `max_speed_mps` and
@@ -180,12 +186,6 @@ class BangCoastBang:
     """The highest vertical acceleration in free flight, in metres per second squared."""
     margin_m: Annotated[float, Ge(0.01), Le(1000)] = 5.0
     """How far drones keep away from buildings and from `map.no_fly` in free flight, in metres."""
-    cruise: CruiseSpeeds = None
-    """The cruise speeds from which each command of a move chooses, ascending, in metres per second
-    through the air.
-    There is an action for each move and speed (`right@8.3`), and the drone hovers for the rest of
-    the step. null: no choice, and `timing` says how fast moves are.
-    """
 
     def too_fast(self) -> list[tuple[int, str]]:
         """Return the number of each cruise speed above the highest speed, and what is wrong."""
