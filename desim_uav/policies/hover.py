@@ -16,6 +16,7 @@ class Hover:
     """Lets each drone hover at its start until its battery is empty."""
 
     ceiling = True
+    _hover = int(Action.HOVER)
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Note the number of the action."""

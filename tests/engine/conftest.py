@@ -21,22 +21,25 @@ def every_engine(engine_name: str, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(Flight, "flown_by", engine_name)
 
 
-COMPILED_IN_AIR = (
+COMPILED_APART = (
     "test_access_points",
+    "test_free_flight",
     "test_line_of_sight",
     "test_link_memory",
     "test_radio_engines",
     "test_separation",
+    "test_wind",
 )
-"""Files whose tests of the compiled engine need kernels for links in the air, which take more than
-a minute to compile. These tests are thorough; the default run has the same tests on SimPy."""
+"""Files whose tests of the compiled engine need kernels that the nine cases do not use. Those for
+links in the air take more than a minute to compile. These tests are thorough; the default run has
+the same tests on SimPy."""
 
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Let tests that compile kernels for links in the air be thorough."""
+    """Let tests of the compiled engine that compile much be thorough."""
     for item in items:
-        if item.path.stem in COMPILED_IN_AIR and _engine_of(item) != "des":
+        if item.path.stem in COMPILED_APART and _engine_of(item) != "des":
             item.add_marker(pytest.mark.thorough)
 
 

@@ -245,7 +245,7 @@ def learned(engine: str) -> np.ndarray[Any, Any]:
 # ---- random scenarios
 
 
-@pytest.mark.parametrize("seed", by_default([2, 5], SEEDS))
+@pytest.mark.parametrize("seed", by_default([2], SEEDS))
 def test_agrees_with_the_reference_at_the_finest_dt(seed: int) -> None:
     case, result = case_of(seed, cruising), sampled(seed, FINEST_S, cruising)
     speeds = set()

@@ -20,7 +20,7 @@ from tests.verification.freely import case_of, pooled_errors, sampled
 SEEDS = range(32)
 
 
-@pytest.mark.parametrize("seed", by_default([0, 3], SEEDS))
+@pytest.mark.parametrize("seed", by_default([0], SEEDS))
 def test_agrees_at_the_finest_dt(seed: int) -> None:
     (case, _), result = case_of(seed), sampled(seed, FINEST_S)
     for step in case.log.steps:

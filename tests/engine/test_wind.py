@@ -228,6 +228,7 @@ def play(scenario: dict[str, Any], wind: list[float], seed: int) -> None:
         shown = audited.step([seed % len(world.actions)] * world.scenario.drones.count)
 
 
+@pytest.mark.thorough
 @settings(max_examples=10, deadline=None)
 @given(scenarios(), st.sampled_from([[3.1, 0.0], [-1.5, 2.75], [0.0, -3.4]]), st.integers(0, 999))
 def test_both_engines_are_equal(scenario: dict[str, Any], wind: list[float], seed: int):

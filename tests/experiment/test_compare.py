@@ -285,6 +285,7 @@ class TestComparison:
         assert values(found, "hover", "world_seed") == [9, 9, 9]
         assert compared("hover", "-S", "world_seed=9") == found
 
+    @pytest.mark.thorough
     def test_the_number_of_processes_changes_nothing(self, compared):
         policies = "baseline,random,compared:Same"
         assert compared(policies, "-j", 2) == compared(policies)

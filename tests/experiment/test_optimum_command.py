@@ -126,6 +126,7 @@ def test_runs(found):
     assert again["seeds"] == runs["seeds"][:1]
 
 
+@pytest.mark.thorough
 def test_runs_in_words(told):
     code, out, err = told(*SHORT)
     assert (code, err) == (0, "")

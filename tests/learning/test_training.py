@@ -152,6 +152,7 @@ CHARGER: dict[str, Any] = {
 }
 
 
+@pytest.mark.thorough
 def test_going_home_gets_its_value_through_the_forced_steps():
     """A user on the east cell, a station in the middle, 8 minutes of battery.
 

@@ -293,9 +293,7 @@ def check_bounds(world: World, seed: int, episodes: int, encodings: list[Encodin
     return modes
 
 
-@pytest.mark.parametrize(
-    "case", by_default(["case1", "case5", "case8"], [f"case{k}" for k in range(1, 10)])
-)
+@pytest.mark.parametrize("case", by_default(["case1", "case5"], [f"case{k}" for k in range(1, 10)]))
 def test_everything_is_within_its_bounds_in_every_case(case: str):
     modes = set()
     for seed in range(3):

@@ -141,6 +141,7 @@ def test_the_order_of_one_instant():
         "COMMAND",
         "COVERAGE",
         "ADMISSION",
+        "SEPARATION",
     ]
     assert sorted(Phase) == list(Phase)
 
