@@ -19,7 +19,7 @@ from tests.verification.links import MEASURES, linked_scenario_of
 SEEDS = range(24)
 
 
-@pytest.mark.parametrize("seed", by_default([1, 3, 5, 9], SEEDS))
+@pytest.mark.parametrize("seed", by_default([1, 3], SEEDS))
 def test_agrees_at_the_finest_dt(seed: int) -> None:
     case = case_of(seed, linked_scenario_of)
     result = sampled(seed, FINEST_S, linked_scenario_of)

@@ -147,6 +147,7 @@ def test_in_both_engines():
         check(world, seed)
 
 
+@pytest.mark.thorough
 def test_in_both_engines_with_radio():
     for seed in range(2):
         check(random_radio.world_of(seed), seed)

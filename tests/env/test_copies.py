@@ -192,6 +192,7 @@ def test_what_a_world_has_worked_out_is_not_pickled():
     assert len(pickle.dumps(world)) == before
 
 
+@pytest.mark.thorough
 def test_another_process_goes_on(tmp_path: Path):
     """Unpickled in a process of its own, where no address of this one means anything."""
     envs = {kind: make() for kind, make in MAKERS.items() if kind != "stable-baselines3"}

@@ -110,6 +110,7 @@ def test_an_episode(found):
 SHORT = ("case8", "-S", "episode.steps=3", "-S", "users.count=8", "--episodes", 2, "--quiet")
 
 
+@pytest.mark.thorough
 def test_runs(found):
     """Of several drones whose users walk, only runs are bounded."""
     best = found(*SHORT, "--seeds", 2, "--seed", 5)

@@ -11,6 +11,7 @@ def test_every_section_has_numeric_keys():
     assert len(numeric_keys()) > 60
 
 
+@pytest.mark.thorough
 def test_some_overrides():
     found = list(outcomes(200, seed=5))
     assert [one for one in found if is_wrong(one)] == []

@@ -209,6 +209,7 @@ def in_compiled_code(air, span_us, held, out, pairs):
     return 100 * counts + pair_changes(air, 0, 0, 1, 0.0, span_us, -1, pairs)
 
 
+@pytest.mark.thorough
 def test_compiled_code_gets_the_same_rows_as_python():
     rng = np.random.default_rng(8)
     sky = replace(random_sky(rng, 3, 2), thresholds=np.arange(-10.0, 20.0), serves=[1] * 3)

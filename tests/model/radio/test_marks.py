@@ -45,6 +45,7 @@ def check(seen):
 
 
 class TestDrawn:
+    @pytest.mark.thorough
     def test_a_sampler_sees_the_same(self):
         check(survey(10, 1))
 
