@@ -23,11 +23,11 @@ def every_engine(engine_name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 COMPILED_APART = (
     "test_access_points",
+    "test_conflicts",
     "test_free_flight",
     "test_line_of_sight",
     "test_link_memory",
     "test_radio_engines",
-    "test_separation",
     "test_wind",
 )
 """Files whose tests of the compiled engine need kernels that the nine cases do not use. Those for
