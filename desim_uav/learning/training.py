@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -62,6 +62,9 @@ class Progress(NamedTuple):
     qoe3_percent: float | None
     crashes: int
 
+
+Columns = Sequence[Sequence[Any]]
+"""The results of ``fused.RESULTS``: each has one of every drone in every episode, in this order."""
 
 made = partial(tuple.__new__, Progress)
 """Make a Progress of a tuple of all its fields."""
@@ -161,35 +164,42 @@ class Training:
         self.episode += count
         if self.engine.terminated or parameters[-1][2]:
             self.engine.carry(None)
-        size = self.q[0].size
         if any(math.isnan(learner.q.sum) for learner in self.learners):
             raise SimulationError(
                 f"learning.algorithm: {self.settings.algorithm!r} has learned values that are not "
                 "finite, or used values outside its tables"
             )
-        return [
-            made((episode, drone, reward, epsilon, alpha, total / size, *qoe, int(crashes)))
-            for episode, (epsilon, alpha, _), drones in zip(
-                episodes, parameters, results, strict=True
-            )
-            for drone, (reward, total, *qoe, crashes) in enumerate(drones)
-        ]
+        return self._rows(episodes, parameters, results)
 
-    def _learn(self, numbers: list[int], parameters: list[Parameters]) -> list[Any]:
-        """Learn in an episode; return the results of each drone (see ``fused.RESULTS``)."""
+    def _rows(
+        self, episodes: range, parameters: list[Parameters], results: Columns
+    ) -> list[Progress]:
+        """Return a row per episode and drone, made of columns, which is faster than one by one."""
+        drones, size = range(len(self.learners)), self.q[0].size
+        rewards, totals, *qoe, crashes = results
+        numbers, epsilons, alphas = (
+            [value for value in column for _ in drones]
+            for column in (episodes, *list(zip(*parameters, strict=True))[:2])
+        )
+        means = [total / size for total in totals]
+        which = [*drones] * len(episodes)
+        columns = (numbers, which, rewards, epsilons, alphas, means, *qoe, map(int, crashes))
+        return list(map(made, zip(*columns, strict=True)))
+
+    def _learn(self, numbers: list[int], parameters: list[Parameters]) -> Columns:
+        """Learn in an episode; return the results of each drone (see ``Columns``)."""
         (number,), draws = numbers, self._draws(numbers)[0].swapaxes(0, 1).tolist()
         engine = Readable(self.engine, draw(self.world, self.seed, number), draws)
         play(engine, self.episode_row, parameters[0])
         measures, crashed = self.engine.measures(), self.engine.log.crashed
-        return [
-            [
-                (learner.rewards, learner.q.sum, *measures, crashed.count(drone))
-                for drone, learner in enumerate(self.learners)
-            ]
+        of_drones = [
+            (learner.rewards, learner.q.sum, *measures, crashed.count(drone))
+            for drone, learner in enumerate(self.learners)
         ]
+        return list(zip(*of_drones, strict=True))
 
-    def _learn_compiled(self, numbers: list[int], parameters: list[Parameters]) -> list[Any]:
-        """Learn in episodes in compiled code; return the results by episode and drone."""
+    def _learn_compiled(self, numbers: list[int], parameters: list[Parameters]) -> Columns:
+        """Learn in episodes in compiled code; return the results (see ``Columns``)."""
         engine = self.engine
         assert isinstance(engine, BatchSimulation)
         paths, starts = engine.prepare(draw_all(self.world, self.seed, numbers))
@@ -211,16 +221,14 @@ class Training:
         if missing.any():
             results = results.astype(object)
             results[missing] = None  # of measures
-        return results.tolist()
+        return results.reshape(-1, fused.RESULTS).T.tolist()
 
-    def _parameters(self, episodes: Iterable[int]) -> list[Parameters]:
+    def _parameters(self, episodes: range) -> list[Parameters]:
         """Return the parameters of each episode (see ``learner.Parameters``)."""
         epsilon, alpha = self.settings.epsilon, self.settings.alpha
         every = self.settings.restart_every if self.carries_over else 1
-        return [
-            (epsilon.at(k), alpha.at(k), float(every is not None and (k + 1) % every == 0))
-            for k in episodes
-        ]
+        last = [float(every is not None and (k + 1) % every == 0) for k in episodes]
+        return list(zip(epsilon.over(episodes), alpha.over(episodes), last, strict=True))
 
     def _draws(self, numbers: Sequence[int]) -> NDArray[np.float64]:
         """Return the random numbers of episodes, in [0, 1): (episodes, drones, epochs, DRAWS)."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field
@@ -35,8 +35,13 @@ class Schedule(Section):
 
     def at(self, episode: int) -> float:
         """Its value in an episode, counted from 0."""
-        value = self.start * self.decay**episode
-        return value if value > self.end else self.end
+        return self.over((episode,))[0]
+
+    def over(self, episodes: Iterable[int]) -> list[float]:
+        """Its values in these episodes."""
+        start, decay, end = self.start, self.decay, self.end
+        values = [start * decay**episode for episode in episodes]
+        return [value if value > end else end for value in values]
 
 
 def _schedule(value: Any) -> Any:

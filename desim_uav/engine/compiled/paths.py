@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from itertools import repeat
+from operator import is_
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +17,8 @@ from desim_uav.model.rows import place as place_of
 from desim_uav.model.walking import ManyRowWalks, RowWalks, Walks
 from desim_uav.rules.rows import Path
 from desim_uav.sample_path import SamplePaths
+
+T = TypeVar("T")
 
 
 class Section(NamedTuple):
@@ -127,11 +131,16 @@ def _block(numbers: NDArray[Any]) -> Section:
     return Section(parts, size * np.arange(count), size)
 
 
+def _once(drawn: Sequence[T]) -> Sequence[T]:
+    """Return what has been drawn for each episode, or one of them if it is the same object."""
+    return drawn[:1] if all(map(is_, drawn, repeat(drawn[0]))) else drawn
+
+
 def _listed(arrays: Sequence[NDArray[Any]]) -> Section:
     """Return a section of one array per episode; an array that is always the same stands once."""
-    first = arrays[0]
-    if all(array is first for array in arrays):
-        return Section([np.ascontiguousarray(first).reshape(-1)], 0, first.size)
+    arrays = _once(arrays)
+    if len(arrays) == 1:
+        return Section([np.ascontiguousarray(arrays[0]).reshape(-1)], 0, arrays[0].size)
     flat = [np.ascontiguousarray(array).reshape(-1) for array in arrays]
     sizes = np.array([array.size for array in flat])
     return Section(flat, np.cumsum(sizes) - sizes, sizes)
@@ -141,6 +150,7 @@ def _walking(walking: Sequence[Walks | RowWalks]) -> tuple[bool, Section, Sectio
     """Return whether users walk step by step, the offsets of legs, the legs, and users' streams."""
     if isinstance(walking, ManyRowWalks):
         return True, NOTHING, NOTHING, _block(walking.states.view(np.int64))
+    walking = _once(walking)
     states = [own.states.view(np.int64) for own in walking if isinstance(own, RowWalks)]
     if states:
         return True, NOTHING, NOTHING, _listed(states)
@@ -160,14 +170,15 @@ def _requests(requests: Sequence[Requests]) -> tuple[Section, Section]:
         begins = columns * np.array(requests.begins)
         counts = columns * requests.offsets[:, -1]
         return Section([requests.rows.reshape(-1)], begins, counts), _block(requests.offsets)
+    requests = _once(requests)
     return _listed([own.rows for own in requests]), _listed([own.offsets for own in requests])
 
 
-def _after_previous(requests: Sequence[Requests]) -> Sequence[bool]:
-    """Return ``Requests.after_previous`` of each episode."""
+def _after_previous(requests: Sequence[Requests]) -> bool | list[bool]:
+    """Return ``Requests.after_previous`` of each episode, or of all."""
     if isinstance(requests, ManyRequests):
-        return [requests.after_previous] * len(requests)
-    return [own.after_previous for own in requests]
+        return requests.after_previous
+    return [own.after_previous for own in _once(requests)]
 
 
 def _keys(keys: NDArray[np.uint64]) -> Section:
