@@ -191,8 +191,12 @@ def uniforms(states: NDArray[np.uint64], count: int) -> NDArray[np.float64]:
     """Return the next ``count`` uniform numbers of each stream: (streams, count)."""
     drawn = np.empty((len(states), count))
     for stream in range(len(states)):
+        own = states[stream]
+        state = (own[0], own[1], own[2], own[3])  # in registers
         for k in range(count):
-            drawn[stream, k] = next_uniform(states[stream])
+            word, state = advanced(state)
+            drawn[stream, k] = as_uniform(word)
+        own[0], own[1], own[2], own[3] = state
     return drawn
 
 
