@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.compiled_registers import either
+from desim_uav.model.compiled_registers import either, precedes
 from desim_uav.model.kernels import rule, stands_in_for
 from desim_uav.rules import due as seam
 from desim_uav.rules.due import crossing_slot
@@ -85,7 +85,7 @@ def _winner(state: State, slot: int, t_us: int, key: int, other: int) -> tuple[i
     A match has no jump, because winners are unpredictable and mispredicted jumps take longer.
     """
     t_other, other_key = state.slot_times[other], state.slot_keys[other]
-    lost = (t_other < t_us) | ((t_other == t_us) & (other_key < key))
+    lost = precedes(t_other, other_key, t_us, key)
     t_us, key = either(lost, t_other, t_us), either(lost, other_key, key)
     return either(lost, other, slot), t_us, key
 
