@@ -85,8 +85,14 @@ def _put(q: Any, place: Any, value: Any) -> Any:
 def _entry(q: Values, place: Place) -> int:
     """Return the number of the entry at a place, or a number below 0 if there is no such place."""
     table, state, action = place
-    inside = (0 <= table < q.tables) & (0 <= state < q.states) & (0 <= action < q.actions)
+    inside = _is_below(table, q.tables) & _is_below(state, q.states) & _is_below(action, q.actions)
     return (table * q.states + state) * q.actions + action if inside else -1
+
+
+@rule
+def _is_below(number: int, end: int) -> bool:
+    """Return whether a number is from 0 to ``end`` - 1, by one comparison without signs."""
+    return np.uint64(number) < np.uint64(end)  # type: ignore[return-value]
 
 
 @row
