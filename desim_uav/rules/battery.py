@@ -94,12 +94,19 @@ def change_mode(world: Constants, state: State, drone: Drone, mode: int) -> None
     """Begin a new leg or mode: update the battery to now, and cancel the scheduled depletion."""
     if world.separation_m > 0.0:
         call(world.part, (world, state, drone))
-    held = battery_now(world, state, drone)
-    count_charge(drone, held)
-    drone.battery_us, drone.counted = held, 0
+    if is_limited(world, drone):
+        _hold(world, state, drone)
     drone.since_us = state.now_us
     drone.counted_m = 0.0
     drone.mode = mode
+
+
+@rule
+def _hold(world: Constants, state: State, drone: Drone) -> None:
+    """Update a limited battery to now, and cancel its scheduled depletion."""
+    held = battery_now(world, state, drone)
+    count_charge(drone, held)
+    drone.battery_us, drone.counted = held, 0
     undo(state, depletion_slot(state, drone.index))
 
 
