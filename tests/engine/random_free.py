@@ -107,6 +107,8 @@ def scenario(seed: int) -> dict[str, Any]:
     }
     if dice.of(True, False, False):
         made["position_noise"] = {"probability": 0.3, "sigma_cells": 1.0}
+    later = Dice(seed + 1)
+    made["wind_mps"] = later.of([0, 0], [0, 0], [-2.5, 1], [0, 5.9], [4.2, 3])
     return made
 
 
@@ -117,15 +119,18 @@ def with_links(seed: int) -> dict[str, Any]:
     return made
 
 
-def world_of(seed: int, links: bool = False) -> World:
+def world_of(seed: int, links: bool = False, windy: bool = False) -> World:
     """The world of a random scenario: of the first from this seed on that is accepted.
 
-    ``links``: it is one of those that ``random_radio`` makes.
+    ``links``: it is one of those that ``random_radio`` makes. ``windy``: it has wind.
     """
     make = with_links if links else scenario
     for k in range(50):
+        made = make(seed + 10_000 * k)
+        if windy and made["wind_mps"] == [0, 0]:
+            continue
         try:
-            return build_world(from_mapping(make(seed + 10_000 * k)), seed)
+            return build_world(from_mapping(made), seed)
         except ScenarioError:
             continue
     raise AssertionError(f"no scenario from seed {seed} on is accepted")
