@@ -176,6 +176,9 @@ def fly_freely(world: Constants, path: Path, state: State, drone: Drone, flies: 
     course.blocked = 0
     if flies:
         transit = call_for_int(world.steer, (world, state, drone))
+    gives_way = world.gives_way and transit != words.REST
+    if gives_way and call_for_int(world.must_wait, (world, state, drone, transit)):
+        course.blocked, transit = 1, words.REST
     if course.blocked:
         note_drone(state, words.COMMAND, words.ON_BLOCKED, drone)
     if transit == words.REST:

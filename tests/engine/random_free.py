@@ -109,6 +109,9 @@ def scenario(seed: int) -> dict[str, Any]:
         made["position_noise"] = {"probability": 0.3, "sigma_cells": 1.0}
     later = Dice(seed + 1)
     made["wind_mps"] = later.of([0, 0], [0, 0], [-2.5, 1], [0, 5.9], [4.2, 3])
+    if later.of(True, False, False):
+        made["separation_m"] = later.between(15, 400)
+        made["on_conflict"] = later.of("log", "hover_higher_index")
     return made
 
 
