@@ -30,8 +30,6 @@ def free_flight_fits_the_scenario(scenario: Scenario) -> Iterator[Finding]:
             motions,
         )
         return
-    if scenario.decisions.by_event:
-        yield Finding(("decisions",), f"not beside {FREE}, which needs decisions: clock", motions)
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         yield from _of_type(scenario, key, drones)
 
