@@ -1,20 +1,26 @@
 """Free flight with decisions by event: worlds by hand, in both engines, and an environment.
 
-Random scenarios are in ``test_everything.py``.
+Both engines fly random scenarios in ``test_everything.py``.
 """
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 
 from desim_uav import UavEnv
+from desim_uav.model.rules import Mode
 from desim_uav.world import World
 from tests.engine.helpers import HOVER_WH, US, Flight, events, path_of, seen, strip
+from tests.engine.random_all import scenario
+from tests.engine.random_parts import accepted
+from tests.engine.random_radio import audited
 from tests.engine.replay import check_log
 from tests.engine.test_by_event import asked, times
+from tests.selection import by_default
 
 FREELY = {"motion": {"space": "free", "max_speed_mps": 10, "max_acceleration_mps2": 5}}
 """In d metres, of at least 20, such drones take d / 10 + 2 s. In 60 s they reach 580 m."""
@@ -119,6 +125,25 @@ def test_there_are_no_more_epochs_than_foreseen():
     world = by_event(patience_s=5, steps=2)
     flight = fly(world, [[1e-3, 0.0]] * 100)
     assert len(flight.shown) - 1 == 24 <= world.most_epochs
+
+
+@pytest.mark.parametrize("seed", by_default(range(2), range(20)))
+def test_each_drone_is_asked_when_its_command_is_over(seed: int):
+    world = accepted(scenario, 1000 + seed, lambda found: found.free and found.decisions.by_event)
+    checked, patience_us = 0, world.patience_us
+    for log in audited(world):
+        ends = {(leg.drone, leg.t_us): leg.duration_us for leg in log.legs}
+        breaks = {"land", "crash", "deplete", "respawn", "charged"}
+        for drone in range(world.scenario.drone_count):
+            mine = [event for event in log.events or () if event[3] == drone]
+            at = [event[0] for event in mine if event[2] == "decide"]
+            gone = [event[0] for event in mine if event[2] in breaks]
+            gone += [leg.t_us for leg in log.legs if leg.drone == drone and leg.mode != Mode.FLYING]
+            for now, following in pairwise(at):
+                if not any(now <= t <= following for t in gone):
+                    assert following - now == max(ends.get((drone, now), 0), patience_us)
+                    checked += 1
+    assert checked
 
 
 @pytest.mark.thorough
