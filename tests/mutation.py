@@ -487,8 +487,8 @@ MUTATIONS = (
     Mutation(
         "free flight: the wind pushes the wrong way",
         "model/free/limits.py",
-        "tail, side = (wx * x + wy * y) / level,",
-        "tail, side = -(wx * x + wy * y) / level,",
+        "return float((wx * x + wy * y) / level + 0.0),",
+        "return float(-(wx * x + wy * y) / level + 0.0),",
         ("model/free/test_limits.py",),
     ),
     Mutation(
@@ -532,6 +532,34 @@ MUTATIONS = (
         "if low < 0.0:",
         "if high < 0.0:",
         ("model/free/test_work.py",),
+    ),
+    Mutation(
+        "free flight: a leg has the wind from the side only",
+        "rules/free_flight.py",
+        "flight.tail_mps, flight.side_mps = wind_along(wind, ahead)",
+        "_, flight.side_mps = wind_along(wind, ahead)",
+        ("engine/test_free_in_wind.py",),
+    ),
+    Mutation(
+        "free flight: a drone is asked as soon as a short leg ends",
+        "rules/epochs.py",
+        "max(lasts_us, world.patience_us) if drone.off_grid",
+        "lasts_us if drone.off_grid",
+        ("engine/test_free_by_event.py",),
+    ),
+    Mutation(
+        "free flight: a drone gives way to nobody",
+        "rules/free_flight.py",
+        "gives_way = world.gives_way and",
+        "gives_way = 0 * world.gives_way and",
+        ("engine/test_conflicts.py",),
+    ),
+    Mutation(
+        "separation: a drone at rest is where it is told to fly",
+        "rules/separation.py",
+        "return x0, y0, z0, x0, y0, z0",
+        "return x0, y0, z0, x1, y1, z1",
+        ("engine/test_conflicts.py",),
     ),
 )
 

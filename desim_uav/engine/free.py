@@ -122,7 +122,7 @@ def load_course(world: World, drone: Any, carried: FreeCarried) -> None:
     drone.transit = REST if leg.distance_m == 0.0 else OWN
     drone.to_x, drone.to_y = world.grid.cell_of(*stop[:2])
     drone.to_level = world.grid.level_of(stop[2])
-    write_flight(drone.course.flight, leg)
+    write_flight(drone.course.flight, leg, space.wind)
 
 
 def aims_of(state: Any, step: int, drones: Sequence[Any]) -> None:

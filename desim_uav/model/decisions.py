@@ -36,7 +36,8 @@ class ByClock:
 class ByEvent:
     """Each drone is asked when it is free: it has arrived, is charged, or has hovered for a time.
 
-    A drone that replaces a crashed one is asked when it appears.
+    A drone that replaces a crashed one is asked when it appears. One that flies freely is asked
+    when it has arrived, and at the earliest ``patience_s`` after its command: it hovers until then.
     """
 
     patience_s: Annotated[float, Ge(1), Le(86_400)] = 60.0

@@ -37,7 +37,7 @@ class Track:
         if self._own.free:
             space = self._own.space
             flown = leg_between(space.limits, space.wind, ANY_SPEED, start, end)
-            return Leg(flight_of(flown), start[:2], end[:2], start[2], end[2])
+            return Leg(flight_of(flown, space.wind), start[:2], end[:2], start[2], end[2])
         length_m = in_order(abs(b - a) for a, b in zip(start, end, strict=True))
         transit: Transit = REST
         duration_us = int(self.ends_us[number] - self.starts_us[number])

@@ -49,13 +49,15 @@ def _schedule(state: State) -> None:
 def span_of(world: Constants, drone: Drone) -> int:
     """Return for how long a drone follows a command whose transit it begins, in microseconds.
 
-    This is a step or, if decisions are by event, the transit or a hover of ``patience_us``.
+    This is a step or, if decisions are by event, the transit or a hover of ``patience_us``. In free
+    flight, whose legs may be short, it is at least ``patience_us``.
     """
     if not world.by_event:
         return world.step_us
     if drone.transit == words.REST:
         return world.patience_us
-    return flight_of(world, drone).duration_us
+    lasts_us = flight_of(world, drone).duration_us
+    return max(lasts_us, world.patience_us) if drone.off_grid else lasts_us
 
 
 @rare_rule

@@ -268,10 +268,17 @@ def end_move(world: Constants, state: State, drone: Drone) -> None:
 
 @rare_rule
 def _end_leg(world: Constants, state: State, drone: Drone) -> None:
-    """End a move or a hover of a drone, which is asked now."""
+    """End a move or a hover of a drone, which is asked now.
+
+    After a shorter leg of free flight than ``patience_us``, it hovers until this time is over.
+    """
     if drone.transit != words.REST:
+        rest_us = max(0, span_of(world, drone) - flight_of(world, drone).duration_us)
         arrive(world, state, drone)
-        foresee_depletion(world, state, drone, 0)
+        foresee_depletion(world, state, drone, rest_us)
+        if rest_us > 0:
+            await_end(world, state, drone, rest_us)
+            return
     drone.waits = 1
     ask_at(state, state.now_us)
 

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from desim_uav.model.compiled_rows import call_for_int
 from desim_uav.model.free.flight import step_leg
-from desim_uav.model.free.legs import Bounds, FreeLeg, leg_between
-from desim_uav.model.free.limits import Limits, Wind
+from desim_uav.model.free.legs import Bounds, FreeLeg, direction, leg_between
+from desim_uav.model.free.limits import Limits, Wind, wind_along
 from desim_uav.model.free.prisms import Prisms, first_entry
 from desim_uav.model.free.roads import way_home
 from desim_uav.model.free.space import Ways
@@ -86,12 +86,15 @@ def bounds_of(world: Constants, drone: Drone) -> Bounds:
 
 
 @rule
-def write_flight(flight: TransitRow, leg: FreeLeg) -> None:
-    """Write a leg as a transit, with the numbers of ``model.motion.write_trapezoid``."""
+def write_flight(flight: TransitRow, leg: FreeLeg, wind: Wind) -> None:
+    """Write a leg in wind as a transit, with the numbers of ``model.motion.write_trapezoid``."""
     flight.duration_us, flight.distance_m = leg.duration_us, float(leg.distance_m)
-    flight.rises = 0.0
+    flight.rises = flight.tail_mps = flight.side_mps = 0.0
     if leg.distance_m > 0.0:
-        flight.rises = float((leg.route[5] - leg.route[2]) / leg.distance_m)
+        x0, y0, z0, x1, y1, z1 = leg.route
+        flight.rises = float((z1 - z0) / leg.distance_m)
+        ahead, _ = direction((x0, y0, z0), (x1, y1, z1))
+        flight.tail_mps, flight.side_mps = wind_along(wind, ahead)
         ramp_s = leg.speed_mps / leg.acceleration_mps2
         ramp_m = leg.speed_mps * ramp_s / 2.0
         _write(flight, 0, 0.0, 0.0, 0.0, leg.acceleration_mps2)
@@ -123,7 +126,7 @@ def begin_leg(world: Constants, drone: Drone, leg: FreeLeg) -> int:
     drone.to_level = level_index(course.z1_m, world.lowest_m, world.level_step_m, world.levels)
     if leg.distance_m == 0.0:
         return words.REST
-    write_flight(course.flight, leg)
+    write_flight(course.flight, leg, wind_of(world, drone.type))
     return words.OWN
 
 
@@ -173,6 +176,9 @@ def fly_freely(world: Constants, path: Path, state: State, drone: Drone, flies: 
     course.blocked = 0
     if flies:
         transit = call_for_int(world.steer, (world, state, drone))
+    gives_way = world.gives_way and transit != words.REST
+    if gives_way and call_for_int(world.must_wait, (world, state, drone, transit)):
+        course.blocked, transit = 1, words.REST
     if course.blocked:
         note_drone(state, words.COMMAND, words.ON_BLOCKED, drone)
     if transit == words.REST:
@@ -315,5 +321,5 @@ def _drains(world: Constants, drone: Drone, leg: FreeLeg) -> int:
     if leg.distance_m == 0.0 or not is_limited(world, drone):
         return 0
     own, probe = type_of(world, drone), drone.course.probe
-    write_flight(probe, leg)
+    write_flight(probe, leg, wind_of(world, drone.type))
     return call_for_int(own.drained_us, (own, probe, probe.duration_us))

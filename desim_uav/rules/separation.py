@@ -10,11 +10,14 @@ from __future__ import annotations
 import math
 from typing import Any
 
+from desim_uav.model.free.legs import Route
 from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.rules import words
 from desim_uav.rules.due import due, key, separation_slot
+from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Pair, State
+from desim_uav.rules.transits import flight_of
 
 MOST_TURNS = 64
 """More than how often two drones can come too near and part again on a leg: their squared distance
@@ -157,10 +160,23 @@ def _note(state: State, kind: int, pair: Pair) -> None:
 
 
 @rule
+def route_of(world: Constants, drone: Drone) -> Route:
+    """Return where the leg of a drone leads from and to, in metres.
+
+    A drone that rests stays where it is, even if it has just been told where it flies next.
+    """
+    x0, y0, x1, y1 = way_of(world, drone)
+    z0, z1 = heights_of(world, drone)
+    if drone.transit == words.REST:
+        return x0, y0, z0, x0, y0, z0
+    return x0, y0, z0, x1, y1, z1
+
+
+@rule
 def rests_at(world: Constants, state: State, one: Drone, other: Drone) -> int:
     """Return when two drones in the air both rest, if they are told nothing else."""
-    first = one.since_us + world.transits[one.transit].duration_us
-    second = other.since_us + world.transits[other.transit].duration_us
+    first = one.since_us + flight_of(world, one).duration_us
+    second = other.since_us + flight_of(world, other).duration_us
     return max(first, second, state.now_us)
 
 

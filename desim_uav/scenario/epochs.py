@@ -30,8 +30,8 @@ def most_epochs(scenario: Scenario) -> int:
 
 def shortest_leg_s(scenario: Scenario, drones: Drones) -> float:
     """Return the shortest time from a command to the next one in serving flight, in seconds."""
-    if scenario.free:
-        return scenario.episode.step_s  # they decide by clock
+    if scenario.free:  # a leg may be short, but then the drone hovers
+        return scenario.decisions.patience_s
     sizes = zip(scenario.map.cell_m, scenario.map.cells, strict=True)
     hops_m = [size_m if count > 1 else 0.0 for size_m, count in sizes]
     hops_m.append(scenario.map.levels.step_m if scenario.three_d else 0.0)

@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
-from desim_uav.model.battery import in_joules
-from desim_uav.model.free.limits import CALM
 from desim_uav.scenario.finding import Finding
 from desim_uav.scenario.schema import Drones, Scenario, flies_freely
 from desim_uav.scenario.yaml12 import KeyPath
@@ -32,20 +30,8 @@ def free_flight_fits_the_scenario(scenario: Scenario) -> Iterator[Finding]:
             motions,
         )
         return
-    if scenario.decisions.by_event:
-        yield Finding(("decisions",), f"not beside {FREE}, which needs decisions: clock", motions)
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         yield from _of_type(scenario, key, drones)
-
-
-def _wind(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Finding]:
-    """Find wind beside batteries whose energy in it is not known."""
-    if scenario.wind_mps != CALM and in_joules(drones.battery):
-        yield Finding(
-            (*key, "battery"),
-            f"not beside wind_mps and {FREE}, which need kind: endurance",
-            (("wind_mps",),),
-        )
 
 
 def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Finding]:
@@ -63,7 +49,6 @@ def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Findi
             f"not beside {FREE}, in which drones always fly in minimum time",
             also,
         )
-    yield from _wind(scenario, key, drones)
     side_m = min(scenario.map.cell_m)
     if scenario.map.obstacles is not None and motion.margin_m >= side_m / 2.0:
         yield Finding(

@@ -19,12 +19,6 @@ def drones_can_keep_apart(scenario: Scenario) -> Iterator[Finding]:
                 ("on_conflict",), "needs separation_m, the least distance", (("separation_m",),)
             )
         return
-    if scenario.free:
-        yield Finding(
-            ("separation_m",),
-            "not beside drones.motion: space: free; distances are looked at between cells",
-            tuple((*key, "motion", "space") for key in scenario.fleet_keys),
-        )
     if scenario.drone_count > MOST_APART:
         yield Finding(
             ("separation_m",),

@@ -24,7 +24,9 @@ def every_engine(engine_name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 COMPILED_APART = (
     "test_access_points",
     "test_conflicts",
+    "test_free_by_event",
     "test_free_flight",
+    "test_free_in_wind",
     "test_line_of_sight",
     "test_link_memory",
     "test_radio_engines",

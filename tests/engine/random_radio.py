@@ -9,11 +9,10 @@ import numpy as np
 from desim_uav.engine.audit import audit
 from desim_uav.engine.base import EpisodeLog, RunSettings
 from desim_uav.engine.des import Simulation
-from desim_uav.errors import ScenarioError
 from desim_uav.sample_path import draw
-from desim_uav.scenario.load import from_mapping
-from desim_uav.world import World, build_world
+from desim_uav.world import World
 from tests.engine.helpers import some_command
+from tests.engine.random_parts import Dice, accepted
 
 TOWNS = ("suburban", "urban", "dense_urban", "high_rise")
 CLASSES = (
@@ -22,21 +21,6 @@ CLASSES = (
     [{"snr_db": 3.0, "bit_s_hz": 1.0}],
     [{"snr_db": -5.0, "bit_s_hz": 0.25}, {"snr_db": 4.0, "bit_s_hz": 1.5}],
 )
-
-
-class Dice:
-    """Draws from lists, by name of what is drawn."""
-
-    def __init__(self, seed: int) -> None:
-        self.rng = np.random.default_rng(seed)
-
-    def of(self, *options: Any) -> Any:
-        """One of the options."""
-        return options[int(self.rng.integers(len(options)))]
-
-    def between(self, low: float, high: float) -> float:
-        """A number with three decimals."""
-        return round(float(self.rng.uniform(low, high)), 3)
 
 
 def path_loss(dice: Dice) -> dict[str, Any]:
@@ -174,13 +158,8 @@ def scenario(seed: int, interference: Any = None) -> dict[str, Any]:
 
 
 def world_of(seed: int, interference: Any = None) -> World:
-    """The world of a random scenario: of the first from this seed on that its checks accept."""
-    for k in range(20):
-        try:
-            return build_world(from_mapping(scenario(seed + 10_000 * k, interference)), seed)
-        except ScenarioError:
-            continue
-    raise AssertionError(f"no scenario from seed {seed} on is accepted")
+    """The world of a random scenario."""
+    return accepted(lambda k: scenario(k, interference), seed)
 
 
 def audited(world: World) -> list[EpisodeLog]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from tests.reference.inputs import NEVER, US, Inputs, Node
@@ -46,7 +47,7 @@ def quickest(distance_m: float, v: float, a: float) -> Hop:
     return Hop(distance_m, peak, a, 2.0 * peak / a)
 
 
-def over_ground(wind: tuple[float, float], hop: Node, v: float) -> float:
+def over_ground(wind: tuple[float, float], hop: Sequence[float], v: float) -> float:
     """The highest speed over the ground at which that through the air is at most ``v``.
 
     Vertical flights keep their limit.

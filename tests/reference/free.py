@@ -1,9 +1,10 @@
 """The fixed-step simulator for drones that fly freely: straight legs, obstacles, ways home.
 
 A command has three numbers from -1 to 1 and one that asks for a charge if it is above 0. Limits on
-level and on vertical flight become one along a direction. Obstacles are boxes along the axes,
-which are grown on all sides; a leg that would enter one ends at its wall. Returns follow a shortest
-way over the boxes' corners at one altitude, by Dijkstra's algorithm.
+level and on vertical flight become one along a direction. In wind, that on level flight is one on
+the speed through the air, and the highest ground speed is found by bisection. Obstacles are boxes
+along the axes, which are grown on all sides; a leg that would enter one ends at its wall. Returns
+follow a shortest way over the boxes' corners at one altitude, by Dijkstra's algorithm.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from fractions import Fraction
 from itertools import pairwise
 
 from tests.reference.fixed_step import FixedStep
-from tests.reference.flight import Drone, Hop, quickest
+from tests.reference.flight import Drone, Hop, over_ground, quickest
 from tests.reference.inputs import NEVER, US, Inputs, Record, Result
 
 Point = tuple[float, float, float]
@@ -44,6 +45,7 @@ class Space:
     highest_m: Sequence[float]
     boxes: Sequence[Box]
     margin_m: float
+    wind_mps: tuple[float, float] = (0.0, 0.0)
 
     def grown(self) -> list[Box]:
         """The boxes with the margin on all sides."""
@@ -53,10 +55,16 @@ class Space:
             for low, high in self.boxes
         ]
 
-    def along(self, ahead: Point) -> tuple[float, float]:
-        """The speed and the acceleration that no limit forbids in a direction of length 1."""
+    def along(self, ahead: Point, *, calm: bool = False) -> tuple[float, float]:
+        """The speed and the acceleration that no limit forbids in a direction of length 1.
+
+        ``calm``: as if there were no wind.
+        """
         level, up = math.hypot(ahead[0], ahead[1]), ahead[2]
         speeds = [self.level_mps / level] if level else []
+        if level and not calm and self.wind_mps != (0.0, 0.0):
+            flat = (ahead[0] / level, ahead[1] / level, 0)
+            speeds = [over_ground(self.wind_mps, flat, self.level_mps) / level]
         accelerations = [self.level_mps2 / level] if level else []
         if up:
             speeds.append((self.climb_mps if up > 0 else self.descent_mps) / abs(up))
@@ -68,9 +76,9 @@ class Space:
         length_m = math.dist(start, stop)
         return quickest(length_m, *self.along(unit(start, stop)))
 
-    def furthest_m(self, ahead: Point, lasts_s: float) -> float:
+    def furthest_m(self, ahead: Point, lasts_s: float, *, calm: bool = False) -> float:
         """The length of a flight from rest to rest that takes so long."""
-        speed, acceleration = self.along(ahead)
+        speed, acceleration = self.along(ahead, calm=calm)
         ramps_s = 2 * speed / acceleration
         if lasts_s >= ramps_s:
             return speed * (lasts_s - ramps_s / 2)
@@ -79,7 +87,7 @@ class Space:
     def target(self, at: Point, command: Sequence[float], highest_m: float, step_s: float) -> Point:
         """The place that a command names."""
         east, north, up = (max(-1.0, min(1.0, part)) for part in command[:3])
-        level_m = self.furthest_m((1.0, 0.0, 0.0), step_s)
+        level_m = self.furthest_m((1.0, 0.0, 0.0), step_s, calm=True)
         vertical_m = self.furthest_m((0.0, 0.0, math.copysign(1.0, up)), step_s)
         towards = (east * level_m, north * level_m, up * vertical_m)
         if towards == (0.0, 0.0, 0.0):
@@ -281,7 +289,8 @@ class Freely(FixedStep):
             return self.dt_us
         before, now = self._position(drone, t_us - self.dt_us), self._position(drone, t_us)
         east, north, up = ((b - a) / (self.dt_us / US) for a, b in zip(before, now, strict=True))
-        return rotor.power_w(math.hypot(east, north), up) * self.dt_us
+        wind = self.inputs.wind_mps
+        return rotor.power_w(math.hypot(east - wind[0], north - wind[1]), up) * self.dt_us
 
     # ---- decisions
 

@@ -73,7 +73,6 @@ def test_zones_need_drones_that_heed_them():
 @pytest.mark.parametrize(
     ("sections", "key"),
     [
-        ({"decisions": "event"}, "decisions"),
         ({"drones": {"battery": {"kind": "per_action"}}}, "battery"),
         ({"drones": {"battery": {"kind": "fixed_wing"}}}, "battery"),
     ],

@@ -9,9 +9,9 @@ from desim_uav.model.free.separation import approach, conflicts
 from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight, fly
 from desim_uav.rules import separation as seam
-from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Constants, Drone, Pair, State
 from desim_uav.rules.separation import MOST_TRACK_ROWS, MOST_TURNS
+from desim_uav.rules.transits import flight_of
 
 PIECE_COLUMNS = 4
 
@@ -85,7 +85,6 @@ def least_m(
 @rule
 def _flight(world: Constants, drone: Drone) -> Flight:
     """Return the leg of a drone."""
-    pieces = world.transits[drone.transit].pieces
-    (x0, y0, x1, y1), (z0, z1) = way_of(world, drone), heights_of(world, drone)
+    pieces = flight_of(world, drone).pieces
     profile = as_array(pieces, (len(pieces), PIECE_COLUMNS))
-    return Flight(profile, (x0, y0, z0, x1, y1, z1), drone.since_us)
+    return Flight(profile, seam.route_of(world, drone), drone.since_us)

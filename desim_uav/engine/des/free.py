@@ -23,4 +23,11 @@ def transit_of(flight: Any) -> Transit:
         (piece.start_s, piece.from_m, piece.speed_mps, piece.acceleration_mps2)
         for piece in flight.pieces
     ]
-    return Transit(np.array(profile), flight.duration_us, flight.distance_m, flight.rises)
+    return Transit(
+        np.array(profile),
+        flight.duration_us,
+        flight.distance_m,
+        flight.rises,
+        flight.tail_mps,
+        flight.side_mps,
+    )

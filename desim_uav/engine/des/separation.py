@@ -7,11 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from desim_uav.engine.des.free import transit_of
 from desim_uav.model.free.separation import approach, conflicts
 from desim_uav.model.motion import Transit
 from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight, fly
-from desim_uav.rules.flight import heights_of, way_of
-from desim_uav.rules.separation import MOST_TRACK_ROWS, MOST_TURNS
+from desim_uav.rules.separation import MOST_TRACK_ROWS, MOST_TURNS, route_of
+from desim_uav.rules.words import OWN
 
 
 class Separation:
@@ -43,7 +44,6 @@ class Separation:
         return first, (first[1], fly(self._flight(world, other), span, self.tracks, first[1]))
 
     def _flight(self, world: Any, drone: Any) -> Flight:
-        (x0, y0, x1, y1), (z0, z1) = way_of(world, drone), heights_of(world, drone)
-        return Flight(
-            self.transits[drone.transit].profile, (x0, y0, z0, x1, y1, z1), drone.since_us
-        )
+        own = drone.transit == OWN
+        flight = transit_of(drone.course.flight) if own else self.transits[drone.transit]
+        return Flight(flight.profile, route_of(world, drone), drone.since_us)

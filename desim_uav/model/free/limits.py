@@ -44,6 +44,19 @@ def can_hold(limits: Limits, wind: Wind) -> bool:
     return wind[0] * wind[0] + wind[1] * wind[1] < limits.level_mps * limits.level_mps
 
 
+@part
+def wind_along(wind: Wind, ahead: Point) -> tuple[float, float]:
+    """Return the wind along the level direction of a way, and that across it, in m/s.
+
+    The second one is at least 0. A vertical way, which has no level direction, has all across.
+    """
+    (wx, wy), (x, y, _) = wind, ahead
+    level = np.sqrt(x * x + y * y)
+    if level == 0.0:
+        return 0.0, float(np.sqrt(wx * wx + wy * wy))
+    return float((wx * x + wy * y) / level + 0.0), float(abs(wx * y - wy * x) / level)
+
+
 @kernel
 def speed_along(limits: Limits, wind: Wind, ahead: Point) -> float:
     """Return the highest ground speed in a direction, in m/s; 0 if the drone cannot even hover.
@@ -53,10 +66,10 @@ def speed_along(limits: Limits, wind: Wind, ahead: Point) -> float:
     """
     if not can_hold(limits, wind):
         return 0.0
-    (wx, wy), (x, y, z) = wind, ahead
+    x, y, z = ahead
     level, speed = np.sqrt(x * x + y * y), np.inf
     if level > 0.0:
-        tail, side = (wx * x + wy * y) / level, (wx * y - wy * x) / level
+        tail, side = wind_along(wind, ahead)
         speed = ground_mps(limits.level_mps, tail, side) / level
     if z > 0.0:
         speed = min(speed, limits.climb_mps / z)

@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.free.legs import FreeLeg, leg_between, write_profile
-from desim_uav.model.free.limits import Limits, Wind
+from desim_uav.model.free.legs import FreeLeg, direction, leg_between, write_profile
+from desim_uav.model.free.limits import Limits, Wind, wind_along
 from desim_uav.model.free.prisms import Prisms, Zone, deepest_at, first_entry, obstacles
 from desim_uav.model.free.roads import Roads, roads
 from desim_uav.model.grid import Grid
@@ -66,14 +66,15 @@ def limits_of(motion: Any) -> Limits:
     )
 
 
-def flight_of(leg: FreeLeg) -> Transit:
-    """Return a free leg as a transit."""
+def flight_of(leg: FreeLeg, wind: Wind) -> Transit:
+    """Return a free leg in wind as a transit."""
     if leg.distance_m == 0.0:
         return REST
     profile = np.zeros((TRAPEZOID, 4))
     write_profile(leg, profile)
     rises = (leg.route[5] - leg.route[2]) / leg.distance_m
-    return Transit(profile, leg.duration_us, leg.distance_m, rises)
+    tail_mps, side_mps = wind_along(wind, direction(leg.route[:3], leg.route[3:])[0])
+    return Transit(profile, leg.duration_us, leg.distance_m, rises, tail_mps, side_mps)
 
 
 def space_of(
@@ -186,7 +187,7 @@ class _Finder:
         leg = leg_between(self.limits, self.wind, ANY_SPEED, start, stop)
         if leg.distance_m == 0.0:
             return 0, 0
-        flight = flight_of(leg)
+        flight = flight_of(leg, self.wind)
         return flight.duration_us, int(self.energy.drained_us(flight, flight.duration_us))
 
 

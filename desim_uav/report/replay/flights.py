@@ -104,7 +104,7 @@ class Flights:
             if key not in self._profile_of:
                 space = self.check.run.world.types[key[0]].space
                 leg = leg_between(space.limits, space.wind, ANY_SPEED, key[1:4], key[4:])
-                self._add(key, flight_of(leg))
+                self._add(key, flight_of(leg, space.wind))
             profile[k], takes_us = self._profile_of[key]
             self.check.expect(
                 abs(takes_us - int(duration_us[k])) <= 1,
