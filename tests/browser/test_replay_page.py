@@ -62,6 +62,7 @@ RUNS = {
     "radio": (RADIO, "random", ()),
     "asked": (ASKED, "random", ()),
     "freely": (FREELY, "random", ()),
+    "near": ("case8", "random", ("drones.count=5", "separation_m=120")),
     "fleet": (
         "case8",
         "random",
