@@ -67,6 +67,46 @@ SEEDS = (0, 1, 2)
 QUESTIONS = ("waiting", "distance", "interruptions", "fairness", "paired_difference")
 
 
+@pytest.fixture
+def cruise():
+    """The names of analysis/cruise.py."""
+    return runpy.run_path(str(SCRIPTS / "cruise.py"), run_name="cruise")
+
+
+def test_hops_at_cruise_speeds(cruise):
+    rows = {speed: cruise["hop"](speed) for speed in (4.07, 8.3, 18.3)}
+    assert rows[8.3] == ("8.3 m/s", "31.0 s", "4,062 J", "16.92 J/m", "131.1 W", "8,949 J")
+    assert rows[4.07][-1] == "9,031 J", "a step of a drone that fills it takes 9031.5 J"
+    assert rows[18.3][1:3] == ("17.7 s", "2,678 J")
+
+
+def test_times_of_flights_are_shares_of_the_drones_time(cruise):
+    hop_s = 240 / 8.3 + 8.3 / 4
+    rows = [(0.0, hop_s, "flying", 0), (1790.0, hop_s, "flying", 0), (60.0, 12.0, "flying", 20)]
+    rows += [(100.0, 45.0, "returning", 0), (0.0, 0.0, "flying", 0)]
+    legs = pd.DataFrame(rows, columns=["t_s", "duration_s", "mode", "z_to_m"]).assign(z_from_m=0)
+    shares = cruise["times"](legs, 1800.0)
+    assert shares == pytest.approx(
+        {"8.3 m/s": (hop_s + 10) / 1800, "climb": 12 / 1800, "return": 45 / 1800}, abs=1e-4
+    ), "what begins in an episode and ends after it counts up to its end"
+
+
+def test_cruise_speeds_are_compared_seed_by_seed(cruise):
+    def of(qoe3, j_per_mbit):
+        each = {"power_w": 130.0, "time": {"8.3 m/s": 0.5}}
+        pairs = zip(qoe3, j_per_mbit, strict=True)
+        return [{"qoe3": one, "j_per_mbit": used, **each} for one, used in pairs]
+
+    own, chosen = of([80.0, 82.0, 84.0], [50.0, 40.0, 60.0]), of([81.0, 84.0, 87.0], [45.0] * 3)
+    half = stats.t.ppf(0.975, 2) / math.sqrt(3)
+    ratios = np.array([0.9, 1.125, 0.75])
+    wide = ratios.std(ddof=1) * half
+    assert cruise["line"]("8.3 m/s", own, chosen) == (
+        *("8.3 m/s", "82.0", f"2.00 ± {half:.2f}", "50.00"),
+        *(f"{ratios.mean():.3f} ± {wide:.3f}", "130.0", "8.3 m/s 50 %"),
+    )
+
+
 @pytest.fixture(scope="module")
 def folders(tmp_path_factory):
     """Two policies on three seeds, in one world."""

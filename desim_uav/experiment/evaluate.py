@@ -26,10 +26,10 @@ ENERGY = "j_per_mbit"
 """One more measure, if batteries hold energy: that used in flight over what was served."""
 
 
-def measures_of(scenario: Scenario) -> tuple[str, ...]:
-    """Return the names of the measures of a replication in a scenario."""
-    in_energy = any(in_joules(drones.battery) for drones in scenario.fleet)
-    return (*MEASURES, ENERGY) if in_energy else MEASURES
+def measures_of(*scenarios: Scenario) -> tuple[str, ...]:
+    """Return the names of the measures of replications in some scenarios, in any of them."""
+    fleet = (drones for scenario in scenarios for drones in scenario.fleet)
+    return (*MEASURES, ENERGY) if any(in_joules(one.battery) for one in fleet) else MEASURES
 
 
 def evaluate(

@@ -18,7 +18,7 @@ from desim_uav.experiment import tables
 from desim_uav.model.state import Snapshot
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies.base import Policy, decide, show
-from desim_uav.records import ENERGY, FLOAT, LINKS
+from desim_uav.records import APART, ENERGY, FLOAT, LINKS
 from desim_uav.registry import FAULTS, naming_plug_ins, what_failed
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.world import World
@@ -129,6 +129,10 @@ def fly(
     return snapshot
 
 
+DERIVED = {"least_distance_m", "j_per_mbit"}
+"""The measures of several episodes that are not the sums of those of each."""
+
+
 class Tally:
     """The measures of a run over its counted episodes, which are added when they have ended."""
 
@@ -138,6 +142,7 @@ class Tally:
         self._suppressed = self._crashes = 0
         self._qoe3, self._reward = qoe.Mean(), qoe.Mean()
         self._sums: dict[str, Any] = {}
+        self._least_m: list[float] = []
 
     def add(self, requests: pd.DataFrame, episodes: pd.DataFrame) -> None:
         """Add the tables of some episodes; warm-up does not count."""
@@ -148,14 +153,23 @@ class Tally:
         self._crashes += int(episodes["crashes"].sum())
         self._qoe3.add(episodes["qoe3_percent"].to_numpy())
         self._reward.add(episodes["reward"].to_numpy())
-        for name, kind in (LINKS | ENERGY).items():
-            if name in episodes:
+        for name, kind in (LINKS | APART | ENERGY).items():
+            if name in episodes and name not in DERIVED:
                 total = self._sums.get(name, 0) + episodes[name].sum()
                 self._sums[name] = float(total) if kind == FLOAT else int(total)
-        if "j_per_mbit" in self._sums:
+        if "least_distance_m" in episodes:
+            self._least_m += episodes["least_distance_m"].dropna().tolist()
+
+    def _derived(self) -> dict[str, float | None]:
+        """Return those measures of ``DERIVED`` that the episodes have."""
+        found: dict[str, float | None] = {}
+        if "conflicts" in self._sums:
+            found["least_distance_m"] = min(self._least_m, default=None)
+        if "energy_wh" in self._sums:
             served = self._sums["served_mbit"]
-            per_mbit = 3600 * self._sums["energy_wh"] / served if served > 0.0 else None
-            self._sums["j_per_mbit"] = per_mbit
+            used_j = 3600 * self._sums["energy_wh"]
+            found["j_per_mbit"] = used_j / served if served > 0.0 else None
+        return found
 
     def headline(self) -> dict[str, Any]:
         """Return the measures over all episodes added so far."""
@@ -166,6 +180,7 @@ class Tally:
             "crashes": self._crashes,
             "reward_mean": self._reward.value(),
             **self._sums,
+            **self._derived(),
         }
 
 

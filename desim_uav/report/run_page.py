@@ -58,6 +58,12 @@ def _quality(run: Reported) -> Html:
             ("outages", f"{found['outages']}, {number(found['outage_s'], '.0f')} s"),
             ("delivered", f"{number(found['delivered_mbit'], '.0f')} Mbit"),
         ]
+    if "conflicts" in found:
+        least = number(found["least_distance_m"], ".1f")
+        first += [
+            ("conflicts", f"{found['conflicts']}, {number(found['conflict_s'], '.0f')} s"),
+            ("least distance", f"{least} m" if least else "-"),
+        ]
     if "energy_wh" in found:
         first += [
             ("energy used", f"{number(found['energy_wh'], '.1f')} Wh"),

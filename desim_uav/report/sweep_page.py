@@ -14,7 +14,7 @@ from desim_uav.report.figures import intervals_figure, sweep_figure
 from desim_uav.report.intervals import have_interval, mean_words, sentence
 from desim_uav.report.markup import Html, code, facts, html, joined, paragraph, table, tag
 from desim_uav.report.page import Picture, count, gallery, heading, number, page
-from desim_uav.report.text import COMPARED, word
+from desim_uav.report.text import COMPARED, compared, word
 
 DRAWN = ("qoe1_percent", "qoe2_iterations", "qoe3_percent")
 MOST_FAILURES = 100
@@ -55,13 +55,14 @@ def _results(found: Swept) -> Html:
     """Return the table: a row per combination and policy."""
     keys, estimates = list(found.content["keys"]), found.content["estimates"]
     headings = [*map(_key_heading, keys), "policy", "seeds"]
-    headings += [heading(label) for label, _ in COMPARED.values()]
+    shown = compared(estimates[0]["measures"])
+    headings += [heading(label) for label, _ in shown.values()]
     rows = (
         [
             *(word(row[key]) for key in keys),
             row["policy"],
             max(of["n"] for of in row["measures"].values()),
-            *(_estimate(row["measures"][name], form) for name, (_, form) in COMPARED.items()),
+            *(_estimate(row["measures"][name], form) for name, (_, form) in shown.items()),
         ]
         for row in estimates
     )
@@ -70,8 +71,8 @@ def _results(found: Swept) -> Html:
         note += " The number after ± is half the width of the interval."
     note += " Each seed counts once: its episodes are averaged."
     words = range(len(keys) + 1)
-    shown = tag("div", table(headings, rows, words), class_="tall", tabindex=0)
-    return joined([shown, paragraph(note, class_="note")])
+    results = tag("div", table(headings, rows, words), class_="tall", tabindex=0)
+    return joined([results, paragraph(note, class_="note")])
 
 
 def _key_heading(key: str) -> Html:

@@ -69,6 +69,8 @@ def print_run(summary: dict[str, Any], by_service: list[dict[str, Any]]) -> None
     _print("service", rows, title.format(**summary))
     if "link_handovers" in summary:
         print(links_in_words(summary))
+    if "conflicts" in summary:
+        print(distances_in_words(summary))
     if "energy_wh" in summary:
         print(energy_in_words(summary))
     print(summary["run_dir"])
@@ -135,6 +137,14 @@ def links_in_words(summary: dict[str, Any]) -> str:
         "{link_handovers} handover(s) between drones, {ping_pongs} of them ping-pong(s); "
         "{outages} outage(s) of {outage_s:.1f} s in all; {delivered_mbit:.1f} Mbit delivered"
     ).format(**summary)
+
+
+def distances_in_words(summary: dict[str, Any]) -> str:
+    """Return how often and how near drones came to each other, of the summary of a run."""
+    told = "{conflicts} conflict(s) between drones, {conflict_s:.1f} s in all"
+    if summary["least_distance_m"] is not None:
+        told += "; the least distance was {least_distance_m:.1f} m"
+    return told.format(**summary)
 
 
 def energy_in_words(summary: dict[str, Any]) -> str:

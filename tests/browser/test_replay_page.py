@@ -62,6 +62,7 @@ RUNS = {
     "radio": (RADIO, "random", ()),
     "asked": (ASKED, "random", ()),
     "freely": (FREELY, "random", ()),
+    "near": ("case8", "random", ("drones.count=5", "separation_m=120")),
     "fleet": (
         "case8",
         "random",
@@ -365,6 +366,15 @@ class TestPlayback:
         back = [page.run("return replay.stepEvent(-1, [arguments[0]])", kind) for _ in forth]
         assert [step["t_s"] for step in back[:-1]] == times[:25][-2::-1]
         assert back[-1] is None
+
+    def test_an_event_of_two_drones_names_both(self, page, runs):
+        page.open(page_of(runs / "near"))
+        events = table(runs / "near", "events").query("kind == 'conflict' or kind == 'clear'")
+        first = events[events["episode"] == events["episode"].iloc[0]].head(6)
+        page.seek(int(first["episode"].iloc[0]), 0, 0)
+        for event in first.itertuples():
+            step = page.run("return replay.stepEvent(1, ['conflict', 'clear'])")
+            assert step["text"].startswith(f"drones {event.drone} and {event.other} ")
 
     def test_steps_one_event_at_a_time_within_an_instant(self, page, runs):
         page.open(page_of(runs / "case8"))

@@ -12,10 +12,12 @@ import pytest
 
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.des import Simulation
+from desim_uav.errors import UsageError
 from desim_uav.experiment.evaluate import MEASURES, evaluate
 from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep import job, run
 from desim_uav.experiment.sweep.grid import axes
+from desim_uav.experiment.sweep.pictures import plot_sweep, sweep_report
 from desim_uav.experiment.sweep.plan import Asked, arms
 from desim_uav.policies.tabular import read_table
 from desim_uav.run_folder import held
@@ -155,6 +157,31 @@ class TestDataset:
             assert about["episodes"] == row["learning.episodes"]
             measured = evaluate(load(scenario_path("tiny")), str(file), row["seed"], 2, 1)
             assert {name: row[name] for name in MEASURES} == pytest.approx(measured, rel=0)
+
+    def test_energy_per_bit_where_batteries_hold_energy(self, swept):
+        batteries = "drones.battery={kind: rotary_wing, capacity_wh: 30},{autonomy_min: 30}"
+        keys = ("demand={kind: dynamic}", "stations.count=1")
+        flags = ("--policies", "hover", "--seeds", 2, "--engine", "des")
+        flags += tuple(flag for key in keys for flag in ("-S", key))
+        ended = swept(*flags, "-S", batteries, out="both")
+        assert ended.code == 0, ended.err
+        found = dataset("both")
+        assert list(found)[-1] == "j_per_mbit"
+        in_joules = found["drones.battery"].str.contains("rotary_wing")
+        assert found["j_per_mbit"].notna().tolist() == in_joules.tolist()
+        for row in found[in_joules].to_dict("records"):
+            battery = f"drones.battery={row['drones.battery']}"
+            scenario = load(scenario_path("tiny"), [*keys, battery])
+            measured = evaluate(scenario, "hover", row["seed"], 2, 1)
+            assert row["j_per_mbit"] == pytest.approx(measured["j_per_mbit"], rel=0)
+        assert "J per Mbit" in ended.out and "J per Mbit" in Path("both/table.md").read_text()
+        assert "4 of 4 jobs" in swept(*flags, "-S", batteries, "--resume", out="both").err
+        assert "J per Mbit" in sweep_report(Path("both"), None)
+        (axes,) = plot_sweep(Path("both"), ["j_per_mbit"]).axes
+        assert axes.get_title(loc="left") == "J per Mbit"
+        assert swept("--policies", "hover", "--seeds", 1, "--engine", "des").code == 0
+        with pytest.raises(UsageError, match="no battery in this sweep is measured in Wh"):
+            plot_sweep(Path("out"), ["j_per_mbit"])
 
     def test_the_scenarios_own_algorithm(self, swept):
         swept("--train", "-S", "learning.algorithm=sarsa,double_q", "-S", "learning.episodes=3")

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from desim_uav import __version__
 from desim_uav.checksums import of_row
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.evaluate import ENERGY, MEASURES
 from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.sweep.grid import Axis
 from desim_uav.experiment.sweep.job import Failure, Job, Outcome, Row
@@ -38,11 +38,11 @@ PLAN = {"scenario": dict, "columns": dict, "episodes": int, "warmup": int, "jobs
 class SweepFolder:
     """Stores the rows of a sweep's jobs and reads them again."""
 
-    def __init__(self, out: Path, axes: Sequence[Axis]) -> None:
+    def __init__(self, out: Path, axes: Sequence[Axis], measures: Sequence[str] = MEASURES) -> None:
         self.out = out
         self.columns = {"job": "string"} | {axis.key: axis.dtype for axis in axes}
         self.columns |= {"policy": "string", "algorithm": "string", "seed": "int64"}
-        self.columns |= {"world_seed": "int64"} | dict.fromkeys(MEASURES, "float64")
+        self.columns |= {"world_seed": "int64"} | dict.fromkeys(measures, "float64")
 
     @contextmanager
     def held(self) -> Iterator[None]:
@@ -91,7 +91,8 @@ class SweepFolder:
     def keep(self, job: Job, outcome: Outcome) -> Row:
         """Store the row of a job that has ended, after the Q-table that it learned."""
         assert outcome.measures is not None, "the job has not failed"
-        row = job.row(outcome.measures)
+        found = job.row(outcome.measures)
+        row = {name: found.get(name) for name in self.columns}  # some may have no energy
         if outcome.table is not None:
             write_whole(self.out / TABLES / f"{job.id}.npz", outcome.table)
         write_whole(self._file(job), self._parquet(row))
@@ -217,4 +218,5 @@ def read_manifest(file: Path) -> dict[str, Any]:
 
 
 def _typed(columns: dict[str, str]) -> str:
-    return ", ".join(f"{name} ({of})" for name, of in columns.items() if name not in MEASURES)
+    keys = {name: of for name, of in columns.items() if name not in (*MEASURES, ENERGY)}
+    return ", ".join(f"{name} ({of})" for name, of in keys.items())

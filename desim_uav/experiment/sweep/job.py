@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 
 from desim_uav import __version__
 from desim_uav.errors import DesimError, PolicyError, UsageError
-from desim_uav.experiment.evaluate import MEASURES, evaluate
+from desim_uav.experiment.evaluate import evaluate, measures_of
 from desim_uav.experiment.sweep.grid import MOST
 from desim_uav.experiment.sweep.plan import Arm, Asked, policy_digest
 from desim_uav.experiment.train.course import train
@@ -91,6 +91,12 @@ def jobs(asked: Asked, tried: Sequence[Arm]) -> list[Job]:
     return [Job(arm, seed, asked.episodes, asked.warmup) for seed in asked.seeds for arm in tried]
 
 
+def measured(todo: Sequence[Job]) -> tuple[str, ...]:
+    """Return the names of the measures that rows of these jobs have; some may lack energy."""
+    arms = {id(job.arm): job.arm for job in todo}
+    return measures_of(*(arm.scenario for arm in arms.values()))
+
+
 def run_job(job: Job, version: str = __version__) -> Outcome:
     """Train if the arm learns, and evaluate; an error becomes part of the outcome.
 
@@ -117,5 +123,4 @@ def _run(job: Job, version: str) -> Outcome:
         table, _ = train(scenario, arm.engine)
         policy = Greedy.of_table(table, arm.policy)
     measures = evaluate(arm.scenario, policy, job.seed, job.episodes, job.warmup, arm.engine)
-    kept = {name: measures[name] for name in MEASURES}  # the columns of all sweeps
-    return Outcome(kept, None if table is None else table.to_bytes())
+    return Outcome(measures, None if table is None else table.to_bytes())

@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from desim_uav.errors import UsageError
-from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.evaluate import ENERGY, MEASURES
 from desim_uav.experiment.sweep.results import MOST_KEYS, chosen_keys, content, read_sweep
 from desim_uav.registry import did_you_mean
-from desim_uav.report.text import COMPARED, word
+from desim_uav.report.text import COMPARED, OF_ENERGY, word
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -29,15 +29,18 @@ def plot_sweep(
     """
     from desim_uav.report.figures import intervals_figure, sweep_figure
 
+    known = (*MEASURES, ENERGY)
     for name in measure or ():
-        if name not in MEASURES:
-            hint = did_you_mean(name, MEASURES)
-            raise UsageError(f"--measure {name}{hint}; allowed: {', '.join(MEASURES)}")
+        if name not in known:
+            hint = did_you_mean(name, known)
+            raise UsageError(f"--measure {name}{hint}; allowed: {', '.join(known)}")
     measures = list(dict.fromkeys(measure or DRAWN))
     results = read_sweep(folder)
+    if not {*measures} <= {*results.measures}:
+        raise UsageError(f"--measure {ENERGY}: no battery in this sweep is measured in Wh")
     if not results.keys and not key:
         found = content(results, {})
-        titles = {name: COMPARED[name][0] for name in measures}
+        titles = {name: (COMPARED | OF_ENERGY)[name][0] for name in measures}
         return intervals_figure(found["estimates"], found["policies"], titles, False)
     wanted = _wanted(key or ())
     held = {name: value for name, value in wanted.items() if value is not None}

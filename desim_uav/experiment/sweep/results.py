@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.errors import PolicyError, UsageError
-from desim_uav.experiment.evaluate import MEASURES
+from desim_uav.experiment.evaluate import ENERGY, MEASURES
 from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep.folder import (
     FAILED,
@@ -52,10 +52,16 @@ class SweepResults:
     @cached_property
     def keys(self) -> dict[str, list[Any]]:
         """The keys that vary, each with its values: numbers ascending, others as first met."""
-        columns = [key for key in self.manifest["columns"] if key not in (*FIXED, *MEASURES)]
+        others = (*FIXED, *MEASURES, ENERGY)
+        columns = [key for key in self.manifest["columns"] if key not in others]
         columns = list(self.order) or columns
         values = {key: _ordered(row[key] for row in self.rows) for key in columns}
         return {key: found for key, found in values.items() if len(found) > 1}
+
+    @property
+    def measures(self) -> tuple[str, ...]:
+        """The names of the measures that its rows have."""
+        return (*MEASURES, ENERGY) if ENERGY in self.manifest["columns"] else MEASURES
 
     @cached_property
     def policies(self) -> list[str]:
@@ -82,7 +88,7 @@ class SweepResults:
             groups.setdefault((*at, self.policies.index(row["policy"])), []).append(row)
         for _, rows in sorted(groups.items(), key=lambda item: item[0]):
             cells = {key: rows[0][key] for key in self.keys}
-            measures = {name: asdict(estimate(row[name] for row in rows)) for name in MEASURES}
+            measures = {name: asdict(estimate(row[name] for row in rows)) for name in self.measures}
             yield cells | {"policy": rows[0]["policy"], "measures": measures}
 
 

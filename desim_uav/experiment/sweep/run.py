@@ -13,7 +13,7 @@ from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.progress import progress
 from desim_uav.experiment.sweep.folder import SweepFolder
 from desim_uav.experiment.sweep.grid import axes
-from desim_uav.experiment.sweep.job import Failure, Outcome, jobs, run_job
+from desim_uav.experiment.sweep.job import Failure, Outcome, jobs, measured, run_job
 from desim_uav.experiment.sweep.on_ray import import_ray, ray_backend
 from desim_uav.experiment.sweep.plan import Asked, arms, warnings
 from desim_uav.experiment.sweep.table import Done
@@ -49,7 +49,8 @@ def sweep_to_folder(
     todo = jobs(asked, tried)
     for warning in warnings(tried, asked.seeds):
         say(warning)
-    folder, failures, interrupted = SweepFolder(out, swept), list[Failure](), False
+    folder = SweepFolder(out, swept, measured(todo))
+    failures, interrupted = list[Failure](), False
     with _backend(backend, workers, address, not show_progress) as run, folder.held():
         folder.open(asked.path, todo, resume, list(command))
         finished = folder.rows(todo)

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 import pandas as pd
 
-from desim_uav.experiment.evaluate import MEASURES
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate
 from desim_uav.experiment.sweep.folder import FAILED
 from desim_uav.experiment.sweep.grid import Axis
-from desim_uav.experiment.sweep.job import Failure, Job, Row
+from desim_uav.experiment.sweep.job import Failure, Job, Row, measured
 from desim_uav.experiment.sweep.plan import Arm
 from desim_uav.report import notebook
 from desim_uav.report.intervals import mean_words, sentence
+from desim_uav.report.text import OF_ENERGY
 
 SHOWN_FAILURES = 10
 SHOWN = {
@@ -73,9 +74,24 @@ class Done:
             self.headings(), self.lines(), words
         )
 
+    @property
+    def _shown(self) -> dict[str, tuple[str, str]]:
+        """Headings and formats of the measures that are shown."""
+        of_energy = {name: look for name, look in OF_ENERGY.items() if name in self._measures}
+        return SHOWN | of_energy
+
+    @cached_property
+    def _measures(self) -> tuple[str, ...]:
+        return measured(self.jobs)
+
     def headings(self) -> list[str]:
         """Return the table's headings: the keys that vary, the policy, and the measures."""
-        return [*self._varied(), "policy", "seeds", *(heading for heading, _ in SHOWN.values())]
+        return [
+            *self._varied(),
+            "policy",
+            "seeds",
+            *(heading for heading, _ in self._shown.values()),
+        ]
 
     def lines(self) -> list[list[str]]:
         """Return a line of means and half-widths for each combination and policy."""
@@ -84,7 +100,7 @@ class Done:
                 *("null" if (v := arm.combination.cells[k]) is None else f"{v}" for k in varied),
                 arm.policy,
                 str(found["reward_mean"].n),
-                *(format(found[name], form) for name, (_, form) in SHOWN.items()),
+                *(format(found[name], form) for name, (_, form) in self._shown.items()),
             ]
             for varied in [self._varied()]
             for arm, found in self._estimates()
@@ -120,7 +136,7 @@ class Done:
             _, found = of_arm.setdefault(id(job.arm), (job.arm, []))
             found += [row_of[job.id]] if job.id in row_of else []
         return [
-            (arm, {name: estimate(row[name] for row in found) for name in MEASURES})
+            (arm, {name: estimate(row[name] for row in found) for name in self._measures})
             for arm, found in of_arm.values()
         ]
 

@@ -20,6 +20,7 @@ from desim_uav.report.figures.map import (
     draw_points,
     draw_rings,
     draw_stations,
+    draw_zones,
 )
 from desim_uav.report.figures.style import NARROW, drone_look, named, styled
 from desim_uav.report.links import rings_m
@@ -55,6 +56,7 @@ def case_picture(
     draw_cells(axes, world)
     draw_clusters(axes, world)
     draw_stations(axes, world)
+    draw_zones(axes, run.world)
     _draw_users(axes, users)
     draw_points(axes, run.world)
     _draw_drones(axes, steps, run.world, world)

@@ -7,14 +7,18 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 from numpy.typing import NDArray
 
 from desim_uav.report.links import point_rings_m, shade
+from desim_uav.scenario.schema import NoFly
 from desim_uav.world import World
 
 POINT = "0.15"
 """The colour of access points."""
+
+NO_FLIGHT: dict[str, Any] = {"facecolor": "none", "edgecolor": "#C00000", "linewidth": 1.2}
+"""The edges of zones without flights, and their hatching."""
 
 STATION: dict[str, Any] = {"facecolor": "white", "edgecolor": "black", "linewidth": 1.4}
 
@@ -67,6 +71,22 @@ def draw_stations(axes: Axes, world: dict[str, Any], size: float = 110, **look: 
     if world["stations"]:
         xs, ys = zip(*(centre_m(world, cell) for cell in world["stations"]), strict=True)
         axes.scatter(xs, ys, size, marker="s", label="charging station", zorder=3, **STATION | look)
+
+
+def draw_zones(axes: Axes, world: World) -> None:
+    """Draw the zones in which no drone may fly."""
+    for k, zone in enumerate(world.scenario.map.no_fly):
+        name = zone_words(world) if k == 0 else None
+        axes.add_patch(Polygon(zone.polygon_m, hatch="//", label=name, zorder=2, **NO_FLIGHT))
+
+
+def zone_words(world: World) -> str:
+    """Return what the legend says of zones without flights, with the altitudes of a lone one."""
+    zone, *others = world.scenario.map.no_fly
+    if others or zone.altitude_m == NoFly.model_fields["altitude_m"].default:
+        return "no flight"
+    low_m, high_m = zone.altitude_m
+    return f"no flight, {low_m:g} to {high_m:g} m"
 
 
 def draw_points(axes: Axes, world: World) -> None:

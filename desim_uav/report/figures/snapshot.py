@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from desim_uav.engine.base import UserState
 from desim_uav.model.rules import US, Mode
 from desim_uav.palette import USERS
 from desim_uav.report.figures.case import case_picture
-from desim_uav.report.figures.map import POINT, centre_m
+from desim_uav.report.figures.map import NO_FLIGHT, POINT, centre_m, zone_words
 from desim_uav.report.figures.style import drone_look, named, styled
 from desim_uav.report.links import point_rings_m, rings_m, shade
 from desim_uav.report.playback import Moment, Playback
@@ -64,6 +65,7 @@ def snapshot_figure(
     _draw_footprints(axes, moment, run.world)
     _draw_points(axes, run.world)
     _draw_users(axes, moment)
+    _draw_zones(axes, run.world)
     _draw_buildings(axes, world)
     _draw_drones(axes, playback, moment)
     figure.suptitle(
@@ -138,6 +140,21 @@ def _draw_points(axes: Any, world: World) -> None:
         axes.plot([x, x], [y, y], [0, point.height_m], color=POINT, linewidth=1.2, zorder=6)
         name = "access point" if k == 0 else None
         axes.plot([x], [y], [point.height_m], "^", color=POINT, label=name, zorder=6)
+
+
+def _draw_zones(axes: Any, world: World) -> None:
+    """Draw the walls of zones without flights, as far as the axes reach up, and their floors."""
+    top_m = axes.get_zlim()[1]
+    look = {**NO_FLIGHT, "facecolor": NO_FLIGHT["edgecolor"], "alpha": 0.14, "zorder": 4}
+    for k, zone in enumerate(world.scenario.map.no_fly):
+        low_m, high_m = (min(altitude_m, top_m) for altitude_m in zone.altitude_m)
+        floor = [(x, y, low_m) for x, y in zone.polygon_m]
+        walls = [
+            [(*one, low_m), (*two, low_m), (*two, high_m), (*one, high_m)]
+            for one, two in pairwise((*zone.polygon_m, zone.polygon_m[0]))
+        ]
+        name = zone_words(world) if k == 0 else None
+        axes.add_collection3d(Poly3DCollection([floor, *walls], label=name, **look))
 
 
 def _draw_rings(

@@ -13,13 +13,16 @@ from desim_uav.errors import UsageError
 from desim_uav.palette import ink_on
 from desim_uav.report.figures.style import MOST_PANELS, headed, look, marker, short, styled
 from desim_uav.report.intervals import have_interval, interval_words
-from desim_uav.report.text import COMPARED
+from desim_uav.report.text import COMPARED, OF_ENERGY
 
 APART = 0.015
 """The sideways shift of a series, as a share of the axis, so that intervals do not overlap."""
 
 WRITTEN = 8
 """The most cells in a row or column of a heat map that has numbers in its cells."""
+
+LOOKS = COMPARED | OF_ENERGY
+"""The headings and formats of all measures."""
 
 MOST_LINES = 12
 SHADES = "cividis"
@@ -54,7 +57,7 @@ def sweep_figure(found: Content, measures: Sequence[str]) -> Figure:
                 _draw_heat(figure, axes, found, measure, policies)
             else:
                 _draw_lines(axes, found, measure, policies)
-            label = COMPARED[measure][0].replace(" %", ", %").replace(" it.", ", steps")
+            label = LOOKS[measure][0].replace(" %", ", %").replace(" it.", ", steps")
             axes.set_title(label if policies is None else f"{short(policies)}: {label}")
     if not heat:
         handles, names = panels[0][0].get_legend_handles_labels()
@@ -150,7 +153,7 @@ def _draw_heat(figure: Figure, axes: Axes, found: Content, measure: str, policy:
     figure.colorbar(image, ax=axes)
     if len(rows) <= WRITTEN and len(columns) <= WRITTEN:
         for (y, x), of in estimates.items():
-            _write(axes, image, columns.index(x), rows.index(y), of, COMPARED[measure][1])
+            _write(axes, image, columns.index(x), rows.index(y), of, LOOKS[measure][1])
     axes.set_xticks(range(len(columns)), [_word(value) for value in columns])
     axes.set_yticks(range(len(rows)), [_word(value) for value in rows])
     axes.set(xlabel=short(across), ylabel=short(up))

@@ -31,6 +31,7 @@ TAKING = {"enter": 1, "attach": 2, "serve": 3, "refuse": 3}
 """The order within a phase: these events come after all others, in the order of the numbers."""
 
 OF_LINKS = {"class", "handover", "ping_pong", "outage"}
+OF_PAIRS = {"conflict", "clear"}
 NAMES_DRONE = ({*KINDS[6:]} | {"serve", "stop"}) - {"outage"}
 NAMES_USER = {*KINDS[:10]} | OF_LINKS
 NAMES_REQUEST = {*KINDS[:6]}
@@ -133,10 +134,14 @@ class Encoder:
         found["link_class"] = np.full(len(events), -1, np.int64)
         if self.run.world.graded:
             found["link_class"] = events["link_class"].fillna(-1).to_numpy(np.int64)
+        found["other"] = np.full(len(events), -1, np.int64)
+        if self.scenario.separation_m is not None:
+            found["other"] = events["other"].fillna(-1).to_numpy(np.int64)
         limits = {
             "t_us": (NOTHING, duration_us + 1),
             "phase": (NOTHING, max(Phase) + 1),
             "drone": (NAMES_DRONE, self.senders),
+            "other": (OF_PAIRS, self.drones),
             "user": (NAMES_USER, self.users),
             "request_id": (NAMES_REQUEST, requests),
             "station": (NAMES_STATION, len(self.run.map["stations"])),
@@ -311,4 +316,5 @@ def _event_columns(events: dict[str, Whole]) -> dict[str, Column]:
         "request": plain(events["request_id"]),
         "station": plain(events["station"]),
         "link_class": plain(events["link_class"]),
+        "other": plain(events["other"]),
     }

@@ -237,8 +237,8 @@ const TOLD = {
   charged: (e) => `drone ${e.drone} is charged`,
   deplete: (e) => `the battery of drone ${e.drone} is empty`,
   crash: (e) => `drone ${e.drone} crashes`,
-  conflict: (e) => `drone ${e.drone} and another one come too near to each other`,
-  clear: (e) => `drone ${e.drone} and another one are no longer too near`,
+  conflict: (e) => `drones ${e.drone} and ${e.other} come too near to each other`,
+  clear: (e) => `drones ${e.drone} and ${e.other} are no longer too near`,
   respawn: (e) => `drone ${e.drone} is replaced at station ${e.station}`,
 };
 
@@ -251,6 +251,7 @@ export function tell(state, i) {
   const kind = run.kinds[event.kind[i]];
   const e = {
     drone: event.drone[i], user: event.user[i], request: event.request[i], station: event.station[i],
+    other: event.other[i],
   };
   e.sender = senderName(run, e.drone);
   const link = linkWords(run, e.drone, event.linkClass[i]);

@@ -27,6 +27,7 @@ export class Episode {
       request: Int32Array.from(columns["event.request"]),
       station: Int32Array.from(columns["event.station"]),
       linkClass: Int32Array.from(columns["event.link_class"]),
+      other: Int32Array.from(columns["event.other"]), // the second drone of an event of two
     };
     this.leg = legsOf(columns);
     this.walk = {
