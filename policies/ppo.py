@@ -29,8 +29,7 @@ from desim_uav.world import build_world
 
 try:
     import torch
-    from torch import nn
-    from torch.distributions import Categorical, Independent, Normal
+    from torch import distributions, nn
 except ModuleNotFoundError:
     print(MissingExtraError("policies/ppo.py", "ppo"), file=sys.stderr)
     sys.exit(MissingExtraError.exit_code)
@@ -51,6 +50,7 @@ OPTIONS = {
     "decay": (0.95, 0.0, 1.0, "lambda of the generalised advantage estimate"),
     "clip": (0.2, 1e-9, 1.0, "how far the ratio of probabilities counts"),
     "entropy": (0.01, 0.0, 100.0, "the weight of the entropy, which falls linearly to 0"),
+    "deviation": (0.6, 1e-3, 10.0, "of the numbers of commands, which falls linearly to a tenth"),
     "hidden": (128, 1, 4096, "units of each of the two hidden layers"),
 }
 """The default of each option, the least and the greatest value, and what it is."""
@@ -72,14 +72,14 @@ class Agent(nn.Module):
         super().__init__()
         self.actor = layers(seen, hidden, hidden, *(actions.shape or [actions.n]), last_gain=0.01)
         self.critic = layers(seen + state, hidden, hidden, 1, last_gain=1.0)
-        self.spread = nn.Parameter(torch.full(actions.shape, -0.5))  # ln of standard deviations
+        self.free, self.deviation = bool(actions.shape), 1.0
 
     def policy(self, seen, mask):
         """The distribution of actions, which gives masked ones the probability 0."""
         told = self.actor(seen)
-        if self.spread.ndim > 0:  # free flight
-            return Independent(Normal(told, self.spread.exp()), 1)
-        return Categorical(logits=torch.where(mask, told, torch.finfo(told.dtype).min))
+        if self.free:
+            return distributions.Independent(distributions.Normal(told, self.deviation), 1)
+        return distributions.Categorical(logits=torch.where(mask, told, -torch.inf))
 
     def value(self, seen, state):
         """The estimated return, of rewards times 1 - gamma."""
@@ -132,8 +132,7 @@ class Rollouts:
             self.rewards[t], over = torch.from_numpy(rewards), terminated | truncated
             self.terminated[t + 1], self.over[t + 1] = map(torch.from_numpy, (terminated, over))
             self.put(t + 1, seen, infos)
-            for k in np.flatnonzero(over[:, 0]):
-                self.ends.append([np.mean(infos[name][k]) for name in SHOWN])
+            self.ends += [[infos[of][k].mean() for of in SHOWN] for k in over[:, 0].nonzero()[0]]
         self.values[-1] = agent.value(self.seen[-1], self.states[-1])
 
     def advantages(self):
@@ -195,12 +194,13 @@ def train(scenario, options, save=lambda network: None, say=lambda line: None):
     for k in range(updates := max(1, options.steps // of_rollout)):
         left = 1 - k / updates  # the best action is taken in the end, so draws must become certain
         optimizer.param_groups[0]["lr"] = options.rate * left
+        agent.deviation = options.deviation * max(left, 0.1)
         rollouts.play(agent)
         update(agent, optimizer, rollouts, options, options.entropy * left)
         done, last = (k + 1) * of_rollout, zip(*rollouts.ends[-200:], strict=True)
-        words = [f", {name} {np.mean(of):.3f}" for name, of in zip(SHOWN, last, strict=False)]
-        reward = f"reward {rollouts.rewards[:-1].mean():.3f}{''.join(words)}"
-        say(f"{done:,} steps, {time.monotonic() - began:.0f} s: {reward}")
+        words = [f"reward {rollouts.rewards[:-1].mean():.3f}"]
+        words += [f"{name} {np.mean(of):.3f}" for name, of in zip(SHOWN, last, strict=False)]
+        say(f"{done:,} steps, {time.monotonic() - began:.0f} s: {', '.join(words)}")
         save(network_of(agent, world, options, done))
     return agent
 
