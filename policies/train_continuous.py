@@ -10,6 +10,7 @@ a drone observes and is paid for.
 
 import argparse
 import sys
+from copy import deepcopy
 from typing import ClassVar
 
 import numpy as np
@@ -44,14 +45,12 @@ class EachDrone(VecEnv):
     metadata: ClassVar = {"render_modes": []}
 
     def __init__(self, scenario, count, seed):
+        if not scenario.free:
+            raise UsageError(f"{scenario.name}: needs drones.motion: {{space: free}}")
         world_seed = configured(scenario, {"seed": seed}).effective_world_seed
         scenario = configured(scenario, {"world_seed": None})  # every episode begins afresh
         worlds, mode = range(world_seed, world_seed + 1), AutoresetMode.SAME_STEP
         self.many = UavParallelVectorEnv(scenario, count, autoreset_mode=mode, world_seed=worlds)
-        if not self.many.free:
-            raise UsageError(
-                f"{scenario.name}: drones must fly freely (drones.motion: space: free)"
-            )
         self.begins = 2**40 + seed * count  # as no run of one's own begins
         self.render_mode, one = None, self.many.single_observation_space
         super().__init__(count * self.many.drones, one, self.many.single_action_space)
@@ -101,7 +100,7 @@ def train(algorithm, scenario, steps, seed, **changes):
     """A model that was trained for so many steps of all drones together."""
     torch.set_num_threads(1)  # on several, networks as small as these only wait for each other
     env = EachDrone(configured(scenario, {}), ENVS, seed)
-    options = {**OPTIONS, **changes, "seed": seed, "device": "cpu"}
+    options = {**deepcopy(OPTIONS), **changes, "seed": seed, "device": "cpu"}
     if algorithm == "td3":  # whose policy is certain, so that it needs noise to explore
         numbers = np.zeros(env.action_space.shape)
         options["action_noise"] = NormalActionNoise(numbers, numbers + 0.3)

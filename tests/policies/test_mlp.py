@@ -289,7 +289,14 @@ def test_a_name_is_enough(file: Path, tmp_path: Path):
         load_policy("mlp:none.npz")
 
 
-@pytest.mark.parametrize("name", network_names())
+SHIPPED = [
+    pytest.param(name, marks=pytest.mark.thorough) if name == "festival.npz" else name
+    for name in network_names()
+]
+"""The network for free flight needs kernels that no other test of this file compiles."""
+
+
+@pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_networks_fly_and_tell_where_they_come_from(name: str):
     policy: Any = load_policy(name)
     training = policy.about["training"]
