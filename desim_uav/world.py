@@ -111,6 +111,14 @@ class World(Unchanging):
         return self.dimensions + int(self.scenario.limited_battery)
 
     @property
+    def command_names(self) -> tuple[str, ...]:
+        """The names of the numbers of a command of free flight; none if drones fly by cells."""
+        if not self.free:
+            return ()
+        charge = ("aim_charge",) if self.scenario.limited_battery else ()
+        return ("aim_x", "aim_y", "aim_z")[: self.dimensions] + charge
+
+    @property
     def dimensions(self) -> int:
         """The number of dimensions of the map: 2 or 3."""
         return self.scenario.map.dimensions

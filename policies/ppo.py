@@ -3,12 +3,11 @@
 python policies/ppo.py case8 --steps 200000 --seed 0 --out ppo_case8.npz
 desim-uav run case8 --seed 0 --policy ppo_case8.npz
 
-Read it from top to bottom: options, networks, rollouts, advantages, updates, the file. Drones fly
-in the world of the scenario or the seed, and with --worlds train in another one in each episode.
-They share one network, which is not told whose it is. A *forced* step (the drone returns, charges
-or has crashed) is part of the rollout, but no decision: the policy learns nothing from it, and the
-rewards up to the next decision belong to the one before, discounted by gamma for each step. With
---central (MAPPO) the critic also sees the whole state of the simulation.
+Read it from top to bottom: options, networks, rollouts, advantages, updates, the file. All drones
+share one network. A *forced* step (the drone returns, charges or has crashed) is no decision: the
+policy learns nothing from it, and the rewards up to the next decision belong to the one before,
+discounted by gamma for each step. With --central (MAPPO) the critic also sees the whole state of
+the simulation. In free flight actions are normally distributed, and count as from -1 to 1.
 """
 
 import argparse
@@ -30,7 +29,7 @@ from desim_uav.world import build_world
 
 try:
     import torch
-    from torch import nn
+    from torch import distributions, nn
 except ModuleNotFoundError:
     print(MissingExtraError("policies/ppo.py", "ppo"), file=sys.stderr)
     sys.exit(MissingExtraError.exit_code)
@@ -51,6 +50,7 @@ OPTIONS = {
     "decay": (0.95, 0.0, 1.0, "lambda of the generalised advantage estimate"),
     "clip": (0.2, 1e-9, 1.0, "how far the ratio of probabilities counts"),
     "entropy": (0.01, 0.0, 100.0, "the weight of the entropy, which falls linearly to 0"),
+    "deviation": (0.6, 1e-3, 10.0, "of the numbers of commands, which falls linearly to a tenth"),
     "hidden": (128, 1, 4096, "units of each of the two hidden layers"),
 }
 """The default of each option, the least and the greatest value, and what it is."""
@@ -70,13 +70,16 @@ class Agent(nn.Module):
 
     def __init__(self, seen, state, actions, hidden):
         super().__init__()
-        self.actor = layers(seen, hidden, hidden, actions, last_gain=0.01)
+        self.actor = layers(seen, hidden, hidden, *(actions.shape or [actions.n]), last_gain=0.01)
         self.critic = layers(seen + state, hidden, hidden, 1, last_gain=1.0)
+        self.free, self.deviation = bool(actions.shape), 1.0
 
-    def logs(self, seen, mask):
-        """The logarithms of the actions' probabilities, which are 0 for masked ones."""
-        logits = self.actor(seen)
-        return torch.where(mask, logits, torch.finfo(logits.dtype).min).log_softmax(-1)
+    def policy(self, seen, mask):
+        """The distribution of actions, which gives masked ones the probability 0."""
+        told = self.actor(seen)
+        if self.free:
+            return distributions.Independent(distributions.Normal(told, self.deviation), 1)
+        return distributions.Categorical(logits=torch.where(mask, told, -torch.inf))
 
     def value(self, seen, state):
         """The estimated return, of rewards times 1 - gamma."""
@@ -100,9 +103,9 @@ class Rollouts:
         seen, infos = env.reset(seed=2**40 + options.seed * options.envs)  # as no run of one's own
         shape = (options.rollout + 1, *seen.shape[:2])
         self.seen = torch.zeros(*shape, seen.shape[-1])
-        self.masks = torch.zeros(*shape, env.single_action_space.n, dtype=torch.bool)
+        self.masks = torch.zeros(*shape, infos["action_mask"].shape[-1], dtype=torch.bool)
         self.states = torch.zeros(*shape, len(env.state_names) if options.central else 0)
-        self.actions = torch.zeros(shape, dtype=torch.long)
+        self.actions = torch.zeros(*shape, *env.single_action_space.shape)
         self.chances, self.values, self.rewards = torch.zeros(3, *shape)
         self.terminated, self.over = torch.zeros(2, *shape, dtype=torch.bool)
         self.ends = []
@@ -121,17 +124,15 @@ class Rollouts:
         for whole in (self.seen, self.masks, self.states, self.terminated, self.over):
             whole[0] = whole[-1]
         for t in range(self.options.rollout):
-            logs = agent.logs(self.seen[t], self.masks[t])
-            drawn = torch.multinomial(logs.exp().flatten(0, 1), 1).view(logs.shape[:2])
-            self.actions[t] = drawn
-            self.chances[t] = logs.gather(-1, drawn[..., None]).squeeze(-1)
+            policy = agent.policy(self.seen[t], self.masks[t])
+            self.actions[t] = drawn = policy.sample()
+            self.chances[t] = policy.log_prob(drawn)
             self.values[t] = agent.value(self.seen[t], self.states[t])
             seen, rewards, terminated, truncated, infos = self.env.step(drawn.numpy())
             self.rewards[t], over = torch.from_numpy(rewards), terminated | truncated
             self.terminated[t + 1], self.over[t + 1] = map(torch.from_numpy, (terminated, over))
             self.put(t + 1, seen, infos)
-            for k in np.flatnonzero(over[:, 0]):
-                self.ends.append([np.mean(infos[name][k]) for name in SHOWN])
+            self.ends += [[infos[of][k].mean() for of in SHOWN] for k in over[:, 0].nonzero()[0]]
         self.values[-1] = agent.value(self.seen[-1], self.states[-1])
 
     def advantages(self):
@@ -159,17 +160,16 @@ def update(agent, optimizer, rollouts, options, weight):
     seen, masks, states, actions, chances = (one[:-1].flatten(0, 2) for one in whole)
     lived = (~rollouts.over[:-1]).flatten().nonzero().squeeze(-1)
     for _ in range(options.epochs):
-        mixed = lived[torch.randperm(len(lived))]
-        for batch in mixed.chunk(options.minibatches):
+        for batch in lived[torch.randperm(len(lived))].chunk(options.minibatches):
             loss = 0.5 * (agent.value(seen[batch], states[batch]) - targets[batch]).square().mean()
             free = batch[masks[batch].sum(-1) > 1]  # the steps at which there was a choice
             if len(free) > 1:
-                logs = agent.logs(seen[free], masks[free])
-                ratios = (logs.gather(-1, actions[free, None]).squeeze(-1) - chances[free]).exp()
+                policy = agent.policy(seen[free], masks[free])
+                ratios = (policy.log_prob(actions[free]) - chances[free]).exp()
                 gain = (gains[free] - gains[free].mean()) / (gains[free].std() + 1e-8)
                 clipped = ratios.clamp(1 - options.clip, 1 + options.clip)
-                entropy = -(logs.exp() * logs * masks[free]).sum(-1).mean()
-                loss -= torch.minimum(ratios * gain, clipped * gain).mean() + weight * entropy
+                bonus = weight * policy.entropy().mean()
+                loss -= torch.minimum(ratios * gain, clipped * gain).mean() + bonus
             optimizer.zero_grad()
             loss.backward()
             nn.utils.clip_grad_norm_(agent.parameters(), 0.5)
@@ -187,19 +187,20 @@ def train(scenario, options, save=lambda network: None, say=lambda line: None):
     env = UavParallelVectorEnv(scenario, options.envs, world_seed=worlds)
     world = build_world(scenario, own)
     rollouts, began = Rollouts(env, scaling_of(world), options), time.monotonic()
-    sizes = [each.shape[-1] for each in (rollouts.seen, rollouts.states, rollouts.masks)]
-    agent = Agent(*sizes, options.hidden)
+    sizes = [each.shape[-1] for each in (rollouts.seen, rollouts.states)]
+    agent = Agent(*sizes, env.single_action_space, options.hidden)
     optimizer = torch.optim.Adam(agent.parameters(), options.rate, eps=1e-5)
-    of_rollout = rollouts.actions[1:].numel()
+    of_rollout = rollouts.rewards[1:].numel()
     for k in range(updates := max(1, options.steps // of_rollout)):
         left = 1 - k / updates  # the best action is taken in the end, so draws must become certain
         optimizer.param_groups[0]["lr"] = options.rate * left
+        agent.deviation = options.deviation * max(left, 0.1)
         rollouts.play(agent)
         update(agent, optimizer, rollouts, options, options.entropy * left)
         done, last = (k + 1) * of_rollout, zip(*rollouts.ends[-200:], strict=True)
-        words = [f", {name} {np.mean(of):.3f}" for name, of in zip(SHOWN, last, strict=False)]
-        reward = f"reward {rollouts.rewards[:-1].mean():.3f}{''.join(words)}"
-        say(f"{done:,} steps, {time.monotonic() - began:.0f} s: {reward}")
+        words = [f"reward {rollouts.rewards[:-1].mean():.3f}"]
+        words += [f"{name} {np.mean(of):.3f}" for name, of in zip(SHOWN, last, strict=False)]
+        say(f"{done:,} steps, {time.monotonic() - began:.0f} s: {', '.join(words)}")
         save(network_of(agent, world, options, done))
     return agent
 
@@ -225,10 +226,9 @@ def main(arguments=None):
         parser.add_argument(f"--{name}", type=type(default), default=default, help=meaning)
     asked = vars(parser.parse_args(arguments))
     told = {"torch": torch.__version__, "commit": commit(), "processor": processor()}
-    told["command"] = command(sys.argv)
 
     def save(network):
-        network.about["training"] |= told
+        network.about["training"] |= told | {"command": command(sys.argv)}
         write_at(place, network.to_bytes())
 
     try:

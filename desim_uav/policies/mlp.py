@@ -49,6 +49,7 @@ ABOUT: dict[str, tuple[type, ...]] = {
 class Mlp:
     """A network from the features of a drone to one number per action, the higher the better.
 
+    In free flight it has one output for each number of a command, which is that number.
     A feature x enters as (x - ``low``) * ``scale``; both are float32 (features,). ``layers`` holds
     for each layer its weights, float32 (inputs, outputs), and its biases, float32 (outputs,). All
     layers but the last one end with max(0, x). ``about`` is the description (see ``ABOUT``).
@@ -141,12 +142,17 @@ def description_of(world: World, own: bool = False) -> dict[str, Any]:
     shown = to_plain(scenario)["observation"]
     return {
         "features": [feature.name for feature in max(world.features_of_types, key=len)],
-        "actions": [action.name.lower() for action in world.actions],
+        "actions": list(outputs_of(world)),
         "observation": shown if shown["kind"] in names("observation") else None,
         "scenario": scenario.name,
         "world_seed": world.seed if own else None,
         "world_hash": world_hash(world) if own else None,
     }
+
+
+def outputs_of(world: World) -> tuple[str, ...]:
+    """Return the names of what a network says: its actions, or in free flight its numbers."""
+    return world.command_names or tuple(action.name.lower() for action in world.actions)
 
 
 def scaling_of(world: World) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
@@ -202,6 +208,7 @@ def _sizes(about: dict[str, Any]) -> list[int]:
 class NetworkPolicy:
     """Chooses the best allowed action by a network; of equally good ones, the first.
 
+    In free flight, the outputs of the network are the command, cut off at -1 and 1.
     ``observation`` is what its drones need to observe: runs replace that of the scenario by it.
     """
 
@@ -257,12 +264,14 @@ class NetworkPolicy:
             f"{about['world_seed']}"
         )
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
-        """Return the forced action if there is one, else the best allowed action."""
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+        """Return the forced action if there is one, else the best allowed action or the command."""
         if observation.mode not in DECIDES:
             return list(mask).index(True)
         assert self._network is not None, "begin comes first"
         seen = self._encode(observation, self._world.facts_of(observation.drone))
         more = len(self.about["features"]) - len(seen)  # where other types observe more
         scores = self._network.scores((*seen, *(0.0,) * more))
+        if self._world.free:
+            return scores.clip(-1.0, 1.0).tolist()
         return int(np.where(mask, scores, -np.inf).argmax())

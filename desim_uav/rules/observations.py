@@ -5,14 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from desim_uav.model.kernels import rule
+from desim_uav.model.grid import cell_index
+from desim_uav.model.kernels import rare_rule, rule
 from desim_uav.model.observations import Feature, RowObservation
 from desim_uav.model.rows import Table
 from desim_uav.model.rules import US
 from desim_uav.model.state import Facts
 from desim_uav.registry import register
 from desim_uav.rules.battery import capacity_of, is_limited, per_second_of
-from desim_uav.rules.flight import way_back
+from desim_uav.rules.flight import position, way_back
 from desim_uav.rules.rows import Constants, Drone, Observation, State
 
 
@@ -46,7 +47,8 @@ class Local(RowObservation):
     These are the believed position, the attached users, if links have classes their mean
     efficiency (over that of the best class), the requests served and the open requests
     in the footprint, by service (all over the number of users), the free bandwidth and the time
-    left. With a battery they also include its charge and n_B, and the bearing (sine and cosine
+    left. In free flight the position is that in metres and not that of the cell's centre. With a
+    battery they also include its charge and n_B, and the bearing (sine and cosine
     from north) and flight time of the nearest charging station; charge and times are divided by
     the capacity.
     """
@@ -96,6 +98,8 @@ def write_local(world: Constants, state: State, drone: Drone) -> int:
     if world.three_d:
         out[k] = (observation.level + 0.5) / world.levels_under_ceiling
         k += 1
+    if drone.off_grid:
+        _write_place(world, state, drone, observation)
     out[k] = observation.attached_users / users
     k += 1
     if not world.radios[drone.radio].flat:
@@ -122,6 +126,22 @@ def clear_from(features: Table[float], first: int) -> None:
     """Set a drone's features from number ``first`` on to 0."""
     for k in range(first, len(features)):
         features[k] = 0.0
+
+
+@rare_rule
+def _write_place(world: Constants, state: State, drone: Drone, observation: Observation) -> None:
+    """Write the place of a drone that flies freely, in the units of cells and levels.
+
+    Under position noise, it is as many cells away from the true place as the believed cell is.
+    """
+    out, (x_m, y_m, z_m) = drone.features, position(world, state, drone)
+    wrong_x = observation.x - cell_index(x_m, world.cell_x_m, world.nx)
+    wrong_y = observation.y - cell_index(y_m, world.cell_y_m, world.ny)
+    out[0] = (x_m / world.cell_x_m + wrong_x) / world.nx
+    out[1] = (y_m / world.cell_y_m + wrong_y) / world.ny
+    if world.three_d:
+        level = max((z_m - world.lowest_m) / world.level_step_m + 0.5, 0.0)
+        out[2] = level / world.levels_under_ceiling
 
 
 @rule

@@ -76,6 +76,39 @@ def test_the_mask_says_what_the_last_number_can_do(engine):
     assert infos["drone_0"]["forced"] == 1
 
 
+@pytest.mark.parametrize("engine", ENGINES)
+def test_drones_observe_their_exact_place(engine):
+    # In 60 s at 8.3 m/s and 4 m/s² they fly 480.7775 m at most, and upwards 5 * (60 - 2.5) m.
+    env = UavParallelEnv({**scenario(3), "observation": {"kind": "local"}}, engine=engine)
+    shown, _ = env.reset(seed=1)
+    assert shown["drone_0"]["observation"][:3] == pytest.approx([1.5 / 4, 1.5 / 4, 0.5 / 3])
+    shown, *_ = env.step(
+        {
+            "drone_0": np.array([0.0, 0.3, 0.0, -1.0], np.float32),
+            "drone_1": np.array([0.0, 0.0, 0.1, -1.0], np.float32),
+        }
+    )
+    north_m, up_m = 0.3 * (8.3 * 60 - 8.3**2 / 4), 0.1 * 5 * (60 - 2.5)
+    assert shown["drone_0"]["observation"][1] == pytest.approx((300 + north_m) / 800)
+    assert shown["drone_1"]["observation"][2] == pytest.approx((up_m / 20 + 0.5) / 3)
+
+
+def test_position_errors_move_the_place_by_whole_cells():
+    noisy = {"position_noise": {"probability": 1.0, "sigma_cells": 1.0}}
+    env = UavParallelEnv({**scenario(), **noisy, "observation": {"kind": "local"}})
+    env.reset(seed=1)
+    wrong = set()
+    for _ in range(7):
+        actions = {agent: np.array([0.1, -0.2, -1.0], np.float32) for agent in env.agents}
+        shown, *_ = env.step(actions)
+        true = dict(zip(env.session.state_names, env.state(), strict=True))
+        for drone, seen in shown.items():
+            off = 4 * (seen["observation"][:2] - [true[f"{drone}_x"], true[f"{drone}_y"]])
+            assert np.allclose(off, off.round(), atol=1e-5)
+            wrong |= set(off.round().tolist())
+    assert len(wrong) > 1
+
+
 def test_wrong_actions_are_refused():
     env = UavEnv(scenario())
     env.reset(seed=1)

@@ -130,6 +130,40 @@ def test_it_does_what_is_best_of_what_is_allowed(file: Path):
     assert min(checked.choices) == 1 < max(checked.choices), "some were forced, and some were not"
 
 
+FREELY = {**SMALL["drones"], "motion": {"space": "free"}}
+ENGINES = ["des", pytest.param("batch", marks=pytest.mark.thorough)]
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+def test_in_free_flight_its_numbers_are_the_command(tmp_path: Path, engine: str):
+    made = network(drones=FREELY)
+    assert made.about["actions"] == ["aim_x", "aim_y", "aim_charge"]
+    (tmp_path / "net.npz").write_bytes(made.to_bytes())
+    policy: Any = load_policy(tmp_path / "net.npz")
+    commands: list[tuple[int, Any, bool]] = []
+
+    class Watched:
+        ceiling, observation, begin = True, policy.observation, policy.begin
+
+        def act(self, observation: Any, mask: Any) -> Any:
+            command = policy.act(observation, mask)
+            if np.ndim(command):
+                commands.append((observation.drone, command, mask[0]))
+                scores = made.scores(observation.features)
+                assert command == np.minimum(np.maximum(scores, -1.0), 1.0).tolist()
+            else:
+                assert sum(mask) == 1 and mask[command], "a drone that is not asked"
+            return command
+
+    run = du.run(small(drones=FREELY), policy=Watched(), engine=engine, progress=False)
+    told = run.steps[run.steps["action"] == "fly"].sort_values(["step", "drone"])
+    assert len(told) == len(commands) > 10
+    flown = [command[:2] for _, command, _ in commands]
+    np.testing.assert_allclose(told[["aim_x", "aim_y"]].to_numpy(), flown, rtol=1e-6)
+    with pytest.raises(PolicyError, match="trained with actions"):
+        policy.begin(build_world(small(observation=RADAR), 0), Streams(0, Purpose.LEARNER))
+
+
 def test_both_engines_give_the_same_tables(file: Path):
     """Also where the scenario has another observation: the policy brings its own."""
     runs = [
@@ -255,7 +289,14 @@ def test_a_name_is_enough(file: Path, tmp_path: Path):
         load_policy("mlp:none.npz")
 
 
-@pytest.mark.parametrize("name", network_names())
+SHIPPED = [
+    pytest.param(name, marks=pytest.mark.thorough) if name == "festival.npz" else name
+    for name in network_names()
+]
+"""The network for free flight needs kernels that no other test of this file compiles."""
+
+
+@pytest.mark.parametrize("name", SHIPPED)
 def test_shipped_networks_fly_and_tell_where_they_come_from(name: str):
     policy: Any = load_policy(name)
     training = policy.about["training"]

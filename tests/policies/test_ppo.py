@@ -45,6 +45,9 @@ FAR: dict[str, Any] = {
 }
 """Two users four cells to the east of the only drone: nothing is gained on the way."""
 
+FREELY = {**FAR, "drones": {**FAR["drones"], "motion": {"space": "free", "max_speed_mps": 8.3}}}
+"""The same in free flight: two steps of 490 m lead to the users."""
+
 
 @pytest.fixture(scope="module")
 def ppo() -> Any:
@@ -55,12 +58,12 @@ def ppo() -> Any:
     return module
 
 
-def trained(ppo: Any, **changes: Any) -> tuple[Any, Any]:
+def trained(ppo: Any, scenario: Any = FAR, **changes: Any) -> tuple[Any, Any]:
     """The last network of a short training, as torch has it and as it is saved."""
     saved: list[Any] = []
     changes = {"steps": 16 * 32, "envs": 4, "rollout": 32, "hidden": 16, **changes}
     options = ppo.options_of(**changes)
-    agent = ppo.train(from_mapping(FAR), options, saved.append)
+    agent = ppo.train(from_mapping(scenario), options, saved.append)
     return agent, saved[-1]
 
 
@@ -81,9 +84,40 @@ def test_it_learns_to_fly_to_the_users(ppo: Any, tmp_path: Path):
     assert mine["qoe3_percent"] == best["qoe3_percent"] > 60 and hover["qoe3_percent"] == 0
 
 
+def test_it_learns_to_fly_freely_to_the_users(ppo: Any, tmp_path: Path):
+    """Nobody does better than to fly straight there, in two steps, and then to stay."""
+    network = trained(ppo, FREELY, steps=30_000, envs=16, gamma=0.9)[1]
+    (tmp_path / "far.npz").write_bytes(network.to_bytes())
+    assert network.about["actions"] == ["aim_x", "aim_y"]
+
+    def straight(observation: Any, mask: Any) -> Any:
+        return [1.0 if observation.step < 2 else 0.0, 0.0]
+
+    mine, best, hover = (
+        du.run(FREELY, policy=policy, episodes=2, engine="batch", progress=False).summaries()[0]
+        for policy in (tmp_path / "far.npz", straight, "hover")
+    )
+    assert hover["qoe3_percent"] == 0 and best["qoe3_percent"] > 80
+    assert 0.9 * best["qoe3_percent"] < mine["qoe3_percent"] <= 100
+
+
+def test_actions_of_free_flight_are_drawn_from_a_normal_distribution(ppo: Any):
+    agent, _ = trained(ppo, FREELY, steps=4 * 32)
+    seen, mask = torch.zeros(3, agent.actor[0].in_features), torch.ones(3, 2, dtype=torch.bool)
+    policy, told = agent.policy(seen, mask), torch.tensor([[0.1, -2.0]] * 3)
+    assert agent.deviation == pytest.approx(0.6), "the first update is the only one"
+    off = (told - agent.actor(seen)).detach().numpy() / 0.6
+    logs = -(off**2) / 2 - np.log(0.6) - np.log(2 * np.pi) / 2
+    assert np.allclose(policy.log_prob(told).detach(), logs.sum(-1), atol=1e-5)
+    assert np.allclose(policy.entropy(), 2 * np.log(0.6) + np.log(2 * np.pi * np.e), atol=1e-5)
+    agent, _ = trained(ppo, FREELY, steps=20 * 4 * 32)
+    assert agent.deviation == pytest.approx(0.06), "a tenth at least: 0.6 * max(1 / 20, 0.1)"
+
+
+@pytest.mark.parametrize("scenario", [FAR, FREELY])
 @pytest.mark.parametrize("central", [False, True])
-def test_a_file_computes_what_the_network_does(ppo: Any, central: bool):
-    agent, network = trained(ppo, central=central)
+def test_a_file_computes_what_the_network_does(ppo: Any, central: bool, scenario: Any):
+    agent, network = trained(ppo, scenario, central=central)
     rng = np.random.default_rng(0)
     for _ in range(20):
         seen = rng.normal(size=len(network.low)).astype(np.float32)
@@ -93,8 +127,9 @@ def test_a_file_computes_what_the_network_does(ppo: Any, central: bool):
 
 
 def test_one_seed_gives_one_result(ppo: Any):
-    one, again, other = (trained(ppo, seed=seed)[1].to_bytes() for seed in (3, 3, 4))
-    assert one == again != other
+    for scenario in (FAR, FREELY):
+        one, again, other = (trained(ppo, scenario, seed=seed)[1].to_bytes() for seed in (3, 3, 4))
+        assert one == again != other
 
 
 class Forced:

@@ -1,0 +1,106 @@
+"""How the baseline's moves become commands: from cell to cell, or in free flight."""
+
+from __future__ import annotations
+
+import math
+from typing import Any, Protocol
+
+from desim_uav.model.free.legs import reach_along
+from desim_uav.model.free.prisms import first_entry
+from desim_uav.model.free.space import ANY_SPEED
+from desim_uav.model.grid import Cell
+from desim_uav.model.radio.tracks import Point
+from desim_uav.model.rules import MOVES, US, Action, fastest_of
+from desim_uav.world import World
+
+Command = int | list[float]
+"""An index into ``World.actions``, or the numbers of a displacement in free flight."""
+
+
+class Moves(Protocol):
+    """How drones move from the centre of a cell to the centre of a neighbouring one."""
+
+    def leads(self, drone: int, cell: Cell, level: int, to: Cell) -> bool:
+        """Return whether a drone can fly from a cell to a neighbour at its level."""
+
+    def climbs(self, drone: int, cell: Cell, level: int, to: Cell) -> bool:
+        """Return whether a drone that climbs comes to a level at which it can fly to a neighbour.
+
+        It is asked only if there is no way at the present level.
+        """
+
+    def commands(self, drone: int, action: Action) -> list[Command]:
+        """Return the commands of an action, one for each step that it takes."""
+
+
+class CellMoves:
+    """Moves of drones that fly from cell to cell: an action is a command."""
+
+    def __init__(self, world: World) -> None:
+        self._grid = world.grid
+        self._index = fastest_of(world.actions)
+
+    def leads(self, drone: int, cell: Cell, level: int, to: Cell) -> bool:
+        """Return whether no building blocks the neighbour at this level."""
+        return self._grid.can_enter(*to, level, ceiling=False)
+
+    def climbs(self, drone: int, cell: Cell, level: int, to: Cell) -> bool:
+        """Return True: there is a level above each building."""
+        return True
+
+    def commands(self, drone: int, action: Action) -> list[Command]:
+        """Return the index of the action, at the highest speed if there are several."""
+        return [self._index[action]]
+
+
+class FreeMoves:
+    """The same moves in free flight: each is a displacement by the side of a cell, or by a level.
+
+    A drone that starts at the centre of a cell therefore stays on centres, although it is never
+    told where in its cell it is. If a step is too short for a move, the move is flown in as many
+    equal parts as it needs.
+    """
+
+    def __init__(self, world: World) -> None:
+        self._world, self._grid = world, world.grid
+        self._index = fastest_of(world.actions)
+
+    def leads(self, drone: int, cell: Cell, level: int, to: Cell) -> bool:
+        """Return whether the straight way passes no obstacle and no margin of one."""
+        return self._is_open(drone, self._place(cell, level), self._place(to, level))
+
+    def climbs(self, drone: int, cell: Cell, level: int, to: Cell) -> bool:
+        """Return whether a way straight up, and then straight ahead, passes no obstacle."""
+        start = self._place(cell, level)
+        return any(
+            self._is_open(drone, start, self._place(cell, higher))
+            and self.leads(drone, cell, higher, to)
+            for higher in range(level + 1, len(self._grid.levels_m))
+        )
+
+    def commands(self, drone: int, action: Action) -> list[Command]:
+        """Return the numbers of the displacement for each step; actions without one are indices."""
+        if action not in MOVES:
+            return [self._index[action]]
+        dx, dy, dz = MOVES[action]
+        (side_x, side_y), own = self._grid.cell_m, self._world.type_of(drone)
+        space, step_s = own.space, self._world.step_us / US
+        length_m = side_x if dx else side_y if dy else self._grid.level_step_m
+        ahead = (float(dx), float(dy), float(dz))
+        most_m = reach_along(space.limits, space.wind, ANY_SPEED, ahead, step_s)
+        parts = max(1, math.ceil(length_m / most_m - 1e-9))
+        share = length_m / parts / most_m
+        told = [share * one for one in ahead[: self._world.dimensions]]
+        return [told + [-1.0] * own.limited] * parts
+
+    def _place(self, cell: Cell, level: int) -> Point:
+        return (*self._grid.centre(*cell), self._grid.levels_m[level])
+
+    def _is_open(self, drone: int, start: Point, stop: Point) -> bool:
+        entry: Any = first_entry(self._world.type_of(drone).space.prisms, start, stop)
+        return bool(entry == math.inf)
+
+
+def moves_of(world: World) -> Moves:
+    """Return how the drones of a world move."""
+    return FreeMoves(world) if world.free else CellMoves(world)
