@@ -13,7 +13,7 @@ from desim_uav.engine.episode import Engine
 from desim_uav.model.grid import cell_index
 from desim_uav.model.radio.draws import UNSEEN
 from desim_uav.model.radio.functions import elevation_deg
-from desim_uav.model.radio.sight import CLEAR, buffers_for, state_at
+from desim_uav.model.radio.sight import CLEAR, Buildings, buffers_for, state_at
 from desim_uav.model.radio.tracks import AT, TRACK_COLUMNS
 from desim_uav.rules.air import number_in_draws
 from desim_uav.rules.flight import position
@@ -32,15 +32,16 @@ def seen_links(engine: Engine) -> SeenLinks | None:
     world = engine.world
     if not any(_is_drawn(links.radio) for links in world.links):
         return None
-    senders, users_m = engine.state.senders, engine.positions_m()[1]
+    senders, users_m = engine.state.senders, engine.positions_m()[1].tolist()
     cells = np.full(len(senders), UNSEEN, np.int64)
     chances = np.zeros((len(senders), len(users_m)))
+    buildings = buildings_of(world)
     for sender in senders:
         radio = world.links[sender.radio].radio
         if sender.serving and _is_drawn(radio):
             place, row = position(engine.constants, engine.state, sender), number_in_draws(sender)
             cells[row] = _cell(world, *place[:2])
-            chances[row] = [_chance(world, radio, place, user) for user in users_m.tolist()]
+            chances[row] = [_chance(radio, buildings, place, user) for user in users_m]
     return SeenLinks(cells, chances)
 
 
@@ -55,17 +56,17 @@ def _cell(world: World, x: float, y: float) -> int:
     return int(cell_index(x, dx, nx) * ny + cell_index(y, dy, ny))
 
 
-def _chance(world: World, radio: Any, place: Any, user: Any) -> float:
+def _chance(radio: Any, buildings: Buildings, place: Any, user: Any) -> float:
     """Return how probable line of sight is: 1 or 0 if buildings decide."""
     if radio.sight == "buildings":
-        return float(_is_clear(world, place, user))
+        return float(_is_clear(buildings, place, user))
     away_m = math.hypot(place[0] - user[0], place[1] - user[1])
     return float(radio.path_loss.p_los(elevation_deg(away_m, place[2] - user[2])))
 
 
-def _is_clear(world: World, place: Any, user: Any) -> bool:
+def _is_clear(buildings: Buildings, place: Any, user: Any) -> bool:
     """Return whether no building is between a transmitter and a user, who are where they are."""
-    buildings, tracks = buildings_of(world), np.zeros((2, TRACK_COLUMNS))
+    tracks = np.zeros((2, TRACK_COLUMNS))
     tracks[0, AT : AT + 3], tracks[1, AT : AT + 3] = user, place
     buffers = buffers_for(buildings.offsets, 1)
     return bool(state_at(tracks, 0, 1, 0.0, buildings, buffers) == CLEAR)
