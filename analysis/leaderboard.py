@@ -1,12 +1,13 @@
 """Make the whole leaderboard: bounds, trainings, submissions, tables and figure.
 
-    python analysis/leaderboard.py [-j 2] [PART]
+    python analysis/leaderboard.py [-j 2] [--missing] [PART]
 
 Only what is missing or out of date is made: submissions in analysis/leaderboard, which are kept,
 and the policies that are trained for them, in runs/leaderboard, which are not. With PART only those
-submissions are made whose folder's name contains it. The tables and the performance profile are
-then made of all submissions that are there. This calls leaderboard_ppo.py for the networks, which
-are left out if they are missing and PyTorch is not installed.
+submissions are made whose folder's name contains it; with --missing they are only listed. The
+tables and the performance profile are then made of all submissions that are there. This calls
+leaderboard_ppo.py for the networks, which are left out if they are missing and PyTorch is not
+installed.
 
 The processor time of each training and of each submission is kept in leaderboard_times.csv. At the
 end that of this call and the sum of all that are kept are printed.
@@ -131,15 +132,13 @@ def main() -> None:
     """Make what is missing, then the tables and the figure of all."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("-j", dest="jobs", type=int, default=1)
+    parser.add_argument("--missing", action="store_true")
     parser.add_argument("part", nargs="?", default="")
     asked = parser.parse_args()
-    since_s = time.perf_counter()
-    work = [
-        (entry, track)
-        for entry in entries()
-        for track in [[name for name in entry.tracks if asked.part in entry.label(name)]]
-        if track and not all(is_up_to_date(entry, TRACKS[name]) for name in track)
-    ]
+    if asked.missing:
+        print(*told_missing(asked.part), sep="\n")
+        return
+    since_s, work = time.perf_counter(), missing(asked.part)
     complete([task for task in tasks().values() if task in [e.task for e, _ in work]], asked.jobs)
     with closing(run_each(make, work, asked.jobs)) as ended:
         for number, spent_s in ended:
@@ -159,6 +158,27 @@ def main() -> None:
     )
     kept_s = leaderboard_times.kept(FOLDER)
     print(f"in all {sum(kept_s.values()):.0f} s of processor time for {len(kept_s)} parts")
+
+
+def missing(part: str = "") -> list[tuple[Entry, list[str]]]:
+    """Return what is missing or out of date, and in which tracks."""
+    found = []
+    for entry in entries():
+        asked = [name for name in entry.tracks if part in entry.label(name)]
+        tracks = [name for name in asked if not is_up_to_date(entry, TRACKS[name])]
+        if tracks:
+            found.append((entry, tracks))
+    return found
+
+
+def told_missing(part: str = "") -> list[str]:
+    """Return the rows that are missing, and those with fewer trainings than the protocol asks."""
+    rows = [
+        f"{entry.task.family}, {entry.task.size}, track {track}: {entry.name}"
+        for entry, tracks in missing(part)
+        for track in tracks
+    ]
+    return rows + leaderboard_ppo.told_missing(part)
 
 
 def is_up_to_date(entry: Entry, track: Track) -> bool:

@@ -117,9 +117,15 @@ def of(
 ELSEWHERE = "PPO of multi-service"
 """The name of a network that was trained in training worlds of another task."""
 
-STEPS = 1_200_000
+STEPS, STEPS_SMALL = 1_200_000, 300_000
 
 ENTRIES = [
+    *(
+        of(family, track, kind, STEPS_SMALL, "small", TRAININGS)
+        for family in ("coverage", "multi-service")
+        for track in ("one", "any")
+        for kind in KINDS
+    ),
     *(
         of("multi-service", track, kind, STEPS, trainings=TRAININGS)
         for track in ("any", "one")
@@ -178,6 +184,16 @@ def complete(part: str, jobs: int, trainings: int = TRAININGS) -> None:
         if len(networks) > entry.submitted():
             leaderboard_times.keep(FOLDER, {entry.name: make(entry, networks, jobs)})
             print(FOLDER / entry.name, flush=True)
+
+
+def told_missing(part: str = "") -> list[str]:
+    """Return the rows of networks that are missing, or have fewer trainings than they should."""
+    return [
+        f"{entry.task.family}, {entry.task.size}, track {entry.track}: {entry.kind}, "
+        f"{entry.submitted()} of {entry.trainings} trainings"
+        for entry in ENTRIES
+        if part in entry.name and entry.submitted() < entry.trainings
+    ]
 
 
 def trained(entry: Entry, seed: int) -> float:

@@ -36,7 +36,8 @@ class SamplePath(Unchanging):
     ``position_error``: (drones, steps + 1, 2), the error of a drone's believed cell at each
     decision epoch and at the end of the episode, in cells; None without noise. ``respawn``:
     (drones, steps + 1), the station of a drone's first, second, … respawn. ``link_key``: (2,), the
-    key of the draws of links (``model.philox``), whose counters name user, drone and cell.
+    key of the draws of links (``model.philox``), whose counters name user, drone and cell; it is
+    longer in an episode that a planner imagines (``model.radio.draws``).
     """
 
     episode: int

@@ -366,6 +366,20 @@ def test_the_leaderboard_has_every_task_and_track(leaderboard):
     }
 
 
+def test_the_leaderboard_lists_what_is_missing(leaderboard, monkeypatch, tmp_path, capsys):
+    main = leaderboard["main"]
+    monkeypatch.setitem(main.__globals__, "FOLDER", tmp_path)
+    shutil.copytree(
+        SCRIPTS / "leaderboard" / "coverage-small-one-hover", tmp_path / "coverage-small-one-hover"
+    )
+    monkeypatch.setattr(sys, "argv", ["leaderboard.py", "--missing", "coverage-small-one"])
+    main()
+    listed = capsys.readouterr().out.splitlines()
+    told = [row.removeprefix("coverage, small, track one: ") for row in listed]
+    assert told[:5] == ["random", "baseline", "Q-learning", "SARSA", "greedy"]
+    assert not list(tmp_path.glob("*baseline"))
+
+
 @pytest.mark.thorough
 def test_the_leaderboard_makes_what_is_missing_and_no_more(leaderboard, monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "argv", ["leaderboard.py", "coverage-small-one-hover"])

@@ -28,8 +28,28 @@ class Draws(NamedTuple):
     nlos_db: float
 
 
-def draws_of(key: Any, radio: Any, transmitter: int, user: int, cell: int) -> Draws:
-    """Return the draws of a link; access point k is transmitter -1 - k."""
+def draws_of(key: Any, radio: Any, transmitter: int, user: int, cell: int, users: int = 0) -> Draws:
+    """Return the draws of a link; access point k is transmitter -1 - k.
+
+    Only if the episode is imagined, its key is longer and the number of ``users`` matters.
+    """
+    draws = _drawn(key[:2], radio, transmitter, user, cell)
+    if len(key) == 2:
+        return draws
+    new = _drawn(key[2:4], radio, transmitter, user, cell)
+    transmitters = (len(key) - 4) // (1 + users)
+    cells = np.array(key[4 : 4 + transmitters]).view(np.int64)
+    if cells[transmitter] != cell:
+        return new
+    chances = np.array(key[4 + transmitters :]).view(np.float64).reshape(transmitters, users)
+    chance = float(chances[transmitter, user])
+    if draws.uniform < chance:
+        return Draws(chance * new.uniform, draws.los_db, new.nlos_db)
+    return Draws(1.0 - (1.0 - chance) * (1.0 - new.uniform), new.los_db, draws.nlos_db)
+
+
+def _drawn(key: Any, radio: Any, transmitter: int, user: int, cell: int) -> Draws:
+    """Return the draws of a link under a key of two words."""
     counter = sum(word % 2**64 << 64 * k for k, word in enumerate((cell, user, transmitter, 0)))
     words = np.random.Philox(
         key=sum(int(word) << 64 * k for k, word in enumerate(key)), counter=(counter - 1) % 2**256
@@ -50,7 +70,7 @@ def possible_levels_dbm(
     apart = math.hypot(x - ux, y - uy), z - uz
     found = []
     for cell in _cells(world, x, y):
-        draws = draws_of(key, radio, transmitter, user, cell)
+        draws = draws_of(key, radio, transmitter, user, cell, len(world.homes))
         for clear in _clear(world, radio, draws.uniform, ends):
             loss = radio.path_loss.los_db if clear else radio.path_loss.nlos_db
             extra_db = draws.los_db if clear else draws.nlos_db

@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.errors import PolicyError
 from desim_uav.model.rules import DECIDES, Action
 from desim_uav.model.state import Observation, Snapshot
 from desim_uav.model.streams import Streams
@@ -36,12 +35,12 @@ class Rollout:
     """Improves another policy, the base: it tries each command of each drone in simulations.
 
     In ``samples`` simulations from the present state, the drone gets the command and the base flies
-    on for ``horizon`` steps, or to the end of the episode. Walks and requests in them are drawn
-    from the model, given what can be seen now (``planning.future``), and are the same for all
-    commands. The drones choose in turn: those before have chosen, those after obey the base. A
-    command is better than another one if it has a better mean of QoE1 (with the weight ``qoe1``)
-    and QoE3, by more than ``doubt`` standard errors over the samples. The best one is given, and
-    that of the base if none is better.
+    on for ``horizon`` steps, or to the end of the episode. Walks, requests and the draws of links
+    in them are drawn from the model, given what can be seen now (``planning.future``), and are the
+    same for all commands. The drones choose in turn: those before have chosen, those after obey the
+    base. A command is better than another one if it has a better mean of QoE1 (with the weight
+    ``qoe1``) and QoE3, by more than ``doubt`` standard errors over the samples. The best one is
+    given, and that of the base if none is better.
     """
 
     ceiling = True
@@ -71,11 +70,6 @@ class Rollout:
         from desim_uav.policies.planning.ground import ground_of
         from desim_uav.policies.planning.inner import inner_engine
 
-        if world.marked:
-            raise PolicyError(
-                "rollout: lines of sight and shadowing that are drawn cannot be drawn anew from "
-                "what is seen; use greedy, or a radio without los and shadowing"
-            )
         goes_on = world.scenario.episode.carry_over
         if self._ground is None or self._ground.world is not world:
             self._ground = ground_of(world)
@@ -175,11 +169,12 @@ class Rollout:
     def _imagine(self) -> None:
         """Draw the futures in which all commands of this decision epoch are tried."""
         from desim_uav.policies.planning.future import imagined
+        from desim_uav.policies.planning.links import seen_links
 
-        now = self._engine.save()
+        now, links = self._engine.save(), seen_links(self._engine)
         self._futures = []
         for sample in range(self.options["samples"]):
-            self._inner.take(imagined(now, self._seed, sample))
+            self._inner.take(imagined(now, self._seed, sample, links))
             self._futures.append(self._inner.save())
 
     def _scores(self, commands: Sequence[int]) -> NDArray[np.float64]:

@@ -27,6 +27,7 @@ PARTS = {
     "paper_preset.md": paper.paper_table,
     "claims.md": paper.claims,
     "leaderboard.md": leaderboard.markdown,
+    "leaderboard_missing.md": leaderboard.missing,
 }
 
 

@@ -310,13 +310,6 @@ def test_what_planners_know_is_told():
     assert "not a competitor" in load_policy("clairvoyant").information  # type: ignore[attr-defined]
 
 
-def test_rollouts_refuse_drawn_lines_of_sight():
-    world = build_world(load("street_canyon"), 0)
-    policy = load_policy("rollout:greedy")
-    with pytest.raises(PolicyError, match="lines of sight"):
-        policy.begin(world, Streams(0, Purpose.LEARNER))
-
-
 def test_a_scenario_that_is_too_large_for_plans_is_refused():
     world = strip(cells=(300, 300), users=[(120.0, 120.0)] * 100)
     with pytest.raises(PolicyError, match="the scenario is too large: 90,000 cells by 100 users"):

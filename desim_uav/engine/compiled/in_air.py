@@ -186,7 +186,7 @@ def _sight_of(world: Constants, path: Path, state: State, drone: Drone) -> Any:
     cells, cell_m = (world.nx, world.ny), (world.cell_x_m, world.cell_y_m)
     return Sight(
         radio.sight,
-        as_array(path.link_key, (2,)).view(np.uint64),
+        as_array(path.link_key, (len(path.link_key),)).view(np.uint64),
         (radio.los_shadow_db, radio.nlos_shadow_db),
         cell_m,
         cells,

@@ -249,9 +249,8 @@ class BatchSimulation(Engine):
             self._set_memory(kept.words, kept.buffers, kept.leg_buffer)
             self.path, self.latest = kept.path, saved.latest
         else:
-            self._take_rows(saved.rows)
             self.path, _ = paths_of(SamplePaths.of(saved.path))
-            calls.resume(*self.addresses(), np.array(saved.rows.due, np.int64).reshape(-1, 3))
+            self._resume(saved.rows)
 
     def _set_memory(self, words: Words, buffers: Buffers, leg_buffer: int) -> None:
         """Copy the memory of a state with these buffers into that of this engine."""
@@ -260,6 +259,11 @@ class BatchSimulation(Engine):
         else:
             self.memory, self.buffers, self.leg_buffer = words.copy(), buffers, leg_buffer
             self._name_parts()
+
+    def _resume(self, rows: Rows) -> None:
+        """Go on from rows on the present sample path."""
+        self._take_rows(rows)
+        calls.resume(*self.addresses(), np.array(rows.due, np.int64).reshape(-1, 3))
 
     def _take_rows(self, rows: Rows) -> None:
         """Write rows into the memory, which is enlarged if there are too many crossings for it."""
@@ -276,8 +280,7 @@ class BatchSimulation(Engine):
         self.buffers = Buffers(2 * self.buffers.log, 2 * self.buffers.crossings)
         self.leg_buffer *= 2
         self._make_room()
-        self._take_rows(saved.rows)
-        calls.resume(*self.addresses(), np.array(saved.rows.due, np.int64).reshape(-1, 3))
+        self._resume(saved.rows)
 
     def _ready(self) -> bool:
         """Return whether the last step, or the reset, has not failed."""
@@ -338,20 +341,23 @@ class BatchSimulation(Engine):
             self.buffers = Buffers(2 * self.buffers.log, 2 * self.buffers.crossings)
             self.leg_buffer *= 2
             self._make_room()
-            self.load(self._before())
-            self.new_log(self.log.episode)
-            calls.run(*self.addresses(), RESET)
-            for step, commands in enumerate(
-                heard
-            ):  # only the last of them can have run out of memory
+            # Of the steps that follow only the last one can have run out of memory.
+            for step in range(self.go_back(), len(heard)):
                 self.drain_log()
-                for drone, command in zip(self.drones, commands, strict=True):
+                for drone, command in zip(self.drones, heard[step], strict=True):
                     drone.command = command
                 if len(aims):
                     aims_of(aims, step, self.drones)
                 calls.run(*self.addresses(), STEP)
         self.check_components()
         self.drain_log()
+
+    def go_back(self) -> int:
+        """Begin the episode anew in memory that has been made anew; return the step, 0."""
+        self.load(self._before())
+        self.new_log(self.log.episode)
+        calls.run(*self.addresses(), RESET)
+        return 0
 
 
 def _begin_of(memory: Words, table: str) -> int:

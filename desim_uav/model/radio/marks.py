@@ -26,7 +26,8 @@ from desim_uav.model.compiled_rows import call_for_float
 from desim_uav.model.components import Compiled, Function, compiled, ruled
 from desim_uav.model.grid import cell_index
 from desim_uav.model.kernels import kernel, part
-from desim_uav.model.philox import as_normal, philox
+from desim_uav.model.philox import as_normal
+from desim_uav.model.radio.draws import draws_of_link
 from desim_uav.model.radio.path_loss import LOS, MEAN, NLOS, RowPathLoss
 from desim_uav.model.radio.polynomial import Coefficients, sign_changes
 from desim_uav.model.radio.rings import check_sight
@@ -53,7 +54,6 @@ from desim_uav.model.radio.tracks import (
     velocity,
     walk,
 )
-from desim_uav.model.streams import as_uniform
 
 MEAN_LOSS, DRAWN, BUILDINGS = range(3)
 """The kinds of line of sight."""
@@ -96,7 +96,8 @@ class Sight(NamedTuple):
     """What decides on the marks of all links to one transmitter.
 
     ``kind`` is one of MEAN_LOSS, DRAWN and BUILDINGS, and ``key`` (2,) that of the draws of the
-    episode (``philox.key_of`` for ``Purpose.LINK``). ``shadow_db`` are the standard deviations of
+    episode (``philox.key_of`` for ``Purpose.LINK``), or longer if the episode is imagined
+    (``radio.draws``). ``shadow_db`` are the standard deviations of
     shadowing with and without line of sight in dB; with MEAN_LOSS they must be 0. ``cell_m`` and
     ``cells`` are the length and the number of the map's cells along x and y. ``legs``, ``legs_at``
     and ``heights_m`` (users,) are the walks and heights of the users (see ``coverage.Users``), and
@@ -352,11 +353,12 @@ def _pass(sight: Sight, row: int, axis: int, lasts: float, count: int) -> int:
 @kernel
 def _draw(sight: Sight, transmitter: int, user: int, cell: int) -> _Draw:
     """Return the draws of a link while the transmitter is in a cell."""
-    counter = (np.uint64(cell), np.uint64(user), np.uint64(transmitter), np.uint64(0))
-    words = philox(sight.key, counter)
+    uniform, los_word, nlos_word = draws_of_link(
+        sight.key, len(sight.heights_m), transmitter, user, cell
+    )
     upright = along = 0.0
     if sight.kind == DRAWN:
-        least = least_elevation(sight.p_los, sight.values, as_uniform(words[0]))
+        least = least_elevation(sight.p_los, sight.values, uniform)
         if least > 90.0:
             upright, along = 1.0, -1.0
         elif least <= 0.0:
@@ -365,7 +367,7 @@ def _draw(sight: Sight, transmitter: int, user: int, cell: int) -> _Draw:
             upright = np.sin(least / DEGREES) ** 2
             along = np.cos(least / DEGREES) ** 2
     los_db, nlos_db = sight.shadow_db
-    return _Draw(cell, upright, along, _shadow(los_db, words[1]), _shadow(nlos_db, words[2]))
+    return _Draw(cell, upright, along, _shadow(los_db, los_word), _shadow(nlos_db, nlos_word))
 
 
 @part

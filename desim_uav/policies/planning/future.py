@@ -11,32 +11,43 @@ from numpy.typing import NDArray
 from desim_uav.engine.saved import Rows, SavedState
 from desim_uav.model.asking import DUE_US, Requests, from_now
 from desim_uav.model.coverage import T0_US, all_walked
+from desim_uav.model.radio.draws import imagined_links
 from desim_uav.model.rules import Phase
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.model.walking import RowWalks, Walks, from_here
+from desim_uav.policies.planning.links import SeenLinks
 from desim_uav.rules.due import ask_slot, key
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
-WALKS, REQUESTS, NOISE, RESPAWNS = range(4)
+WALKS, REQUESTS, NOISE, RESPAWNS, LINKS = range(5)
 """The random streams of an imagined future, by what is drawn from them."""
 
 
-def imagined(saved: SavedState, seed: int, sample: int) -> SavedState:
+def imagined(
+    saved: SavedState, seed: int, sample: int, links: SeenLinks | None = None
+) -> SavedState:
     """Return the state on a sample path whose past is the true one and whose future is new.
 
     Users walk on from where they are, by the model of mobility as it begins an episode at homes.
     Who has no open request asks after a new think time, or at new arrivals; open requests need what
-    they still need. Future position errors and stations of respawns are drawn too. What is drawn
-    depends on the seed, the episode, the step and the number of the sample only.
+    they still need. Future position errors and stations of respawns are drawn too, and what is not
+    seen of ``links`` whose draws matter (``links.seen_links``). What is drawn depends on the seed,
+    the episode, the step and the number of the sample only.
     """
     world, state = saved.world, saved.rows.state
     draws = _Draws(world, seed, saved.path.episode, state.step, sample)
     requests = draws.requests(saved.path.requests.after_previous)
     walking = draws.walks(saved.path, state.now_us)
     errors, respawn = draws.errors(saved.path), draws.respawns(saved.path)
+    key = saved.path.link_key if links is None else draws.links(saved.path, links)
     path = replace(
-        saved.path, walking=walking, requests=requests, position_error=errors, respawn=respawn
+        saved.path,
+        walking=walking,
+        requests=requests,
+        position_error=errors,
+        respawn=respawn,
+        link_key=key,
     )
     return replace(saved, path=path, kept=_asking_anew(saved.rows, requests, world.horizon_us))
 
@@ -99,6 +110,11 @@ class _Draws:
             return path.respawn
         rng = self._streams(RESPAWNS).generator(0)
         return rng.integers(0, len(self.world.stations), path.respawn.shape)
+
+    def links(self, path: SamplePath, seen: SeenLinks) -> NDArray[np.uint64]:
+        """Return the key of links' draws, of which those that are not seen are new."""
+        new = self._streams(LINKS).generator(0).bit_generator.random_raw(2)
+        return imagined_links(path.link_key, new, *seen)
 
 
 def _each_one(users: Any) -> NDArray[np.int64]:

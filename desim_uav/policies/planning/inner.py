@@ -8,15 +8,47 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.engine.compiled.pack import lacking
 from desim_uav.engine.episode import Engine
+from desim_uav.engine.saved import SavedState, copied
 from desim_uav.errors import PolicyError
 from desim_uav.model.rules import AIRBORNE, US, Mode
+from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
 CRASH = 100.0
 """What a crash costs, in percent: as much as the whole of a measure."""
 
 
-def inner_engine(planner: str, world: World, carry_over: bool) -> BatchSimulation:
+class InnerEngine(BatchSimulation):
+    """An engine that goes back to the state that it has taken if a step runs out of memory.
+
+    It must not run an imagined episode again from its start: the past of this is the true one, and
+    that of what is imagined is not (``planning.future``).
+    """
+
+    _taken: SavedState | None = None
+
+    def begin(self, path: SamplePath) -> None:
+        """Begin an episode without a snapshot."""
+        self._taken = None
+        super().begin(path)
+
+    def _take(self, saved: SavedState) -> None:
+        """Take a saved state, to which this engine goes back."""
+        self._taken = saved
+        super()._take(saved)
+
+    def go_back(self) -> int:
+        """Go back to the state that has been taken, and return the number of its steps."""
+        if self._taken is None:
+            return super().go_back()
+        rows = self._taken.rows
+        self._resume(rows)
+        self.log = copied(self._taken.log, self.settings)
+        self._served_by = {number: list(drones) for number, drones in self._taken.served_by}
+        return int(rows.state.step)
+
+
+def inner_engine(planner: str, world: World, carry_over: bool) -> InnerEngine:
     """Return an engine for a planner's simulations, whose drones fly below the ceiling.
 
     Raises PolicyError if the compiled engine cannot run the world's components.
@@ -25,7 +57,7 @@ def inner_engine(planner: str, world: World, carry_over: bool) -> BatchSimulatio
     if problems:
         raise PolicyError(f"{planner} needs the compiled engine; {'; '.join(problems)}")
     ceilings = (True,) * world.scenario.drone_count
-    return BatchSimulation(world, RunSettings(ceilings, carry_over, False, False))
+    return InnerEngine(world, RunSettings(ceilings, carry_over, False, False))
 
 
 def score(engine: Engine, qoe1: float, charged: bool = True) -> float:
