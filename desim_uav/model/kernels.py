@@ -25,6 +25,7 @@ from desim_uav.model.code_digest import RULES, STANDS_IN, code_digest
 from desim_uav.model.numba_parts import (
     WITHOUT_COUNTING,
     FunctionCache,
+    InnerCompiler,
     cache_of,
     dumps,
     keep_in,
@@ -42,6 +43,7 @@ INNER: dict[str, Any] = {
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
     "forceinline": True,
+    "pipeline_class": InnerCompiler,
 }
 """The options of functions that only kernels call, whose machine code they become part of."""
 
