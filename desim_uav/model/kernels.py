@@ -29,6 +29,7 @@ from desim_uav.model.numba_parts import (
     cache_of,
     dumps,
     keep_in,
+    let_kernels_call,
 )
 from desim_uav.notices import notice
 
@@ -38,13 +39,13 @@ MAKER: dict[str, Any] = {"nogil": True, "fastmath": False, "error_model": "numpy
 
 OPTIONS: dict[str, Any] = {**MAKER, **WITHOUT_COUNTING}
 
-INNER: dict[str, Any] = {
-    **OPTIONS,
+WITHIN: dict[str, Any] = {
     "no_cpython_wrapper": True,
     "no_cfunc_wrapper": True,
-    "forceinline": True,
     "pipeline_class": InnerCompiler,
 }
+
+INNER: dict[str, Any] = {**OPTIONS, **WITHIN, "forceinline": True}
 """The options of functions that only kernels call, whose machine code they become part of."""
 
 NOWHERE = (
@@ -74,6 +75,7 @@ def cached(function: F, options: Mapping[str, Any]) -> F:
     """Compile with these options, and keep the machine code on disk if there is a place for it."""
     compiled: Any = numba.njit(**options)(function)
     if hasattr(compiled, "enable_caching"):  # else NUMBA_DISABLE_JIT is set
+        let_kernels_call(numba.njit(**{**options, **WITHIN})(function), compiled)
         try:
             keep_in(MachineCode(compiled), compiled)
         except RuntimeError:

@@ -37,6 +37,11 @@ def keep_in(cache: Any, compiled: Any) -> None:
     compiled._cache = cache
 
 
+def let_kernels_call(inner: Any, compiled: Any) -> None:
+    """Let kernels call ``inner``, whose code becomes part of theirs, in place of a kernel."""
+    compiled.get_call_template, compiled.get_overload = inner.get_call_template, inner.get_overload
+
+
 def cache_of(compiled: Any) -> Any:
     """Return the cache of a compiled function."""
     return compiled._cache

@@ -138,7 +138,8 @@ def _seeded_states(
         episode, entity = k // count, k % count
         if entity == 0 and (episode == 0 or seeds[episode] != seeds[episode - 1]):
             first = _begun(begun, seeds[episode], purpose)
-        pool[:] = begun
+        for i in range(4):
+            pool[i] = begun[i]
         constant = _stir(pool, np.uint64(entity), 5, first)
         _stir(pool, episodes[episode], 6, constant)
         constant = np.uint64(0x8B51F9DD)

@@ -318,6 +318,7 @@ class Constants(Row):
     foresee: int
     foresee_all: int
     foresee_rings: int
+    find_in_classes: int
     passes_us: int
     part: int
     on_separation: int

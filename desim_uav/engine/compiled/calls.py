@@ -29,17 +29,19 @@ path_at: Any = pointer_to(Path)
 state_at: Any = pointer_to(State)
 
 
-def set_functions(constants: Any, in_air: bool) -> None:
+def set_functions(constants: Any, graded: bool, in_air: bool) -> None:
     """Write the addresses of the engine's functions, which are valid in this process.
 
-    Those of components are written by ``components.point_at``. Changes that are not those of rings
-    are sought only ``in_air``, so that the code for it is compiled only for worlds that need it;
-    the same holds for distances of drones.
+    Those of components are written by ``components.point_at``. What only some worlds need is
+    compiled only for them: changes of links with classes (``graded``), those that are not of rings
+    (``in_air``), free flight, and distances of drones.
     """
-    constants.foresee = address_of(looking.foresee, Constants, Path, State, Drone, int)
+    leg, pair = (Constants, Path, State, Drone, int), (Constants, Path, State, User)
+    constants.foresee = address_of(looking.foresee, *leg)
+    if graded:
+        constants.find_in_classes = address_of(looking.find_in_classes, *leg)
     if in_air:
         constants.foresee_rings = constants.foresee
-        leg, pair = (Constants, Path, State, Drone, int), (Constants, Path, State, User)
         constants.foresee = address_of(sought.foresee_in_air, *leg)
         constants.foresee_all = address_of(sought.foresee_all, *leg[:3], int)
         constants.passes_us = address_of(sought.passes_us, *pair, int, int, int, float)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from desim_uav.engine.compiled.standing import recall, stand
-from desim_uav.model.compiled_rows import as_array, call, place_of, set_word
+from desim_uav.model.compiled_rows import as_array, call, call_for_int, place_of, set_word
 from desim_uav.model.coverage import (
     LEG,
     SEEN_ROWS,
@@ -107,47 +107,40 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
 
     They are written to ``drone.ahead``, or to ``state.look.found`` if links have several classes.
     """
-    look, count = state.look, len(state.users)
+    look = state.look
     start_us, end_us = state.now_us, state.now_us + span_us
-    is_new = look.from_us != start_us or look.to_us != end_us
     know_walks(world, path, state, start_us, end_us)
-    if path.stepwise:
-        if look.walking.lost:
-            state.faults |= LOST
-            return 0
-        rows, begins = look.walking.legs, look.walking.legs_at
-    else:
-        rows, begins = path.legs, path.legs_at
-    users = Users(
-        as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS)),
-        as_array(begins, (count + 1,)),
-        as_array(look.users, (SEEN_ROWS, count)),
-    )
-    buckets = Buckets(
-        (world.buckets_x, world.buckets_y),
-        (world.bucket_x_m, world.bucket_y_m),
-        as_array(look.heads, (len(look.heads),)),
-        as_array(look.following, (len(look.following),)),
-    )
+    if path.stepwise and look.walking.lost:
+        state.faults |= LOST
+        return 0
+    users, buckets = _users_of(path, state), _buckets_of(world, state)
     in_buckets = len(look.heads) > 0
-    if is_new:
+    if look.from_us != start_us or look.to_us != end_us:
         look_around(users, start_us, end_us)
         look.from_us, look.to_us = start_us, end_us
         if in_buckets:
             look.far_m = sort_into_buckets(users.seen, buckets)
-    pieces, ahead = flight_of(world, drone).pieces, drone.ahead
-    radio = world.radios[drone.radio]
+    radio, ahead = world.radios[drone.radio], drone.ahead
+    groups = len(radio.rings) // (radio.levels * radio.classes)
+    rings = as_array(radio.rings, (radio.levels, groups, radio.classes))[drone.level]
+    if (drone.level != drone.to_level and len(radio.terms) > 0) or not _is_disc(rings):
+        return call_for_int(world.find_in_classes, (world, path, state, drone, span_us))
+    leg = _leg_of(world, state, drone, span_us, rings[0, 0])
+    found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))
+    if in_buckets:
+        return crossings_near(leg, users, buckets, look.far_m, found)
+    return crossings(leg, users, found)
+
+
+@kernel
+def find_in_classes(world: Constants, path: Path, state: State, drone: Drone, span_us: int) -> int:
+    """Find what ``_find`` returns where links have classes, or are those of one height only."""
+    users, count = _users_of(path, state), len(state.users)
+    radio, ahead, look = world.radios[drone.radio], drone.ahead, state.look
     groups = len(radio.rings) // (radio.levels * radio.classes)
     levels = as_array(radio.rings, (radio.levels, groups, radio.classes))
     rings = levels[drone.level]
-    leg = DroneLeg(
-        as_array(pieces, (len(pieces), PIECE_COLUMNS)),
-        way_of(world, drone),
-        (start_us, end_us),
-        rings[0, 0],
-        drone.serving == 0,
-        drone.course.z1_m - drone.course.z0_m,
-    )
+    leg = _leg_of(world, state, drone, span_us, rings[0, 0])
     found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))
     if radio.classes > 1:
         found = as_array(look.found, (ahead.buffer, CHANGE_COLUMNS))
@@ -167,11 +160,53 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
             as_array(look.windows, (len(look.windows) // WINDOW_COLUMNS, WINDOW_COLUMNS)),
         )
         return class_changes_between(leg, climb, users, as_array(world.groups, (count,)), found)
-    if rings.size > 1 or rings[0, 0] < 0.0:
-        return class_changes(leg, users, rings, as_array(world.groups, (count,)), found)
-    if in_buckets:
-        return crossings_near(leg, users, buckets, look.far_m, found)
-    return crossings(leg, users, found)
+    return class_changes(leg, users, rings, as_array(world.groups, (count,)), found)
+
+
+@rule
+def _users_of(path: Path, state: State) -> Any:
+    """Return the users' walks, and what is known of them in the present span."""
+    rows, begins = path.legs, path.legs_at
+    if path.stepwise:
+        rows, begins = state.look.walking.legs, state.look.walking.legs_at
+    count = len(state.users)
+    return Users(
+        as_array(rows, (len(rows) // LEG_COLUMNS, LEG_COLUMNS)),
+        as_array(begins, (count + 1,)),
+        as_array(state.look.users, (SEEN_ROWS, count)),
+    )
+
+
+@rule
+def _buckets_of(world: Constants, state: State) -> Any:
+    """Return the buckets into which users are sorted by their places, if there are any."""
+    heads, following = state.look.heads, state.look.following
+    return Buckets(
+        (world.buckets_x, world.buckets_y),
+        (world.bucket_x_m, world.bucket_y_m),
+        as_array(heads, (len(heads),)),
+        as_array(following, (len(following),)),
+    )
+
+
+@rule
+def _is_disc(rings: Any) -> bool:
+    """Return whether one circle is the same for all users: at one height a footprint is."""
+    return bool(rings.size == 1 and rings[0, 0] >= 0.0)
+
+
+@rule
+def _leg_of(world: Constants, state: State, drone: Drone, span_us: int, radius_m: float) -> Any:
+    """Return a drone's leg of this span from now on, with the radius of its footprint."""
+    pieces = flight_of(world, drone).pieces
+    return DroneLeg(
+        as_array(pieces, (len(pieces), PIECE_COLUMNS)),
+        way_of(world, drone),
+        (state.now_us, state.now_us + span_us),
+        radius_m,
+        drone.serving == 0,
+        drone.course.z1_m - drone.course.z0_m,
+    )
 
 
 @rule

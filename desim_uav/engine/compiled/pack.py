@@ -96,6 +96,7 @@ class Fixed(Unchanging):
     radios: tuple[dict[str, Any], ...]
     """Those of each radio, by the keys of RADIO_SLOTS."""
     services: tuple[str, ...]
+    graded: bool
     in_air: bool
     at: int = field(init=False, default=0)
     """The address of the constants."""
@@ -103,7 +104,7 @@ class Fixed(Unchanging):
     def __post_init__(self) -> None:
         """Write the addresses, which are valid only in this process."""
         constants: Any = View(self.block, Constants)
-        set_functions(constants, self.in_air)
+        set_functions(constants, self.graded, self.in_air)
         loaded = []
         rows = [constants, *constants.types, *constants.radios]
         chosen = (self.components, *self.types, *self.radios)
@@ -123,6 +124,7 @@ class Fixed(Unchanging):
         object.__setattr__(self, "types", value["types"])
         object.__setattr__(self, "radios", value["radios"])
         object.__setattr__(self, "services", value["services"])
+        object.__setattr__(self, "graded", value["graded"])
         object.__setattr__(self, "in_air", value["in_air"])
         self.__post_init__()
 
@@ -154,7 +156,8 @@ def _pack(world: World, settings: RunSettings) -> Fixed:
     components = components_of(SLOTS, world)
     types = tuple(components_of(TYPE_SLOTS, own) for own in world.types)
     radios = tuple(components_of(RADIO_SLOTS, links) for links in world.links)
-    return Fixed(packed(constants), components, types, radios, world.services.names, world.in_air)
+    names = world.services.names
+    return Fixed(packed(constants), components, types, radios, names, world.graded, world.in_air)
 
 
 def _plans(world: World, settings: RunSettings) -> tuple[Array, Array]:
