@@ -257,6 +257,34 @@ def test_with_nowhere_to_cache_each_process_compiles_anew(tmp_path, capsys):
     ]
 
 
+# ---- functions within kernels
+
+
+@kernels.kernel
+def _twice(x: float) -> float:
+    return 2.0 * x
+
+
+@kernels.rule
+def _plus_one(x: float) -> float:
+    return _twice(x) + 1.0
+
+
+@kernels.kernel
+def _outer(x: float) -> float:
+    return _plus_one(x) * _twice(x)
+
+
+def test_a_kernel_within_a_kernel_is_not_made_machine_code_of_its_own():
+    if not hasattr(_twice, "overloads"):
+        pytest.skip("nothing is compiled")
+    assert _outer(3.0) == 42.0
+    assert not _twice.overloads
+    assert _twice(4.0) == 8.0
+    assert len(_twice.overloads) == 1
+    assert _outer(1.5) == 12.0
+
+
 # ---- what of Numba is private
 
 
