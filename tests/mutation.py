@@ -62,8 +62,9 @@ MUTATIONS = (
     Mutation(
         "a footprint 1 mm too wide, compiled engine",
         "engine/compiled/looking.py",
-        "        rings[0, 0],\n",
-        "        rings[0, 0] + 1e-3,\n",
+        "rings[0, 0])\n    found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))\n    if in",
+        "rings[0, 0] + 1e-3)\n"
+        "    found = as_array(ahead, (ahead.buffer, CHANGE_COLUMNS))\n    if in",
         ("engine/test_footprints.py",),
     ),
     Mutation(
@@ -161,8 +162,8 @@ MUTATIONS = (
     Mutation(
         "events of one instant in the reverse order, compiled engine",
         "engine/compiled/slots.py",
-        "(other_key < key)",
-        "(other_key > key)",
+        "precedes(t_other, other_key, t_us, key)",
+        "precedes(t_other, key, t_us, other_key)",
         ("engine/test_attachment.py",),
     ),
     Mutation(

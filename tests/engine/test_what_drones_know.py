@@ -18,7 +18,7 @@ from desim_uav.rules.radar import Radar
 from desim_uav.rules.team import Team
 from desim_uav.sample_path import draw
 from desim_uav.scenario.cost import check_cost
-from desim_uav.scenario.load import load, loads
+from desim_uav.scenario.load import from_mapping, load, loads
 from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
 from tests.engine import random_radio
@@ -291,7 +291,7 @@ def random_world(seed: int) -> World:
     for k in range(20):
         try:
             scenario = random_radio.scenario(seed + 10_000 * k) | told
-            return build_world(random_radio.from_mapping(scenario), seed)
+            return build_world(from_mapping(scenario), seed)
         except ScenarioError:
             continue
     raise AssertionError(f"no scenario from seed {seed} on is accepted")

@@ -290,7 +290,7 @@ def test_a_name_is_enough(file: Path, tmp_path: Path):
 
 
 SHIPPED = [
-    pytest.param(name, marks=pytest.mark.thorough) if name == "festival.npz" else name
+    pytest.param(name, marks=pytest.mark.thorough) if name == "ppo_festival.npz" else name
     for name in network_names()
 ]
 """The network for free flight needs kernels that no other test of this file compiles."""
