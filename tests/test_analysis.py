@@ -23,6 +23,7 @@ from desim_uav.shipped import scenario_path
 SCRIPTS = Path(__file__).parents[1] / "analysis"
 
 
+@pytest.mark.thorough
 def test_learned_against_optimum(capsys: pytest.CaptureFixture[str], monkeypatch):
     script = str(SCRIPTS / "learned_against_optimum.py")
     monkeypatch.setattr(sys, "argv", [script, "1", "20"])
@@ -285,6 +286,7 @@ def test_fairness(folders, answer):
     ]
 
 
+@pytest.mark.thorough
 def test_paired_difference_is_what_compare_says(folders, answer):
     out = answer("paired_difference")
     (said,) = compare_runs(folders).content()["differences"]
@@ -308,6 +310,7 @@ class TestEach:
         page = (SCRIPTS.parent / "docs" / "howto" / "report.md").read_text(encoding="utf-8")
         assert f"| {asked} | `{usage}` |" in page
 
+    @pytest.mark.thorough
     def test_draws(self, question, folders, ask, tmp_path):
         picture = tmp_path / "picture.png"
         assert ask(question, *folders, picture)[0] == 0
@@ -331,6 +334,7 @@ class TestEach:
         code, out, err = ask(question, folders[0], other)
         assert (code, out) == (4, "") and "its scenario is not that of" in err
 
+    @pytest.mark.thorough
     def test_a_name_is_no_formula(self, question, folders, ask, tmp_path):
         renamed = []
         for folder in (folders[0], folders[3]):

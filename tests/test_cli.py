@@ -179,6 +179,7 @@ class TestProgram:
             assert said[0].isupper() and said.endswith("."), (parameter.name, said)
             assert len(said.split()) > 2, (parameter.name, said)
 
+    @pytest.mark.thorough
     def test_a_shell_completes_commands_and_scenarios(self, somewhere):
         def completed(words):
             environment = os.environ | {
@@ -690,6 +691,7 @@ class TestProcesses:
         ]
         assert runs() == ["tiny-baseline-s1", "tiny-baseline-s1-2"]
 
+    @pytest.mark.thorough
     def test_progress_is_for_terminals_and_on_stderr(self, somewhere):
         ours, theirs = pty.openpty()
         program = [sys.executable, "-c", START, "run", "tiny", "--episodes", "3", "--json"]

@@ -148,6 +148,7 @@ def test_a_fault_in_a_training(words, told):
     assert found == 1 and "faulty.py:" in message, message
 
 
+@pytest.mark.thorough
 def test_a_fault_in_another_process(told):
     flags = ("--policies", "hover,faulty:Quits", "--seeds", 2, "--episodes", 1, "-j", 2)
     found, message = told("compare", "tiny", *flags)

@@ -166,6 +166,7 @@ class TestStationsAndStarts:
 
 
 class TestBuildings:
+    @pytest.mark.thorough
     @pytest.mark.parametrize("stations", [0, 3])
     def test_coverage_heights_and_free_cells(self, stations):
         options = {"drones.battery": "null"} if stations == 0 else {}

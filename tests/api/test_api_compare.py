@@ -29,6 +29,7 @@ def found():
 
 
 class TestFrames:
+    @pytest.mark.thorough
     def test_one_row_per_policy_and_seed(self, found):
         frame = found.frame
         assert frame["policy"].tolist() == ["hover"] * 3 + ["random"] * 3

@@ -219,6 +219,7 @@ class TestPolicies:
         result = du.run("tiny", policy=east)
         assert result.policy == f"{__name__}:east"
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("policy", ["hover", Hover, Hover()])
     def test_names_classes_and_objects(self, policy):
         hovering = du.run("tiny", policy=lambda o, m: "hover").steps

@@ -55,6 +55,7 @@ class TestSweep:
             du.sweep("tiny", out="one", backend="loca")
 
 
+@pytest.mark.thorough
 def test_the_best_possible():
     found = du.find_optimum("case1", {"drones.count": 1}, seed=2)
     assert found["seed"] == 2

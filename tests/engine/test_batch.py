@@ -121,6 +121,7 @@ def play_random(scenario: dict[str, Any], seed: int) -> None:
         assert not differences(one, other, seed, episode)
 
 
+@pytest.mark.thorough
 @settings(max_examples=40, deadline=None)
 @given(scenarios(), st.integers(0, 2**31))
 def test_random_scenarios(scenario: dict[str, Any], seed: int):

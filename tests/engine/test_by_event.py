@@ -202,6 +202,7 @@ def learned(engine: str) -> np.ndarray[Any, Any]:
     return training.q.copy()
 
 
+@pytest.mark.thorough
 def test_learners_learn_the_same_on_both_engines():
     one, other = map(learned, ENGINES)
     assert np.abs(one).sum() > 0

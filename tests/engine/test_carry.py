@@ -41,7 +41,7 @@ from tests.engine.helpers import (
     some_command,
     strip,
 )
-from tests.selection import at_length, by_default
+from tests.selection import at_length
 from tests.verification.engines import row
 
 CROWDED = (
@@ -127,6 +127,7 @@ def check_another_goes_on(
 # ---- another engine goes on as the one that was carried from
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", ["case4", "case8", "case9"])
 def test_another_engine_goes_on_in_a_case(case: str):
     met: Counter[str] = Counter()
@@ -137,7 +138,8 @@ def test_another_engine_goes_on_in_a_case(case: str):
     assert met["FLYING"] < sum(met[mode.name] for mode in Mode)
 
 
-@pytest.mark.parametrize("case", by_default(["case4"], ["case4", "case9"]))
+@pytest.mark.thorough
+@pytest.mark.parametrize("case", ["case4", "case9"])
 def test_another_engine_goes_on_in_a_crowded_case(case: str):
     met: Counter[str] = Counter()
     for seed in range(6):
@@ -169,6 +171,7 @@ def crowd(scenario: dict[str, Any], places: list[Any], steps: int) -> dict[str, 
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("examples", at_length(25, MANY))
 def test_another_engine_goes_on_in_random_scenarios(examples: int):
     met: Counter[str] = Counter()
@@ -323,6 +326,7 @@ def known(shown: Snapshot) -> list[Any]:
     ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("examples", at_length(25, MANY))
 def test_three_episodes_are_to_drones_one_of_three_times_the_length(examples: int):
     met: Counter[str] = Counter()

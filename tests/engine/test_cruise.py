@@ -25,7 +25,6 @@ from desim_uav.world import World, build_world
 from tests.engine.helpers import US, Flight, before_end, events, fly, path_of, seen, strip
 from tests.engine.random_fleet import world_of
 from tests.engine.test_energy import rotary
-from tests.selection import by_default
 from tests.verification.convergence import FINEST_S, SEEDS, case_of, cruising, sampled, slopes
 from tests.verification.engines import differences, engines
 from tests.verification.figure import check
@@ -185,6 +184,7 @@ def test_planners_plan_with_the_speed_that_takes_least_of_a_battery():
     assert len(thrifty) == len(by_time) == 5
 
 
+@pytest.mark.thorough
 def test_greedy_and_rollouts_choose_actions_that_there_are():
     battery = {"kind": "endurance", "autonomy_min": 10}
     world = choosing(battery=battery, users=[(900, 120), (1000, 120)], steps=4)
@@ -245,7 +245,8 @@ def learned(engine: str) -> np.ndarray[Any, Any]:
 # ---- random scenarios
 
 
-@pytest.mark.parametrize("seed", by_default([2], SEEDS))
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", SEEDS)
 def test_agrees_with_the_reference_at_the_finest_dt(seed: int) -> None:
     case, result = case_of(seed, cruising), sampled(seed, FINEST_S, cruising)
     speeds = set()

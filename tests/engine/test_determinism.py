@@ -42,6 +42,7 @@ def test_the_same_seed_gives_the_same_tables(case: str):
     assert_same(tables(results_of(case, "random")), tables(results_of(case, "random")))
 
 
+@pytest.mark.thorough
 def test_another_seed_gives_other_tables():
     one, other = results_of("case8", "baseline", 1), results_of("case8", "baseline", 2)
     assert not one.requests.equals(other.requests)
@@ -102,6 +103,7 @@ def test_the_order_of_insertion_decides_nothing():
     check(in_any_order(quick=False))
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None, derandomize=True)
 @given(scenario=scenarios(), seed=st.integers(0, 10**6))
 def test_it_decides_nothing_in_random_scenarios(scenario: dict[str, Any], seed: int):

@@ -58,6 +58,7 @@ def test_converges_with_slope_one_in_many_scenarios() -> None:
     check(slopes(range(96), 0.25, DTS_S, linked_scenario_of, MEASURES))
 
 
+@pytest.mark.thorough
 def test_the_scenarios_have_everything_in_them() -> None:
     """A check of the checks: what nobody flies nobody compares."""
     cases = [case_of(seed, linked_scenario_of) for seed in SEEDS]

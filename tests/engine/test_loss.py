@@ -99,6 +99,7 @@ def test_blocking_is_what_erlang_says_of_many():
 # ---- demand, as it comes out of the engine
 
 
+@pytest.mark.thorough
 def test_think_times_are_exponential():
     # The first five of each user: all of them end long before the episode does.
     demand = {"kind": "dynamic", "think_time_s": 300, "mix": {"unit": 1}}
@@ -129,6 +130,7 @@ def test_a_draw_of_nothing_is_another_think_time():
     assert stats.kstest(gaps_s, stats.expon(scale=600).cdf).pvalue > 1e-4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("users", at_length(20, 200))
 def test_arrivals_are_poisson_whether_asked_or_suppressed(users: int):
     demand = {"kind": "poisson", "rate_per_hour": 30, "mix": {"unit": 1}}

@@ -131,6 +131,7 @@ ENDED_BY_A_CRASH = {
 }
 
 
+@pytest.mark.thorough
 def test_in_random_scenarios_closing_adds_nothing(before_the_end: list[Measures]):
     seen: Counter[str] = Counter()
 

@@ -212,6 +212,7 @@ def test_a_battery_that_cannot_be_compiled_runs_in_the_simpy_engine():
     assert {seen.battery_s for seen in shown.observations} == {1800.0 - 1.5 * 60}
 
 
+@pytest.mark.thorough
 def test_all_environments_have_an_observation_of_ones_own():
     own = {"observation": {"kind": f"{__name__}:Crowd", "per_class": 2}}
     one, other = UavEnv("case8", own), UavEnv("case8", own, engine="batch")
@@ -245,6 +246,7 @@ def world_admitting(rule: str, **values: Any) -> World:
     return build_world(load(scenario_path("case8"), [own, narrow]), 0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("rule", "values", "refuses"),
     [
@@ -293,6 +295,7 @@ def world_with(reward: str, case: str = "case8", **values: Any) -> World:
     return build_world(load(scenario_path(case), [own]), 0)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("reward", "values"), [("R1", {}), ("Careful", {"penalty": 0.7})])
 def test_both_engines_pay_the_same(reward: str, values: dict[str, Any]):
     world = world_with(reward, **values)

@@ -112,7 +112,8 @@ def test_walks_in_python_are_those_in_machine_code(model: Any, in_python: Any):
     assert mobility.leaves_the_map(compiled, Area(400.0, 300.0), 900 * US) == ""
 
 
-@pytest.mark.parametrize("model", by_default(DEMANDS, DEMANDS + MORE_DEMANDS), ids=str)
+@pytest.mark.thorough
+@pytest.mark.parametrize("model", DEMANDS + MORE_DEMANDS, ids=str)
 def test_requests_in_python_are_those_in_machine_code(model: Any, in_python: Any):
     compiled = asked(model)
     in_python(model)
@@ -205,6 +206,7 @@ def test_training_is_the_same_in_both_engines():
     assert np.array_equal(one.q, other.q)
 
 
+@pytest.mark.thorough
 def test_training_with_copies_of_the_built_in_ones_is_the_same():
     own = Training(world_of("WalkAgain", "DynamicAgain"), 3, "batch")
     paper = load(
@@ -229,6 +231,7 @@ def test_all_environments_have_them():
         assert reward == rewards[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("wordy", "plain"),
     [(("WordyWalk", ""), ("WalkAgain", "")), (("", "WordyDemand"), ("", "DynamicAgain"))],
@@ -263,6 +266,7 @@ FAULTY = [
 ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "problem"), FAULTY)
 def test_a_walk_that_leads_nowhere_is_refused(name: str, problem: str):
     world, match = world_of(name), f"users.mobility: 'tests.plug_ins:{name}': {problem}"

@@ -261,6 +261,7 @@ def test_a_state_of_other_rows_is_refused(monkeypatch: pytest.MonkeyPatch):
         pickle.loads(pickled)
 
 
+@pytest.mark.thorough
 def test_a_restored_engine_finds_more_room_for_what_does_not_fit():
     world = world_of(FAST)
     engine = make_engine("des", world, EVENTFUL)
@@ -335,6 +336,7 @@ def shuffled(operations: int, seed: int) -> None:
         assert everything(engine) == everything(twin)
 
 
+@pytest.mark.thorough
 def test_any_order_of_copies_pickles_and_ends():
     shuffled(60, 0)
 

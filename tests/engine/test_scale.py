@@ -37,6 +37,7 @@ def fly(drones, users, steps, **keys):
     return engine.log, peak
 
 
+@pytest.mark.thorough
 def test_memory_does_not_grow_with_drones_times_users():
     # Footprints of a metre: hardly a crossing, so that only users and drones are left.
     few, of_few = fly(5, 4_000, 3, footprint_radius_m=1)

@@ -23,6 +23,7 @@ def world_of(**keys):
     return build_world(scenario, scenario.effective_world_seed)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("steps", [0, 1, 7])
 def test_an_episode_broken_off_is_followed_by_a_fresh_start(steps):
     world = build_world(load(scenario_path("case8")), 0)

@@ -255,7 +255,8 @@ def counted(engine: Simulation, drone: int) -> dict[str, float]:
     return found
 
 
-@pytest.mark.parametrize("seed", by_default([0], range(4)))
+@pytest.mark.thorough
+@pytest.mark.parametrize("seed", range(4))
 def test_a_radar_is_what_positions_and_states_say(seed: int):
     noise = "position_noise={probability: 0.5, sigma_cells: 2}"
     raster = "observation={kind: radar, cells_x: 7, cells_y: 5, full: 3.0, demand: false}"
@@ -297,7 +298,8 @@ def random_world(seed: int) -> World:
     raise AssertionError(f"no scenario from seed {seed} on is accepted")
 
 
-@pytest.mark.parametrize("first", by_default([0], [0, *range(2, 42, 5)]))
+@pytest.mark.thorough
+@pytest.mark.parametrize("first", [0, *range(2, 42, 5)])
 def test_both_engines_show_and_pay_the_same_over_any_radio(first: int):
     for seed in range(first, first + (2 if first == 0 else 5)):
         world = random_world(seed)

@@ -135,6 +135,7 @@ MORE = 2 * (1 + STEPS)
 """Turns to the end of an episode and through the next one."""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("way", WAYS)
 @pytest.mark.parametrize("kind", MAKERS)
 def test_a_copy_goes_on_and_leaves_the_original_alone(kind: str, way: str):

@@ -46,6 +46,7 @@ def test_infos_of_the_joint_environment_hold_the_same_keys_and_finite_numbers(
             check_info(info, keys)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", CASES)
 def test_infos_of_the_parallel_environment_hold_the_same_keys_and_finite_numbers(case: str):
     keys = keys_of(case)

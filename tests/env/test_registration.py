@@ -149,6 +149,7 @@ import desim_uav.env, gymnasium
 """
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "script",
     [

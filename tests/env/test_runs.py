@@ -54,6 +54,7 @@ def digests(case: str) -> list[str]:
     ]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", ["case1", "case5", "case7", "case8", "case9"])
 def test_the_same_seed_gives_the_same_run(case: str):
     assert digests(case) == digests(case)

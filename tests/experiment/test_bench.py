@@ -74,6 +74,7 @@ def test_no_policy_is_trained_in_the_worlds_of_a_track():
     assert {TRACKS["one"].world_of(seed) for seed in TRACKS["one"].seeds} == {0}
 
 
+@pytest.mark.thorough
 def test_bounds_are_kept_for_runs_of_the_protocol_only():
     for (task, track, seed), bound in kept().items():
         assert has_bound(find_task(task), TRACKS[track])
@@ -322,6 +323,7 @@ def submissions():
     return read_all([KEPT])
 
 
+@pytest.mark.thorough
 def test_the_kept_submissions_are_whole(submissions):
     tables = board(submissions)
     assert {table["task"] for table in tables if "task" in table} == {*tasks()}

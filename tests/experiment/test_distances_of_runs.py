@@ -40,6 +40,7 @@ def test_the_summary_has_sums_and_the_least_distance(run, capsys):
     assert told in capsys.readouterr().out
 
 
+@pytest.mark.thorough
 def test_the_page_tells_them(run):
     page = report([run], run / "page.html", None, None).read_text()
     summary, _ = read_summary(run)

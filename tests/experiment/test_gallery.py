@@ -36,6 +36,7 @@ def table_of(name):
     return [[cell.strip() for cell in line.split("|")[1:-1]] for line in lines[2:]]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ENTRIES)
 def test_a_paper_holds_and_the_documentation_says_what_is_computed(name):
     (compared,) = work.gallery([name])
@@ -159,6 +160,7 @@ class TestCommand:
         done.failed(2, "exists and is not a file")
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [name for name, one in ENTRIES.items() if one.draw is not None])
 def test_every_figure_can_be_drawn(name):
     figure = ENTRIES[name].draw()

@@ -81,6 +81,7 @@ def test_several_drones(found):
     assert best["fair_cover"]["reward_sum"] == 2 * best["fair_cover"]["reward_per_step"]
 
 
+@pytest.mark.thorough
 def test_a_battery(found):
     best = found(*LONE)["one_drone"]
     assert best["over"] == "long run"
@@ -98,6 +99,7 @@ def test_a_battery(found):
     ]
 
 
+@pytest.mark.thorough
 def test_an_episode(found):
     best = found(*LONE, "-S", "episode.carry_over=false")["one_drone"]
     assert best["over"] == "episode"

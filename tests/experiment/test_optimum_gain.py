@@ -24,7 +24,6 @@ from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
 from tests.engine.helpers import strip
 from tests.experiment.test_optimum_process import lone_drones
-from tests.selection import by_default
 
 BY_R1 = {"reward": {"kind": "coverage"}}
 
@@ -276,11 +275,10 @@ def flown(world, rows):
     return rewards, engine.measures().qoe3_percent * len(rows)
 
 
-@pytest.mark.parametrize(
-    "kind", by_default(["multi_service"], ["coverage", "coverage_battery", "multi_service"])
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", ["coverage", "coverage_battery", "multi_service"])
 @pytest.mark.parametrize("timing", ["fill_epoch", "minimum_time"])
-@pytest.mark.parametrize("dimensions", by_default([3], [2, 3]))
+@pytest.mark.parametrize("dimensions", [2, 3])
 def test_as_the_engine_pays(kind, timing, dimensions):
     """Row by row; and a second round of the cycle brings the promised averages once more."""
     scenario = {
@@ -340,10 +338,9 @@ class Tireless(Endurance):
         return 10**15 if flight.duration_us == 0 else battery_us
 
 
-@pytest.mark.parametrize(
-    "kind", by_default([f"{__name__}:Thirsty"], ["endurance", f"{__name__}:Thirsty"])
-)
-@pytest.mark.parametrize("after_min", by_default([2], [0, 2]))
+@pytest.mark.thorough
+@pytest.mark.parametrize("kind", ["endurance", f"{__name__}:Thirsty"])
+@pytest.mark.parametrize("after_min", [0, 2])
 def test_the_best_episode(kind, after_min):
     """Every sequence of five commands flown on the engine."""
     battery = {"kind": kind, "autonomy_min": 3.2, "return_below": 1.0}

@@ -20,7 +20,7 @@ from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
 from tests.engine.helpers import HOP_US, US, in_3d, returning, strip
-from tests.selection import at_length, by_default
+from tests.selection import at_length
 
 
 @st.composite
@@ -151,6 +151,7 @@ class Both:
         return allowed
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("examples", at_length(40, 200))
 def test_as_in_the_engine(examples):
     """States, observations, rewards and attached time, decision after decision."""
@@ -247,7 +248,8 @@ def as_flown(world, process, state, action):
     return (steps, found.state) == flown(world, state, action)
 
 
-@pytest.mark.parametrize("on_crash", by_default(["respawn"], ["respawn", "remove", "end_episode"]))
+@pytest.mark.thorough
+@pytest.mark.parametrize("on_crash", ["respawn", "remove", "end_episode"])
 @pytest.mark.parametrize("kind", BATTERIES)
 def test_every_action_in_random_states(kind, on_crash):
     """Over a map with buildings. Every fourth battery would not outlast two steps of hovering."""

@@ -138,6 +138,7 @@ def check_qoe3(world, seed=0):
     return best, found
 
 
+@pytest.mark.thorough
 def test_no_commands_cover_more():
     """Neither do they if prices are any others, which only make the bound higher."""
     world = small_world(0)
@@ -208,6 +209,7 @@ def check_energy(world, seed=0):
     return best, found.qoe3_at_most_percent
 
 
+@pytest.mark.thorough
 def test_no_commands_of_a_mixed_fleet_on_energy_cover_more():
     best, bound = check_energy(energy_world(0))
     assert 0.0 < best < bound < 100.0
@@ -245,6 +247,7 @@ def check_qoe1(world, seed):
 thoroughly = pytest.mark.thorough
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "demand",
     [BUSY, pytest.param(ARRIVING, marks=thoroughly), pytest.param(ONCE, marks=thoroughly)],

@@ -213,6 +213,7 @@ class TestOneRun:
         assert figures == ["Map", "QoE over episodes", "Services", "Battery"]
         assert "building height, m" in one_page.text and "drone 2" in one_page.text
 
+    @pytest.mark.thorough
     def test_its_figures_are_of_the_first_counted_episode(self, runs, monkeypatch):
         asked = {}
         for name in ("case_picture", "battery_figure"):
@@ -234,11 +235,13 @@ class TestOneRun:
         assert figures == ["Map", "QoE over episodes", "Services"]
         assert "The batteries cannot be drawn" in page.text and "<b>gone.npz" in page.text
 
+    @pytest.mark.thorough
     def test_of_nobody_who_asks(self, tmp_path):
         silent = played(tmp_path, "hover", 0, "demand={kind: static, none: 1.0}")
         page = Page(report([silent], None, None, None))
         assert "0 of 0" in page.text and page.of("worst-requests") == []
 
+    @pytest.mark.thorough
     def test_of_a_flat_world(self, tmp_path):
         flat = played(tmp_path, "hover", 0, case="case1", episodes=15)
         page = Page(report([flat], None, None, None))
@@ -247,6 +250,7 @@ class TestOneRun:
 
 
 class TestSeveral:
+    @pytest.mark.thorough
     def test_holds_the_estimates(self, page, runs):
         content = compare_runs(runs).content()
         for section, name in (("policies", "policies"), ("paired-differences", "differences")):

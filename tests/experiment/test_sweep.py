@@ -74,6 +74,7 @@ def jobs(policies, values, seeds, episodes, warmup):
 
 
 class TestDataset:
+    @pytest.mark.thorough
     def test_a_row_is_what_its_evaluation_gives(self, swept):
         assert swept(*GRID, "--policies", "hover,random", "--seeds", 3).code == 0
         found = dataset("out")
@@ -140,6 +141,7 @@ class TestDataset:
         refused.failed(3, "swept:Own", "(with drones.admission.kind=swept:Own)")
         assert not Path("batch").exists()
 
+    @pytest.mark.thorough
     def test_trainings(self, swept):
         flags = ("--train", "--algorithm", "q_learning,sarsa", "--seeds", 2, "--policies", "hover")
         assert swept(*flags, "-S", "learning.episodes=5,9").code == 0
@@ -158,6 +160,7 @@ class TestDataset:
             measured = evaluate(load(scenario_path("tiny")), str(file), row["seed"], 2, 1)
             assert {name: row[name] for name in MEASURES} == pytest.approx(measured, rel=0)
 
+    @pytest.mark.thorough
     def test_energy_per_bit_where_batteries_hold_energy(self, swept):
         batteries = "drones.battery={kind: rotary_wing, capacity_wh: 30},{autonomy_min: 30}"
         keys = ("demand={kind: dynamic}", "stations.count=1")
@@ -183,6 +186,7 @@ class TestDataset:
         with pytest.raises(UsageError, match="no battery in this sweep is measured in Wh"):
             plot_sweep(Path("out"), ["j_per_mbit"])
 
+    @pytest.mark.thorough
     def test_the_scenarios_own_algorithm(self, swept):
         swept("--train", "-S", "learning.algorithm=sarsa,double_q", "-S", "learning.episodes=3")
         assert set(dataset("out")["algorithm"]) == {"sarsa", "double_q"}
@@ -317,6 +321,7 @@ class TestResume:
         again = swept(*flags, "--resume")
         assert (again.code, again.out) == (0, first.out)
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("damage", ["cut", "flipped", "other", "empty"])
     def test_a_damaged_row_is_made_again(self, swept, damage):
         flags = (*GRID, "--policies", "random", "--seeds", 2)

@@ -463,6 +463,7 @@ class Single:
         return {"users": np.float32(drone.attached_users)}
 
 
+@pytest.mark.thorough
 def test_components_of_ones_own_that_go_wrong(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "wrong", sys.modules[__name__])
     astray = small(observation={"kind": "wrong:Astray"})

@@ -128,6 +128,7 @@ def test_the_checksums_of_a_run(damage, times, flown, tmp_path):
                 read_run(folder, name)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [*TRAINING_FILES, SUMS])
 def test_a_file_of_a_training(name, learned, tmp_path):
     folder, chance = shutil.copytree(learned, tmp_path / "t"), np.random.default_rng(1)

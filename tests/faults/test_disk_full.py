@@ -92,6 +92,7 @@ def test_a_training_goes_on_from_its_last_checkpoint(disk, command):
     same_training(disk / "t", Path("whole"))
 
 
+@pytest.mark.thorough
 def test_a_sweep_keeps_its_rows(disk, command, monkeypatch):
     ballast = fill(disk, 40)
     ended = command(*SWEEP, "--out", disk / "s")

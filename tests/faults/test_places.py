@@ -168,6 +168,7 @@ def test_a_drawing_that_fails_leaves_no_folder(name, flown, command, here, monke
     assert names(here) == before
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("words", [("report", "flown", "--out"), ("compare", "flown", "--out")])
 def test_a_drawing_in_new_folders(words, command, here):
     make_run(here / "flown", "case8", "baseline", SMALL)

@@ -115,6 +115,7 @@ def test_greedy_sums_the_tables():
     assert chosen([[[3.0, 0.0]], [[0.0, 4.0]]], (True, True)) == 1
 
 
+@pytest.mark.thorough
 def test_exploring_is_uniform_over_what_is_allowed():
     draws = np.random.default_rng(0).random((30_000, 2)).tolist()
     allowed = (False, True, False, True, True)

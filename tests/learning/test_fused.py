@@ -19,6 +19,7 @@ from desim_uav.model.state import Facts
 from desim_uav.scenario.load import load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
+from tests.selection import by_default
 
 SHORT = "drones.battery.autonomy_min=9"
 WORLDS = {
@@ -48,7 +49,7 @@ def assert_same(one: Training, other: Training) -> None:
     assert first.carried == second.carried
 
 
-@pytest.mark.parametrize("name", WORLDS)
+@pytest.mark.parametrize("name", by_default(["case8 q_learning"], WORLDS))
 def test_the_same_is_learned(name: str):
     one, other = training(name, "des"), training(name, "batch")
     assert other.fuses and not one.fuses

@@ -62,6 +62,7 @@ def test_another_seed_or_algorithm_learns_something_else():
     assert len(set(sums)) == len(sums)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("algorithm", ["q_learning", "double_q"])
 @pytest.mark.parametrize("restart_every", [None, 7])
 def test_another_training_goes_on_as_if_nothing_had_happened(algorithm, restart_every, tmp_path):
@@ -202,6 +203,7 @@ def test_a_way_home_that_is_cut_off_teaches_nothing_wrong(restart_every: int | N
         assert q[2, 0, battery, home] == pytest.approx(0.95**k * full, rel=0.04)
 
 
+@pytest.mark.thorough
 def test_a_drone_that_is_removed_has_nothing_to_come():
     battery = {"autonomy_min": 8, "return_below": 0.001, "on_crash": "remove"}
     base = {**CHARGER, "drones": {**CHARGER["drones"], "battery": battery}}

@@ -224,6 +224,7 @@ class TestLegs:
 # Crossings at random, against the sampler.
 
 
+@pytest.mark.thorough
 def test_an_independent_sampler_sees_the_same_crossings():
     seen = survey()
     check(seen.figures())
@@ -293,6 +294,7 @@ def walks_of(draw):
     return walk
 
 
+@pytest.mark.thorough
 @given(
     st.lists(st.sampled_from(MOVES), min_size=1, max_size=5),
     st.sampled_from(["fill_epoch", "minimum_time"]),
@@ -305,6 +307,7 @@ def test_entries_and_exits_alternate_and_agree_with_the_geometry(moves, timing, 
     check_chain(drone_legs(moves, timing), walks)
 
 
+@pytest.mark.thorough
 @given(st.lists(st.sampled_from(MOVES), min_size=2, max_size=8), st.integers(0, 2**32))
 @settings(max_examples=40, deadline=None)
 def test_so_they_do_for_random_walks_mirrored_at_the_edge(moves, seed):

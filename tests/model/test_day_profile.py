@@ -32,6 +32,7 @@ def test_the_integral_and_its_inverse(profile: Any, shape: str):
     assert draws == pytest.approx((first + passed(profile, shape, 0.0, 30.0)) / 2, rel=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", ["steps", "linear"])
 def test_counts(shape: str):
     check(of_profiles(1500, shape))

@@ -163,6 +163,7 @@ def compile_and_call(folder: Path, number: int) -> float:
     return float(module.of_ones_own(1.0))
 
 
+@pytest.mark.thorough
 def test_two_processes_compile_at_once(tmp_path, monkeypatch):
     folder, place = tmp_path / "sources", tmp_path / "kernels"
     folder.mkdir()

@@ -87,6 +87,7 @@ class Unfolded:
         return met
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("walk", "size"),
     [

@@ -26,7 +26,6 @@ from desim_uav.shipped import scenario_path
 from desim_uav.world import World, build_world
 from tests.engine.helpers import Flight, path_of, scenarios, some_command, strip
 from tests.rows import features_of
-from tests.selection import by_default
 
 SERVICES = ("throughput", "edge_computing", "data_gathering")
 
@@ -293,7 +292,8 @@ def check_bounds(world: World, seed: int, episodes: int, encodings: list[Encodin
     return modes
 
 
-@pytest.mark.parametrize("case", by_default(["case1", "case5"], [f"case{k}" for k in range(1, 10)]))
+@pytest.mark.thorough
+@pytest.mark.parametrize("case", [f"case{k}" for k in range(1, 10)])
 def test_everything_is_within_its_bounds_in_every_case(case: str):
     modes = set()
     for seed in range(3):
@@ -303,6 +303,7 @@ def test_everything_is_within_its_bounds_in_every_case(case: str):
         assert {Mode.FLYING, Mode.CRASHED} < modes
 
 
+@pytest.mark.thorough
 @settings(
     max_examples=60,
     deadline=None,
@@ -318,6 +319,7 @@ def test_everything_is_within_its_bounds_in_random_scenarios(scenario: dict[str,
     check_bounds(world, seed, 2, [Position(), Local()])
 
 
+@pytest.mark.thorough
 def test_a_position_stands_for_no_other():
     """What a table is indexed with: different cells, levels or minutes are different numbers."""
     facts, drones = facts_of(), []

@@ -30,6 +30,7 @@ def fly(start, hops):
     return [start, *map(tuple, stops.tolist())]
 
 
+@pytest.mark.thorough
 def test_the_maps_are_worth_a_look():
     cases = surveyed()
     ways = [min((t for t in times if t is not None), default=None) for *_, times in cases]

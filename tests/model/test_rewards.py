@@ -339,6 +339,7 @@ def thresholds(low):
     return [low * CAPACITY_S / 1.5**k for k in range(4)]
 
 
+@pytest.mark.thorough
 @settings(max_examples=600, deadline=None, derandomize=True)
 @given(
     kind=st.sampled_from(["R1", "R2", "R3"]),
@@ -370,6 +371,7 @@ def test_the_formulas_stated_once_more(kind, sign, low, mode, battery, home, dro
     assert -1.0 <= got <= 1.0
 
 
+@pytest.mark.thorough
 @settings(max_examples=300, deadline=None, derandomize=True)
 @given(battery=BATTERIES, home=RETURNS, low=st.floats(0.0, 1.0))
 @example(battery=0.0, home=0.0, low=0.2)

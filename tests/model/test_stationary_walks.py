@@ -104,6 +104,7 @@ class TestMeans:
 # ---- random waypoint
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("speeds", "mean"), SPEEDS[:2])
 def test_the_speed_of_random_waypoint_does_not_decay(speeds: tuple[float, float], mean: float):
     walks = walked(RandomWaypoint(speeds, (0.0, 0.0)), 5000, SQUARE, 1500.0)

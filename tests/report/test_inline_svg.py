@@ -31,6 +31,7 @@ def figure(text="text"):
     return made
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("text", HOSTILE)
 def test_nothing_in_it_can_act(text):
     svg = drawn(lambda: figure(text), text, 0)

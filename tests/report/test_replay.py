@@ -432,6 +432,7 @@ class TestPage:
         with pytest.raises(UsageError, match="--episodes"):
             Run(folders / "busy").chosen(text)
 
+    @pytest.mark.thorough
     def test_of_ten_episodes_of_case_8_is_small(self, tmp_path):
         run = make(tmp_path / "ten", "case8", "baseline", episodes=10, warmup=0)
         done = write_replay(run)

@@ -165,6 +165,7 @@ class TestGif:
 
 
 class TestMp4:
+    @pytest.mark.thorough
     def test_it_is_h264_of_that_size_and_length(self, playback, tmp_path):
         ffmpeg = pytest.importorskip("imageio_ffmpeg")
         film = Film(playback, fps=6, speed=600, width=330)

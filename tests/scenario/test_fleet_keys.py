@@ -121,6 +121,7 @@ def test_what_needs_one_type_says_which_keys_differ() -> None:
     assert alike.capacity_us == build_world(Scenario(), 0).capacity_us
 
 
+@pytest.mark.thorough
 def test_the_schema_for_editors_has_both_forms() -> None:
     drones: dict[str, Any] = json_schema()["properties"]["drones"]
     one, several = drones["anyOf"]

@@ -581,6 +581,7 @@ def test_any_bytes_are_a_scenario_or_a_scenario_error(
         assert error.problems
 
 
+@pytest.mark.thorough
 @settings(max_examples=150, deadline=None)
 @given(st.dictionaries(KEYS, VALUES, max_size=4))
 def test_any_mapping_is_a_scenario_or_a_scenario_error(mapping: dict[str, object]) -> None:

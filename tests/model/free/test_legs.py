@@ -52,6 +52,7 @@ class TestLegs:
             assert (profile_of(leg) == cells.profile).all()
             assert (leg.duration_us, leg.distance_m) == (cells.duration_us, metres)
 
+    @pytest.mark.thorough
     def test_places_are_those_of_the_sampler(self):
         rng = np.random.default_rng(1)
         for _ in range(300):

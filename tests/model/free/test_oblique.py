@@ -92,6 +92,7 @@ def test_a_sampler_sees_the_same_crossings_of_the_disc_on_two_thousand_legs():
     check_disc(survey(700, oblique=True))
 
 
+@pytest.mark.thorough
 def test_a_sampler_sees_the_same_crossings_of_circles():
     nested.check(nested.survey(60, 5, oblique=True))
 

@@ -143,6 +143,7 @@ def deepest(prisms, places):
     return found
 
 
+@pytest.mark.thorough
 def test_ways_end_where_they_enter():
     blocked, free = survey(20, 5)
     assert blocked > 20 and free > 20

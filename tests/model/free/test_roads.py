@@ -165,6 +165,7 @@ def hold(town, way, z):
         assert (clear >= town.margin_m - 1e-5).all()
 
 
+@pytest.mark.thorough
 def test_ways_are_the_shortest_and_free():
     _found, bent, _without = survey(40, 2)
     assert bent > 5

@@ -34,6 +34,9 @@ def climbing(start, stop):
     return Leg(start, stop, transit, Flight.minimum_time(distance, 4.0, 1.0))
 
 
+pytestmark = pytest.mark.thorough
+"""The kernels of links in the air take long to compile."""
+
 LOG = plain(2.0, 0.0)  # -20 log10(d)
 
 
@@ -209,7 +212,6 @@ def in_compiled_code(air, span_us, held, out, pairs):
     return 100 * counts + pair_changes(air, 0, 0, 1, 0.0, span_us, -1, pairs)
 
 
-@pytest.mark.thorough
 def test_compiled_code_gets_the_same_rows_as_python():
     rng = np.random.default_rng(8)
     sky = replace(random_sky(rng, 3, 2), thresholds=np.arange(-10.0, 20.0), serves=[1] * 3)

@@ -22,6 +22,9 @@ from tests.model.radio.airs import (
 from tests.model.radio.looking import Seen, hold_classes, moving
 from tests.model.radio.making import START_US, flying, walks
 
+pytestmark = pytest.mark.thorough
+"""The kernels of links in the air take long to compile."""
+
 POWER_DBM, NOISE_DBM = 30.0, -90.0
 
 
@@ -161,12 +164,10 @@ def test_room_that_is_too_short_is_said():
         assert rows_between(sky, room=needed) == whole
 
 
-@pytest.mark.thorough
 def test_the_general_search_finds_the_same_on_more_legs():
     survey(300, 10, 2)
 
 
-@pytest.mark.thorough
 def test_a_sampler_sees_the_same():
     sampled(60, 3)
 

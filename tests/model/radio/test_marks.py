@@ -53,6 +53,7 @@ class TestDrawn:
     def test_a_sampler_sees_the_same_on_2000_legs(self):
         check(survey(2000, 2))
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("town", ["suburban", "urban", "dense_urban", "high_rise"])
     def test_how_often_users_see_a_drone(self, town):
         loss, users = AlHourani(town), 1500

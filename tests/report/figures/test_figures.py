@@ -126,6 +126,7 @@ class TestCompare:
         assert interval(below[2], 0) == pytest.approx(t_interval(difference))
         assert titles(figure)[5] == "Difference from hover, paired by seed"
 
+    @pytest.mark.thorough
     def test_policies_are_named_once_a_row(self, seeds):
         figure = compare_figure(compare_runs(seeds).content())
         names = [[label.get_text() for label in axes.get_yticklabels()] for axes in figure.axes]
@@ -273,6 +274,7 @@ class TestBattery:
         marks = [line for line in battery_figure(folder).axes[0].lines if line.get_marker() == "X"]
         assert [*marks[0].get_xdata()] == [3.0]
 
+    @pytest.mark.thorough
     def test_a_run_without_events_is_played_again(self, bare, flown):
         again, kept = (to_bytes(battery_figure(run, 1), ".svg") for run in (playable(bare), flown))
         assert again == kept
@@ -363,12 +365,14 @@ def get_faces(collection):
 
 
 class TestFiles:
+    @pytest.mark.thorough
     @pytest.mark.parametrize("ending", [".png", ".pdf", ".svg"])
     def test_the_same_run_gives_the_same_bytes(self, flown, ending):
         one, other = (to_bytes(battery_figure(flown), ending) for _ in range(2))
         assert one == other
         assert one[:4] in (b"\x89PNG", b"%PDF", b"<?xm")
 
+    @pytest.mark.thorough
     def test_whatever_the_users_own_style_is(self, flown):
         usual = to_bytes(services_figure(flown), ".svg")
         before = dict(mpl.rcParams)

@@ -43,6 +43,7 @@ def drawn_at(axes, read):
     return found
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "battery_min", "level"),
     [("case8.npz", 15, 0), ("case8.npz", 5, 1), ("case8.npz", 30, 0), ("case1.npz", None, None)],

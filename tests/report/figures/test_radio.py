@@ -96,6 +96,7 @@ def snr_db(radio, dbm):
 
 
 class TestMap:
+    @pytest.mark.thorough
     @pytest.mark.parametrize("level", [0, 1, 2])
     def test_rings_are_those_of_the_simulation(self, level):
         world = world_of()
@@ -142,6 +143,7 @@ class TestMap:
         alone = drawn(world_of()).figure.legends[0].get_texts()
         assert "access point" not in [text.get_text() for text in alone]
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize(("power_dbm", "number"), [(-90, 0), (60, 15)])
     def test_a_map_of_one_class_says_which(self, power_dbm, number):
         title = drawn(world_of({"power_dbm": power_dbm})).above.get_title(loc="left")
@@ -163,6 +165,7 @@ class TestDistance:
         assert same_edges_m.tolist() == edges_m.tolist()
         assert edges_m[0] == 0 and edges_m[-1] > rings_m[0]
 
+    @pytest.mark.thorough
     def test_classes_that_hold_nowhere_have_no_step(self):
         world = world_of({"power_dbm": -15})
         held = (world.links[0].rings_m[2, 0] > 0).sum()
@@ -170,6 +173,7 @@ class TestDistance:
         shown = drawn(world, level=2)
         assert shown.steps(shown.classes).values.tolist() == list(range(held, -1, -1))
 
+    @pytest.mark.thorough
     def test_without_any_class_the_rate_is_zero(self):
         shown = drawn(world_of({"power_dbm": -90}))
         assert shown.steps(shown.rate).values.tolist() == [0]
@@ -219,6 +223,7 @@ class TestHeight:
         (line,) = drawn(world_of(), level=1).side.lines
         assert line.get_ydata() == [40, 40]
 
+    @pytest.mark.thorough
     def test_white_where_the_path_loss_is_not_defined(self):
         own = {"kind": f"{__name__}:Limited"}
         flat = {"size_m": [1200, 800], "cells": [12, 8], "dimensions": 2}
@@ -231,6 +236,7 @@ class TestHeight:
 
 
 class TestWords:
+    @pytest.mark.thorough
     def test_what_is_left_out_is_said(self):
         assert "left out" not in drawn(world_of()).figure.get_suptitle()
         radio = {"interference": "co_channel", "shadowing": {"los_db": 4, "nlos_db": 6}}
@@ -256,6 +262,7 @@ class TestWords:
             assert snr_db(radio, dbm(text.get_position())) == pytest.approx(least_db, abs=1e-6)
         assert len(shown.above.texts) > 2 and len(shown.side.texts) > 5
 
+    @pytest.mark.thorough
     @pytest.mark.parametrize("radio", [{}, {"classes": "mcs"}, {"power_dbm": 20}, OWN])
     def test_numbers_of_classes_do_not_hide_each_other(self, radio):
         shown = drawn(world_of(radio), level=1)
