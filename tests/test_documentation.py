@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from pytest import mark
 
 from tests.documentation import (
     DIRECTIVES,
@@ -88,16 +89,26 @@ SLOWEST = [
     "docs/reference/observations.md",
 ]
 """Pages with components of one's own, each of which is compiled, and the longest other ones."""
+WHOLE = [name for name in PAGES if any_block(name, thorough=True)]
+LONGEST = [
+    *(name for name in WHOLE if name.startswith("docs/scenarios/")),
+    *("docs/howto/free_flight.md", "docs/howto/ppo.md"),
+]
+"""Pages whose thorough blocks train for long."""
 
 
-@pytest.mark.parametrize("name", by_default(set(QUICK) - set(SLOWEST), QUICK))
+@pytest.mark.parametrize(
+    "name",
+    by_default(set(QUICK) - set(SLOWEST), [n for n in QUICK if n not in SLOWEST or n not in WHOLE]),
+)
 def test_the_code_blocks_of_a_page_run(name: str, tmp_path: Path) -> None:
     run(PAGES[name], tmp_path)
     tell_what_was_left_out(name, thorough=False)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("name", [name for name in PAGES if any_block(name, thorough=True)])
+@pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=mark.slow if n in LONGEST else mark.thorough) for n in WHOLE]
+)
 def test_all_code_blocks_of_a_page_run(name: str, tmp_path: Path) -> None:
     run(PAGES[name], tmp_path, "--thorough")
     tell_what_was_left_out(name, thorough=True)

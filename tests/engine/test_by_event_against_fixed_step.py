@@ -79,7 +79,7 @@ def test_agrees_at_the_finest_dt(seed: int) -> None:
     assert result.rest == pytest.approx(exact, abs=0.1)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_converges_with_slope_one() -> None:
     check(slopes(SEEDS, 0.3, scenarios=asked_by_event, measures=MEASURED))
 

@@ -25,6 +25,7 @@ from desim_uav.world import World, build_world
 from tests.engine.helpers import US, Flight, before_end, events, fly, path_of, seen, strip
 from tests.engine.random_fleet import world_of
 from tests.engine.test_energy import rotary
+from tests.selection import by_default
 from tests.verification.convergence import FINEST_S, SEEDS, case_of, cruising, sampled, slopes
 from tests.verification.engines import differences, engines
 from tests.verification.figure import check
@@ -245,8 +246,7 @@ def learned(engine: str) -> np.ndarray[Any, Any]:
 # ---- random scenarios
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("seed", SEEDS)
+@pytest.mark.parametrize("seed", by_default([], SEEDS))
 def test_agrees_with_the_reference_at_the_finest_dt(seed: int) -> None:
     case, result = case_of(seed, cruising), sampled(seed, FINEST_S, cruising)
     speeds = set()
@@ -262,7 +262,7 @@ def test_agrees_with_the_reference_at_the_finest_dt(seed: int) -> None:
     assert speeds - {None} == set(case.inputs.cruise)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_converges_to_the_reference_with_slope_one() -> None:
     check(slopes(range(24), 0.35, scenarios=cruising))
 

@@ -36,7 +36,7 @@ def most_w(case: Case) -> float:
     return max(climbing, rate * inputs.capacity_us / 1e6)
 
 
-@pytest.mark.parametrize("seed", by_default([6, 27], LIMITED))
+@pytest.mark.parametrize("seed", by_default([6, 27], LIMITED, at_most=6))
 def test_agrees_at_the_finest_dt(seed: int) -> None:
     case, result = case_of(seed, energetic), sampled(seed, FINEST_S, energetic)
     begun = sorted(event[0] for event in case.log.events if event[2] in ("charge", "crash"))
@@ -51,7 +51,7 @@ def test_agrees_at_the_finest_dt(seed: int) -> None:
     assert (result.crashes, result.charges) == (case.log.crashes, case.log.charges)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_converges_with_slope_one() -> None:
     check(slopes(range(24), 0.35, scenarios=energetic, measures=("battery_s",)))
 

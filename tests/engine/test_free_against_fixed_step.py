@@ -39,7 +39,7 @@ def test_agrees_at_the_finest_dt(seed: int) -> None:
     assert (result.crashes, result.charges) == (case.log.crashes, case.log.charges)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_converges_with_slope_one() -> None:
     for measure, errors in pooled_errors(SEEDS, DTS_S, MEASURES).items():
         assert slope(errors, DTS_S) == pytest.approx(1.0, abs=0.35), (measure, errors)

@@ -41,7 +41,7 @@ def parts(seeds: range, brief: int, size: int) -> list[Any]:
     begins = [seeds.start, *range(seeds.start + brief, seeds.stop, size)]
     spans = [range(*span) for span in pairwise([*begins, seeds.stop])]
     assert [seed for span in spans for seed in span] == list(seeds)
-    return by_default(spans[:1], spans)
+    return by_default(spans[:1], spans, at_most=2)
 
 
 @pytest.mark.parametrize("seeds", parts(AUDITED, 6, 8))

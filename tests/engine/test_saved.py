@@ -36,6 +36,7 @@ from desim_uav.world import World, build_world
 from tests.engine import random_radio
 from tests.engine.helpers import scenarios, some_command
 from tests.engine.test_engine_copies import EVENTFUL, everything, stepped, world_of
+from tests.selection import by_default
 
 FAST = "users.mobility={kind: random_walk, speed_mps: 190.0, leg_s: 2.0}"
 """A walk on which the compiled engine runs out of memory in a step, and plays again."""
@@ -153,15 +154,15 @@ def test_in_both_engines_with_radio():
         check(random_radio.world_of(seed), seed)
 
 
-@pytest.mark.thorough
+@pytest.mark.parametrize("count", by_default([], [10, 100], at_most=1))
 @pytest.mark.parametrize("kind", ["plain", "radio"])
-def test_random_scenarios_in_this_and_another_process(kind: str, tmp_path: Path):
-    """A hundred of each kind; another process goes on in the same engine or in the other one."""
+def test_random_scenarios_in_this_and_another_process(kind: str, count: int, tmp_path: Path):
+    """So many of each kind; another process goes on in the same engine or in the other one."""
     if kind == "plain":
-        worlds = random_worlds(120)[:100]
+        worlds = random_worlds(count + 20)[:count]
     else:
-        worlds = [(random_radio.world_of(seed), seed) for seed in range(100)]
-    assert len(worlds) == 100
+        worlds = [(random_radio.world_of(seed), seed) for seed in range(count)]
+    assert len(worlds) == count
     kept = [(seed, *check(world, seed)) for world, seed in worlds]
     assert elsewhere(kept, tmp_path) == []
 
@@ -341,8 +342,7 @@ def test_any_order_of_copies_pickles_and_ends():
     shuffled(60, 0)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("seed", range(1, 4))
+@pytest.mark.parametrize("seed", by_default([], range(1, 4), at_most=1))
 def test_many_orders_of_copies_pickles_and_ends(seed: int):
     shuffled(120, seed)
 

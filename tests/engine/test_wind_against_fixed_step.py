@@ -38,6 +38,6 @@ def test_agrees_at_the_finest_dt(seed: int) -> None:
     assert (result.crashes, result.charges) == (case.log.crashes, case.log.charges)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_converges_with_slope_one() -> None:
     check(slopes(range(24), 0.35, scenarios=windy, measures=("qoe3", "battery_s")))

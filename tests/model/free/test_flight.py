@@ -9,6 +9,7 @@ from desim_uav.model.free.limits import CALM, Limits
 from desim_uav.model.free.prisms import obstacles
 from tests.model.free.maps import random_town
 from tests.model.free.test_roads import free_place
+from tests.selection import by_default
 
 LIMITS = Limits(10.0, 4.0, 5.0, 3.0, 2.0)
 HOUSE = np.zeros((10, 10))
@@ -64,7 +65,7 @@ def test_drones_keep_the_margin():
     assert blocked > 0.05 * legs and at_once < 0.5 * blocked
 
 
-@pytest.mark.thorough
-def test_drones_keep_the_margin_on_many_maps():
-    legs, blocked, at_once = wander(250, 40, 2)
+@pytest.mark.parametrize("maps", by_default([], [50, 250], at_most=1))
+def test_drones_keep_the_margin_on_many_maps(maps):
+    legs, blocked, at_once = wander(maps, 40, 2)
     assert blocked > 0.05 * legs and at_once < 0.5 * blocked
