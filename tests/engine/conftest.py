@@ -22,7 +22,6 @@ def every_engine(engine_name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 COMPILED_APART = (
-    "test_access_points",
     "test_conflicts",
     "test_free_by_event",
     "test_free_flight",
@@ -30,6 +29,7 @@ COMPILED_APART = (
     "test_line_of_sight",
     "test_link_memory",
     "test_radio_engines",
+    "test_transfers",
     "test_wind",
 )
 """Files whose tests of the compiled engine need kernels that the nine cases do not use. Those for

@@ -30,6 +30,10 @@ MAST = 1
 """The number of the first access point, after that of the lone drone."""
 
 
+pytestmark = pytest.mark.thorough
+"""Both engines compile the kernels of links in the air, which takes long."""
+
+
 def radio(**changes: Any) -> dict[str, Any]:
     """A radio with 1 MHz whose only class has 1 bit/s/Hz, from 50 dB on."""
     return {
@@ -154,7 +158,6 @@ class TestByHand:
         times = [better_us + 2_800_000, better_us + 5_600_000]
         assert [event[0] for event in handed] == pytest.approx(times, abs=1)
 
-    @pytest.mark.thorough
     def test_it_disturbs_the_drone(self) -> None:
         """At 30 m from the drone and 970 m from the mast, the SINR is about 28.6 dB, not 68.9."""
         classes = [{"snr_db": 28, "bit_s_hz": 0.5}, {"snr_db": 50, "bit_s_hz": 1}]

@@ -275,6 +275,7 @@ def two_ends(**changes):
     return strip([(0, 0), (8, 0)], users, (9, 1), **changes)
 
 
+@pytest.mark.thorough
 def test_drones_that_cover_all():
     found = Run(two_ends(steps=5), 0, 1).bound()
     assert found.qoe3_at_most_percent == pytest.approx(100.0, abs=1e-4)
@@ -369,6 +370,7 @@ def test_what_a_plan_earns_is_what_it_covers():
         assert (covered * prices).sum() == pytest.approx(plan.value(start))
 
 
+@pytest.mark.thorough
 def test_requests_by_hand():
     """A user asks for 2 steps at once, then after 1 step of thought for 1 step; a step costs 0.1.
 

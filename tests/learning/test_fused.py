@@ -216,6 +216,7 @@ def test_a_state_that_a_table_does_not_have_is_told(engine: str):
             crowded.play()
 
 
+@pytest.mark.thorough
 def test_there_is_room_for_users_who_cross_many_rings_in_a_leg():
     """All users stand together, so that each ring passes all of them at about the same time."""
     homes = ", ".join(["[1200, 1200]"] * 40)

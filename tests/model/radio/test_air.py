@@ -34,9 +34,6 @@ def climbing(start, stop):
     return Leg(start, stop, transit, Flight.minimum_time(distance, 4.0, 1.0))
 
 
-pytestmark = pytest.mark.thorough
-"""The kernels of links in the air take long to compile."""
-
 LOG = plain(2.0, 0.0)  # -20 log10(d)
 
 

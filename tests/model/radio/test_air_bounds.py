@@ -16,9 +16,6 @@ from desim_uav.model.radio.path_loss import AlHourani, FreeSpace
 from desim_uav.model.radio.scene import begin_links, relate, take_first_rows, take_rows
 from tests.model.radio.airs import RADIOS, USER_M, TwoSlopes, kept_loss, random_sky, stroll
 
-pytestmark = pytest.mark.thorough
-"""The kernels of links in the air take long to compile."""
-
 
 @kernel
 def write_rates(at, values, branch, distances_m, heights_m, withins_m, rates):

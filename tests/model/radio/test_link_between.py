@@ -22,9 +22,6 @@ from tests.model.radio.airs import (
 from tests.model.radio.looking import Seen, hold_classes, moving
 from tests.model.radio.making import START_US, flying, walks
 
-pytestmark = pytest.mark.thorough
-"""The kernels of links in the air take long to compile."""
-
 POWER_DBM, NOISE_DBM = 30.0, -90.0
 
 
