@@ -81,6 +81,7 @@ def test_the_audit_notices_other_draws(name: str) -> None:
             simulation.step([0] * 3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("engine", ENGINES)
 def test_one_more_drone_leaves_the_links_of_others_as_they_are(engine: str) -> None:
     """Drones that hover at the same places have the same links, whoever else there is."""
@@ -94,6 +95,7 @@ def test_one_more_drone_leaves_the_links_of_others_as_they_are(engine: str) -> N
     assert len(links[0]) > 20
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("engine", ENGINES)
 def test_one_more_drone_leaves_the_links_of_an_access_point_as_they_are(engine: str) -> None:
     """Its number among all that transmit is another one then, but not its number in draws."""
@@ -178,6 +180,7 @@ class TestByHand:
             log = fly(world, path_of(world, walks={0: [(0.0, 450.0, 100.0, 0.0, 1.0)]}))
             assert len(seen(log, "class")) == changes
 
+    @pytest.mark.thorough
     def test_a_user_without_a_drone_takes_the_strongest_whatever_the_margin(self) -> None:
         """Of two drones that differ by less than the margin, the user is closer to the first."""
         radio = {

@@ -101,6 +101,7 @@ def test_requests_for_a_volume_take_the_time_of_their_mean_rate() -> None:
     assert mean_rate_bps(requests).tolist() == [500_000.0, 0.0, 64_000.0]
 
 
+@pytest.mark.thorough
 def test_measures_at_the_end_are_those_of_the_run(tmp_path: Path) -> None:
     run_to_folder(
         load(RADIO),
