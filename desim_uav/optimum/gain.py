@@ -188,16 +188,20 @@ def _bounds(
 
     If a policy's own sweep falls short of its biases by some amount, its gain may fall short by the
     same amount. A renewal with a lower gain than the start's cannot improve the result, so its bias
-    may be set so low that no policy gains by going there.
+    may be set so low that no policy gains by going there: the lower, the smaller its gain.
     """
     gain = np.full(len(gains), gains[0])
     _, worth = _sweep(graph, brings, gain, bias, choice, np.inf)
     largest = float(np.abs(worth[: len(graph.states)]).max())
     same = gains >= gains[0] - tolerance
-    worths = np.where(same, bias, bias - 4.0 * largest - 1.0)
+    known = np.sort(np.array([*gains, float(graph.lottery @ gains)]))
+    drops = np.diff(known)[np.diff(known) > tolerance]
+    slope = (4.0 * largest + 1.0) / drops.min() if len(drops) else 0.0
+    worths = np.where(same, bias, bias - slope * (gains[0] - gains))
     _, best = _sweep(graph, brings, gain, worths, choice, 0.0)
     excess = max(0.0, float((best[graph.renewals] - worths).max()))
     lack = min(0.0, float((worth[graph.renewals] - bias)[same].min()))
     sums = len(graph.layers) + np.count_nonzero(graph.lottery) + 2
+    largest = max(largest, float(np.abs(worths).max()))
     rounding = sums * float(np.finfo(float).eps) * (8.0 * largest + 1.0 + abs(gains[0]))
     return float(gains[0] + lack - rounding), float(gains[0] + excess + rounding)

@@ -219,6 +219,35 @@ def test_against_value_iteration(scenario):
         assert best.low <= best.gain <= best.high <= best.low + 1e-9
 
 
+def test_a_way_from_a_worse_cycle_to_one_that_is_worse_still():
+    """A cycle with gain 0.7 may be left, for a high reward once, to a place with gain 0.
+
+    A crashed drone is removed, so no way leads back to the best cycle.
+    """
+    lost = {"map": {"size_m": [1200, 1440], "cells": [5, 6], "dimensions": 3}}
+    lost["map"]["levels"] = {"min_altitude_m": 20, "step_m": 10}
+    lost["map"]["obstacles"] = {"coverage": [0.0, 0.4], "height_m": [5, 60]}
+    battery = {"autonomy_min": 5, "return_below": 0.5, "on_crash": "remove"}
+    lost["drones"] = {
+        "count": 1,
+        "start_cells": [[0, 0]],
+        "bandwidth_kbps": None,
+        "motion": {"kind": "bang_coast_bang", "timing": "minimum_time"},
+        "battery": battery | {"respawn_after_min": 0},
+    }
+    lost["stations"] = {"count": 2, "radius_m": 480.0, "full_charge_min": 0.7}
+    lost["users"] = {"count": 2, "clusters": {"count": 2, "radius_m": [60, 400]}}
+    lost["users"]["mobility"] = {"kind": "static"}
+    lost |= {"demand": {"kind": "continuous"}, "reward": {"kind": "coverage"}}
+    lost["episode"] = {"steps": 1, "carry_over": True}
+    world = build_world(from_mapping(lost), 0)
+    _, graph = graph_of(world)
+    for brings in (graph.reward, share(world, graph)):
+        best = best_policy(graph, brings)
+        assert best.low <= best.gain <= best.high <= best.low + 1e-9
+        assert long_run(graph, brings, best.choice) == best.gain
+
+
 @pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(lone_drones(), st.integers(0, 2**20))
