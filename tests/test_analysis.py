@@ -36,7 +36,7 @@ def test_learned_against_optimum(capsys: pytest.CaptureFixture[str], monkeypatch
         assert qoe3 <= best_qoe3
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_other_readings_of_the_paper_are_those_of_the_page(ask):
     page = (SCRIPTS.parent / "docs" / "explanation" / "readings.md").read_text(encoding="utf-8")
     tables = page.split("| case | reading |")[1:]

@@ -92,7 +92,7 @@ SLOWEST = [
 WHOLE = [name for name in PAGES if any_block(name, thorough=True)]
 LONGEST = [
     *(name for name in WHOLE if name.startswith("docs/scenarios/")),
-    *("docs/howto/free_flight.md", "docs/howto/ppo.md"),
+    *(f"docs/howto/{name}.md" for name in ("free_flight", "ppo", "report")),
 ]
 """Pages whose thorough blocks train for long."""
 

@@ -84,7 +84,7 @@ def test_converges_with_slope_one() -> None:
     check(slopes(SEEDS, 0.3, scenarios=asked_by_event, measures=MEASURED))
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_batteries_at_decisions_converge_at_least_as_fast() -> None:
     """A drone takes off full, however late: what is left is the error in the power of ramps."""
     errors = pooled_errors(SEEDS, DTS_S, asked_by_event, ("battery_s",))["battery_s"]

@@ -36,7 +36,7 @@ def test_agrees_at_the_finest_dt(seed: int) -> None:
     check_coverage(case, result, FINEST_S)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_handovers_are_as_many() -> None:
     """In all but two of the scenarios."""
     unlike = []

@@ -59,7 +59,7 @@ def test_at_many_random_moments(name):
     killed(name, 40, seed=2)
 
 
-@pytest.mark.thorough
+@pytest.mark.slow
 def test_processes_of_a_killed_sweep_end_by_themselves(here):
     """Nobody writes to the folder once its sweep is dead; the same command goes on with it."""
     process = subprocess.Popen(program(*SWEEP, "-j", 2, "--out", "out"))

@@ -65,7 +65,7 @@ def test_drones_keep_the_margin():
     assert blocked > 0.05 * legs and at_once < 0.5 * blocked
 
 
-@pytest.mark.parametrize("maps", by_default([], [50, 250], at_most=1))
+@pytest.mark.parametrize("maps", by_default([], [100, 250], at_most=1))
 def test_drones_keep_the_margin_on_many_maps(maps):
     legs, blocked, at_once = wander(maps, 40, 2)
     assert blocked > 0.05 * legs and at_once < 0.5 * blocked
