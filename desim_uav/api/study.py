@@ -208,7 +208,7 @@ def find_bounds(
     schedule: bool = True,
     progress: bool = False,
 ) -> dict[str, Any]:
-    """Return what no policy exceeds in QoE3 and QoE1, in the runs by which policies are compared.
+    """Return upper bounds of QoE3 and QoE1 for all policies, in the runs of a comparison.
 
     A run has ``episodes`` episodes on the sample paths of its seed, as ``compare`` evaluates
     policies, after any warm-up. The bounds hold on each seed, and their means bound the means of

@@ -28,12 +28,13 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
     ``action_masks``, are those of the drones, one after the other; each allows at least one
     action. The time limit truncates an episode; a crash terminates it if the scenario says so.
 
-    In free flight (``motion: {space: free}``), the action space is a Box: 2 or 3 numbers of each
-    drone's displacement and, if batteries are limited, one more, by which the drone asks for a
-    charge if it is above 0 (see ``docs/howto/free_flight.md``).
+    In free flight (``motion: {space: free}``), the action space is a Box. It has, for each drone, 2
+    or 3 numbers for its displacement and, if batteries are limited, one more: if this is above 0,
+    the drone charges or returns to a station (see ``docs/howto/free_flight.md``).
 
-    If the scenario has several types of drones, each has as many numbers and actions as the one
-    with the most: behind its own numbers are zeros, and its mask forbids the actions of others.
+    If the scenario has several types of drones, each drone has as many features and actions as the
+    type with the most: its own features are followed by zeros, and its mask forbids the actions
+    that its type does not have.
 
     ``copy.copy``, ``copy.deepcopy`` and ``pickle`` make an independent environment at any point of
     an episode. It continues exactly as this one would. A pickle does so in any process that has

@@ -12,10 +12,10 @@ from desim_uav.registry import register
 
 
 class Decisions(Protocol):
-    """When drones are asked, as the scenario's component ``decisions``.
+    """The component ``decisions`` of a scenario, which says when drones receive commands.
 
-    ``by_event``: a drone is asked when it is free, and hovers for at most ``patience_s`` seconds.
-    If not, all drones are asked together at the end of each step.
+    With ``by_event``, a drone is asked for its next command when it is free, and a hover lasts for
+    ``patience_s`` seconds. Otherwise all drones are asked together, at the end of each step.
     """
 
     by_event: bool
@@ -36,8 +36,9 @@ class ByClock:
 class ByEvent:
     """Each drone is asked when it is free: it has arrived, is charged, or has hovered for a time.
 
-    A drone that replaces a crashed one is asked when it appears. One that flies freely is asked
-    when it has arrived, and at the earliest ``patience_s`` after its command: it hovers until then.
+    A drone that replaces a crashed one is asked when it appears. In free flight, a drone is asked
+    when it has arrived, but not earlier than ``patience_s`` after its last command; it hovers until
+    then.
     """
 
     patience_s: Annotated[float, Ge(1), Le(86_400)] = 60.0

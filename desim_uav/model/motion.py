@@ -148,9 +148,9 @@ class BangCoastBang:
 
     ``fill_epoch``: the drone cruises at the speed with which the transit lasts exactly one step
     (the paper's "240 m in about 60 s"). ``minimum_time``: it cruises at the highest speed and then
-    hovers. ``return_timing`` says the same of the hops of a return, which follow upon each other.
-    With ``cruise``, each command chooses its cruise speed, and ``timing`` says nothing.
-    In free ``space``, drones fly straight to any place in minimum time (see ``model.free``).
+    hovers. ``return_timing`` is the timing of the hops of a return, which follow upon each other.
+    With ``cruise``, each command chooses its cruise speed, and ``timing`` has no effect.
+    With ``space: free``, drones fly straight to any place in minimum time (see ``model.free``).
     """
 
     later: ClassVar = ("cruise", "space", "climb_mps", "descent_mps", "vertical_mps2", "margin_m")
@@ -164,8 +164,8 @@ class BangCoastBang:
     and the drone hovers for the rest of the step.
     """
     return_timing: Literal["fill_epoch", "minimum_time"] = "minimum_time"
-    """The same for each hop of a return to a charging station. `fill_epoch`: it takes as long as
-    a step.
+    """The timing of each hop of a return to a charging station. `fill_epoch`: a hop lasts exactly
+    one step. `minimum_time`: it is as quick as possible.
     """
     cruise: CruiseSpeeds = None
     """The cruise speeds from which each command of a move chooses, ascending, in metres per second
@@ -185,7 +185,7 @@ class BangCoastBang:
     vertical_mps2: Annotated[float, Ge(0.001), Le(10_000)] = 2.0
     """The highest vertical acceleration in free flight, in metres per second squared."""
     margin_m: Annotated[float, Ge(0.01), Le(1000)] = 5.0
-    """How far drones keep away from buildings and from `map.no_fly` in free flight, in metres."""
+    """The distance that drones keep from buildings and no-fly zones in free flight, in metres."""
 
     def too_fast(self) -> list[tuple[int, str]]:
         """Return the number of each cruise speed above the highest speed, and what is wrong."""

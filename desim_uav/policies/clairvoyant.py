@@ -1,4 +1,4 @@
-"""The search that knows the sample path, and reaches what nobody can who does not know it."""
+"""The search that knows the sample path: it shows what is possible with this knowledge."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ STARTS = ((False, 1.0), (True, 0.0), (True, 1.0), (True, 4.0))
 class Clairvoyant:
     """Searches each episode, whose future it knows, for good commands: not a competitor.
 
-    What it reaches is a lower bound of the optimum of those who know the future. At the beginning
-    of an episode it plays it as ``greedy`` would: once by what can be seen, and then with users
-    where they will really be. From the best of these it goes on. It
-    tries ``tries`` changes, each of one command of one drone, after which all drones plan anew or,
-    every second time, go on as before; it keeps a change if it raises the mean of QoE1 (with the
-    weight ``qoe1``) and QoE3 at the episode's end.
+    Its result is a lower bound of the optimum with knowledge of the future. At the beginning of an
+    episode it simulates the episode with the method of ``greedy``: once with the expected positions
+    of users, and three times with their true positions. Starting from the best of these, it tries
+    ``tries`` changes, each of one command of one drone, after which all drones plan anew or, every
+    second time, continue as before. It keeps a change if this raises the mean of QoE1 (with the
+    weight ``qoe1``) and QoE3 at the end of the episode.
     """
 
     ceiling = True

@@ -1,4 +1,4 @@
-"""The planner that sees all users now and covers as many of them as batteries allow."""
+"""The planner that knows where all users are now, and covers as many as batteries allow."""
 
 from __future__ import annotations
 
@@ -32,12 +32,12 @@ BEYOND = 8
 
 @register("policy", "greedy")
 class Greedy:
-    """Lets each drone in turn take the plan that covers most of what the others leave uncovered.
+    """Plans drone after drone; each covers as many users as it can whom the others do not cover.
 
     A plan is made for ``horizon`` steps, in which users are expected to walk away from where they
-    are now. A user with an open request counts ``waiting`` more than others, which fades by a
-    factor e in ``fade`` steps. All drones revise their plans up to ``rounds`` times. Plans are
-    made anew ``every`` so many decision epochs, and when a drone is not where its plan says.
+    are now. An open request adds ``waiting`` to the weight 1 of a user; the addition decreases by a
+    factor e in ``fade`` steps. All drones revise their plans up to ``rounds`` times. New plans are
+    made after ``every`` decision epochs, and when a drone is not where its plan says.
 
     Plans contain when and where drones charge, and no plan lets a battery run empty.
     """

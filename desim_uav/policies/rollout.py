@@ -1,4 +1,4 @@
-"""The planner that tries each command in simulations, in which another policy flies on."""
+"""The planner that tries each command in simulations, which another policy continues."""
 
 from __future__ import annotations
 
@@ -34,13 +34,13 @@ NEARLY = 1e-9
 class Rollout:
     """Improves another policy, the base: it tries each command of each drone in simulations.
 
-    In ``samples`` simulations from the present state, the drone gets the command and the base flies
-    on for ``horizon`` steps, or to the end of the episode. Walks, requests and the draws of links
-    in them are drawn from the model, given what can be seen now (``planning.future``), and are the
-    same for all commands. The drones choose in turn: those before have chosen, those after obey the
-    base. A command is better than another one if it has a better mean of QoE1 (with the weight
-    ``qoe1``) and QoE3, by more than ``doubt`` standard errors over the samples. The best one is
-    given, and that of the base if none is better.
+    In ``samples`` simulations from the present state, the drone gets the command, and then the base
+    controls all drones for ``horizon`` steps, or to the end of the episode. Walks, requests and the
+    draws of links are drawn from the model, given the present state (``planning.future``), and are
+    the same for all commands. The drones choose one after the other: those before have chosen, and
+    those after follow the base. A command is better than another one if its mean of QoE1 (with the
+    weight ``qoe1``) and QoE3 is better by more than ``doubt`` standard errors over the samples. The
+    drone gets the best command, or that of the base if no other one is better.
     """
 
     ceiling = True

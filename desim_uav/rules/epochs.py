@@ -14,8 +14,8 @@ from desim_uav.rules.transits import flight_of
 def await_epoch(world: Constants, state: State) -> None:
     """Schedule the next decision epoch: a step from now or, by event, when a drone is free.
 
-    Other events than the end of the episode and the replacement of a crashed drone are not known
-    yet: these drones ask for an epoch themselves (``ask_at``).
+    By event, only the end of the episode and the replacements of crashed drones are known now. All
+    other drones request an epoch when their time is known (``ask_at``).
     """
     state.next_us = state.now_us + world.step_us
     if world.by_event:
@@ -34,7 +34,7 @@ def _await_replacement(world: Constants, state: State) -> None:
 
 @rule
 def ask_at(state: State, t_us: int) -> None:
-    """Let there be a decision epoch at ``t_us`` at the latest."""
+    """Bring the next decision epoch forward to ``t_us`` if it would be later."""
     if t_us < state.next_us:
         state.next_us = t_us
         _schedule(state)

@@ -1,8 +1,9 @@
 """Separation: when two drones in the air come nearer to each other than a least distance.
 
-It is looked at only if the scenario has a ``separation_m``. All that begins or ends a leg of a
-drone ends the windows of its pairs (``part``). At the end of this instant, when all legs are known,
-new ones begin (``on_separation``), with the times at which the pairs will come too near or part.
+Distances are computed only if the scenario has a ``separation_m``. Whenever a leg of a drone begins
+or ends, the windows of its pairs end (``part``). At the end of this instant, when all legs are
+known, new windows begin (``on_separation``), with the times at which the pairs will come too near
+or part.
 """
 
 from __future__ import annotations
@@ -20,30 +21,30 @@ from desim_uav.rules.rows import Constants, Drone, Pair, State
 from desim_uav.rules.transits import flight_of
 
 MOST_TURNS = 64
-"""More than how often two drones can come too near and part again on a leg: their squared distance
+"""An upper bound of how often two drones come too near or part in a window: their squared distance
 is a polynomial of degree 4 in each of at most 9 pieces."""
 
 MOST_TRACK_ROWS = 16
-"""More than the rows of the tracks of two legs (see ``model.radio.tracks``)."""
+"""An upper bound of the rows of the tracks of two legs (see ``model.radio.tracks``)."""
 
 BEGINS, ENDS = range(2)
-"""What ``tally`` does."""
+"""The two values of the argument ``what`` of ``tally``."""
 
 TOLERANCE_M = 1e-6
-"""By how much drones may come nearer than they are while they fly side by side."""
+"""A decrease of the distance, in metres, that is ignored: drones may fly side by side."""
 
 
 def meet(world: Any, state: Any, pair: Any, until_us: int) -> None:
-    """Write when a pair comes too near or parts again into ``turns``, the next time last.
+    """Write the times at which a pair comes too near or parts into ``turns``, the next time last.
 
-    The first of them is now if the pair is not as it has been (``near``). Each engine has an
-    implementation of its own.
+    The first of these times is now if the present state of the pair differs from ``pair.near``.
+    Each engine has an implementation of its own.
     """
     state.apart.meet(world, state, pair, until_us)
 
 
 def least_m(world: Any, state: Any, one: Any, other: Any, begin_us: int, end_us: int) -> float:
-    """Return the least distance of two drones in a part of their present legs, in metres."""
+    """Return the least distance of two drones in a time window of their present legs, in metres."""
     return float(state.apart.least_m(world, state, one, other, begin_us, end_us))
 
 
@@ -131,7 +132,7 @@ def on_separation(world: Constants, state: State) -> None:
 
 @rule
 def _open(world: Constants, state: State, pair: Pair) -> None:
-    """Begin the window of a pair in the air; one of which a drone has left the air is clear."""
+    """Begin the window of a pair in the air; a pair with a drone on the ground becomes clear."""
     one, other = state.drones[pair.one], state.drones[pair.other]
     if in_air(one) and in_air(other):
         pair.open, pair.since_us = 1, state.now_us
@@ -155,7 +156,7 @@ def _turn(state: State, pair: Pair) -> None:
 
 @rule
 def _note(state: State, kind: int, pair: Pair) -> None:
-    """Append an event of two drones to the log, with the other one in the place of a user."""
+    """Append an event of two drones to the log; the field of the user has the other drone."""
     note(state, words.SEPARATION, kind, pair.one, pair.other, -1, -1)
 
 
@@ -163,7 +164,7 @@ def _note(state: State, kind: int, pair: Pair) -> None:
 def route_of(world: Constants, drone: Drone) -> Route:
     """Return where the leg of a drone leads from and to, in metres.
 
-    A drone that rests stays where it is, even if it has just been told where it flies next.
+    A drone that rests stays where it is, even if it has just received its next command.
     """
     x0, y0, x1, y1 = way_of(world, drone)
     z0, z1 = heights_of(world, drone)
@@ -174,7 +175,7 @@ def route_of(world: Constants, drone: Drone) -> Route:
 
 @rule
 def rests_at(world: Constants, state: State, one: Drone, other: Drone) -> int:
-    """Return when two drones in the air both rest, if they are told nothing else."""
+    """Return the time from which two drones in the air both rest, if they get no new command."""
     first = one.since_us + flight_of(world, one).duration_us
     second = other.since_us + flight_of(world, other).duration_us
     return max(first, second, state.now_us)
@@ -192,10 +193,11 @@ def _end(world: Constants, state: State) -> None:
 
 @rare_rule
 def must_wait(world: Constants, state: State, drone: Drone, transit: int) -> bool:
-    """Return whether a drone at rest must not begin a flight by a transit to ``to_x``, ….
+    """Return whether a drone at rest must give way and not begin a flight (``to_x``, ``transit``).
 
-    It must not if this led it nearer to a drone in the air with a lower index than the least
-    distance, and nearer than it is. The latter may have been commanded in this instant.
+    This is so if the flight would bring it nearer than ``separation_m`` to a drone in the air with
+    a lower index, and nearer than the two are now. The other drone may have received its command
+    in the same instant.
     """
     since_us, rests = drone.since_us, drone.transit
     drone.since_us, drone.transit = state.now_us, transit

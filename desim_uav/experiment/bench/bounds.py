@@ -31,7 +31,7 @@ def has_bound(task: Task, track: Track) -> bool:
 
 
 def bound_of(task: Task, track: Track, seed: int) -> float | None:
-    """Return what no policy exceeds in QoE3, in percent; None if there is no proven bound."""
+    """Return the upper bound of QoE3 for all policies, in percent; None if none is proven."""
     known = kept().get((task.name, track.name, seed))
     return compute(task, track, seed) if known is None else known
 

@@ -1,7 +1,8 @@
 """Straight legs of any direction, rest to rest, in closed form, and the commands that ask for them.
 
-A command is a displacement in [-1, 1]^3 (z is 0 on a map of two dimensions) of the furthest that a
-step allows. The target is clipped to the map; the drone flies straight there and then hovers.
+A command is a vector in [-1, 1]^3 (z is 0 on a map of two dimensions): a displacement as a share of
+the longest flight in a step. The target is clipped to the map; the drone flies straight to it and
+then hovers.
 """
 
 from __future__ import annotations
@@ -58,7 +59,7 @@ class Bounds(NamedTuple):
 
 @part
 def direction(start: Point, stop: Point) -> tuple[Point, float]:
-    """Return the direction from one place to another, and the distance; 0 for a direction of 0."""
+    """Return the unit vector from one place to another, and their distance (both 0 if equal)."""
     dx, dy, dz = stop[0] - start[0], stop[1] - start[1], stop[2] - start[2]
     distance = np.sqrt(dx * dx + dy * dy + dz * dz)
     if distance == 0.0:
@@ -136,11 +137,12 @@ def commanded(
 ) -> Point:
     """Return the target of a command: a place on the map that can be reached within a step.
 
-    The direction is that of the command, its parts times the furthest level and vertical flights
-    without wind. The length is a share of the furthest flight in that direction (with wind): the
-    larger one of the length of (x, y) and the size of z, and at most 1. So a command of length 1
-    takes the whole step. A target off the map is moved to the nearest place on it; if that cannot
-    be reached in time, because it is in another direction, the way there is cut short.
+    The direction is that of the command, after its horizontal and its vertical part are multiplied
+    by the lengths of the longest level and vertical flights without wind. The length is a share of
+    the longest flight in this direction (with wind): the larger one of the length of (x, y) and the
+    size of z, and at most 1. So a command with the share 1 takes the whole step. A target off the
+    map is moved to the nearest place on it. If this place cannot be reached in a step, because it
+    is in another direction, the leg ends where the step ends.
     """
     x, y, z = (
         _clip(command[0], -1.0, 1.0),

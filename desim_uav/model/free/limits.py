@@ -59,7 +59,7 @@ def wind_along(wind: Wind, ahead: Point) -> tuple[float, float]:
 
 @kernel
 def speed_along(limits: Limits, wind: Wind, ahead: Point) -> float:
-    """Return the highest ground speed in a direction, in m/s; 0 if the drone cannot even hover.
+    """Return the highest ground speed in a direction, in m/s; 0 if the drone cannot hover.
 
     At the ground speed g, the horizontal air speed V is that of ``air_speed``: V² is quadratic in
     g, below the limit at rest, and so below it up to the larger root.

@@ -30,7 +30,10 @@ pass between two obstacles that touch each other."""
 
 
 class Zone(NamedTuple):
-    """A polygon over which nobody may fly between two altitudes, in metres (inf: any altitude)."""
+    """A polygon over which no drone may fly between two altitudes in metres (inf: at any altitude).
+
+    It is a no-fly zone of a scenario.
+    """
 
     corners_m: Polygon
     low_m: float

@@ -20,15 +20,15 @@ from desim_uav.model.radio.tracks import Point
 ANY_SPEED = math.inf
 
 MOST_LINES = 2 * 10**8
-"""The most lines between nodes, at all altitudes, of which is looked whether they pass obstacles:
-this takes about a minute."""
+"""The largest number of lines between nodes, at all altitudes, that are checked for obstacles: this
+takes about a minute."""
 
 
 class Ways(NamedTuple):
     """The ways home at one altitude, down to the stations.
 
-    ``times_us`` (stations, nodes) says how long it takes from a node to land on a station, and
-    ``drains`` what this takes of the battery. Both are -1 where there is no way.
+    ``times_us`` (stations, nodes) is the time from a node until the drone lands on a station, in
+    microseconds, and ``drains`` is the battery that this takes. Both are -1 if there is no way.
     """
 
     roads: Roads

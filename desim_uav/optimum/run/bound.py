@@ -1,8 +1,8 @@
 """Upper bounds of QoE3 and QoE1 in a run of several drones, on given sample paths.
 
-docs/explanation/bounds.md proves them. They hold for every policy, also for one that knows the
-sample paths. With carry-over the drones may begin in any state that a run can reach; without it
-they begin each episode at their starts.
+docs/explanation/bounds.md proves them. They hold for every policy, including policies that know the
+sample paths. With carry-over, the drones may begin in any state that a run can reach; without it,
+they begin each episode at their starting cells.
 """
 
 from __future__ import annotations
@@ -41,10 +41,11 @@ SLACK_US = 2
 
 @dataclass(frozen=True)
 class RunBound:
-    """What no policy exceeds in a run, in percent.
+    """Upper bounds of QoE3 and QoE1, in percent, that no policy exceeds in a run.
 
-    ``qoe1_at_most_percent`` is None if the run has no requests. A schedule that knows the sample
-    paths reaches ``schedule_qoe3_percent``; it is None if none was looked for.
+    ``qoe1_at_most_percent`` is None if the run has no requests. ``schedule_qoe3_percent`` is the
+    QoE3 of a schedule that was made with knowledge of the sample paths, or None if no schedule was
+    looked for.
     """
 
     episodes: int
@@ -54,7 +55,7 @@ class RunBound:
 
     @property
     def gap_percent(self) -> float | None:
-        """By how much the bound of QoE3 exceeds the schedule, in percent of the schedule."""
+        """The difference between the bound of QoE3 and the schedule, in percent of the schedule."""
         if not self.schedule_qoe3_percent:
             return None
         return 100.0 * (self.qoe3_at_most_percent / self.schedule_qoe3_percent - 1.0)

@@ -1,7 +1,7 @@
-"""Prices of users, from which a bound follows, and how better prices are found.
+"""Prices of users, from which a bound follows, and the search for better prices.
 
-Whatever the prices, the bound holds (see docs/explanation/bounds.md); they only decide how close it
-is. The bound is convex in the prices, and the best plans of the drones give a subgradient.
+The bound holds for any prices (see docs/explanation/bounds.md); the prices only determine how close
+it is. The bound is convex in the prices, and the best plans of the drones give a subgradient.
 """
 
 from __future__ import annotations

@@ -1,8 +1,9 @@
-"""A good schedule of all drones that knows the sample paths: how close a bound certainly is.
+"""A good schedule of all drones, made with knowledge of the sample paths.
 
-Each drone in turn gets the flights that cover most of the users whom the others do not cover. It
-flies between the real places of the map, by moves and charges only, as an engine would let it. An
-engine then plays the schedule, so that its QoE3 is one that drones reach.
+It shows how close a bound is to what drones can reach. The drones are planned one after the other:
+each gets the flights that cover most of the users whom the others do not cover. It flies between
+the actual cells and levels of the map, by moves and charges only, as in an engine. An engine then
+simulates the schedule, so drones can actually reach its QoE3.
 """
 
 from __future__ import annotations
