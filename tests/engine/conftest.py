@@ -25,6 +25,7 @@ COMPILED_APART = (
     "test_access_points",
     "test_conflicts",
     "test_free_by_event",
+    "test_free_cruise",
     "test_free_flight",
     "test_free_in_wind",
     "test_line_of_sight",
