@@ -29,8 +29,9 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
     action. The time limit truncates an episode; a crash terminates it if the scenario says so.
 
     In free flight (``motion: {space: free}``), the action space is a Box: 2 or 3 numbers of each
-    drone's displacement and, if batteries are limited, one more, by which the drone asks for a
-    charge if it is above 0 (see ``docs/howto/free_flight.md``).
+    drone's displacement, one for the cruise speed if the motion has ``cruise``, and, if batteries
+    are limited, one more, by which the drone asks for a charge if it is above 0 (see
+    ``docs/howto/free_flight.md``).
 
     If the scenario has several types of drones, each has as many numbers and actions as the one
     with the most: behind its own numbers are zeros, and its mask forbids the actions of others.

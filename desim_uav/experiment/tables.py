@@ -23,9 +23,9 @@ from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
 from desim_uav.records import (
     AIMED,
-    CRUISED,
     APART,
     CLASSES,
+    CRUISED,
     ENERGY,
     EPISODES,
     EVENTS,

@@ -407,8 +407,8 @@ class Course(Row):
 
     The leg is from (x0_m, y0_m, z0_m) to (x1_m, y1_m, z1_m), and ``flight`` is its transit.
     ``aim_x`` to ``aim_z`` are the command of free flight, from -1 to 1, and the drone asks for a
-    charge if ``aim_charge`` is above 0. ``aim_cruise`` chooses a cruise speed, from the lowest at -1
-    to the highest at 1; the leg is flown at a ground speed of at most ``limit_mps``, which is
+    charge if ``aim_charge`` is above 0. ``aim_cruise`` chooses a cruise speed, from the lowest at
+    -1 to the highest at 1; the leg is flown at a ground speed of at most ``limit_mps``, which is
     infinite if no speed was chosen. ``blocked`` says that an obstacle cuts the leg short.
     On a return, the next place is ``node`` of the ways at the altitude ``level``, which lead to
     ``station``; the last node is followed by -1. ``home`` is the return from where the drone was at

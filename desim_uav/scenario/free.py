@@ -46,7 +46,8 @@ def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Findi
     if motion.cruise is not None and len(motion.cruise) != 2:
         yield Finding(
             (*key, "motion", "cruise"),
-            f"must be two speeds beside {FREE}: the lowest and the highest that a command can choose",
+            f"must be two speeds beside {FREE}: the lowest and the highest that a command can "
+            "choose",
             also,
         )
     side_m = min(scenario.map.cell_m)
