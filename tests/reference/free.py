@@ -2,10 +2,10 @@
 
 A command has three numbers from -1 to 1 and one that asks for a charge if it is above 0. With
 cruise speeds, a fifth one chooses between them; a leg that is then too slow fills the step. Limits
-on level and on vertical flight become one along a direction. In wind, that on level flight is one on
-the speed through the air, and the highest ground speed is found by bisection. Obstacles are boxes
-along the axes, which are grown on all sides; a leg that would enter one ends at its wall. Returns
-follow a shortest way over the boxes' corners at one altitude, by Dijkstra's algorithm.
+on level and on vertical flight become one along a direction. In wind, that on level flight is one
+on the speed through the air, and the highest ground speed is found by bisection. Obstacles are
+boxes along the axes, which are grown on all sides; a leg that would enter one ends at its wall.
+Returns follow a shortest way over the boxes' corners at one altitude, by Dijkstra's algorithm.
 """
 
 from __future__ import annotations
