@@ -48,7 +48,12 @@ class DroneType(Unchanging):
     @property
     def command_numbers(self) -> int:
         """How many numbers a command of free flight has."""
-        return self.scenario.map.dimensions + int(self.limited)
+        return self.scenario.map.dimensions + int(self.chooses_cruise) + int(self.limited)
+
+    @property
+    def chooses_cruise(self) -> bool:
+        """Whether a command of free flight has a number for the cruise speed."""
+        return self.free and bool(cruise_of(self.drones.motion))
 
     @cached_property
     def space(self) -> Space:

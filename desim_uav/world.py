@@ -108,15 +108,21 @@ class World(Unchanging):
     @property
     def command_numbers(self) -> int:
         """How many numbers a command of free flight has, at most."""
-        return self.dimensions + int(self.scenario.limited_battery)
+        return self.dimensions + int(self.chooses_cruise) + int(self.scenario.limited_battery)
+
+    @cached_property
+    def chooses_cruise(self) -> bool:
+        """Whether a command of free flight has a number for the cruise speed."""
+        return self.free and self.types[0].chooses_cruise  # which all types have in common
 
     @property
     def command_names(self) -> tuple[str, ...]:
         """The names of the numbers of a command of free flight; none if drones fly by cells."""
         if not self.free:
             return ()
+        cruise = ("aim_cruise",) if self.chooses_cruise else ()
         charge = ("aim_charge",) if self.scenario.limited_battery else ()
-        return ("aim_x", "aim_y", "aim_z")[: self.dimensions] + charge
+        return ("aim_x", "aim_y", "aim_z")[: self.dimensions] + cruise + charge
 
     @property
     def dimensions(self) -> int:

@@ -173,6 +173,7 @@ class FreeCarried(NamedTuple):
     x1_m: float
     y1_m: float
     z1_m: float
+    limit_mps: float
     station: int
     node: int
     level: int

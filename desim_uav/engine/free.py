@@ -10,17 +10,14 @@ import numpy as np
 
 from desim_uav.engine.base import FlownLeg, FreeCarried
 from desim_uav.model.free.legs import leg_between
-from desim_uav.model.free.space import ANY_SPEED, Space, Ways
+from desim_uav.model.free.space import Space, Ways
 from desim_uav.model.motion import TRAPEZOID
 from desim_uav.model.rows import Queue, Table, blank, fill
 from desim_uav.model.rules import Action, Mode
 from desim_uav.rules.free_flight import write_flight
 from desim_uav.rules.rows import Course, FlownRow, Piece, SpaceRow, WaysRow
-from desim_uav.rules.words import OWN, REST
+from desim_uav.rules.words import AIMS, OWN, REST
 from desim_uav.world import World
-
-AIMS = 4
-"""The numbers of a command: x, y and z of the displacement, and the wish to charge."""
 
 
 def space_row(space: Space) -> SpaceRow:
@@ -29,6 +26,7 @@ def space_row(space: Space) -> SpaceRow:
     for name, value in space.limits._asdict().items():
         setattr(made, name, value)
     made.wind_x_mps, made.wind_y_mps = space.wind
+    made.lowest_mps, made.highest_mps = space.cruise_mps
     prisms = space.prisms
     for name in ("corners_m", "walls", "offsets", "heights_m", "boxes_m", "heads", "members"):
         setattr(made, name, getattr(prisms, name).reshape(-1))
@@ -53,7 +51,7 @@ def set_course(drone: Any, world: World) -> None:
         course.x0_m, course.y0_m, course.x1_m, course.y1_m = x_m, y_m, x_m, y_m
         course.z0_m = course.z1_m = float(point.height_m)
     elif world.types[drone.type].free:
-        drone.off_grid = 1
+        drone.off_grid, drone.course.limit_mps = 1, math.inf
         for flight in (drone.course.flight, drone.course.probe):
             flight.pieces = Table(blank(Piece) for _ in range(TRAPEZOID))
 
@@ -70,12 +68,12 @@ def set_memory(state: Any, world: World, log: int) -> None:
 def aim(world: World, drone: Any, command: Any) -> int:
     """Write a command of free flight into a drone's row, and return the index of its action.
 
-    It is an index into ``World.actions``, or the numbers of a displacement and, if the battery is
-    limited, of the wish to charge. Raises ValueError for anything else.
+    It is an index into ``World.actions``, or the numbers of a displacement, of the cruise speed if
+    there is a choice, and of the wish to charge if the battery is limited. Raises ValueError for
+    anything else.
     """
     numbers = _numbers(world, drone.type, command)
-    course = drone.course
-    course.aim_x, course.aim_y, course.aim_z, course.aim_charge = numbers or (0.0,) * AIMS
+    _aim(drone.course, numbers or (0.0,) * AIMS)
     if numbers is not None:
         return world.actions.index(Action.FLY)
     return int(command) if 0 <= command < len(world.actions) else -1
@@ -89,8 +87,13 @@ def _numbers(world: World, number: int, command: Any) -> tuple[float, ...] | Non
     own = {world.types[number].command_numbers, world.command_numbers}
     if len(given) not in own or not all(map(math.isfinite, given)):
         raise ValueError(f"a command of free flight is {min(own)} finite numbers, not {given}")
-    flown, charge = given[: world.dimensions], given[world.dimensions :]
-    return (*flown, *(0.0,) * (3 - len(flown)), *(charge or [0.0]))
+    flown, more = given[: world.dimensions], given[world.dimensions :]
+    cruise, charge = (more[:1], more[1:]) if world.chooses_cruise else ([0.0], more)
+    return (*flown, *(0.0,) * (3 - len(flown)), *cruise, *(charge or [0.0]))
+
+
+def _aim(course: Any, numbers: Sequence[float]) -> None:
+    course.aim_x, course.aim_y, course.aim_z, course.aim_cruise, course.aim_charge = numbers
 
 
 def flown_leg(row: Any) -> FlownLeg:
@@ -118,7 +121,7 @@ def load_course(world: World, drone: Any, carried: FreeCarried) -> None:
         setattr(drone.course, name, value)
     start, stop = carried[:3], carried[3:6]
     space = world.types[drone.type].space
-    leg = leg_between(space.limits, space.wind, ANY_SPEED, start, stop)
+    leg = leg_between(space.limits, space.wind, carried.limit_mps, start, stop)
     drone.transit = REST if leg.distance_m == 0.0 else OWN
     drone.to_x, drone.to_y = world.grid.cell_of(*stop[:2])
     drone.to_level = world.grid.level_of(stop[2])
@@ -129,5 +132,4 @@ def aims_of(state: Any, step: int, drones: Sequence[Any]) -> None:
     """Give drones the numbers of their commands of an earlier step again."""
     for k, drone in enumerate(drones):
         at = AIMS * (step * len(drones) + k)
-        course, numbers = drone.course, [float(one) for one in state[at : at + AIMS]]
-        course.aim_x, course.aim_y, course.aim_z, course.aim_charge = numbers
+        _aim(drone.course, [float(one) for one in state[at : at + AIMS]])

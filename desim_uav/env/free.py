@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.engine.free import AIMS
 from desim_uav.env.session import ActionError, real_numbers
+from desim_uav.rules.words import AIMS
 from desim_uav.world import World
 
 
@@ -19,7 +19,10 @@ def aims_of(numbers: NDArray[np.float64], world: World) -> NDArray[np.float64]:
     aims = np.zeros((*own.shape[:2], AIMS))
     flown = world.dimensions
     aims[:, :, :flown] = own[:, :, :flown]
-    aims[:, :, AIMS - 1 : AIMS] = own[:, :, flown:] if world.command_numbers > flown else 0.0
+    if world.chooses_cruise:
+        aims[:, :, AIMS - 2] = own[:, :, flown]
+    if world.scenario.limited_battery:
+        aims[:, :, AIMS - 1] = own[:, :, -1]
     return aims
 
 

@@ -33,7 +33,8 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
     time limit truncates an episode; a crash terminates it if the scenario says so.
 
     In free flight (``motion: {space: free}``), an action is a Box of 2 or 3 numbers of the
-    displacement and, if the drone's battery is limited, one more, by which it asks for a charge.
+    displacement, one for the cruise speed if the motion has ``cruise``, and, if the drone's battery
+    is limited, one more, by which it asks for a charge.
     The mask is called ``allowed`` then, because an ``action_mask`` is that of a Discrete space. Its
     entries are those of ``World.actions``: to fly, to hover, to return to a station, to charge.
 

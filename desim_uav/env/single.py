@@ -29,8 +29,9 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
     action. The time limit truncates an episode; a crash terminates it if the scenario says so.
 
     In free flight (``motion: {space: free}``), the action space is a Box. It has, for each drone, 2
-    or 3 numbers for its displacement and, if batteries are limited, one more: if this is above 0,
-    the drone charges or returns to a station (see ``docs/howto/free_flight.md``).
+    or 3 numbers for its displacement, one for its cruise speed if the motion has ``cruise``, and one
+    more if batteries are limited: if this is above 0, the drone charges or returns to a station
+    (see ``docs/howto/free_flight.md``).
 
     If the scenario has several types of drones, each drone has as many features and actions as the
     type with the most: its own features are followed by zeros, and its mask forbids the actions

@@ -25,6 +25,7 @@ from desim_uav.records import (
     AIMED,
     APART,
     CLASSES,
+    CRUISED,
     ENERGY,
     EPISODES,
     EVENTS,
@@ -101,6 +102,7 @@ STEP_VALUES: dict[str, Callable[[Any], Any]] = {
 def steps_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     """Return one row per step and drone."""
     more = [*(STORED if world.in_joules else ()), *(AIMED if world.free else ())]
+    more += CRUISED if world.chooses_cruise else ()
     columns = STEPS.among(more)
     types = [world.type_of(drone) for drone in range(world.scenario.drone_count)]
     own = STEP_VALUES | _charge_values(types)

@@ -150,7 +150,8 @@ class BangCoastBang:
     (the paper's "240 m in about 60 s"). ``minimum_time``: it cruises at the highest speed and then
     hovers. ``return_timing`` is the timing of the hops of a return, which follow upon each other.
     With ``cruise``, each command chooses its cruise speed, and ``timing`` has no effect.
-    With ``space: free``, drones fly straight to any place in minimum time (see ``model.free``).
+    With ``space: free``, drones fly straight to any place, in minimum time or at the cruise speed
+    that the command chooses (see ``model.free``).
     """
 
     later: ClassVar = ("cruise", "space", "climb_mps", "descent_mps", "vertical_mps2", "margin_m")
@@ -172,11 +173,13 @@ class BangCoastBang:
     through the air.
     There is an action for each move and speed (`right@8.3`), and the drone hovers for the rest of
     the step. null: no choice, and `timing` says how fast moves are.
+    In free `space`, these are the lowest and the highest speed, and a command has one more number,
+    which chooses one between them. null: flights are in minimum time.
     """
     space: Literal["cells", "free"] = "cells"
     """`cells`: drones fly from cell centre to cell centre. `free`: they fly straight to any place
-    that they reach within a step, always in minimum time, and `max_speed_mps` and
-    `max_acceleration_mps2` limit the horizontal speed and acceleration.
+    that they reach within a step, and `max_speed_mps` and `max_acceleration_mps2` limit the
+    horizontal speed and acceleration.
     """
     climb_mps: Annotated[float, Ge(0.001), Le(1000)] = 5.0
     """The highest speed of climb in free flight, in metres per second."""

@@ -58,7 +58,7 @@ class FreeMoves:
 
     A drone that starts at the centre of a cell therefore stays on centres, although it is never
     told where in its cell it is. If a step is too short for a move, the move is flown in as many
-    equal parts as it needs.
+    equal parts as it needs. If commands choose a cruise speed, it is the highest one.
     """
 
     def __init__(self, world: World) -> None:
@@ -87,11 +87,11 @@ class FreeMoves:
         space, step_s = own.space, self._world.step_us / US
         length_m = side_x if dx else side_y if dy else self._grid.level_step_m
         ahead = (float(dx), float(dy), float(dz))
-        most_m = reach_along(space.limits, space.wind, ANY_SPEED, ahead, step_s)
+        most_m = reach_along(space.commanded, space.wind, ANY_SPEED, ahead, step_s)
         parts = max(1, math.ceil(length_m / most_m - 1e-9))
         share = length_m / parts / most_m
         told = [share * one for one in ahead[: self._world.dimensions]]
-        return [told + [-1.0] * own.limited] * parts
+        return [told + [1.0] * own.chooses_cruise + [-1.0] * own.limited] * parts
 
     def _place(self, cell: Cell, level: int) -> Point:
         return (*self._grid.centre(*cell), self._grid.levels_m[level])

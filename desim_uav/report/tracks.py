@@ -9,8 +9,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from desim_uav.model.free.legs import leg_between
-from desim_uav.model.free.space import ANY_SPEED, flight_of
+from desim_uav.model.free.space import flight_of
 from desim_uav.model.motion import REST, Leg, Transit, flown_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
@@ -36,7 +35,7 @@ class Track:
         start, end = self.places[number]
         if self._own.free:
             space = self._own.space
-            flown = leg_between(space.limits, space.wind, ANY_SPEED, start, end)
+            flown = space.leg(start, end, int(self.ends_us[number] - self.starts_us[number]))
             return Leg(flight_of(flown, space.wind), start[:2], end[:2], start[2], end[2])
         length_m = in_order(abs(b - a) for a, b in zip(start, end, strict=True))
         transit: Transit = REST

@@ -183,9 +183,10 @@ def hear(world: Constants, path: Path, state: State) -> None:
 @rare_rule
 def _keep_aim(state: State, drone: Drone) -> None:
     """Keep what belongs to a command of free flight, beside ``history``."""
-    at, course = 4 * (state.step * len(state.drones) + drone.index), drone.course
+    at, course = words.AIMS * (state.step * len(state.drones) + drone.index), drone.course
     state.aims[at], state.aims[at + 1] = course.aim_x, course.aim_y
-    state.aims[at + 2], state.aims[at + 3] = course.aim_z, course.aim_charge
+    state.aims[at + 2], state.aims[at + 3] = course.aim_z, course.aim_cruise
+    state.aims[at + 4] = course.aim_charge
 
 
 @rule

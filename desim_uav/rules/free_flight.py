@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.model.compiled_rows import call_for_int
-from desim_uav.model.free.flight import step_leg
+from desim_uav.model.free.flight import chosen_mps, no_faster, step_leg
 from desim_uav.model.free.legs import Bounds, FreeLeg, direction, leg_between
 from desim_uav.model.free.limits import Limits, Wind, wind_along
 from desim_uav.model.free.prisms import Prisms, first_entry
@@ -60,6 +60,12 @@ def memory_of(state: Any) -> Any:
 def limits_of(world: Any, number: int) -> Any:
     """Return the limits of a type of drones."""
     found: Limits = world.spaces[number].limits
+    return found
+
+
+def cruise_of(world: Any, number: int) -> Any:
+    """Return the lowest and the highest speed that commands choose (infinity: none)."""
+    found: tuple[float, float] = world.spaces[number].cruise_mps
     return found
 
 
@@ -115,9 +121,13 @@ def _write(
 
 
 @rule
-def begin_leg(world: Constants, drone: Drone, leg: FreeLeg) -> int:
-    """Make a leg that of a drone, and return the number of its transit (REST: it hovers)."""
+def begin_leg(world: Constants, drone: Drone, leg: FreeLeg, limit_mps: float) -> int:
+    """Make a leg that of a drone, and return the number of its transit (REST: it hovers).
+
+    ``limit_mps`` limits its ground speed (see ``Course``).
+    """
     course = drone.course
+    course.limit_mps = limit_mps
     x0, y0, z0, x1, y1, z1 = leg.route
     course.x0_m, course.y0_m, course.z0_m = float(x0), float(y0), float(z0)
     course.x1_m, course.y1_m, course.z1_m = float(x1), float(y1), float(z1)
@@ -133,20 +143,31 @@ def begin_leg(world: Constants, drone: Drone, leg: FreeLeg) -> int:
 @rule
 def steer(world: Constants, state: State, drone: Drone) -> int:
     """Begin the leg of a command, which an obstacle may cut short; return its transit's number."""
-    course = drone.course
+    course, number = drone.course, drone.type
+    limits, wind, lasts_s = limits_of(world, number), wind_of(world, number), world.step_us / US
+    lowest, highest = cruise_of(world, number)
+    if highest < np.inf:
+        limits = no_faster(limits, highest)
     command = (course.aim_x, course.aim_y, course.aim_z)
     leg, blocked = step_leg(
-        limits_of(world, drone.type),
-        wind_of(world, drone.type),
+        limits,
+        wind,
         np.inf,
         bounds_of(world, drone),
-        prisms_of(world, drone.type),
-        world.step_us / US,
+        prisms_of(world, number),
+        lasts_s,
         here(course),
         command,
     )
+    limit_mps = np.inf
+    if highest < np.inf:
+        share = 0.5 * (min(max(course.aim_cruise, -1.0), 1.0) + 1.0)
+        cruise_mps = (1.0 - share) * lowest + share * highest
+        limit_mps = chosen_mps(limits, wind, cruise_mps, lasts_s, leg)
+        x0, y0, z0, x1, y1, z1 = leg.route
+        leg = leg_between(limits, wind, limit_mps, (x0, y0, z0), (x1, y1, z1))
     course.blocked = int(blocked)
-    return begin_leg(world, drone, leg)
+    return begin_leg(world, drone, leg, limit_mps)
 
 
 # ---- serving flight
@@ -248,13 +269,13 @@ def home_leg(world: Constants, state: State, drone: Drone) -> int:
             course.node = int(roads.following[course.station, course.node])
         leg = leg_between(limits_of(world, number), wind_of(world, number), np.inf, at, stop)
         if leg.distance_m > 0.0:
-            return begin_leg(world, drone, leg)
+            return begin_leg(world, drone, leg, np.inf)
         at = stop
         _move(course, at)
     stop = (at[0], at[1], world.levels_m[0])
     leg = leg_between(limits_of(world, number), wind_of(world, number), np.inf, at, stop)
     if leg.distance_m > 0.0:
-        return begin_leg(world, drone, leg)
+        return begin_leg(world, drone, leg, np.inf)
     _move(course, stop)
     return words.REST
 

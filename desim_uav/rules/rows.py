@@ -88,6 +88,7 @@ class SpaceRow(Row):
     """What a type of drones needs for free flight (see ``model.free.space.Space``).
 
     The fields from ``corners_m`` to ``members`` are its obstacles (``model.free.prisms.Prisms``).
+    Commands choose a cruise speed from ``lowest_mps`` to ``highest_mps`` (infinity: none).
     """
 
     level_mps: float
@@ -97,6 +98,8 @@ class SpaceRow(Row):
     vertical_mps2: float
     wind_x_mps: float
     wind_y_mps: float
+    lowest_mps: float
+    highest_mps: float
     corners_m: Table[float]
     walls: Table[float]
     offsets: Table[int]
@@ -404,7 +407,9 @@ class Course(Row):
 
     The leg is from (x0_m, y0_m, z0_m) to (x1_m, y1_m, z1_m), and ``flight`` is its transit.
     ``aim_x`` to ``aim_z`` are the command of free flight, from -1 to 1, and the drone asks for a
-    charge if ``aim_charge`` is above 0. ``blocked`` says that an obstacle cuts the leg short.
+    charge if ``aim_charge`` is above 0. ``aim_cruise`` chooses a cruise speed, from the lowest at
+    -1 to the highest at 1; the leg is flown at a ground speed of at most ``limit_mps``, which is
+    infinite if no speed was chosen. ``blocked`` says that an obstacle cuts the leg short.
     On a return, the next place is ``node`` of the ways at the altitude ``level``, which lead to
     ``station``; the last node is followed by -1. ``home`` is the return from where the drone was at
     the latest decision epoch (station -1: there is none): ``first`` is its first node, and ``end``
@@ -417,9 +422,11 @@ class Course(Row):
     x1_m: float
     y1_m: float
     z1_m: float
+    limit_mps: float
     aim_x: float
     aim_y: float
     aim_z: float
+    aim_cruise: float
     aim_charge: float
     blocked: int
     station: int
@@ -550,8 +557,8 @@ class Observation(Row):
 class Record(Row):
     """The log's record of a drone at the end of a step; ``return_us`` is n_B (NEVER: no way).
 
-    ``used`` is what it has drained of its battery since the episode began. ``aim_x`` to ``aim_z``
-    are the command of a free flight.
+    ``used`` is what it has drained of its battery since the episode began. ``aim_x`` to
+    ``aim_cruise`` are the command of a free flight.
     """
 
     step: int
@@ -573,6 +580,7 @@ class Record(Row):
     aim_x: float
     aim_y: float
     aim_z: float
+    aim_cruise: float
 
 
 @row
@@ -834,7 +842,7 @@ class State(Row):
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
     ``history`` holds all commands, ``slot_times`` to ``winners`` the compiled event queue. In free
-    flight, ``aims`` holds what belongs to the commands (``Course.aim_x`` and the three after it),
+    flight, ``aims`` holds what belongs to the commands (``Course.aim_x`` and the four after it),
     ``flown`` the legs of a step for the log, and ``away_m`` is memory.
     """
 

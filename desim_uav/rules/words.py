@@ -96,6 +96,10 @@ NEVER = 2**62
 OWN = -1
 """Stands for the number of a transit that is a drone's own (``Course.flight``), in free flight."""
 
+AIMS = 5
+"""The numbers of a command of free flight: x, y and z of the displacement, the cruise speed, and
+the wish to charge."""
+
 FLY = int(Action.FLY)
 REST = 0
 """The number of the transit without a distance, which is a hover."""

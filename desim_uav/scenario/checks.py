@@ -198,7 +198,14 @@ def cruise_speeds_can_be_flown(scenario: Scenario) -> Iterator[Finding]:
     """Cruise speeds above a drone's highest one, or that only some types of drones choose from."""
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         path, first = (*key, "motion", "cruise"), scenario.fleet[0].motion
-        if cruise_of(drones.motion) != cruise_of(first):
+        if scenario.free and bool(cruise_of(drones.motion)) != bool(cruise_of(first)):
+            yield Finding(
+                path if cruise_of(drones.motion) else path[:-1],
+                "the commands of all types of drones have the same numbers, so either all types "
+                "have cruise or none has",
+                (("drones", 0, "motion"),),
+            )
+        if not scenario.free and cruise_of(drones.motion) != cruise_of(first):
             speeds = ", ".join(f"{speed:g}" for speed in cruise_of(first))
             yield Finding(
                 path if cruise_of(drones.motion) else path[:-1],

@@ -40,13 +40,14 @@ def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Findi
     if motion.return_timing != "minimum_time":
         yield Finding(
             (*key, "motion", "return_timing"),
-            f"not beside {FREE}, in which drones always fly in minimum time",
+            f"not beside {FREE}, in which drones always return in minimum time",
             also,
         )
-    if motion.cruise is not None:
+    if motion.cruise is not None and len(motion.cruise) != 2:
         yield Finding(
             (*key, "motion", "cruise"),
-            f"not beside {FREE}, in which drones always fly in minimum time",
+            f"must be two speeds beside {FREE}: the lowest and the highest that a command can "
+            "choose",
             also,
         )
     side_m = min(scenario.map.cell_m)

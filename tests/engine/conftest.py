@@ -24,6 +24,7 @@ def every_engine(engine_name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 COMPILED_APART = (
     "test_conflicts",
     "test_free_by_event",
+    "test_free_cruise",
     "test_free_flight",
     "test_free_in_wind",
     "test_line_of_sight",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 from desim_uav.world import World
@@ -77,6 +78,27 @@ def scenario(seed: int) -> dict[str, Any]:
     if later.of(True, False, False):
         made["separation_m"] = later.between(15, 400)
         made["on_conflict"] = later.of("log", "hover_higher_index")
+    return made
+
+
+def choosing(seed: int) -> World:
+    """The world of a random scenario in which commands choose a cruise speed, in wind or not.
+
+    Drones of some of them decide by event.
+    """
+    return accepted(_choosing, seed, lambda found: True)
+
+
+def _choosing(seed: int) -> dict[str, Any]:
+    made, dice = scenario(seed), Dice(seed + 2)
+    least = math.hypot(*made["wind_mps"])
+    for each in made["drones"]:
+        motion = each["motion"]
+        top = motion["max_speed_mps"]
+        motion["cruise"] = [least + dice.of(0.2, 1.5), dice.of(top, (least + top) / 2)]
+    if dice.of(True, False):
+        made["decisions"] = {"kind": "event", "patience_s": dice.of(20, 33.3)}
+        made["episode"]["carry_over"] = False
     return made
 
 

@@ -1,10 +1,10 @@
 """Free flight in the engine against the simulator with fixed time steps (``tests/reference``).
 
 Both fly the same random scenarios with the same commands: with buildings and zones, climbs at an
-angle, wind, returns round obstacles, batteries of time and of energy, static and walking users.
-Obstacles are boxes along the axes, because these are grown in one way only. Legs are closed forms
-in both, each with its own; what happens on them is noticed at ticks by the reference (see
-``test_against_fixed_step.py``).
+angle, wind, cruise speeds, returns round obstacles, batteries of time and of energy, static and
+walking users. Obstacles are boxes along the axes, because these are grown in one way only. Legs are
+closed forms in both, each with its own; what happens on them is noticed at ticks by the reference
+(see ``test_against_fixed_step.py``).
 """
 
 from __future__ import annotations
@@ -17,10 +17,10 @@ from tests.selection import by_default
 from tests.verification.convergence import DTS_S, FINEST_S, MEASURES, slope
 from tests.verification.freely import case_of, pooled_errors, sampled
 
-SEEDS = range(44)
+SEEDS = range(56)
 
 
-@pytest.mark.parametrize("seed", by_default([0, 34], SEEDS))
+@pytest.mark.parametrize("seed", by_default([0, 34, 45], SEEDS))
 def test_agrees_at_the_finest_dt(seed: int) -> None:
     (case, _), result = case_of(seed), sampled(seed, FINEST_S)
     for step in case.log.steps:
@@ -53,6 +53,7 @@ def test_the_scenarios_have_everything_in_them() -> None:
     assert sum(case.count("blocked") for case in cases) >= 20
     assert {case.inputs.rotor is None for case in cases} == {True, False}
     assert {case.inputs.wind_mps == (0.0, 0.0) for case in cases} == {True, False}
+    assert {case.world.chooses_cruise for case in cases} == {True, False}
     assert {case.inputs.three_d for case in cases} == {True, False}
     returns = [leg for case in cases for leg in case.log.legs if leg.mode is Mode.RETURNING]
     assert len(returns) > 1.5 * sum(case.count("land") for case in cases)  # round obstacles

@@ -53,11 +53,24 @@ def test_an_action_is_a_displacement_and_the_wish_to_charge(dimensions, limited,
     assert UavParallelEnv(described).action_space("drone_1") == box(numbers)
 
 
+@pytest.mark.parametrize(("dimensions", "limited", "numbers"), [(2, False, 3), (3, True, 5)])
+def test_a_choice_of_cruise_speeds_is_one_more_number(dimensions, limited, numbers):
+    described = choosing(dimensions, limited)
+    assert UavEnv(described).action_space == box(2 * numbers)
+    assert UavParallelEnv(described).action_space("drone_1") == box(numbers)
+
+
+def choosing(dimensions: int = 2, limited: bool = True) -> dict[str, Any]:
+    """The same drones, which choose from 2 to 8 m/s."""
+    return scenario(dimensions, limited, motion={"space": "free", "cruise": [2, 8]})
+
+
 @pytest.mark.parametrize("engine", ENGINES)
 @pytest.mark.parametrize("dimensions", [2, 3])
 def test_gymnasium_and_pettingzoo_find_nothing(dimensions, engine):
     check_env(UavEnv(scenario(dimensions), engine=engine), skip_render_check=True)
     parallel_api_test(UavParallelEnv(scenario(dimensions), engine=engine), num_cycles=20)
+    check_env(UavEnv(choosing(dimensions), engine=engine), skip_render_check=True)
 
 
 @pytest.mark.parametrize("engine", ENGINES)
@@ -123,11 +136,12 @@ def test_wrong_actions_are_refused():
 
 
 @pytest.mark.thorough
+@pytest.mark.parametrize("make", [scenario, choosing])
 @pytest.mark.parametrize("dimensions", [2, 3])
-def test_all_environments_give_the_same_numbers(dimensions):
+def test_all_environments_give_the_same_numbers(dimensions, make):
     rng = np.random.default_rng(dimensions)
-    described = scenario(dimensions)
-    numbers = dimensions + 1
+    described = make(dimensions)
+    numbers = dimensions + 1 + (make is choosing)
     slow, fast = UavEnv(described), UavEnv(described, engine="batch")
     drones = UavParallelEnv(described, engine="batch")
     many = UavVectorEnv(described, 2, world_seed=1)
@@ -186,4 +200,8 @@ def test_drones_of_types_without_a_battery_have_no_wish():
     ]
     env = UavParallelEnv(described)
     assert (env.action_space("drone_0"), env.action_space("drone_1")) == (box(3), box(2))
+    parallel_api_test(env, num_cycles=10)
+    motion["cruise"] = [2, 8]
+    env = UavParallelEnv(described)
+    assert (env.action_space("drone_0"), env.action_space("drone_1")) == (box(4), box(3))
     parallel_api_test(env, num_cycles=10)

@@ -1,10 +1,11 @@
 """The fixed-step simulator for drones that fly freely: straight legs, obstacles, ways home.
 
-A command has three numbers from -1 to 1 and one that asks for a charge if it is above 0. Limits on
-level and on vertical flight become one along a direction. In wind, that on level flight is one on
-the speed through the air, and the highest ground speed is found by bisection. Obstacles are boxes
-along the axes, which are grown on all sides; a leg that would enter one ends at its wall. Returns
-follow a shortest way over the boxes' corners at one altitude, by Dijkstra's algorithm.
+A command has three numbers from -1 to 1 and one that asks for a charge if it is above 0. With
+cruise speeds, a fifth one chooses between them; a leg that is then too slow fills the step. Limits
+on level and on vertical flight become one along a direction. In wind, that on level flight is one
+on the speed through the air, and the highest ground speed is found by bisection. Obstacles are
+boxes along the axes, which are grown on all sides; a leg that would enter one ends at its wall.
+Returns follow a shortest way over the boxes' corners at one altitude, by Dijkstra's algorithm.
 """
 
 from __future__ import annotations
@@ -12,12 +13,12 @@ from __future__ import annotations
 import heapq
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
 from itertools import pairwise
 
 from tests.reference.fixed_step import FixedStep
-from tests.reference.flight import Drone, Hop, over_ground, quickest
+from tests.reference.flight import Drone, Hop, filling, over_ground, quickest
 from tests.reference.inputs import NEVER, US, Inputs, Record, Result
 
 Point = tuple[float, float, float]
@@ -46,6 +47,7 @@ class Space:
     boxes: Sequence[Box]
     margin_m: float
     wind_mps: tuple[float, float] = (0.0, 0.0)
+    cruise_mps: tuple[float, float] | None = None
 
     def grown(self) -> list[Box]:
         """The boxes with the margin on all sides."""
@@ -76,6 +78,18 @@ class Space:
         length_m = math.dist(start, stop)
         return quickest(length_m, *self.along(unit(start, stop)))
 
+    def steered(self, start: Point, stop: Point, number: float, step_s: float) -> Hop:
+        """The flight of a command whose ``number`` chooses a cruise speed, if there is a choice."""
+        if self.cruise_mps is None:
+            return self.leg(start, stop)
+        low, high = self.cruise_mps
+        chosen = low + (high - low) * (1.0 + max(-1.0, min(1.0, number))) / 2.0
+        hop = replace(self, level_mps=chosen).leg(start, stop)
+        quickest_hop = replace(self, level_mps=high).leg(start, stop)
+        if hop.duration_s <= step_s or quickest_hop.duration_s >= step_s:
+            return hop if hop.duration_s <= step_s else quickest_hop
+        return filling(hop.distance_m, step_s, hop.acceleration_mps2)
+
     def furthest_m(self, ahead: Point, lasts_s: float, *, calm: bool = False) -> float:
         """The length of a flight from rest to rest that takes so long."""
         speed, acceleration = self.along(ahead, calm=calm)
@@ -86,6 +100,9 @@ class Space:
 
     def target(self, at: Point, command: Sequence[float], highest_m: float, step_s: float) -> Point:
         """The place that a command names."""
+        if self.cruise_mps is not None and self.level_mps != self.cruise_mps[1]:
+            highest = replace(self, level_mps=self.cruise_mps[1])
+            return highest.target(at, command, highest_m, step_s)
         east, north, up = (max(-1.0, min(1.0, part)) for part in command[:3])
         level_m = self.furthest_m((1.0, 0.0, 0.0), step_s, calm=True)
         vertical_m = self.furthest_m((0.0, 0.0, math.copysign(1.0, up)), step_s)
@@ -226,7 +243,7 @@ class Homes:
 
 
 class Freely(FixedStep):
-    """One episode, tick by tick; ``commands[step][drone]`` are four numbers."""
+    """One episode, tick by tick; ``commands[step][drone]`` are four numbers, or five."""
 
     def __init__(self, inputs: Inputs, space: Space, dt_us: int) -> None:
         super().__init__(inputs, dt_us)
@@ -252,9 +269,10 @@ class Freely(FixedStep):
             if math.dist(here, at) < TOUCHES_M:
                 drone.node = (*cell, 0)
 
-    def _set_out(self, drone: Drone, stop: Point, since_us: int) -> None:
+    def _set_out(self, drone: Drone, stop: Point, since_us: int, flight: Hop | None = None) -> None:
         self.to[drone.index] = stop
-        self._take_hop(drone, (0, 0, 0), since_us, self.space.leg(self.at[drone.index], stop))
+        flight = flight or self.space.leg(self.at[drone.index], stop)
+        self._take_hop(drone, (0, 0, 0), since_us, flight)
 
     def _arrive(self, drone: Drone, t_us: int) -> None:
         while drone.hop is not None and t_us >= drone.until_us:
@@ -351,7 +369,9 @@ class Freely(FixedStep):
                 if share < math.inf:
                     stop = part_of(here, stop, share * math.dist(here, stop))
             if math.dist(here, stop) >= TOUCHES_M:
-                self._set_out(drone, stop, t_us)
+                step_s = self.inputs.step_us / US
+                flight = self.space.steered(here, stop, command[-1], step_s)
+                self._set_out(drone, stop, t_us, flight)
 
     def _respawn(self, t_us: int) -> None:
         crashed = [drone for drone in self.drones if drone.mode == "crashed"]
@@ -384,5 +404,8 @@ class Freely(FixedStep):
 def simulate(
     inputs: Inputs, space: Space, commands: Sequence[Sequence[Sequence[float]]], dt_s: float
 ) -> Result:
-    """Run one episode in steps of ``dt_s``; ``commands[step][drone]`` are four numbers."""
+    """Run one episode in steps of ``dt_s``; ``commands[step][drone]`` are four numbers.
+
+    They are five if the space has cruise speeds.
+    """
     return Freely(inputs, space, round(dt_s * US)).run(commands)

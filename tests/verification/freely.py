@@ -27,8 +27,9 @@ from tests.verification.convergence import (
     transfers_of,
 )
 
-WINDY = 32
-"""From this seed on, scenarios of the first thousand have wind, and so have those tried instead."""
+WINDY, CHOOSING = 32, 44
+"""From these seeds on, scenarios of the first thousand have wind, and commands that choose a cruise
+speed, and so have those tried instead."""
 
 
 def scenario(seed: int) -> dict[str, Any]:
@@ -56,6 +57,10 @@ def scenario(seed: int) -> dict[str, Any]:
     mapping["position_noise"] = None
     if seed % 1000 >= WINDY:
         mapping["wind_mps"] = rng.uniform(-4.0, 4.0, 2).round(3).tolist()
+    if seed % 1000 >= CHOOSING:
+        lowest = math.hypot(*mapping["wind_mps"]) + float(rng.choice([0.3, 1.5]))
+        highest = mapping["drones"]["motion"]["max_speed_mps"] - float(rng.choice([0.0, 0.9]))
+        mapping["drones"]["motion"]["cruise"] = [lowest, highest]
     return mapping
 
 
@@ -84,6 +89,7 @@ def space_of(mapping: dict[str, Any], world: World, ceilings: Sequence[bool]) ->
         boxes,
         motion["margin_m"],
         tuple(mapping.get("wind_mps", (0.0, 0.0))),
+        tuple(motion["cruise"]) if "cruise" in motion else None,
     )
 
 
@@ -107,13 +113,16 @@ def flown(mapping: dict[str, Any], seed: int) -> tuple[Case, free.Space]:
     while not (shown.truncated or shown.terminated):
         told = rng.uniform(-1.2, 1.2, (len(world.starts), 4)).round(3)
         told[:, 3] = rng.choice([-1.0, 1.0], len(told))
+        if world.chooses_cruise:
+            told = np.column_stack([told, rng.uniform(-1.2, 1.2, len(told)).round(3)])
         commands.append(told.tolist())
         parts = [0, 1, *([2] if world.scenario.three_d else [])]
+        parts += [4] if world.chooses_cruise else []
         parts += [3] if world.scenario.limited_battery else []
         shown = engine.step([[command[k] for k in parts] for command in commands[-1]])
     if not world.scenario.three_d:
         commands = [
-            [[east, north, 0.0, last] for east, north, _, last in all_] for all_ in commands
+            [[east, north, 0.0, *more] for east, north, _, *more in all_] for all_ in commands
         ]
     inputs = inputs_of(mapping, world, path, ceilings)
     case = Case(world, inputs, commands, engine.log, transfers_of(mapping, world))

@@ -79,7 +79,8 @@ def aim_all(environments: Ints, aims: NDArray[np.float64], which: NDArray[np.boo
             for d in range(aims.shape[1]):
                 course = own.drones[d].course
                 course.aim_x, course.aim_y = aims[k, d, 0], aims[k, d, 1]
-                course.aim_z, course.aim_charge = aims[k, d, 2], aims[k, d, 3]
+                course.aim_z, course.aim_cruise = aims[k, d, 2], aims[k, d, 3]
+                course.aim_charge = aims[k, d, 4]
     return 0
 
 

@@ -103,6 +103,14 @@ def _limits_of(world: Any, number: Any) -> Any:
     return limits_of
 
 
+@stands_in_for(seam.cruise_of)
+def _cruise_of(world: Any, number: Any) -> Any:
+    def cruise_of(world: Any, number: Any) -> Any:
+        return world.spaces[number].lowest_mps, world.spaces[number].highest_mps
+
+    return cruise_of
+
+
 @stands_in_for(seam.wind_of)
 def _wind_of(world: Any, number: Any) -> Any:
     def wind_of(world: Any, number: Any) -> Any:

@@ -84,6 +84,17 @@ def leg_between(
     return FreeLeg(route, distance, reached, acceleration, duration, int(np.rint(duration * 1e6)))
 
 
+@part
+def speed_within(distance_m: float, acceleration_mps2: float, lasts_s: float) -> float:
+    """Return the lowest cruise speed at which a leg takes at most a time (see ``cruise_speed``).
+
+    Of a leg that takes longer even if it never cruises, it is the speed that it needs at most.
+    """
+    at = acceleration_mps2 * lasts_s
+    root = np.sqrt(max(at * at - 4.0 * acceleration_mps2 * distance_m, 0.0))
+    return float(2.0 * acceleration_mps2 * distance_m / (at + root))
+
+
 @kernel
 def write_profile(leg: FreeLeg, profile: Profile) -> int:
     """Write the profile of a leg, and return the number of its rows: 4, or 1 for a hover."""

@@ -9,15 +9,25 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from desim_uav.model.free.legs import FreeLeg, direction, leg_between, write_profile
+from desim_uav.model.free.legs import (
+    FreeLeg,
+    direction,
+    leg_between,
+    speed_within,
+    write_profile,
+)
 from desim_uav.model.free.limits import Limits, Wind, wind_along
 from desim_uav.model.free.prisms import Prisms, Zone, deepest_at, first_entry, obstacles
 from desim_uav.model.free.roads import Roads, roads
 from desim_uav.model.grid import Grid
-from desim_uav.model.motion import REST, TRAPEZOID, Transit
+from desim_uav.model.motion import REST, TRAPEZOID, Transit, cruise_of
 from desim_uav.model.radio.tracks import Point
+from desim_uav.model.rules import US
 
 ANY_SPEED = math.inf
+
+NO_CHOICE = (ANY_SPEED, ANY_SPEED)
+"""The cruise speeds of drones whose commands choose none: they always fly in minimum time."""
 
 MOST_LINES = 2 * 10**8
 """The largest number of lines between nodes, at all altitudes, that are checked for obstacles: this
@@ -42,17 +52,38 @@ class Ways(NamedTuple):
 
 
 class Space(NamedTuple):
-    """The limits of a type of drones, its grown obstacles, and its ways home by level (or none)."""
+    """The limits of a type of drones, its grown obstacles, and its ways home by level (or none).
+
+    ``cruise_mps`` are the least and the greatest speed that a command can choose, through the air.
+    """
 
     limits: Limits
     wind: Wind
     prisms: Prisms
     levels: tuple[Ways, ...]
+    cruise_mps: tuple[float, float] = NO_CHOICE
 
     @property
     def nodes(self) -> int:
         """The largest number of nodes of a graph of ways home."""
         return max((len(ways.roads.nodes_m) for ways in self.levels), default=0)
+
+    @property
+    def commanded(self) -> Limits:
+        """The limits of commands, which fly no faster than at the greatest cruise speed."""
+        highest_mps = min(self.limits.level_mps, self.cruise_mps[1])
+        return self.limits._replace(level_mps=highest_mps)
+
+    def leg(self, start: Point, stop: Point, duration_us: int) -> FreeLeg:
+        """Return the leg between two places that takes so long: in minimum time, or slower.
+
+        A slower one is that of the speed at which it takes this time, if commands can choose it.
+        """
+        leg = leg_between(self.limits, self.wind, ANY_SPEED, start, stop)
+        if duration_us <= leg.duration_us or self.cruise_mps == NO_CHOICE:
+            return leg
+        speed = speed_within(leg.distance_m, leg.acceleration_mps2, duration_us / US)
+        return leg_between(self.limits, self.wind, speed, start, stop)
 
 
 def limits_of(motion: Any) -> Limits:
@@ -89,10 +120,11 @@ def space_of(
 
     Raises ValueError if a station is in an obstacle, or if there are too many corners.
     """
-    limits = limits_of(motion)
+    limits, speeds = limits_of(motion), cruise_of(motion)
+    cruise_mps = (float(speeds[0]), float(speeds[-1])) if speeds else NO_CHOICE
     prisms = obstacles(grid.height_m, grid.cell_m, zones, motion.margin_m)
     if energy is None:
-        return Space(limits, wind, prisms, ())
+        return Space(limits, wind, prisms, (), cruise_mps)
     nodes, levels = len(prisms.corners_m) + len(stations_m), len(grid.levels_m)
     if levels * nodes * nodes > MOST_LINES:
         raise ValueError(
@@ -107,7 +139,7 @@ def space_of(
         finder.ways(_roads_at(prisms, altitude_m, stations_m, size_m))
         for altitude_m in grid.levels_m
     )
-    return Space(limits, wind, prisms, ways)
+    return Space(limits, wind, prisms, ways, cruise_mps)
 
 
 def require_free(prisms: Prisms, at: Point, what: str) -> None:

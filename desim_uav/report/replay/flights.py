@@ -7,9 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from desim_uav.model.battery import in_joules
-from desim_uav.model.free.legs import leg_between
 from desim_uav.model.free.limits import CALM
-from desim_uav.model.free.space import ANY_SPEED, flight_of
+from desim_uav.model.free.space import flight_of
 from desim_uav.model.motion import Transit, flown_transit
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.wind import Course, flown_along, motion_in, way_between
@@ -100,10 +99,10 @@ class Flights:
         ).T
         profile = np.full(len(ends), -1, np.int64)
         for k in np.flatnonzero(duration_us > 0):
-            key = (int(types[k]), *ends[k].tolist())
+            key = (int(types[k]), *ends[k].tolist(), int(duration_us[k]))
             if key not in self._profile_of:
                 space = self.check.run.world.types[key[0]].space
-                leg = leg_between(space.limits, space.wind, ANY_SPEED, key[1:4], key[4:])
+                leg = space.leg(key[1:4], key[4:7], key[7])
                 self._add(key, flight_of(leg, space.wind))
             profile[k], takes_us = self._profile_of[key]
             self.check.expect(
