@@ -28,9 +28,9 @@ class UavEnv(Saving, Independent, gymnasium.Env[NDArray[Any], Any]):
     ``action_masks``, are those of the drones, one after the other; each allows at least one
     action. The time limit truncates an episode; a crash terminates it if the scenario says so.
 
-    In free flight (``motion: {space: free}``), the action space is a Box. It has, for each drone, 2
-    or 3 numbers for its displacement, one for its cruise speed if the motion has ``cruise``, and one
-    more if batteries are limited: if this is above 0, the drone charges or returns to a station
+    In free flight (``motion: {space: free}``), the action space is a Box. For each drone it has 2
+    or 3 numbers for the displacement, one for the cruise speed if the motion has ``cruise``, and
+    one more if batteries are limited: if this is above 0, the drone charges or returns to a station
     (see ``docs/howto/free_flight.md``).
 
     If the scenario has several types of drones, each drone has as many features and actions as the
