@@ -342,7 +342,8 @@ def test_any_order_of_copies_pickles_and_ends():
     shuffled(60, 0)
 
 
-@pytest.mark.parametrize("seed", by_default([], range(1, 4), at_most=1))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(1, 4))
 def test_many_orders_of_copies_pickles_and_ends(seed: int):
     shuffled(120, seed)
 

@@ -35,7 +35,7 @@ from tests.engine.helpers import (
     strip,
 )
 from tests.engine.replay import Counts, counts
-from tests.selection import by_default
+from tests.selection import at_length
 
 R1, R2 = {"kind": "coverage"}, {"kind": "coverage_battery"}
 
@@ -313,7 +313,7 @@ MANY = 150
 """Examples among which everything that the random scenarios are for is met."""
 
 
-@pytest.mark.parametrize("examples", by_default([25], [25, MANY]))
+@pytest.mark.parametrize("examples", at_length(25, MANY))
 def test_what_is_counted_and_paid_is_what_the_events_add_up_to(examples: int):
     seen: Counter[str] = Counter()
 

@@ -568,8 +568,7 @@ class TestInterrupted:
         cli_run("compare", "case8", *flags, "--out", "v.csv").failed(130, "no run has ended")
         assert not Path("v.csv").exists()
 
-    @pytest.mark.thorough
-    @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+    @pytest.mark.parametrize("number", by_default([], [signal.SIGTERM, signal.SIGINT], at_most=1))
     def test_processes_end_with_it(self, number):
         """Ctrl-C reaches the whole group: one answer, and nobody stays."""
         flags = ("--policies", "hover,compared:Endless", "--seeds", "4", "-j", "2", *SMALL)

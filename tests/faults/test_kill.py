@@ -46,7 +46,7 @@ def killed(name: str, kills: int, seed: int):
 @pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "kills"),
-    [("run", 4), ("run-des", 2), ("sweep", 2), ("sweep-train", 2), ("reproduce", 2)],
+    [("run", 4), ("run-des", 2), ("sweep", 2)],
 )
 def test_at_random_moments(name, kills):
     """Those of ``train`` are in experiment/test_train.py."""

@@ -14,6 +14,7 @@ from desim_uav.scenario.learning import ALGORITHMS
 from desim_uav.scenario.load import from_mapping, load
 from desim_uav.shipped import scenario_path
 from desim_uav.world import build_world
+from tests.selection import by_default
 
 SMALL: dict[str, Any] = {
     "map": {"size_m": [960, 960], "cells": [4, 4], "dimensions": 2},
@@ -183,8 +184,7 @@ def test_going_home_gets_its_value_through_the_forced_steps():
     assert (q[2, 0, 1].argmax(), q[2, 0, 1, home] > 0) == (home, True)
 
 
-@pytest.mark.thorough
-@pytest.mark.parametrize("restart_every", [1, 3, None])
+@pytest.mark.parametrize("restart_every", by_default([], [3, 1, None], at_most=1))
 def test_a_way_home_that_is_cut_off_teaches_nothing_wrong(restart_every: int | None):
     """A slow charge is often cut off by a restart; what is learned is still γ^k of what follows."""
     base = {**CHARGER, "stations": {**CHARGER["stations"], "full_charge_min": 8}}
