@@ -23,7 +23,8 @@ from desim_uav.experiment.progress import progress
 
 PARTS = (
     *("transit", "crossings", "planning", "queueing", "demand", "placement", "mobility", "streams"),
-    *("determinism", "conservation", "identities", "convergence", "links", "engines", "optimality"),
+    *("determinism", "conservation", "identities", "convergence", "flights", "links", "engines"),
+    "optimality",
 )
 COLUMNS = ("", "ours", "theory", "difference", "limit", "n", "holds")
 PACKAGES = ("desim-uav", "numpy", "numba", "simpy", "scipy", "networkx")

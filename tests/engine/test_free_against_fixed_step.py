@@ -4,7 +4,9 @@ Both fly the same random scenarios with the same commands: with buildings and zo
 angle, wind, cruise speeds, returns round obstacles, batteries of time and of energy, static and
 walking users. Obstacles are boxes along the axes, because these are grown in one way only. Legs are
 closed forms in both, each with its own; what happens on them is noticed at ticks by the reference
-(see ``test_against_fixed_step.py``).
+(see ``test_against_fixed_step.py``). The energy of a leg is a sum over ``dt``, and that of a way
+home a sum over slices of ramps, at the speed through the air
+(``test_energy_against_fixed_step.py``).
 """
 
 from __future__ import annotations
@@ -12,42 +14,64 @@ from __future__ import annotations
 import pytest
 
 from desim_uav.model.rules import Mode
-from tests.reference.inputs import NEVER
+from tests.engine.test_against_fixed_step import check_battery
+from tests.engine.test_energy_against_fixed_step import check_energy
 from tests.selection import by_default
-from tests.verification.convergence import DTS_S, FINEST_S, MEASURES, slope
-from tests.verification.freely import case_of, pooled_errors, sampled
+from tests.verification.convergence import FINEST_S, case_of, sampled
+from tests.verification.figure import check
+from tests.verification.flights import FREE
+from tests.verification.freely import freely
 
 SEEDS = range(56)
+FEW_SEEDS = (0, 2, 7, 11, 22, 31, 34, 35, 38, 39, 45, 50)
 
 
-@pytest.mark.parametrize("seed", by_default([0, 34, 45], SEEDS))
-def test_agrees_at_the_finest_dt(seed: int) -> None:
-    (case, _), result = case_of(seed), sampled(seed, FINEST_S)
+def check_at(seed: int, dt_s: float) -> None:
+    case, result = case_of(seed, freely), sampled(seed, dt_s, freely)
     for step in case.log.steps:
         record = result.records[step.step][step.drone]
         at = f"step {step.step}, drone {step.drone}"
         assert record.mode == step.mode.name.lower(), at
         assert record.action_taken == step.action_taken.name.lower(), at
         assert len(record.attached) == step.attached_users, at
-        near_m = 20.0 * FINEST_S if record.mode == "crashed" else 1e-4  # noticed late, at speed
+        near_m = 20.0 * dt_s if record.mode == "crashed" else 1e-4  # noticed late, at speed
         where = (step.x_m, step.y_m, 0.0 if record.mode == "crashed" else step.z_m)
         seen = (*record.position_m[:2], 0.0 if record.mode == "crashed" else record.position_m[2])
         assert seen == pytest.approx(where, abs=near_m), at
-        resting = record.return_us not in (None, NEVER) and record.mode != "returning"
+        resting = record.return_us is not None and record.mode != "returning"
         if resting and case.inputs.rotor is None:
-            assert record.return_us == pytest.approx(step.return_us, abs=20), at
+            assert record.return_us == step.return_us, at
     assert (result.crashes, result.charges) == (case.log.crashes, case.log.charges)
+    if case.inputs.rotor is None:
+        check_battery(case, result, dt_s)
+    else:
+        check_energy(case, result, dt_s)
+
+
+@pytest.mark.parametrize("seed", by_default([0, 34], FEW_SEEDS))
+def test_agrees_at_the_finest_dt(seed: int) -> None:
+    check_at(seed, FINEST_S)
 
 
 @pytest.mark.slow
+def test_agrees_at_the_finest_dt_in_many_scenarios() -> None:
+    for seed in SEEDS:
+        check_at(seed, FINEST_S)
+
+
+@pytest.mark.thorough
 def test_converges_with_slope_one() -> None:
-    for measure, errors in pooled_errors(SEEDS, DTS_S, MEASURES).items():
-        assert slope(errors, DTS_S) == pytest.approx(1.0, abs=0.35), (measure, errors)
+    check(FREE.quick_orders())
+
+
+@pytest.mark.slow
+def test_converges_with_slope_one_in_many_scenarios() -> None:
+    check(FREE.orders())
 
 
 @pytest.mark.thorough
 def test_the_scenarios_have_everything_in_them() -> None:
-    cases = [case_of(seed)[0] for seed in SEEDS]
+    cases = [case_of(seed, freely) for seed in SEEDS]
     steps = [step for case in cases for step in case.log.steps]
     assert {step.mode for step in steps} == set(Mode)
     assert sum(case.count("blocked") for case in cases) >= 20

@@ -10,8 +10,8 @@ R1 is paid at each decision epoch, in proportion to the time since the epoch bef
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -23,13 +23,13 @@ from tests.reference.inputs import NEVER, US, Decision, Inputs, Result
 class ByEvent(FixedStep):
     """One episode, tick by tick; ``commands[drone]`` are those at its decisions, in order."""
 
-    def __init__(self, inputs: Inputs, dt_us: int) -> None:
-        super().__init__(inputs, dt_us)
+    def __init__(self, *given: Any) -> None:
+        super().__init__(*given)
         self.result.decisions = [[] for _ in self.drones]
         self.epoch_us = 0
         self.drained = np.zeros(len(self.drones))
 
-    def run(self, commands: Sequence[Sequence[int]]) -> Result:
+    def run(self, commands: Sequence[Any]) -> Result:
         ticks_us = np.arange(0, self.horizon_us + 1, self.dt_us)
         for some_us in np.array_split(ticks_us, self.inputs.steps):
             for t_us, xy in zip(some_us.tolist(), self._users_at(some_us), strict=True):
@@ -41,12 +41,11 @@ class ByEvent(FixedStep):
         self._measure()
         return self.result
 
-    def _tick(self, t_us: int, xy: np.ndarray, commands: Sequence[Sequence[int]]) -> None:
+    def _tick(self, t_us: int, xy: np.ndarray, commands: Sequence[Any]) -> None:
         if t_us > 0:
             self._elapse(t_us)
         self._happen(t_us, xy)
-        if t_us < self.horizon_us:
-            self._ask(t_us, commands)
+        if t_us < self.horizon_us and self._ask(t_us, commands):
             self._serve(t_us, xy)
 
     def _elapse(self, t_us: int) -> None:
@@ -57,15 +56,19 @@ class ByEvent(FixedStep):
 
     # ---- decision epochs
 
-    def _ask(self, t_us: int, commands: Sequence[Sequence[int]]) -> None:
-        """Ask the drones that have become free since the last tick, in the order of these times."""
+    def _ask(self, t_us: int, commands: Sequence[Any]) -> bool:
+        """Ask the drones that have become free since the last tick, in the order of these times.
+
+        Return whether there are any.
+        """
         free = [(self._free_us(drone, t_us), drone.index) for drone in self.drones]
-        for since_us, d in sorted(free):
-            if since_us <= t_us:
-                self._pay(since_us)
-                self._respawn(since_us)
-                asked = len(self.result.decisions[d])
-                self._decide(self.drones[d], since_us, t_us, commands[d][asked])
+        due = sorted((since_us, d) for since_us, d in free if since_us <= t_us)
+        for since_us, d in due:
+            self._pay(since_us)
+            self._respawn(since_us)
+            asked = len(self.result.decisions[d])
+            self._decide(self.drones[d], since_us, t_us, commands[d][asked])
+        return bool(due)
 
     def _free_us(self, drone: Drone, t_us: int) -> int:
         """When a drone has become free or will: NEVER if nobody knows yet."""
@@ -75,11 +78,10 @@ class ByEvent(FixedStep):
             return self._replaced_us(drone)
         return t_us if drone.mode == "charged" else NEVER
 
-    def _decide(self, drone: Drone, since_us: int, t_us: int, command: int) -> None:
+    def _decide(self, drone: Drone, since_us: int, t_us: int, command: Any) -> None:
         """Let a drone act that has been free since ``since_us``, with its battery of that time."""
         limited, epoch = self.inputs.capacity_us is not None, since_us // self.inputs.step_us
         battery_us = drone.battery_us + self.drained[drone.index] * (t_us - since_us)
-        home_us = self.map.nearest(self._believed(drone, epoch), drone.levels)[0] if limited else 0
         allowed = self._allowed(drone, epoch, battery_us)
         if limited and battery_us >= self._full():
             allowed.discard("goto_charging_station")
@@ -87,16 +89,20 @@ class ByEvent(FixedStep):
         decision = Decision(
             since_us,
             drone.action,
-            drone.node,
+            self._position(drone, since_us),
             battery_us if limited else None,
             tuple(np.flatnonzero(self.attachments.holder == drone.index).tolist()),
-            (math.inf if home_us >= NEVER else home_us) if limited else None,
+            self._return(drone, epoch),
             drone.gained,
         )
         self.result.decisions[drone.index].append(decision)
         drone.asked_us, drone.gained = since_us, 0.0
-        self._obey(drone, since_us, epoch)
-        drone.free_us = drone.until_us if drone.hop else since_us + self.inputs.patience_us
+        self._obey(drone, since_us, epoch, command)
+        drone.free_us = self._over_us(drone, since_us)
+
+    def _over_us(self, drone: Drone, since_us: int) -> int:
+        """When what a drone does since its decision is over."""
+        return since_us + self.inputs.patience_us if drone.hop is None else drone.until_us
 
     def _pay(self, t_us: int) -> None:
         """Pay each drone for the time since the last epoch, by the users that it has now."""

@@ -15,14 +15,18 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from fractions import Fraction
+from typing import Any
 
 import numpy as np
 
 from tests.reference.association import Attachments
+from tests.reference.energy import Rotor
 from tests.reference.flight import HOPS, Drone, Hop, Map, axis_of, moved
 from tests.reference.inputs import NEVER, US, Inputs, Node, Record, Result
 from tests.reference.radio import look
 from tests.reference.service import Services
+
+SLICES = 100
 
 
 class FixedStep:
@@ -32,6 +36,7 @@ class FixedStep:
         assert inputs.step_us % dt_us == 0
         self.inputs, self.dt_us, self.map = inputs, dt_us, Map(inputs)
         self.result = Result()
+        self.hops_take = {hop: self._takes(way, hop) for hop, way in self.map.returning.items()}
         full = inputs.capacity_us or 0
         self.drones = [
             Drone(d, levels, (*inputs.starts[d], 0), full) for d, levels in enumerate(inputs.levels)
@@ -69,7 +74,7 @@ class FixedStep:
             drone.until_us -= before.horizon_us
             drone.crashed_us -= before.horizon_us
 
-    def run(self, commands: Sequence[Sequence[int]]) -> Result:
+    def run(self, commands: Sequence[Any]) -> Result:
         ticks = self.inputs.step_us // self.dt_us
         for step in range(self.inputs.steps):
             xy = self._users_at(step * self.inputs.step_us + self.dt_us * np.arange(ticks + 1))
@@ -118,13 +123,31 @@ class FixedStep:
         rotor = self.inputs.rotor
         if rotor is None:
             return self.dt_us
-        level_mps, up_mps = math.hypot(*self.inputs.wind_mps), 0.0
-        if drone.hop is not None:
-            ends_s = (t_us - drone.since_us) / US
-            flown_m = drone.flight.flown_m(ends_s) - drone.flight.flown_m(ends_s - self.dt_us / US)
-            vx, vy, up_mps = (part * flown_m / (self.dt_us / US) for part in drone.hop)
-            level_mps = math.hypot(vx - self.inputs.wind_mps[0], vy - self.inputs.wind_mps[1])
-        return rotor.power_w(level_mps, up_mps) * self.dt_us
+        before, now = self._position(drone, t_us - self.dt_us), self._position(drone, t_us)
+        velocity = [(b - a) / (self.dt_us / US) for a, b in zip(before, now, strict=True)]
+        return self._power_w(rotor, velocity) * self.dt_us
+
+    def _power_w(self, rotor: Rotor, velocity_mps: Sequence[float]) -> float:
+        """The power at a velocity over the ground."""
+        (east, north, up), wind = velocity_mps, self.inputs.wind_mps
+        return rotor.power_w(math.hypot(east - wind[0], north - wind[1]), up)
+
+    def _takes(self, flight: Hop, ahead: Sequence[float]) -> float:
+        """What a flight takes from a battery: its time, or µJ by the mean speeds of slices.
+
+        Ramps are cut into slices. Both take the same.
+        """
+        duration_us, rotor = round(flight.duration_s * US), self.inputs.rotor
+        if rotor is None:
+            return duration_us
+
+        def at_speed(speed_mps: float) -> float:
+            return self._power_w(rotor, [part * speed_mps for part in ahead])
+
+        ramp_s = flight.speed_mps / flight.acceleration_mps2
+        speeds = [flight.speed_mps * (k + 0.5) / SLICES for k in range(SLICES)]
+        ramp_uj = sum(map(at_speed, speeds)) / SLICES * ramp_s * US
+        return 2 * ramp_uj + at_speed(flight.speed_mps) * (duration_us - 2 * ramp_s * US)
 
     def _happen(self, t_us: int, xy: np.ndarray) -> None:
         """The phases of an instant before its step record."""
@@ -268,21 +291,21 @@ class FixedStep:
         after_us = self.inputs.respawn_after_us
         return NEVER if after_us is None else drone.crashed_us + after_us
 
-    def _command(self, t_us: int, epoch: int, commands: Sequence[int]) -> None:
+    def _command(self, t_us: int, epoch: int, commands: Sequence[Any]) -> None:
         for drone, command in zip(self.drones, commands, strict=True):
             drone.action = self._taken(command, self._allowed(drone, epoch, drone.battery_us))
             if drone.mode in ("flying", "charged"):
-                self._obey(drone, t_us, epoch)
+                self._obey(drone, t_us, epoch, command)
 
-    def _taken(self, command: int, allowed: set[str]) -> str:
+    def _taken(self, command: Any, allowed: set[str]) -> str:
         """The action that is taken: that of the command, if the mask allows it."""
         action = self.actions[command] if 0 <= command < len(self.actions) else None
         if action in allowed:
             return action
         return next(iter(allowed)) if len(allowed) == 1 else "hover"
 
-    def _obey(self, drone: Drone, t_us: int, epoch: int) -> None:
-        """Begin the drone's action."""
+    def _obey(self, drone: Drone, t_us: int, epoch: int, command: Any) -> None:
+        """Begin the drone's action, which stands for the command."""
         action, drone.mode = drone.action, "flying"
         if action == "charge":
             self._land(drone)
@@ -298,23 +321,30 @@ class FixedStep:
             flown = self.map.cruising[float(speed)] if speed else self.map.commanded
             self._take_hop(drone, hop, t_us, flown[hop])
 
+    def _return(self, drone: Drone, epoch: int) -> float | None:
+        """What the way home takes from the battery; infinity without a way."""
+        if self.inputs.capacity_us is None:
+            return None
+        node = self._believed(drone, epoch)
+        home_us, _ = self.map.nearest(node, drone.levels)
+        if home_us >= NEVER:
+            return math.inf
+        if self.inputs.rotor is None:
+            return home_us
+        return sum(self.hops_take[hop] for hop in self.map.way_home(node, drone.levels))
+
     def _record(self, epoch: int) -> None:
         records = []
         t_us = epoch * self.inputs.step_us
         for drone in self.drones:
-            limited = self.inputs.capacity_us is not None
-            home_us = None
-            if limited:
-                home_us, _ = self.map.nearest(self._believed(drone, epoch), drone.levels)
-                home_us = math.inf if home_us >= NEVER else home_us
             record = Record(
                 drone.mode,
                 drone.node,
                 self._position(drone, t_us),
-                drone.battery_us if limited else None,
+                None if self.inputs.capacity_us is None else drone.battery_us,
                 drone.action,
                 tuple(np.flatnonzero(self.attachments.holder == drone.index).tolist()),
-                home_us,
+                self._return(drone, epoch),
             )
             records.append(record)
         self.result.records.append(records)

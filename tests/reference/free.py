@@ -5,7 +5,8 @@ cruise speeds, a fifth one chooses between them; a leg that is then too slow fil
 on level and on vertical flight become one along a direction. In wind, that on level flight is one
 on the speed through the air, and the highest ground speed is found by bisection. Obstacles are
 boxes along the axes, which are grown on all sides; a leg that would enter one ends at its wall.
-Returns follow a shortest way over the boxes' corners at one altitude, by Dijkstra's algorithm.
+Returns follow a shortest way over the boxes' corners at one altitude, by Dijkstra's algorithm, and
+stop where it bends.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from itertools import pairwise
 
 from tests.reference.fixed_step import FixedStep
 from tests.reference.flight import Drone, Hop, filling, over_ground, quickest
-from tests.reference.inputs import NEVER, US, Inputs, Record, Result
+from tests.reference.inputs import US, Inputs, Result
 
 Point = tuple[float, float, float]
 Box = tuple[Point, Point]
@@ -130,11 +131,25 @@ def unit(start: Point, stop: Point) -> Point:
     return x, y, z
 
 
+def far(start: Point, stop: Point) -> bool:
+    """Are two places so far apart that a drone flies from one to the other?"""
+    return math.dist(start, stop) >= TOUCHES_M
+
+
 def part_of(start: Point, stop: Point, length_m: float) -> Point:
     """The place so far on the way."""
     share = length_m / math.dist(start, stop)
     x, y, z = (a + share * (b - a) for a, b in zip(start, stop, strict=True))
     return x, y, z
+
+
+def bends(way: Sequence[Point]) -> list[Point]:
+    """A way without the places at which it goes straight on."""
+    found = list(way[:1])
+    for here, after in pairwise(way[1:]):
+        if math.dist(found[-1], here) + math.dist(here, after) > math.dist(found[-1], after) + 1e-9:
+            found.append(here)
+    return [*found, way[-1]]
 
 
 def inside(start: Point, stop: Point, box: Box, inset_m: float = 0.0) -> tuple[float, float]:
@@ -227,7 +242,7 @@ class Homes:
                 places.append(self.nodes[node])
                 node = tree[node][1]
             landing = (*self.stations[station][:2], self.space.levels_m[0])
-            way = [at, *places, landing]
+            way = [*bends([at, *places]), landing]
             time_us = self.takes_us(way)
             if self.clear(landing) and (best is None or time_us < best[0]):
                 best = time_us, way[1:]
@@ -238,7 +253,7 @@ class Homes:
         return self.sees((*landing[:2], self.altitude_m), landing)
 
     def takes_us(self, way: Sequence[Point]) -> int:
-        legs = [(a, b) for a, b in pairwise(way) if math.dist(a, b) >= TOUCHES_M]
+        legs = [(a, b) for a, b in pairwise(way) if far(a, b)]
         return sum(round(self.space.leg(a, b).duration_s * US) for a, b in legs)
 
 
@@ -266,7 +281,7 @@ class Freely(FixedStep):
         """Let a drone stay where it is; its node is the station under it, or no cell."""
         here, drone.hop, drone.node = self.at[drone.index], None, (-1, -1, -1)
         for cell, at in zip(self.inputs.stations, self.stations_m, strict=True):
-            if math.dist(here, at) < TOUCHES_M:
+            if not far(here, at):
                 drone.node = (*cell, 0)
 
     def _set_out(self, drone: Drone, stop: Point, since_us: int, flight: Hop | None = None) -> None:
@@ -283,7 +298,7 @@ class Freely(FixedStep):
 
     def _fly_on(self, drone: Drone, since_us: int) -> None:
         way = self.ways[drone.index]
-        while way and math.dist(self.at[drone.index], way[0]) < TOUCHES_M:
+        while way and not far(self.at[drone.index], way[0]):
             self.at[drone.index] = way.pop(0)
         if way:
             self._set_out(drone, way.pop(0), since_us)
@@ -301,19 +316,10 @@ class Freely(FixedStep):
             here, self.to[drone.index], drone.flight.flown_m((t_us - drone.since_us) / US)
         )
 
-    def _drained(self, drone: Drone, t_us: int) -> float:
-        rotor = self.inputs.rotor
-        if rotor is None:
-            return self.dt_us
-        before, now = self._position(drone, t_us - self.dt_us), self._position(drone, t_us)
-        east, north, up = ((b - a) / (self.dt_us / US) for a, b in zip(before, now, strict=True))
-        wind = self.inputs.wind_mps
-        return rotor.power_w(math.hypot(east - wind[0], north - wind[1]), up) * self.dt_us
-
     # ---- decisions
 
-    def _home(self, drone: Drone) -> tuple[int, list[Point]] | None:
-        """The way home over the nearest altitude from which there is one: its time and places."""
+    def _home(self, drone: Drone) -> list[Point] | None:
+        """The places of the way home over the nearest altitude from which there is one."""
         here = self.at[drone.index]
         levels = [
             home for home in self.homes if home.altitude_m <= self.space.highest_m[drone.index]
@@ -324,9 +330,18 @@ class Freely(FixedStep):
                 continue
             found = home.way(over)
             if found is not None:
-                time_us, places = found
-                return time_us + home.takes_us([here, over]), [over, *places]
+                _, places = found
+                return [over, *places]
         return None
+
+    def _return(self, drone: Drone, epoch: int) -> float | None:
+        if self.inputs.capacity_us is None or drone.hop is not None or drone.mode == "crashed":
+            return None
+        places = self._home(drone)
+        if places is None:
+            return math.inf
+        legs = [(a, b) for a, b in pairwise([self.at[drone.index], *places]) if far(a, b)]
+        return sum(self._takes(self.space.leg(a, b), unit(a, b)) for a, b in legs)
 
     def _allowed(self, drone: Drone, epoch: int, battery_us: float) -> set[str]:
         alone = {"returning": "goto_charging_station", "queued": "charge", "charging": "charge"}
@@ -343,23 +358,19 @@ class Freely(FixedStep):
             allowed.add("charge")
         return allowed
 
-    def _command(self, t_us: int, epoch: int, commands: Sequence[Sequence[float]]) -> None:
-        for drone, command in zip(self.drones, commands, strict=True):
-            allowed = self._allowed(drone, epoch, drone.battery_us)
-            drone.action = next(iter(allowed)) if len(allowed) == 1 else "fly"
-            if command[3] > 0 and drone.mode in ("flying", "charged"):
-                for wished in ("goto_charging_station", "charge"):
-                    drone.action = wished if wished in allowed else drone.action
-            if drone.mode in ("flying", "charged"):
-                drone.mode = "flying"
-                self._act(drone, t_us, command)
+    def _taken(self, command: Sequence[float], allowed: set[str]) -> str:
+        if len(allowed) == 1:
+            return next(iter(allowed))
+        wished = [action for action in ("charge", "goto_charging_station") if action in allowed]
+        return wished[0] if wished and command[3] > 0 else "fly"
 
-    def _act(self, drone: Drone, t_us: int, command: Sequence[float]) -> None:
+    def _obey(self, drone: Drone, t_us: int, epoch: int, command: Sequence[float]) -> None:
+        drone.mode = "flying"
         if drone.action == "charge":
             self._land(drone)
         elif drone.action == "goto_charging_station":
             drone.mode = "returning"
-            self.ways[drone.index] = self._home(drone)[1]
+            self.ways[drone.index] = self._home(drone)
             self._fly_on(drone, t_us)
         else:
             here, highest_m = self.at[drone.index], self.space.highest_m[drone.index]
@@ -368,7 +379,7 @@ class Freely(FixedStep):
                 share = stopped_at(here, stop, self.boxes)
                 if share < math.inf:
                     stop = part_of(here, stop, share * math.dist(here, stop))
-            if math.dist(here, stop) >= TOUCHES_M:
+            if far(here, stop):
                 step_s = self.inputs.step_us / US
                 flight = self.space.steered(here, stop, command[-1], step_s)
                 self._set_out(drone, stop, t_us, flight)
@@ -379,26 +390,6 @@ class Freely(FixedStep):
         for drone in crashed:
             if drone.mode == "flying":
                 self.at[drone.index] = self._over(drone.node[:2])
-
-    def _record(self, epoch: int) -> None:
-        records, t_us = [], epoch * self.inputs.step_us
-        for drone in self.drones:
-            limited, home = self.inputs.capacity_us is not None, None
-            if limited and drone.hop is None and drone.mode != "crashed":
-                home = self._home(drone)
-            attached = (self.attachments.holder == drone.index).nonzero()[0]
-            records.append(
-                Record(
-                    drone.mode,
-                    drone.node,
-                    self._position(drone, t_us),
-                    drone.battery_us if limited else None,
-                    drone.action,
-                    tuple(attached.tolist()),
-                    NEVER if home is None else home[0],
-                )
-            )
-        self.result.records.append(records)
 
 
 def simulate(

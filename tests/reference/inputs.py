@@ -101,7 +101,11 @@ class Inputs:
 
 @dataclass
 class Record:
-    """A drone at the end of a step. ``return_us``: the flight time home from its believed cell."""
+    """A drone at the end of a step.
+
+    ``return_us``: what the way home from its believed cell takes from the battery, in its unit;
+    infinity if there is none. A drone that flies freely knows its place, and has a way at rest.
+    """
 
     mode: str
     node: Node
@@ -122,7 +126,7 @@ class Decision:
 
     t_us: int
     action_taken: str
-    node: Node
+    position_m: tuple[float, float, float] | None
     battery_us: float | None
     attached: tuple[int, ...]
     return_us: float | None

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from itertools import pairwise
+from typing import Any
 
 from desim_uav.engine.base import EpisodeLog, Step
 from desim_uav.model.rules import Mode
-from tests.reference.inputs import US, Decision, Inputs, Node, Result
+from tests.reference.inputs import US, Decision, Inputs, Result
 
 
 def decided_us(log: EpisodeLog, drone: int) -> list[int]:
@@ -14,7 +15,7 @@ def decided_us(log: EpisodeLog, drone: int) -> list[int]:
     return [event[0] for event in log.events if event[2] == "decide" and event[3] == drone]
 
 
-def commands_of(log: EpisodeLog, commands: list[list[int]]) -> list[list[int]]:
+def commands_of(log: EpisodeLog, commands: list[list[Any]]) -> list[list[Any]]:
     """The commands that each drone has followed, from those of all drones at each epoch."""
     epochs = {t_us: k for k, t_us in enumerate(sorted({0, *(step.t_us for step in log.steps)}))}
     drones = range(len(commands[0]))
@@ -37,28 +38,21 @@ def decisions_of(log: EpisodeLog, inputs: Inputs) -> tuple[list[list[Decision]],
         found = []
         for t_us, gain in zip(asked_us, [0.0, *gained], strict=False):
             after = next(row for row in rows if row.t_us > t_us)
-            found.append(_decision(before.get(t_us), after, t_us, gain, inputs))
+            found.append(_decision(before.get(t_us), after, t_us, gain, inputs.capacity_us))
         decisions.append(found)
         rest.append(gained[-1])
     return decisions, rest
 
 
 def _decision(
-    before: Step | None, after: Step, t_us: int, gained: float, inputs: Inputs
+    before: Step | None, after: Step, t_us: int, gained: float, full: int | None
 ) -> Decision:
-    took, full = after.action_taken.name.lower(), inputs.capacity_us
+    took = after.action_taken.name.lower()
     if before is None or before.mode is Mode.CRASHED:
-        return Decision(t_us, took, (-1, -1, -1), full, (), None, gained)
+        return Decision(t_us, took, None, full, (), None, gained)
     held = tuple(range(before.attached_users))  # how many, not who
-    return Decision(
-        t_us, took, _node(before, inputs), before.battery_us, held, before.return_us, gained
-    )
-
-
-def _node(step: Step, inputs: Inputs) -> Node:
-    (dx, dy), levels_m = inputs.cell_m, inputs.levels_m
-    level = min(range(len(levels_m)), key=lambda k: abs(levels_m[k] - step.z_m))
-    return round(step.x_m / dx - 0.5), round(step.y_m / dy - 0.5), level
+    here = (before.x_m, before.y_m, before.z_m)
+    return Decision(t_us, took, here, before.battery_us, held, before.return_us, gained)
 
 
 def _gained(rows: list[Step], since_us: int, until_us: int, inputs: Inputs) -> float:

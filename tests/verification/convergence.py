@@ -21,16 +21,19 @@ from desim_uav.model.rules import Action
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
-from tests.reference import by_event
+from tests.reference import by_event as stepped_by_event
+from tests.reference import fixed_step, free, free_by_event
 from tests.reference.energy import Charger, Rotor
-from tests.reference.fixed_step import simulate
 from tests.reference.inputs import US, Inputs, Request, Result
 from tests.reference.scenario import access_points_of, association_of, links_of
 from tests.verification.asked import commands_of, decisions_of, totals, totals_of
 from tests.verification.figure import Exact, Figure
+from tests.verification.space import space_of
 
 DTS_S = (0.5, 0.25, 0.125, 0.0625)
 FINEST_S = DTS_S[-1]
+COARSE_S = (1.0, 0.5, 0.25)
+"""Steps that show a slope in little time."""
 SEEDS = range(32)
 MEASURES = ("served_s", "qoe1", "qoe2", "qoe3", "battery_s")
 Scenarios = Callable[[int], dict[str, Any]]
@@ -163,12 +166,17 @@ def windy(seed: int) -> dict[str, Any]:
 
 def asked_by_event(seed: int) -> dict[str, Any]:
     """A scenario of ``scenario_of`` or ``energetic``, in which drones are asked by event."""
-    mapping, rng = (energetic, scenario_of)[seed // 2 % 2](seed), np.random.default_rng([11, seed])
-    patience_s = float(rng.choice([20.0, 45.0, 77.0]))
-    drones = mapping["drones"]
-    drones["motion"]["timing"] = "fill_epoch" if seed % 8 == 7 else "minimum_time"
-    if drones["battery"] is not None:
-        drones["battery"]["respawn_after_min"] += patience_s / 60
+    mapping = (energetic, scenario_of)[seed // 2 % 2](seed)
+    mapping["drones"]["motion"]["timing"] = "fill_epoch" if seed % 8 == 7 else "minimum_time"
+    return by_event(mapping, seed)
+
+
+def by_event(mapping: dict[str, Any], seed: int) -> dict[str, Any]:
+    """The same scenario with drones that are asked by event, and a reward that is paid to them."""
+    patience_s = float(np.random.default_rng([11, seed]).choice([20.0, 45.0, 77.0]))
+    battery = mapping["drones"]["battery"]
+    if battery is not None:
+        battery["respawn_after_min"] += patience_s / 60
     mapping["reward"] = {"kind": "coverage"}
     mapping["decisions"] = {"kind": "event", "patience_s": patience_s}
     mapping["episode"] |= {"steps": 12, "carry_over": False}
@@ -264,10 +272,11 @@ class Case:
 
     world: World
     inputs: Inputs
-    commands: list[list[int]]
+    commands: list[list[Any]]
     """Of each step for all drones or, by event, of each drone at its decisions."""
     log: EpisodeLog
     transfers: list[bool]
+    space: free.Space | None
 
     def count(self, *kinds: str) -> int:
         return sum(event[2] in kinds for event in self.log.events)
@@ -303,14 +312,35 @@ def flown(seed: int, mapping: dict[str, Any], episodes: int) -> list[Case]:
     for episode in range(episodes):
         path = draw(world, seed, episode)
         snapshot, commands = engine.reset(path), []
-        while not snapshot.truncated:
-            commands.append([chosen(rng, world, mask) for mask in snapshot.masks])
-            snapshot = engine.step(commands[-1])
+        while not (snapshot.truncated or snapshot.terminated):
+            if world.scenario.free:
+                commands.append([wished(rng, world) for _ in snapshot.masks])
+                snapshot = engine.step([numbers_of(command, world) for command in commands[-1]])
+            else:
+                commands.append([chosen(rng, world, mask) for mask in snapshot.masks])
+                snapshot = engine.step(commands[-1])
         if world.by_event:
             commands = commands_of(engine.log, commands)
         inputs = inputs_of(mapping, world, path, ceilings)
-        cases.append(Case(world, inputs, commands, engine.log, transfers_of(mapping, world)))
+        space = space_of(mapping, world, ceilings) if world.scenario.free else None
+        transfers = transfers_of(mapping, world)
+        cases.append(Case(world, inputs, commands, engine.log, transfers, space))
     return cases
+
+
+def wished(rng: np.random.Generator, world: World) -> list[float]:
+    """A command of a drone that flies freely: a displacement, whether to charge, and a speed."""
+    east, north, up = rng.uniform(-1.2, 1.2, 3).round(3).tolist()
+    told = [east, north, up if world.scenario.three_d else 0.0, float(rng.choice([-1.0, 1.0]))]
+    return [*told, *(rng.uniform(-1.2, 1.2, int(world.chooses_cruise)).round(3).tolist())]
+
+
+def numbers_of(command: list[float], world: World) -> list[float]:
+    """The numbers of such a command that the engine takes."""
+    east, north, up, charge, *speed = command
+    rises = [up] if world.scenario.three_d else []
+    wish = [charge] if world.scenario.limited_battery else []
+    return [east, north, *rises, *speed, *wish]
 
 
 def chosen(rng: np.random.Generator, world: World, mask: tuple[bool, ...]) -> int:
@@ -325,8 +355,11 @@ def chosen(rng: np.random.Generator, world: World, mask: tuple[bool, ...]) -> in
 @cache
 def sampled(seed: int, dt_s: float, scenarios: Scenarios | None = None) -> Result:
     case = case_of(seed, scenarios)
-    told = by_event.simulate if case.world.by_event else simulate
-    return told(case.inputs, case.commands, dt_s)
+    if case.space is not None:
+        freely = free_by_event if case.world.by_event else free
+        return freely.simulate(case.inputs, case.space, case.commands, dt_s)
+    by_cells = stepped_by_event if case.world.by_event else fixed_step
+    return by_cells.simulate(case.inputs, case.commands, dt_s)
 
 
 def exact_measures(case: Case) -> dict[str, float]:

@@ -4,7 +4,7 @@ A shortest way consists of straight lines between corners of obstacles. So the g
 and stations that see each other, the visibility graph, contains the rest of a shortest way from
 wherever it first bends. For each station, the shortest ways from all nodes are a tree, which is
 computed once. From any other place, the way is the straight line to one of the nodes that can be
-seen, and on along the tree.
+seen, and on along the tree. A way that goes straight on at a corner does not stop there.
 """
 
 from __future__ import annotations
@@ -22,6 +22,9 @@ from desim_uav.model.radio.tracks import Point
 
 MOST_NODES = 2000
 """The most corners and stations of a graph: its table has the square of this number of entries."""
+
+EQUAL_M = 1e-9
+"""Ways whose lengths differ by no more are equally long: a line, and the same line with a stop."""
 
 
 class Roads(NamedTuple):
@@ -148,7 +151,9 @@ def _grow_tree(
 ) -> None:
     """Write the tree of shortest ways to a station, by Dijkstra's algorithm.
 
-    Of equally long ways to settle next, that of the node with the lowest number is taken.
+    Of equally long ways to settle next, that of the node with the lowest number is taken. Of
+    equally long ways from a node, that over the node nearest to the station is: it does not stop at
+    corners which it passes straight on.
     """
     count = len(lines_m)
     settled = np.zeros(count, np.bool_)
@@ -164,7 +169,7 @@ def _grow_tree(
         settled[node] = True
         for k in range(count):
             through = least + lines_m[node, k]
-            if through < lengths_m[k]:
+            if through < lengths_m[k] - EQUAL_M:
                 lengths_m[k], following[k] = through, node
 
 
@@ -196,7 +201,8 @@ def _first_seen(
     """Return what ``way_to`` does, after ``_look``.
 
     Nodes are tried in the order of the lengths of the ways over them, so the first one that can be
-    seen is the best one.
+    seen is on a shortest way. Of equally long ways, that with the longest line to its first node is
+    taken: it does not stop at corners which it passes straight on.
     """
     before, last = -1.0, -1
     while True:
@@ -207,11 +213,22 @@ def _first_seen(
                 node, length = k, through
         if node < 0:
             return -1, np.inf
-        here = (x, y, ways.altitude_m)
-        there = (ways.nodes_m[node, 0], ways.nodes_m[node, 1], ways.altitude_m)
-        if first_entry(prisms, here, there) == np.inf:
-            return node, length
+        if _sees(prisms, ways, x, y, node):
+            break
         before, last = length, node
+    for k in range(len(ways.nodes_m)):
+        equal = away_m[k] + ways.lengths_m[station, k] <= length + EQUAL_M
+        if equal and away_m[k] > away_m[node] and _sees(prisms, ways, x, y, k):
+            node = k
+    return node, length
+
+
+@part
+def _sees(prisms: Prisms, ways: Roads, x: float, y: float, node: int) -> bool:
+    """Return whether a node can be seen from a place."""
+    here = (x, y, ways.altitude_m)
+    there = (ways.nodes_m[node, 0], ways.nodes_m[node, 1], ways.altitude_m)
+    return bool(first_entry(prisms, here, there) == np.inf)
 
 
 @maker

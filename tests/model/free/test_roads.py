@@ -103,6 +103,18 @@ class TestByHand:
         ):
             roads(houses, 10.0, np.array([(50.0, 50.0)]), (6000.0, 6000.0))
 
+    def test_it_does_not_stop_at_corners_which_it_passes_straight_on(self):
+        row = np.zeros((10, 10))
+        row[[1, 3, 5, 7], 4] = 50.0  # with gaps between them
+        houses = obstacles(row, CELL, [], 5.0)
+        stations = np.array([(850.0, 450.0), (850.0, 300.0)])
+        ways = roads(houses, 40.0, stations, (1000.0, 1000.0))
+        for x in (20.0, 40.0, 150.0, 250.0):
+            found = whole_way(houses, ways, 0, x, 395.0)
+            assert found.tolist() == [[x, 395], [805, 395], [850, 450]]
+        found = whole_way(houses, ways, 1, 20.0, 450.0)
+        assert found.tolist() == [[20, 450], [95, 395], [850, 300]]
+
     def test_bands_of_altitude(self):
         heights = np.zeros((3, 3))
         heights[0, 0], heights[2, 2] = 30.0, 50.0
