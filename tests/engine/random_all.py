@@ -19,6 +19,7 @@ from tests.engine.random_parts import (
     Dice,
     accepted,
     battery,
+    choose_speeds,
     disc,
     free_motion,
     motion,
@@ -82,6 +83,9 @@ def scenario(seed: int) -> dict[str, Any]:
     if made["free"]:
         zones = [zone(dice, made["map"]["size_m"]) for _ in range(dice.of(0, 0, 1, 2))]
         made["map"]["no_fly"] = zones
+        later = Dice(seed + 600_000)
+        if later.of(True, False):
+            choose_speeds(later, made["drones"], made["wind_mps"])
     del made["free"], made["event"]
     return made
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from typing import Any
 
 from desim_uav.world import World
@@ -13,6 +12,7 @@ from tests.engine.random_parts import (
     Dice,
     accepted,
     battery,
+    choose_speeds,
     disc,
     free_motion,
     zone,
@@ -91,11 +91,7 @@ def choosing(seed: int) -> World:
 
 def _choosing(seed: int) -> dict[str, Any]:
     made, dice = scenario(seed), Dice(seed + 2)
-    least = math.hypot(*made["wind_mps"])
-    for each in made["drones"]:
-        motion = each["motion"]
-        top = motion["max_speed_mps"]
-        motion["cruise"] = [least + dice.of(0.2, 1.5), dice.of(top, (least + top) / 2)]
+    choose_speeds(dice, made["drones"], made["wind_mps"])
     if dice.of(True, False):
         made["decisions"] = {"kind": "event", "patience_s": dice.of(20, 33.3)}
         made["episode"]["carry_over"] = False

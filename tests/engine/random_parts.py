@@ -88,6 +88,14 @@ def free_motion(dice: Dice) -> dict[str, Any]:
     }
 
 
+def choose_speeds(dice: Dice, types: list[dict[str, Any]], wind_mps: Any) -> None:
+    """Let commands of free flight choose a speed, from just above that of the wind."""
+    wind = math.hypot(*wind_mps)
+    for each in types:
+        top = each["motion"]["max_speed_mps"]
+        each["motion"]["cruise"] = [wind + dice.of(0.2, 1.5), dice.of(top, (wind + 1.6 + top) / 2)]
+
+
 def battery(
     dice: Dice,
     kinds: Sequence[str],

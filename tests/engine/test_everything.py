@@ -75,7 +75,9 @@ def test_everything_is_drawn_and_much_is_accepted():
     for slot in ("mobility", "demand", "battery", "charging", "observation", "reward", "sharing"):
         known = set(names(slot)) - {"trace", "coverage"}
         assert known <= {kind for name, kind in drawn if name == slot}, slot
-    pairs = {(one, other) for one in ("free", "event", "windy") for other in (True, False)}
+    pairs = {
+        (one, other) for one in ("free", "chooses", "event", "windy") for other in (True, False)
+    }
     assert pairs <= set(drawn)
     assert all(count >= 2 for count in drawn.values())
 
@@ -84,6 +86,7 @@ def _kinds(made: dict[str, Any], scenario: Scenario) -> Iterator[tuple[str, Any]
     """What is in an accepted scenario."""
     yield "accepted", True
     yield "free", scenario.free
+    yield "chooses", scenario.free and scenario.fleet[0].motion.cruise is not None
     yield "event", scenario.decisions.by_event
     yield "windy", any(scenario.wind_mps)
     yield "on_conflict", scenario.separation_m and scenario.on_conflict

@@ -212,7 +212,7 @@ def test_a_command_without_the_number_is_refused():
 @pytest.mark.parametrize("policy", ["baseline", "random", "hover"])
 def test_policies_fly_with_it(policy: str):
     world = freely({"cruise": [4, 8]}, steps=4)
-    ((log, _),) = play(world, load_policy(policy), policy, seed=0)
+    ((log, _),) = play(world, load_policy(policy), policy, seed=0, keep_events=True)
     legs = [leg for leg in log.legs if leg.duration_us]
     assert bool(legs) == (policy != "hover")
     if policy == "baseline":  # a cell of 240 m, at the highest speed
