@@ -27,15 +27,14 @@ COMPILED_APART = (
     "test_free_cruise",
     "test_free_flight",
     "test_free_in_wind",
-    "test_line_of_sight",
     "test_link_memory",
     "test_radio_engines",
     "test_transfers",
     "test_wind",
 )
 """Files whose tests of the compiled engine need kernels that the nine cases do not use. Those for
-links in the air take more than a minute to compile. These tests are thorough; the default run has
-the same tests on SimPy."""
+links in the air take more than a minute to compile. These tests are thorough; of those that
+have the engine as a parameter, the default run has the ones on SimPy."""
 
 
 @pytest.hookimpl(tryfirst=True)

@@ -20,6 +20,9 @@ from desim_uav.world import World, build_world
 from tests.engine.helpers import before_end, events, fly, path_of, seen, some_command
 from tests.engine.towns import RADIO, WORLDS, told, town
 
+pytestmark = pytest.mark.thorough
+"""Both engines compile the kernels of lines of sight, which takes long."""
+
 
 def flown(engine: Engine, path: SamplePath, hover: bool = False) -> list[Any]:
     """The events of an episode under random commands, or without any moves."""
@@ -81,7 +84,6 @@ def test_the_audit_notices_other_draws(name: str) -> None:
             simulation.step([0] * 3)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("engine", ENGINES)
 def test_one_more_drone_leaves_the_links_of_others_as_they_are(engine: str) -> None:
     """Drones that hover at the same places have the same links, whoever else there is."""
@@ -95,7 +97,6 @@ def test_one_more_drone_leaves_the_links_of_others_as_they_are(engine: str) -> N
     assert len(links[0]) > 20
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("engine", ENGINES)
 def test_one_more_drone_leaves_the_links_of_an_access_point_as_they_are(engine: str) -> None:
     """Its number among all that transmit is another one then, but not its number in draws."""
@@ -180,7 +181,6 @@ class TestByHand:
             log = fly(world, path_of(world, walks={0: [(0.0, 450.0, 100.0, 0.0, 1.0)]}))
             assert len(seen(log, "class")) == changes
 
-    @pytest.mark.thorough
     def test_a_user_without_a_drone_takes_the_strongest_whatever_the_margin(self) -> None:
         """Of two drones that differ by less than the margin, the user is closer to the first."""
         radio = {

@@ -236,6 +236,7 @@ def with_rings(**radio):
 
 
 class TestLinks:
+    @pytest.mark.thorough
     def test_changes_of_class(self):
         scenario = with_rings()
         results = played(scenario, "des", policy="random", episodes=2, keep_events=True)
