@@ -10,6 +10,7 @@ from typing import Any, ClassVar
 import numpy as np
 from hypothesis import strategies as st
 
+from desim_uav import sample_path
 from desim_uav.engine.audit import audit
 from desim_uav.engine.base import ClosedRequest, EpisodeLog, Event, RunSettings
 from desim_uav.engine.choose import make_engine
@@ -421,3 +422,21 @@ def some_command(world: World, mask: tuple[bool, ...], rng: np.random.Generator)
         for action, allowed in zip(world.actions, mask, strict=True)
     ]
     return int(rng.choice(len(mask), p=np.array(weights) / sum(weights)))
+
+
+def check_that_the_other_engine_goes_on(world: World, name: str, seed: int) -> None:
+    """Save a flight of an engine after four steps, and fly on in both engines alike."""
+    told = RunSettings((True,) * world.scenario.drone_count, False, keep_events=True)
+    engine, rng = make_engine(name, world, told), np.random.default_rng(seed)
+    shown = engine.reset(sample_path.draw(world, 1, 0))
+    for _ in range(4):
+        if not shown.terminated:
+            shown = engine.step([some_command(world, mask, rng) for mask in shown.masks])
+    saved, other = engine.save(), make_engine({"des": "batch", "batch": "des"}[name], world, told)
+    other.restore(saved)
+    while not (shown.terminated or shown.truncated):
+        commands = [some_command(world, mask, rng) for mask in shown.masks]
+        shown = engine.step(commands)
+        assert shown == other.step(commands)
+    assert engine.log.events == other.log.events
+    assert engine.log.steps == other.log.steps

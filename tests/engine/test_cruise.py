@@ -212,7 +212,7 @@ def test_tracks_follow_the_speed_that_was_chosen():
     legs = tables.legs_table([log])
 
     class Run:
-        """What a track needs of a run."""
+        """A run that has only what a track reads."""
 
         scenario = world.scenario
 

@@ -10,12 +10,21 @@ import pytest
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import EpisodeLog, RunSettings
-from desim_uav.engine.choose import make_engine
 from desim_uav.engine.des import Simulation
 from desim_uav.model.rules import Mode
 from desim_uav.sample_path import draw
 from desim_uav.world import World
-from tests.engine.helpers import US, Flight, events, in_3d, path_of, seen, some_command, strip
+from tests.engine.helpers import (
+    US,
+    Flight,
+    check_that_the_other_engine_goes_on,
+    events,
+    in_3d,
+    path_of,
+    seen,
+    some_command,
+    strip,
+)
 from tests.engine.random_free import world_of
 from tests.engine.random_radio import audited
 from tests.engine.replay import check_log
@@ -303,17 +312,4 @@ def test_links_of_all_kinds_stand_up_to_the_audit(seed):
 @pytest.mark.parametrize("name", ["des", "batch"])
 @pytest.mark.parametrize("seed", range(3))
 def test_saved_states_go_on_as_the_original(seed, name):
-    world = world_of(seed)
-    told = RunSettings((True,) * world.scenario.drone_count, False, keep_events=True)
-    engine, rng = make_engine(name, world, told), np.random.default_rng(seed)
-    shown = engine.reset(draw(world, 1, 0))
-    for _ in range(4):
-        if not shown.terminated:
-            shown = engine.step([some_command(world, mask, rng) for mask in shown.masks])
-    saved, other = engine.save(), make_engine({"des": "batch", "batch": "des"}[name], world, told)
-    other.restore(saved)
-    while not (shown.terminated or shown.truncated):
-        commands = [some_command(world, mask, rng) for mask in shown.masks]
-        shown = engine.step(commands)
-        assert shown == other.step(commands)
-    assert engine.log.events == other.log.events
+    check_that_the_other_engine_goes_on(world_of(seed), name, seed)

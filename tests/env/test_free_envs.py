@@ -61,7 +61,7 @@ def test_a_choice_of_cruise_speeds_is_one_more_number(dimensions, limited, numbe
 
 
 def choosing(dimensions: int = 2, limited: bool = True) -> dict[str, Any]:
-    """The same drones, which choose from 2 to 8 m/s."""
+    """The same scenario, in which commands choose a cruise speed from 2 to 8 m/s."""
     return scenario(dimensions, limited, motion={"space": "free", "cruise": [2, 8]})
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from desim_uav.model.free.flight import no_faster
 from desim_uav.model.free.legs import (
     FreeLeg,
     direction,
@@ -71,8 +72,7 @@ class Space(NamedTuple):
     @property
     def commanded(self) -> Limits:
         """The limits of commands, which fly no faster than at the greatest cruise speed."""
-        highest_mps = min(self.limits.level_mps, self.cruise_mps[1])
-        return self.limits._replace(level_mps=highest_mps)
+        return no_faster(self.limits, min(self.limits.level_mps, self.cruise_mps[1]))
 
     def leg(self, start: Point, stop: Point, duration_us: int) -> FreeLeg:
         """Return the leg between two places that takes so long: in minimum time, or slower.
