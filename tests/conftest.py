@@ -29,6 +29,25 @@ def pytest_xdist_make_scheduler(config, log):
     return WorkStealingScheduling(config, log) if config.getoption("dist") == "load" else None
 
 
+def pytest_itemcollected(item):
+    """Let the tests of DRAWINGS_AND_SCRIPTS be thorough."""
+    if within(item, *DRAWINGS_AND_SCRIPTS):
+        item.add_marker(pytest.mark.thorough)
+
+
+DRAWINGS_AND_SCRIPTS = (
+    "env/test_pictures.py",
+    "experiment/test_optimum_command.py",
+    "experiment/test_optimum_run.py",
+    "experiment/test_plot.py",
+    "experiment/test_sweep_pictures.py",
+    "report/figures",
+    "report/test_video.py",
+    "test_analysis.py",
+)
+"""Tests of pictures, scripts and bounds, which take long together: they are thorough."""
+
+
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(config, items):
     """Let one of two processes compile the engine, while the other one runs what does not need it.
