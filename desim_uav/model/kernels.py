@@ -142,6 +142,14 @@ class MachineCode(FunctionCache):
         base: Any = self
         base._cache_file = self.file  # whose load, save and flush it calls
 
+    def _index_key(self, sig: Any, codegen: Any) -> Any:
+        """Return the key of a signature and a processor.
+
+        Numba's own key also has a digest of the pickled closure, which differs between processes
+        if a class is in it. The closure is part of the file's origin.
+        """
+        return sig, codegen.magic_tuple()
+
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return the machine code for a signature, or None; a damaged file is removed."""
         try:

@@ -30,6 +30,39 @@ def of_ones_own(x):
     return {factor} * x
 """
 
+COMPONENT = """
+from dataclasses import dataclass
+
+from desim_uav.model.compiled_rows import pointer_to
+from desim_uav.model.components import own_kernel, ruled, values_of
+from desim_uav.model.rows import packed
+
+@dataclass(frozen=True)
+class Times:
+    factor: {kind}
+
+    def of(self, x):
+        return self.factor * x{more}
+
+def around(cls, values_at):
+    method = ruled(cls.of)
+
+    def scaled(address, x):
+        return method(values_at(address), x)
+
+    return scaled
+
+values = values_of(Times({factor}))
+block = packed(values)
+scaled = own_kernel(around(Times, pointer_to(type(values))), Times)
+
+def of_ones_own(x):
+    return scaled(block.ctypes.data, x)
+
+of_ones_own.stats = scaled.stats
+"""
+"""A kernel whose closure has a method, and the row of its numbers, of a class of components."""
+
 numbers = itertools.count()
 
 
@@ -76,6 +109,25 @@ def test_it_is_compiled_once(tmp_path):
     assert told(module_of(tmp_path, SOURCE.format(factor=2.5))) == (2.5, False)
     assert len(files(tmp_path / "__pycache__")) == 1
     assert told(module_of(tmp_path, SOURCE.format(factor=2.5))) == (2.5, True)
+
+
+def test_a_kernel_around_a_component_is_compiled_once(tmp_path):
+    """Its closure has a class that each process makes anew."""
+    for factor, from_disk in [("2.5", False), ("2.5", True), ("4.5", True)]:
+        source = COMPONENT.format(kind="float", factor=factor, more="")
+        assert told(module_of(tmp_path, source), 3.0) == (float(factor) * 3.0, from_disk)
+
+
+@pytest.mark.parametrize(
+    ("kind", "factor", "more", "result"),
+    [("int", "2", "", 6.0), ("float", "2.5", " + 1.0", 8.5)],
+)
+def test_a_changed_component_is_compiled_anew(tmp_path, kind, factor, more, result):
+    """Its fields' types, or its method."""
+    first = COMPONENT.format(kind="float", factor="2.5", more="")
+    assert told(module_of(tmp_path, first), 3.0) == (7.5, False)
+    changed = COMPONENT.format(kind=kind, factor=factor, more=more)
+    assert told(module_of(tmp_path, changed), 3.0) == (result, False)
 
 
 def test_a_changed_constant_is_compiled_anew(tmp_path):
