@@ -30,22 +30,32 @@ def pytest_xdist_make_scheduler(config, log):
 
 
 def pytest_itemcollected(item):
-    """Let the tests of DRAWINGS_AND_SCRIPTS be thorough."""
-    if within(item, *DRAWINGS_AND_SCRIPTS):
+    """Let the tests of THOROUGH be thorough."""
+    if within(item, *THOROUGH):
         item.add_marker(pytest.mark.thorough)
 
 
-DRAWINGS_AND_SCRIPTS = (
+THOROUGH = (
+    "browser",
+    "clients",
     "env/test_pictures.py",
+    "experiment/test_interrupt.py",
     "experiment/test_optimum_command.py",
+    "experiment/test_optimum_cover.py",
+    "experiment/test_optimum_discounted.py",
     "experiment/test_optimum_run.py",
     "experiment/test_plot.py",
+    "experiment/test_reproduce.py",
+    "experiment/test_sweep.py",
     "experiment/test_sweep_pictures.py",
+    "faults",
     "report/figures",
+    "report/test_playback.py",
     "report/test_video.py",
     "test_analysis.py",
 )
-"""Tests of pictures, scripts and bounds, which take long together: they are thorough."""
+"""Tests that take long together, and that seldom fail alone: of pictures, scripts, bounds, clients,
+sweeps, kills and damaged files. They are thorough."""
 
 
 @pytest.hookimpl(trylast=True)

@@ -76,19 +76,8 @@ def tell_what_was_left_out(name: str, *, thorough: bool) -> None:
 
 
 QUICK = [name for name in PAGES if any_block(name, thorough=False)]
-SLOWEST = [
-    *(name for name in QUICK if "howto/own_" in name),
-    *(
-        f"docs/howto/{name}.md"
-        for name in (
-            *("engine", "environments", "fork", "policies", "python"),
-            *("radio", "run", "scenario", "tensorboard"),
-        )
-    ),
-    *(f"docs/explanation/{name}.md" for name in ("line_of_sight", "planners", "rewards")),
-    "docs/reference/observations.md",
-]
-"""Pages with components of one's own, each of which is compiled, and the longest other ones."""
+FIRST = ("README.md", "CONTRIBUTING.md")
+"""The pages that are read first: their quick blocks run by default."""
 WHOLE = [name for name in PAGES if any_block(name, thorough=True)]
 LONGEST = [
     *(name for name in WHOLE if name.startswith("docs/scenarios/")),
@@ -98,8 +87,7 @@ LONGEST = [
 
 
 @pytest.mark.parametrize(
-    "name",
-    by_default(set(QUICK) - set(SLOWEST), [n for n in QUICK if n not in SLOWEST or n not in WHOLE]),
+    "name", by_default(FIRST, [n for n in QUICK if n in FIRST or n not in WHOLE or n in LONGEST])
 )
 def test_the_code_blocks_of_a_page_run(name: str, tmp_path: Path) -> None:
     run(PAGES[name], tmp_path)

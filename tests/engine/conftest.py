@@ -23,14 +23,20 @@ def every_engine(engine_name: str, monkeypatch: pytest.MonkeyPatch) -> None:
 
 COMPILED_APART = (
     "test_conflicts",
+    "test_by_event_against_fixed_step",
+    "test_energy_against_fixed_step",
+    "test_free_against_fixed_step",
     "test_free_by_event",
+    "test_free_by_event_against_fixed_step",
     "test_free_cruise",
     "test_free_flight",
     "test_free_in_wind",
     "test_link_memory",
+    "test_links_against_fixed_step",
     "test_radio_engines",
     "test_transfers",
     "test_wind",
+    "test_wind_against_fixed_step",
 )
 """Files whose tests of the compiled engine need kernels that the nine cases do not use. Those for
 links in the air take more than a minute to compile. These tests are thorough; of those that

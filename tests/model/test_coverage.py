@@ -338,7 +338,7 @@ def test_a_walk_cut_in_pieces_is_the_same_walk():
         assert all(abs(a[0] - b[0]) <= 1 for a, b in zip(one, other, strict=True))
 
 
-@pytest.mark.parametrize("seed", by_default(range(2), range(20)))
+@pytest.mark.parametrize("seed", by_default(range(1), range(20)))
 def test_users_in_buckets_cross_as_all_users_do(seed):
     """A wide map, a drone anywhere (and off its edge): nobody is overlooked by either pass."""
     rng = np.random.default_rng(seed)
