@@ -16,7 +16,6 @@ end that of this call and the sum of all that are kept are printed.
 from __future__ import annotations
 
 import argparse
-import resource
 import shutil
 import sys
 import time
@@ -150,10 +149,9 @@ def main() -> None:
     leaderboard_ppo.complete(asked.part, asked.jobs)
     page = MADE / "leaderboard.md"
     du.bench_board([FOLDER], out=page, figure=page.with_suffix(".svg"))
-    usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
     print(
         f"{page}: {len(work)} of {len([*entries()])} entries were made, "
-        f"{sum(each.ru_utime + each.ru_stime for each in usage):.0f} s of processor time, "
+        f"{leaderboard_times.spent_s():.0f} s of processor time, "
         f"{time.perf_counter() - since_s:.0f} s in all"
     )
     kept_s = leaderboard_times.kept(FOLDER)

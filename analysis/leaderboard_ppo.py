@@ -14,11 +14,9 @@ from __future__ import annotations
 
 import argparse
 import importlib.util
-import resource
 import shutil
 import subprocess
 import sys
-import time
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -87,10 +85,10 @@ class Entry:
         missing = [not find_table(name).exists() for name in names]
         return names[: missing.index(True) if True in missing else None]
 
-    def command(self, seed: int) -> list[str]:
+    def command(self, seed: int, out: Path) -> list[str]:
         """Return the training as a command, to be run in the repository's root."""
         scenario = self.task.path.relative_to(ROOT)
-        given = ("--steps", str(self.source), "--seed", str(seed), "--out", self.network(seed))
+        given = ("--steps", str(self.source), "--seed", str(seed), "--out", str(out))
         own = (*KINDS[self.kind], *WORLDS[self.track])
         return ["policies/ppo.py", str(scenario), *given, *own, *SETTINGS]
 
@@ -197,16 +195,20 @@ def told_missing(part: str = "") -> list[str]:
 
 
 def trained(entry: Entry, seed: int) -> float:
-    """Train a network, and return the processor time that it took, in seconds."""
-    before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    subprocess.run([sys.executable, *entry.command(seed)], cwd=ROOT, check=True)
-    after = resource.getrusage(resource.RUSAGE_CHILDREN)
-    return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    """Train a network, and return the processor time that it took, in seconds.
+
+    The network has its name only after the training: an interrupted one leaves a network, too.
+    """
+    since_s, place = leaderboard_times.spent_s(), ROOT / entry.network(seed)
+    new = place.with_name(f"new-{place.name}")
+    subprocess.run([sys.executable, *entry.command(seed, new)], cwd=ROOT, check=True)
+    new.replace(place)
+    return leaderboard_times.spent_s() - since_s
 
 
 def make(entry: Entry, networks: Sequence[str], jobs: int) -> float:
-    """Make the submission of an entry, and return the processor time of this process."""
-    since_s = time.process_time()
+    """Make the submission of an entry, and return the processor time that it took."""
+    since_s = leaderboard_times.spent_s()
     about = MlpFile(find_table(networks[0])).about["training"]
     steps = about["steps_done"] // loads(about["scenario_yaml"]).drone_count
     track, place = find_track(entry.track), FOLDER / entry.name
@@ -224,7 +226,7 @@ def make(entry: Entry, networks: Sequence[str], jobs: int) -> float:
     )
     shutil.rmtree(place, ignore_errors=True)
     shutil.move(new, place)
-    return time.process_time() - since_s
+    return leaderboard_times.spent_s() - since_s
 
 
 if __name__ == "__main__":

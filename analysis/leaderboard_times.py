@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+import resource
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -29,3 +30,9 @@ def keep(submissions: Path, spent_s: Mapping[str, float]) -> None:
     found = kept(submissions) | dict(spent_s)
     writer.writerows([made, f"{found[made]:.1f}"] for made in sorted(found))
     write_at(submissions.with_name(NAME), text.getvalue().encode())
+
+
+def spent_s() -> float:
+    """Return the processor time of this process and of its ended children, in seconds."""
+    usage = [resource.getrusage(who) for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)]
+    return sum(each.ru_utime + each.ru_stime for each in usage)
