@@ -20,6 +20,12 @@ from desim_uav.sample_path import draw
 from tests.report.helpers import make_run
 
 SMALL = ("users.count=16", "episode.steps=12", "drones.battery.autonomy_min=6")
+MIXED = (
+    "[{name: by_cells, count: 2, motion: {timing: minimum_time, max_speed_mps: 12}, "
+    "battery: {autonomy_min: 6, return_below: 0.8}}, "
+    "{name: free, count: 2, motion: {space: free}, "
+    "battery: {kind: rotary_wing, capacity_wh: 20, return_below: 0.8}}]"
+)
 KINDS = {
     "busy": ("case8", "baseline", SMALL),
     "crashing": ("case8", "hover", (*SMALL, "drones.battery.respawn_after_min=2")),
@@ -33,6 +39,7 @@ KINDS = {
         ),
     ),
     "unlimited": ("tiny", "baseline", ()),
+    "mixed": ("case8", "random", ("episode.steps=12", "users.count=16", f"drones={MIXED}")),
 }
 
 
