@@ -170,7 +170,7 @@ class Map(Section):
     obstacles: Obstacles | None = DrawnObstacles()
     """The buildings (3D only): drawn, or listed under `cells`; null means none."""
     no_fly: Annotated[tuple[NoFly, ...], Field(max_length=1000)] = ()
-    """The zones in which no drone may fly. All types of drones need `motion: {space: free}` then."""
+    """The zones in which no drone may fly. They need `motion: {space: free}` of all drones."""
 
     @model_validator(mode="after")
     def _nothing_stands_in_the_way_in_2d(self) -> Map:

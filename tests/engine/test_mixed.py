@@ -117,6 +117,28 @@ class TestByHand:
         assert (first.aim_x, second.aim_x) == (0.0, -0.5)
         assert (first.return_us, second.return_us) == (51_000_000, 69_000_000)
 
+    def test_the_order_of_types_does_not_matter(self):
+        # Drone 1 moves in 17 s, and returns over three cells; drone 2 moves in 30.990663 s.
+        battery = {"autonomy_min": 10, "return_below": 1.0}
+        slow = {"timing": "minimum_time"}
+        world = mixed(
+            free(start_cells=[(8, 0)]),
+            by_cells(battery=battery, start_cells=[(0, 0)]),
+            by_cells(name="slow", motion=slow, start_cells=[(6, 0)]),
+            steps=2,
+        )
+        log = fly(world, path_of(world), [[-0.5, 0.0]], ["right", "goto"], ["right", "left"])
+        assert seen(log, "arrive", "land") == events("""
+             17000000   3  arrive  1
+             30990663   3  arrive  2
+             31000000   3  arrive  0
+             77000000   3  arrive  1
+             90990663   3  arrive  2
+             94000000   3  arrive  1
+            111000000   3  arrive  1
+            111000000   3  land    1  -  -  0
+        """)
+
     def test_a_mask_allows_what_the_own_kind_can_do(self):
         battery = {"autonomy_min": 10, "return_below": 1.0}
         world = mixed(free(), by_cells(battery=battery), free(name="far", battery=battery))
@@ -154,18 +176,19 @@ class TestByHand:
             (39_000_000, 13, "conflict", 0)
         ]
         assert log.apart.conflict_us == 21_000_000
-        assert log.apart.nearest_m == 0.0
+        assert log.apart.least_m == 0.0
 
     @pytest.mark.parametrize("first", ["by_cells", "free"])
     def test_the_drone_with_the_higher_index_gives_way(self, first):
         # They would meet at x = 1080 m.
         types = [by_cells(start_cells=[(3, 0)]), free(start_cells=[(5, 0)])]
-        told: list[Told] = [["right"], [[-0.4, 0.0]]]
+        commands: list[Told] = [["right"], [[-0.4, 0.0]]]
         if first == "free":
-            types, told = types[::-1], told[::-1]
+            types, commands = types[::-1], commands[::-1]
         world = mixed(*types, steps=1, separation_m=100, on_conflict="hover_higher_index")
-        log = fly(world, path_of(world), *told)
-        assert seen(log, "blocked", "depart") == events("0 10 depart 0 \n 0 10 blocked 1")
+        log = fly(world, path_of(world), *commands)
+        found = [event[:4] for event in seen(log, "blocked", "depart")]
+        assert found == [(0, 10, "depart", 0), (0, 10, "blocked", 1)]
 
     def test_each_is_asked_when_it_is_free(self):
         # After 17 s, and after 31 s; each then hovers for 25 s until it is asked again.

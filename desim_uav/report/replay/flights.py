@@ -99,7 +99,7 @@ class Flights:
         self, of_type: int, start: list[float], stop: list[float], lasted_us: int
     ) -> tuple[int, int]:
         """Return the number of the profile of a leg of free flight, and its duration (µs)."""
-        key = (of_type, *start, *stop, lasted_us)
+        key: Any = (of_type, *start, *stop, lasted_us)
         if key not in self._profile_of:
             space = self.check.run.world.types[of_type].space
             leg = space.leg(key[1:4], key[4:7], lasted_us)
