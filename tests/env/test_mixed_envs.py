@@ -25,15 +25,15 @@ LIMITED = {"autonomy_min": 6, "return_below": 0.8}
 def scenario(dimensions: int = 2, **changes: Any) -> dict[str, Any]:
     """Two drones of each kind over a small map, of which one of each kind has a battery."""
     built = {"obstacles": {"cells": [[0, 0, 35], [2, 1, 70]]}} if dimensions == 3 else {}
-    motion = {"space": "free", "cruise": [2, 8]}
+    free = {"name": "free", "count": 1, "motion": {"space": "free", "cruise": [2, 8]}}
     return {
         "seed": 1,
         "map": {"size_m": [800, 800], "cells": [4, 4], "dimensions": dimensions, **built},
         "drones": [
             {"name": "tethered", "count": 1, "battery": None, "start_cells": [[1, 1]]},
-            {"name": "free", "count": 1, "motion": motion, "battery": LIMITED},
-            {"name": "by_cells", "count": 1, "battery": LIMITED},
-            {"name": "light", "count": 1, "motion": motion, "battery": None},
+            {**free, "battery": LIMITED, "start_cells": [[2, 2]]},
+            {"name": "by_cells", "count": 1, "battery": LIMITED, "start_cells": [[3, 3]]},
+            {**free, "name": "light", "battery": None},
         ],
         "stations": {"count": 1, "radius_m": 200},
         "users": {"count": 9},

@@ -141,7 +141,7 @@ def test_numbers_for_a_drone_by_cells_are_refused():
         flown(limited(), lambda seen, mask: [0.5, 0.0, -1.0])
 
 
-@pytest.mark.parametrize("policy", ["greedy", "rollout", "clairvoyant"])
+@pytest.mark.parametrize("policy", ["greedy", "rollout:baseline", "clairvoyant"])
 def test_planners_need_drones_of_one_type(policy: str):
     with pytest.raises(ScenarioError, match="needs drones of one type"):
         flown(limited(), policy)
