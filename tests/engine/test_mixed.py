@@ -301,7 +301,7 @@ def test_both_engines_are_equal(seed: int):
     assert unlike(seed) == []
 
 
-@pytest.mark.parametrize("seed", by_default([], range(40)))
+@pytest.mark.parametrize("seed", by_default([2, 7], range(40)))
 def test_no_event_breaks_a_rule(seed: int):
     assert audited(world_of(seed))
 

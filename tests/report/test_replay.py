@@ -42,7 +42,7 @@ MIXED = (
     "[{name: by_cells, count: 2, motion: {timing: minimum_time, max_speed_mps: 12}, "
     "battery: {autonomy_min: 6, return_below: 0.8}}, "
     "{name: free, count: 2, motion: {space: free}, "
-    "battery: {kind: rotary_wing, capacity_wh: 20, return_below: 0.8}}]"
+    "battery: {autonomy_min: 7, return_below: 0.8}}]"
 )
 RUNS = {
     "busy": ("case8", "baseline", SMALL),
