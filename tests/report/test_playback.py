@@ -97,7 +97,7 @@ def test_it_tells_what_the_engine_showed(played):
 
 def test_between_epochs_a_battery_is_that_of_an_endurance(played):
     run, _ = played
-    if run.scenario.drones.battery is None:
+    if not run.scenario.limited_battery:
         assert set(Playback(run, 0).at(0).batteries_s) == {None}
         return
     airborne = landed = 0
@@ -118,7 +118,8 @@ def test_between_epochs_a_battery_is_that_of_an_endurance(played):
                     assert change == pytest.approx(-1.0, abs=1e-6)
                     airborne += 1
                 elif mode is Mode.CHARGING:
-                    assert change == pytest.approx(run.world.capacity_us / US / 300, abs=1e-6)
+                    capacity_us = run.world.type_of(drone).capacity_us
+                    assert change == pytest.approx(capacity_us / US / 300, abs=1e-6)
                     landed += 1
                 else:
                     assert change == pytest.approx(0.0, abs=1e-6)
