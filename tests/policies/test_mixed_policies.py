@@ -13,9 +13,11 @@ from desim_uav.engine.choose import ENGINES
 from desim_uav.errors import DesimError, PolicyError, ScenarioError
 from desim_uav.experiment import tables
 from desim_uav.experiment.run import play
+from desim_uav.learning.training import Training
 from desim_uav.model.rules import Action
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Purpose, Streams
+from desim_uav.optimum.paper_model import refuse_other_models
 from desim_uav.policies import load_policy
 from desim_uav.policies.base import PolicyLike
 from desim_uav.shipped import find_table
@@ -152,6 +154,13 @@ def test_a_script_needs_drones_by_cells(tmp_path):
     file.write_text("step,drone,action\n0,0,right\n")
     with pytest.raises(ScenarioError, match="a script of actions needs drones that fly from cell"):
         flown(limited(), f"script:{file}")
+
+
+def test_learners_with_tables_and_bounds_need_drones_by_cells():
+    with pytest.raises(ScenarioError, match="a learner with a table needs drones that fly from"):
+        Training(limited(), 0)
+    with pytest.raises(DesimError, match=r"space: free: .* with cells"):
+        refuse_other_models(limited().scenario, several_types=True)
 
 
 def test_a_network_needs_drones_of_one_kind():
