@@ -117,7 +117,6 @@ def check_at(seed: int, dt_s: float) -> None:
         check_energy(case, result, dt_s)
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize("seed", by_default([], SEEDS))
 def test_agrees_at_the_finest_dt(seed: int) -> None:
     check_at(seed, FINEST_S)
