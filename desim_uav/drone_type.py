@@ -35,12 +35,16 @@ class DroneType(Unchanging):
 
     @cached_property
     def actions(self) -> tuple[Choice, ...]:
-        """The actions that its drones can take, which are the first of those of the world."""
+        """The actions that its drones can take.
+
+        They are the first of those of the world, unless only some types fly freely: the actions
+        that these have are then at other places (see ``World.actions``).
+        """
         if self.free:
             return free_actions(self.limited)
         return actions(self.scenario.three_d, self.limited, cruise_of(self.drones.motion))
 
-    @property
+    @cached_property
     def free(self) -> bool:
         """Whether its drones fly freely, and not from cell to cell."""
         return flies_freely(self.drones)

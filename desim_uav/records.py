@@ -105,7 +105,7 @@ STORED = Columns(
 )
 
 AIMED = Columns(
-    "If drones fly freely (`motion: {space: free}`):",
+    "If drones fly freely (`motion: {space: free}`); null for those that fly from cell to cell:",
     aim_x=(
         FLOAT,
         "The displacement to the east that was commanded at the start of the step, as a share of "

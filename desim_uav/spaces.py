@@ -90,7 +90,11 @@ def command_space(numbers: int, drones: int = 1) -> Box:
 def action_space_of(
     world: World, drones: int | None = None
 ) -> Discrete[Any] | MultiDiscrete[Any] | Box:
-    """Return the space of the actions of so many drones of a world (None: of all)."""
+    """Return the space of the actions of so many drones of a world (None: of all).
+
+    Raises ScenarioError if some drones fly freely and others from cell to cell.
+    """
+    world.scenario.require_one_space("an environment whose actions are one array")
     drones = world.scenario.drone_count if drones is None else drones
     if world.free:
         return command_space(world.command_numbers, drones)

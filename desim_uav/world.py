@@ -25,7 +25,7 @@ from desim_uav.model.motion import Transit, cruise_of
 from desim_uav.model.observations import Feature
 from desim_uav.model.planner import Node, Planner
 from desim_uav.model.radio.link import thresholds_db
-from desim_uav.model.rules import US, Choice, actions, free_actions
+from desim_uav.model.rules import US, Action, Choice, actions, free_actions
 from desim_uav.model.services import Catalogue, catalogue
 from desim_uav.model.state import Facts
 from desim_uav.model.streams import Purpose, Seeds, Streams, states_of
@@ -45,12 +45,14 @@ class Links(NamedTuple):
     ``rings_m`` (levels, groups, classes) has the radii of classes in metres, the widest first: by
     the levels at which its antenna can be, and by the groups of users (see ``World.groups``). If
     links are sought ``in_air``, changes of their classes or levels are not always those of rings.
+    ``free``: whether the drones that have it fly freely, at any altitude between the levels.
     """
 
     radio: Any
     bandwidth_hz: float
     rings_m: NDArray[np.float64]
     in_air: bool
+    free: bool = False
 
     @property
     def efficiencies(self) -> tuple[int, ...]:
@@ -94,26 +96,47 @@ class World(Unchanging):
         """The actions of all drones. A command is an index into this tuple.
 
         A drone whose battery is unlimited takes none of those of charging, which are the last ones.
+        If only some types fly freely, the actions are those of flight from cell to cell and then
+        ``FLY``. A mask allows a drone only what its own type has (``DroneType.actions``).
         """
-        if self.free:
-            return free_actions(self.scenario.limited_battery)
-        cruise_mps = cruise_of(self.scenario.fleet[0].motion)  # which all types have in common
-        return actions(self.scenario.three_d, self.scenario.limited_battery, cruise_mps)
+        limited, by_cells = self.scenario.limited_battery, self._flying_by_cells
+        if by_cells is None:
+            return free_actions(limited)
+        chosen = actions(self.scenario.three_d, limited, cruise_of(by_cells.drones.motion))
+        return (*chosen, Action.FLY) if self.free else chosen
 
-    @property
+    @cached_property
+    def _flying_by_cells(self) -> DroneType | None:
+        """The first type that flies from cell to cell, with whose moves those of others agree."""
+        return next((own for own in self.types if not own.free), None)
+
+    @cached_property
     def free(self) -> bool:
-        """Whether drones fly freely, and not from cell to cell."""
+        """Whether drones, or some types of them, fly freely and not from cell to cell."""
         return self.scenario.free
 
-    @property
+    @cached_property
+    def mixed(self) -> bool:
+        """Whether some types of drones fly freely and others from cell to cell."""
+        return self.scenario.mixed
+
+    @cached_property
     def command_numbers(self) -> int:
-        """How many numbers a command of free flight has, at most."""
-        return self.dimensions + int(self.chooses_cruise) + int(self.scenario.limited_battery)
+        """How many numbers a command of free flight has, at most; 0 if drones fly by cells."""
+        return max((own.command_numbers for own in self.types if own.free), default=0)
 
     @cached_property
     def chooses_cruise(self) -> bool:
         """Whether a command of free flight has a number for the cruise speed."""
-        return self.free and self.types[0].chooses_cruise  # which all types have in common
+        return any(own.chooses_cruise for own in self.types)  # which free ones have in common
+
+    @cached_property
+    def epoch_moves(self) -> dict[Choice, Transit]:
+        """The transits of a type's moves: those of the first type that flies from cell to cell.
+
+        Other such types have as many, in the same order. There are none if all drones fly freely.
+        """
+        return self._flying_by_cells.epoch_transits if self._flying_by_cells is not None else {}
 
     @property
     def command_names(self) -> tuple[str, ...]:
@@ -121,7 +144,8 @@ class World(Unchanging):
         if not self.free:
             return ()
         cruise = ("aim_cruise",) if self.chooses_cruise else ()
-        charge = ("aim_charge",) if self.scenario.limited_battery else ()
+        limited = any(own.limited for own in self.types if own.free)
+        charge = ("aim_charge",) if limited else ()
         return ("aim_x", "aim_y", "aim_z")[: self.dimensions] + cruise + charge
 
     @property
@@ -326,15 +350,17 @@ class World(Unchanging):
         ]
         points = scenario.access_points
         antennas += [(point.radio, None, 0.0, (point.height_m,)) for point in points]
+        free = [own.free for own in self.types] + [False] * len(points)
         made = []
-        for radio, kbps, disc_m, antennas_m in antennas:
+        for (radio, kbps, disc_m, antennas_m), is_free in zip(antennas, free, strict=True):
             radii_m = [
                 [radio.radii_m(antenna_m - user_m, disc_m) for user_m in groups_m]
                 for antenna_m in antennas_m
             ]
             changes = len(antennas_m) > 1 or radio.reuse > 0 or by_level or radio.marked
             in_air = bool(radio.graded and changes)
-            made.append(Links(radio, radio.bandwidth_hz(kbps), np.array(radii_m), in_air))
+            hz = radio.bandwidth_hz(kbps)
+            made.append(Links(radio, hz, np.array(radii_m), in_air, is_free))
         return tuple(made)
 
     @property

@@ -479,6 +479,20 @@ MUTATIONS = (
     ),
     # ---- free flight
     Mutation(
+        "a mixed fleet: drones from cell to cell are allowed to fly by numbers",
+        "rules/decide.py",
+        "    return action != words.FLY\n",
+        "    return True\n",
+        ("engine/test_mixed.py",),
+    ),
+    Mutation(
+        "a mixed fleet: hops have the numbers of another type's",
+        "engine/constants.py",
+        "for own in world.types[:number])",
+        "for own in world.types[: max(number - 1, 0)])",
+        ("engine/test_mixed.py",),
+    ),
+    Mutation(
         "free flight: a climb counts as level flight",
         "model/coverage.py",
         "dx * dx + dy * dy + dz * dz",

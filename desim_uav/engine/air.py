@@ -71,7 +71,7 @@ def fits_between(world: World, links: Links) -> Fits:
     """Return the radii of classes between the levels of a radio's links, if it needs them."""
     radio, levels = links.radio, world.grid.levels_m
     if (
-        world.free
+        links.free
         or not links.in_air
         or len(links.rings_m) != len(levels)
         or radio.marked
@@ -97,8 +97,9 @@ def buildings_of(world: World) -> Buildings:
 def set_memory(tables: Any, world: World) -> None:
     """Set the tables in which kernels work, if the world needs them."""
     if world.in_air:
+        profiles = [transit.profile for transit in transits_of(world)]
         senders = world.scenario.drone_count + len(world.scenario.access_points)
-        longest = max(len(transit.profile) for transit in transits_of(world))
+        longest = max(map(len, profiles))
         for name, array in memory(senders, longest).items():
             setattr(tables, "link_words" if name == "words" else name, array.reshape(-1))
         tables.ways = np.zeros(senders * PLACE_COLUMNS)
@@ -109,8 +110,9 @@ def set_memory(tables: Any, world: World) -> None:
         tables.found = np.zeros(senders * FOUND_COLUMNS, np.int64)
         tables.passed = np.zeros(2 * MOST_PASSED, np.int64)
         if world.free:
-            tables.pieces = np.zeros(4 * PROFILE * senders)
-            tables.pieces_at = np.arange(0, PROFILE * senders + 1, PROFILE)
+            own = [np.zeros((PROFILE, 4))] * senders
+            tables.pieces = np.concatenate([*profiles, *own]).reshape(-1)
+            tables.pieces_at = np.cumsum([0, *map(len, profiles), *map(len, own)])
 
 
 def set_room(tables: Any, world: World, room: Room) -> None:

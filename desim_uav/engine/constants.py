@@ -80,14 +80,14 @@ def _type(world: World, number: int) -> TypeRow:
     made.capacity_us, made.return_below_us = own.capacity_us, own.return_below_us
     made.full_us, made.per_second = own.full_us, own.per_second
     made.respawn_after_us, made.on_crash = own.respawn_after_us, CRASHES[own.on_crash]
-    made.first_transit = number * _transits(world)
+    made.first_transit = _first_transit(world, number)
     made.first_plan = 2 * places * world.planner_number(number)
     return made
 
 
-def _transits(world: World) -> int:
-    """Return the number of the transits of a type of drones, which all types have."""
-    return len(world.types[0].epoch_transits) + len(HOPS)
+def _first_transit(world: World, number: int) -> int:
+    """Return the number of the transits of the types of drones before one of them."""
+    return sum(len(own.epoch_transits) + len(HOPS) for own in world.types[:number])
 
 
 def transits_of(world: World) -> list[Transit]:
@@ -103,8 +103,12 @@ def transits_of(world: World) -> list[Transit]:
 
 def hop_transit(world: World, number: int, hop: Node) -> int:
     """Return the number of the transit of a hop (dx, dy, dlevel) of a type of drones."""
-    first = number * _transits(world) + 1 + len(world.types[0].epoch_transits)
-    return first + DIRECTIONS[hop]
+    return _first_transit(world, number) + _first_hop(world) + DIRECTIONS[hop]
+
+
+def _first_hop(world: World) -> int:
+    """Return the number of the first hop of a type that flies from cell to cell, from its first."""
+    return 1 + len(world.epoch_moves)
 
 
 def _set_links(made: Constants, world: World) -> None:
@@ -149,12 +153,12 @@ def whole_hz(bandwidth_hz: float) -> int:
 
 def _set_flights(made: Constants, world: World) -> None:
     """Set the actions and the transits of the constants."""
-    by_action = {action: 1 + k for k, action in enumerate(world.types[0].epoch_transits)}
+    by_action = {action: 1 + k for k, action in enumerate(world.epoch_moves)}
     made.moves = Table(
         fill(Move, (int(action), *move_of(action), by_action.get(action, 0)))
         for action in world.actions
     )
-    made.first_hop = hop_transit(world, 0, next(iter(HOPS)))
+    made.first_hop = _first_hop(world)
     made.transits = Table(map(_transit, transits_of(world)))
 
 

@@ -202,8 +202,14 @@ class Engine(Restorable):
         for drone, command in zip(self.drones, commands, strict=True):
             if drone.off_grid:
                 drone.command = aim(self.world, drone, command)
-            else:
+                continue
+            try:
                 drone.command = int(command) if 0 <= command < count else -1
+            except (TypeError, ValueError) as problem:
+                raise ValueError(
+                    f"drone {drone.index} flies from cell to cell; its command is the index of an "
+                    f"action, not {command!r}"
+                ) from problem
 
     def check_components(self) -> None:
         """Raise SimulationError if the reward or the admission rule has broken its contract."""
@@ -240,7 +246,7 @@ class Engine(Restorable):
             capacity_s, per_second = facts.capacity_s, world.types[number].per_second
             if capacity_s is not None:
                 drained_s = math.inf
-                if world.free:
+                if world.types[number].free:
                     plan = self.drones[index].course.home
                 else:
                     plan = self.plan(first_plans[number] + ceiling * places + row.believed)

@@ -61,7 +61,7 @@ def set_memory(state: Any, world: World, log: int) -> None:
     state.flown = Queue(of=FlownRow, buffer=0)
     if world.free:
         state.aims = Table([0.0] * (AIMS * len(state.history)))
-        state.away_m = np.zeros(max(own.space.nodes for own in world.types))
+        state.away_m = np.zeros(max(own.space.nodes for own in world.types if own.free))
         state.flown = Queue(of=FlownRow, buffer=log)
 
 
@@ -72,15 +72,18 @@ def aim(world: World, drone: Any, command: Any) -> int:
     there is a choice, and of the wish to charge if the battery is limited. Raises ValueError for
     anything else.
     """
-    numbers = _numbers(world, drone.type, command)
+    numbers = numbers_of(world, drone.type, command)
     _aim(drone.course, numbers or (0.0,) * AIMS)
     if numbers is not None:
         return world.actions.index(Action.FLY)
     return int(command) if 0 <= command < len(world.actions) else -1
 
 
-def _numbers(world: World, number: int, command: Any) -> tuple[float, ...] | None:
-    """Return the numbers of a command, with those that its type of drones has not; or None."""
+def numbers_of(world: World, number: int, command: Any) -> tuple[float, ...] | None:
+    """Return the AIMS numbers of a command of a type of drones; None if it is an index.
+
+    Raises ValueError if it has another number of them, or if they are not finite.
+    """
     if np.ndim(command) == 0:
         return None
     given = [float(one) for one in command]

@@ -13,7 +13,7 @@ from desim_uav.engine.base import COUNTS, MEASURES, OWN_COUNTS, RunSettings
 from desim_uav.engine.compiled import BatchSimulation, calls
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.episode import Engine
-from desim_uav.env.free import aims_of
+from desim_uav.env.free import aims_of, apart
 from desim_uav.env.session import Session, info_keys, out_of_range, real_numbers, whole_numbers
 from desim_uav.env.tasks import Tasks
 from desim_uav.model.rows import Words
@@ -152,7 +152,10 @@ class CompiledSession(Session):
         self._look()
 
     def _step(self, action: Any) -> tuple[float, bool, bool]:
-        if self.world.free:
+        if self.world.mixed:
+            commands, aims = apart(action, self.world)
+            calls.aim_all(self._row.addresses, aims, ONE)
+        elif self.world.free:
             aims = aims_of(real_numbers(action, self.shape), self.world)
             calls.aim_all(self._row.addresses, aims, ONE)
             commands = np.zeros((1, self.drones), np.int64)  # of which the first one is to fly

@@ -60,6 +60,7 @@ class Many(VectorSaving, Independent):
         self.num_envs = num_envs
         self.render_mode = render_mode
         self.autoreset_mode = _mode(autoreset_mode)
+        tasks.stages[0][1].require_one_space("an environment whose actions are one array")
         first = CompiledSession(tasks, draws_ahead=False)
         require_room(first, num_envs)
         others = [CompiledSession(tasks, first.world, False) for _ in range(num_envs - 1)]

@@ -13,7 +13,7 @@ from pettingzoo import ParallelEnv  # type: ignore[import-untyped]
 from desim_uav.copies import Independent
 from desim_uav.env.compiled import session_of
 from desim_uav.env.configure import Source, WorldSeed
-from desim_uav.env.free import of_all
+from desim_uav.env.free import each_own, of_all
 from desim_uav.env.render import RENDERING, Screen
 from desim_uav.env.saving import Saving
 from desim_uav.env.session import ActionError
@@ -39,7 +39,8 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
     entries are those of ``World.actions``: to fly, to hover, to return to a station, to charge.
 
     If the scenario has several types of drones, the spaces are those of the drone's own type: one
-    without a battery has no actions for charging. Actions have the same numbers for all.
+    without a battery has no actions for charging, and some may fly freely and others from cell to
+    cell. Actions have the same numbers for all that fly from cell to cell.
 
     An agent's reward is its drone's own. Its info holds numbers only, under the same keys at every
     reset and step (see ``Session.info``): attached users, crashes and the terms of the reward are
@@ -73,22 +74,30 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
         self.possible_agents = [f"drone_{d}" for d in range(self.session.drones)]
         self.agents: list[str] = []
         world, self.observation_spaces, self.action_spaces = self.session.world, {}, {}
-        self.mask_key = "allowed" if world.free else "action_mask"
-        self._counts: list[tuple[int, int]] = []
+        self._parts: list[tuple[int, str, Any]] = []
         for drone, agent in enumerate(self.possible_agents):
             own = world.type_of(drone)
             numbers, actions = features_of(world, drone), len(own.actions)
+            mask_key = "allowed" if own.free else "action_mask"
             self.observation_spaces[agent] = Dict(
                 {
                     "observation": observation_space(numbers),
-                    self.mask_key: Box(0, 1, (actions,), np.int8),
+                    mask_key: Box(0, 1, (actions,), np.int8),
                 }
             )
             self.action_spaces[agent] = (
-                command_space(own.command_numbers) if world.free else Discrete(actions)
+                command_space(own.command_numbers) if own.free else Discrete(actions)
             )
-            self._counts.append((len(numbers), actions))
+            self._parts.append((len(numbers), mask_key, self._own_actions(drone)))
         self.state_space = state_space(len(self.session.state_names))
+
+    def _own_actions(self, drone: int) -> Any:
+        """Return which entries of the mask of all actions are those of a drone."""
+        world = self.session.world
+        own = world.type_of(drone)
+        if own.free and world.mixed:
+            return [world.actions.index(action) for action in own.actions]
+        return slice(len(own.actions))  # which are the first ones
 
     def observation_space(self, agent: str) -> Dict:
         """Return the observation space of an agent, always the same object."""
@@ -141,8 +150,10 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
 
     def _joined(self, ordered: Sequence[Any]) -> Any:
         """Return the actions of all agents as one of the session's."""
-        if self.session.world.free:
-            return of_all(ordered, self.session.world) if ordered else ordered
+        world = self.session.world
+        if world.free:
+            joined = each_own if world.mixed else of_all
+            return joined(ordered, world) if ordered else ordered
         self._refuse_those_of_others(ordered)
         return ordered if len(ordered) != 1 else ordered[0]
 
@@ -175,9 +186,8 @@ class UavParallelEnv(Saving, Independent, ParallelEnv[str, Parts, int]):  # type
     def _observations_and_infos(self) -> tuple[dict[str, Parts], Infos]:
         session, observations = self.session, {}
         masks = session.mask().reshape(session.drones, -1)
-        for agent, encoded, mask, (numbers, actions) in zip(
-            self.possible_agents, session.observations(), masks, self._counts, strict=True
+        for agent, encoded, mask, (numbers, mask_key, actions) in zip(
+            self.possible_agents, session.observations(), masks, self._parts, strict=True
         ):
-            own = {"observation": encoded[:numbers], self.mask_key: mask[:actions]}
-            observations[agent] = own
+            observations[agent] = {"observation": encoded[:numbers], mask_key: mask[actions]}
         return observations, dict(zip(self.possible_agents, session.infos(), strict=True))

@@ -181,7 +181,9 @@ class Session(Independent):
         """Give each drone its action and run to the next decision epoch.
 
         ``action``: one whole number per drone; for a single drone it is that number. In free
-        flight, it is the numbers of the drones' commands, one after the other. Returns the
+        flight, it is the numbers of the drones' commands, one after the other. If some drones fly
+        freely and others from cell to cell, it is a list with the checked command of each, as an
+        engine takes it (``env.free.each_own``). Returns the
         mean reward, and whether a crash or the end of its time ended the episode. Raises
         ResetNeeded outside an episode, and ActionError for an invalid action.
         """
@@ -193,18 +195,22 @@ class Session(Independent):
         return reward, terminated, truncated
 
     def _step(self, action: Any) -> tuple[float, bool, bool]:
+        if self.world.mixed:
+            return self._give(action)
         if self.world.free:
             return self._steer(action)
         commands = whole_numbers(action, self.shape).reshape(-1).tolist()
         if min(commands) < 0 or max(commands) >= len(self.world.actions):
             raise out_of_range(commands, self.world)
-        snapshot = self._snapshot = self.engine.step(commands)
-        return in_order(snapshot.rewards) / self.drones, snapshot.terminated, snapshot.truncated
+        return self._give(commands)
 
     def _steer(self, action: Any) -> tuple[float, bool, bool]:
         """Give each drone its command of free flight, and run to the next decision epoch."""
         numbers = real_numbers(action, self.shape).reshape(self.drones, -1).tolist()
-        commands: Any = numbers
+        return self._give(numbers)
+
+    def _give(self, commands: Any) -> tuple[float, bool, bool]:
+        """Give the engine a command for each drone, and run to the next decision epoch."""
         snapshot = self._snapshot = self.engine.step(commands)
         return in_order(snapshot.rewards) / self.drones, snapshot.terminated, snapshot.truncated
 

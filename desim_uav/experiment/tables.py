@@ -106,6 +106,8 @@ def steps_table(logs: Sequence[EpisodeLog], world: World) -> pd.DataFrame:
     columns = STEPS.among(more)
     types = [world.type_of(drone) for drone in range(world.scenario.drone_count)]
     own = STEP_VALUES | _charge_values(types)
+    if world.mixed:
+        own |= {name: _of_free(name, types) for name in (*AIMED, *CRUISED)}
     values = [own.get(name, attrgetter(name)) for name in columns if name != "episode"]
     rows = ((log.episode, *(of(step) for of in values)) for log in logs for step in log.steps)
     frame = to_frame(columns, rows)
@@ -133,6 +135,11 @@ def _charge_values(types: Sequence[DroneType]) -> dict[str, Callable[[Any], Any]
         "n_b_wh": in_wh("return_us"),
         "energy_wh": lambda step: step.used if types[step.drone].in_joules else None,
     }
+
+
+def _of_free(name: str, types: Sequence[DroneType]) -> Callable[[Any], Any]:
+    """Return what a record has under a name if its drone flies freely, else None."""
+    return lambda step: getattr(step, name) if types[step.drone].free else None
 
 
 def _over(charge: float | None, unit: int) -> float | None:

@@ -234,6 +234,7 @@ class NetworkPolicy:
 
     def _fit(self, world: World) -> None:
         """Check that the network fits the world, and read it."""
+        world.scenario.require_one_space("a network")
         self._world = world
         self._encode = world.scenario.observation.encode
         here = description_of(world)

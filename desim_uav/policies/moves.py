@@ -101,6 +101,28 @@ class FreeMoves:
         return bool(entry == math.inf)
 
 
+class EachMoves:
+    """The moves of drones of which some fly freely and others from cell to cell."""
+
+    def __init__(self, world: World) -> None:
+        kinds: tuple[Moves, Moves] = CellMoves(world), FreeMoves(world)
+        self._of = [kinds[world.types[number].free] for number in world.type_numbers]
+
+    def leads(self, drone: int, cell: Cell, level: int, to: Cell) -> bool:
+        """Return whether a drone can fly from a cell to a neighbour at its level."""
+        return self._of[drone].leads(drone, cell, level, to)
+
+    def climbs(self, drone: int, cell: Cell, level: int, to: Cell) -> bool:
+        """Return whether a drone that climbs comes to a level at which it can fly there."""
+        return self._of[drone].climbs(drone, cell, level, to)
+
+    def commands(self, drone: int, action: Action) -> list[Command]:
+        """Return the commands of an action of a drone, one for each step that it takes."""
+        return self._of[drone].commands(drone, action)
+
+
 def moves_of(world: World) -> Moves:
     """Return how the drones of a world move."""
+    if world.mixed:
+        return EachMoves(world)
     return FreeMoves(world) if world.free else CellMoves(world)

@@ -32,7 +32,7 @@ from desim_uav.rules.rows import Constants, Drone, State
 from desim_uav.rules.words import OWN
 
 PROFILE = 4
-"""The rows of a profile in free flight, which are 0 while a drone hovers."""
+"""The rows of the profile of a drone in free flight, which are 0 while it hovers."""
 
 
 @rule
@@ -44,7 +44,7 @@ def keeps_rings(world: Constants, drone: Drone) -> bool:
     """
     radio = world.radios[drone.radio]
     known = drone.level == drone.to_level or goes_between(world, drone)
-    if len(world.spaces) > 0 and drone.point < 0:  # at any altitude
+    if drone.off_grid and drone.point < 0:  # at any altitude
         known = world.levels == 1
     return bool(radio.flat) or (world.reuse == 0 and known and not radio.marked)
 
@@ -99,20 +99,24 @@ def place_drones(world: Constants, state: State) -> None:
 
 @rule
 def number_of_profile(state: State, drone: Drone) -> int:
-    """Return the number of the profile of a drone's transit, which is written in free flight."""
+    """Return the number of the profile of a drone's transit, which is written in free flight.
+
+    The profiles of drones in free flight, by drone, come after those of the world's transits.
+    """
     air = state.look.air
-    if len(air.pieces) == 0:
+    if len(air.pieces) == 0 or not drone.off_grid:
         return drone.transit
     pieces, flies = drone.course.flight.pieces, drone.transit == OWN
+    number = len(air.pieces_at) - 1 - len(state.senders) + drone.index
     for k in range(PROFILE):
-        at = 4 * (PROFILE * drone.index + k)
+        at = 4 * (air.pieces_at[number] + k)
         for column in range(4):
             air.pieces[at + column] = 0.0
         if flies:
             piece = pieces[k]
             air.pieces[at], air.pieces[at + 1] = piece.start_s, piece.from_m
             air.pieces[at + 2], air.pieces[at + 3] = piece.speed_mps, piece.acceleration_mps2
-    return drone.index
+    return number
 
 
 @rule

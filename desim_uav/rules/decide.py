@@ -127,19 +127,31 @@ def allow(world: Constants, state: State) -> None:
         allows = 1 + 4 * mode + 2 * int(may_return) + int(may_charge)
         if allows != observation.allows:
             observation.allows = allows
-            _write_mask(world, state, observation, d * len(world.moves))
+            _write_mask(world, state, drone, observation)
 
 
 @rare_rule
-def _write_mask(world: Constants, state: State, observation: Observation, first: int) -> None:
-    """Write a drone's mask from index ``first`` on, and whether it is forced."""
-    allows, options = observation.allows - 1, 0
+def _write_mask(world: Constants, state: State, drone: Drone, observation: Observation) -> None:
+    """Write a drone's mask, and whether it is forced."""
+    allows, options, first = observation.allows - 1, 0, drone.index * len(world.moves)
     for k in range(len(world.moves)):
-        may_return, may_charge = allows & 2 > 0, allows & 1 > 0
-        allowed = is_allowed(world.moves[k].action, allows // 4, may_return, may_charge)
+        action, may_return, may_charge = world.moves[k].action, allows & 2 > 0, allows & 1 > 0
+        allowed = is_allowed(action, allows // 4, may_return, may_charge)
+        allowed = allowed and can_take(action, drone.off_grid)
         state.masks[first + k] = int(allowed)
         options += int(allowed)
     observation.forced = int(options == 1)
+
+
+@rule
+def can_take(action: int, off_grid: int) -> bool:
+    """Return whether drones that fly freely (``off_grid``), or from cell to cell, have an action.
+
+    It matters if there are both: moves are for the latter, and to fly by numbers for the former.
+    """
+    if off_grid:
+        return action in (words.FLY, words.HOVER, words.GOTO, words.CHARGE)
+    return action != words.FLY
 
 
 @rule

@@ -228,7 +228,8 @@ class Constants(Row):
     battery that is ``limited``. ``plans`` holds for each type (see ``TypeRow``) one plan per place
     without the drones' ceiling, and then one per place below it. ``transits`` holds the hover, and
     then for each type its moves and, from its number ``first_hop``, its hops in the order of
-    ``model.planner.HOPS``; ``Move.transit`` and ``first_hop`` are those of the first type.
+    ``model.planner.HOPS``; ``Move.transit`` and ``first_hop`` are as if the first type came first
+    of those that fly from cell to cell. Types that fly freely have no moves, and do not use them.
     ``radios`` are those of the types of drones, and then those of the access points ``points``.
     Rewards divide users among ``sharers``: the drones, and the access points
     that count. ``groups`` are those of the users by height (see ``Radio``). By service, ``in_bits``
@@ -246,7 +247,7 @@ class Constants(Row):
     (``engine.compiled.standing``). Drones are too near to each other below a distance of
     ``separation_m`` (0: they have not to keep any); one ``gives_way`` to those with lower indices.
     ``features`` is the number of features that a learner observes.
-    If drones fly freely, ``spaces`` has an entry for each type.
+    If drones fly freely, ``spaces`` has an entry for each type; only those of free ones are used.
     The fields from ``foresee`` on are functions, or in compiled code their addresses;
     ``reward_values`` and the like are the addresses of the components' fields.
     """
@@ -763,8 +764,8 @@ class AirTables(Row):
     (``model.radio.air.FOUND_COLUMNS``), and ``passed`` are the rows of a pair of levels. ``marks``
     has ``mark_rows`` rows for each sender; ``marks_lost`` says that they were too few, or the
     memory in which marks are made (``model.radio.marks.Memory``), from ``flown`` (tracks) to
-    ``visited``. In free flight, ``pieces`` has the profile of each sender, of four rows, in the
-    place of ``Constants.profiles``.
+    ``visited``. In free flight, ``pieces`` has ``Constants.profiles`` and then the profile of each
+    sender, of four rows, which drones in free flight use.
     """
 
     ways: Table[float]

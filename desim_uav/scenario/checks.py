@@ -195,27 +195,35 @@ def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
 
 
 def cruise_speeds_can_be_flown(scenario: Scenario) -> Iterator[Finding]:
-    """Cruise speeds above a drone's highest one, or that only some types of drones choose from."""
-    for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
-        path, first = (*key, "motion", "cruise"), scenario.fleet[0].motion
-        if scenario.free and bool(cruise_of(drones.motion)) != bool(cruise_of(first)):
+    """Cruise speeds above a drone's highest one, or that only some types of drones choose from.
+
+    Types that fly freely and types that fly from cell to cell are compared among themselves.
+    """
+    firsts: dict[bool, int] = {}
+    for number, (key, drones) in enumerate(zip(scenario.fleet_keys, scenario.fleet, strict=True)):
+        path, free = (*key, "motion", "cruise"), flies_freely(drones)
+        kind = "that fly freely " * free if scenario.mixed else ""
+        kind = kind or "that fly from cell to cell " * scenario.mixed
+        of_first = firsts.setdefault(free, number)
+        first = scenario.fleet[of_first].motion
+        if free and bool(cruise_of(drones.motion)) != bool(cruise_of(first)):
             yield Finding(
                 path if cruise_of(drones.motion) else path[:-1],
-                "the commands of all types of drones have the same numbers, so either all types "
-                "have cruise or none has",
-                (("drones", 0, "motion"),),
+                f"the commands of all types of drones {kind}have the same numbers, so either all "
+                "types have cruise or none has",
+                (("drones", of_first, "motion"),),
             )
-        if not scenario.free and cruise_of(drones.motion) != cruise_of(first):
+        if not free and cruise_of(drones.motion) != cruise_of(first):
             speeds = ", ".join(f"{speed:g}" for speed in cruise_of(first))
             yield Finding(
                 path if cruise_of(drones.motion) else path[:-1],
-                f"all types of drones have the same actions, so cruise must be that of drones.0, "
-                f"{f'[{speeds}]' if speeds else 'null'}",
-                (("drones", 0, "motion"),),
+                f"all types of drones {kind}have the same actions, so cruise must be that of "
+                f"drones.{of_first}, {f'[{speeds}]' if speeds else 'null'}",
+                (("drones", of_first, "motion"),),
             )
         too_fast = getattr(drones.motion, "too_fast", None)
-        for number, problem in too_fast() if too_fast else ():
-            yield Finding((*path, number), problem, ((*key, "motion", "max_speed_mps"),))
+        for place, problem in too_fast() if too_fast else ():
+            yield Finding((*path, place), problem, ((*key, "motion", "max_speed_mps"),))
 
 
 def the_mix_names_services(scenario: Scenario) -> Iterator[Finding]:

@@ -18,7 +18,7 @@ from desim_uav.errors import ScenarioError
 from desim_uav.model.services import Volume
 from desim_uav.model.walking import Area
 from desim_uav.scenario.epochs import most_epochs
-from desim_uav.scenario.schema import DrawnObstacles, Scenario
+from desim_uav.scenario.schema import DrawnObstacles, Scenario, flies_freely
 
 MOST_EVENTS = 1e10
 """An episode of more events than this would take the fastest engine more than an hour."""
@@ -190,11 +190,11 @@ def _of_batch(scenario: Scenario, n: _Counts) -> Iterable[Part]:
     """The compiled engine: tables of users by drones, and the ways back from every place."""
     yield Part("users in footprints", 8.0 * n.users * (10.0 * n.drones + 110.0), _PAIRS)
     yield Part("commands so far", 16.0 * n.drones * n.epochs, _STEPS)
-    if scenario.limited_battery and not scenario.free:
+    if ways := _ways_back(scenario):
         nx, ny = scenario.map.cells
         hops = (nx + ny) / (2.0 * math.sqrt(scenario.stations.count)) + n.places / n.cells / 2.0
         size = n.places * (80.0 + 72.0 * hops)
-        yield Part("ways back to the stations", _ways_back(scenario) * size, _LEVELS)
+        yield Part("ways back to the stations", ways * size, _LEVELS)
 
 
 def _pairs(scenario: Scenario, n: _Counts) -> Iterable[Part]:
@@ -205,11 +205,14 @@ def _pairs(scenario: Scenario, n: _Counts) -> Iterable[Part]:
 
 
 def _ways_back(scenario: Scenario) -> int:
-    """How many tables of ways back there are: one for all types that fly them in the same way."""
+    """How many tables of ways back there are: one for all types that fly them in the same way.
+
+    Drones that fly freely look for their ways while they fly.
+    """
     found: list[tuple[object, object]] = []
     for drones in scenario.fleet:
         flown = drones.motion, drones.battery
-        if drones.battery is not None and flown not in found:
+        if drones.battery is not None and not flies_freely(drones) and flown not in found:
             found.append(flown)
     return len(found)
 

@@ -9,7 +9,7 @@ from desim_uav.model.planner import HOPS
 from desim_uav.model.rules import US
 from desim_uav.model.wind import motion_in
 from desim_uav.scenario.finding import Finding
-from desim_uav.scenario.schema import Drones, Scenario
+from desim_uav.scenario.schema import Drones, Scenario, flies_freely
 from desim_uav.scenario.yaml12 import KeyPath
 
 
@@ -30,7 +30,7 @@ def most_epochs(scenario: Scenario) -> int:
 
 def shortest_leg_s(scenario: Scenario, drones: Drones) -> float:
     """Return the shortest time from a command to the next one in serving flight, in seconds."""
-    if scenario.free:  # a leg may be short, but then the drone hovers
+    if flies_freely(drones):  # a leg may be short, but then the drone hovers
         return scenario.decisions.patience_s
     sizes = zip(scenario.map.cell_m, scenario.map.cells, strict=True)
     hops_m = [size_m if count > 1 else 0.0 for size_m, count in sizes]

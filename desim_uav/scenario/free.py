@@ -22,16 +22,22 @@ def free_flight_fits_the_scenario(scenario: Scenario) -> Iterator[Finding]:
                 tuple((*key, "motion") for key in scenario.fleet_keys),
             )
         return
-    motions = tuple((*key, "motion", "space") for key in scenario.fleet_keys)
-    if not all(map(flies_freely, scenario.fleet)):
+    if scenario.mixed and scenario.map.no_fly:
+        cells = [
+            key
+            for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True)
+            if not flies_freely(drones)
+        ]
+        names = ", ".join(".".join(map(str, key)) for key in cells)
         yield Finding(
-            ("drones",),
-            "some types fly freely and some from cell to cell; all must do one",
-            motions,
+            ("map", "no_fly"),
+            f"the drones of {names} fly from cell to cell and do not heed it; all types need "
+            "motion: space: free",
+            tuple((*key, "motion") for key in cells),
         )
-        return
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
-        yield from _of_type(scenario, key, drones)
+        if flies_freely(drones):
+            yield from _of_type(scenario, key, drones)
 
 
 def _of_type(scenario: Scenario, key: KeyPath, drones: Drones) -> Iterator[Finding]:

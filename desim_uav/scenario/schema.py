@@ -170,7 +170,7 @@ class Map(Section):
     obstacles: Obstacles | None = DrawnObstacles()
     """The buildings (3D only): drawn, or listed under `cells`; null means none."""
     no_fly: Annotated[tuple[NoFly, ...], Field(max_length=1000)] = ()
-    """The zones in which no drone may fly. They need `drones.motion: {space: free}`."""
+    """The zones in which no drone may fly. They need `motion: {space: free}` of all drones."""
 
     @model_validator(mode="after")
     def _nothing_stands_in_the_way_in_2d(self) -> Map:
@@ -496,8 +496,13 @@ class Scenario(Section):
 
     @property
     def free(self) -> bool:
-        """Do drones fly freely, and not from cell to cell?"""
+        """Do drones, or some types of them, fly freely and not from cell to cell?"""
         return any(flies_freely(drones) for drones in self.fleet)
+
+    @property
+    def mixed(self) -> bool:
+        """Do some types of drones fly freely and others from cell to cell?"""
+        return self.free and not all(flies_freely(drones) for drones in self.fleet)
 
     def require_cells(self, what: str) -> None:
         """Raise ScenarioError, which says that ``what`` needs it, unless drones fly by cells."""
@@ -505,6 +510,20 @@ class Scenario(Section):
             raise ScenarioError(
                 f"drones.motion: space: free: {what} needs drones that fly from cell to cell "
                 f"(space: cells)"
+            )
+
+    def require_one_space(self, what: str) -> None:
+        """Raise ScenarioError, which says that ``what`` needs it, unless all drones fly alike.
+
+        They do if all types of drones fly freely, or all from cell to cell.
+        """
+        if self.mixed:
+            named = list(zip(self.type_names, self.fleet, strict=True))
+            free = ", ".join(name for name, drones in named if flies_freely(drones))
+            cells = ", ".join(name for name, drones in named if not flies_freely(drones))
+            raise ScenarioError(
+                f"drones: the types {free} fly freely (motion: space: free) and the types {cells} "
+                f"from cell to cell; {what} needs drones of one of the two kinds"
             )
 
     @property

@@ -33,6 +33,7 @@ COMPILED_APART = (
     "test_free_in_wind",
     "test_link_memory",
     "test_links_against_fixed_step",
+    "test_mixed",
     "test_radio_engines",
     "test_transfers",
     "test_wind",

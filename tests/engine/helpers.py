@@ -410,9 +410,10 @@ def scenarios(draw: st.DrawFn) -> dict[str, Any]:
 
 def some_command(world: World, mask: tuple[bool, ...], rng: np.random.Generator) -> Any:
     """Mostly something allowed, eager to move and to charge; sometimes anything at all."""
-    if world.free and rng.random() < 0.8:
+    flies = world.free and (not world.mixed or mask[world.actions.index(Action.FLY)])
+    if flies and rng.random() < 0.8:
         numbers = rng.uniform(-1.2, 1.2, world.command_numbers)
-        if world.scenario.limited_battery:
+        if "aim_charge" in world.command_names:
             numbers[-1] = rng.choice([-1.0, 1.0])
         return numbers.round(3).tolist()
     if rng.random() < 0.15:

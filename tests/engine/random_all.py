@@ -54,8 +54,8 @@ THIRSTY = f"{random_parts.__name__}:Thirsty"
 CIRCLING = {"kind": f"{random_parts.__name__}:Circling"}
 
 
-def scenario(seed: int) -> dict[str, Any]:
-    """A random scenario."""
+def scenario(seed: int, mixed: bool = False) -> dict[str, Any]:
+    """A random scenario; ``mixed``: some types of drones fly freely and others by cells."""
     made, dice = random_radio.scenario(seed), Dice(seed + 500_000)
     made["free"], made["event"] = dice.of(True, False), dice.of(True, False)
     made["wind_mps"] = dice.of([0, 0], [0, 0], [-2.5, 1], [0, 3.9], [4.2, -3])
@@ -65,7 +65,7 @@ def scenario(seed: int) -> dict[str, Any]:
     if dice.of(True, False, False):
         made["access_points"], made["association"] = [], "entered_first"
         made["services"], own = {"call": CALL}, None
-    made["drones"] = _types(made, own, dice)
+    made["drones"] = _mixed_types(made, own, dice) if mixed else _types(made, own, dice)
     made["stations"] = _stations(made["drones"], dice)
     made["users"]["mobility"] = dice.of(*WALKS)
     offered = made["services"]
@@ -80,7 +80,11 @@ def scenario(seed: int) -> dict[str, Any]:
     if dice.of(True, False):
         made["separation_m"] = dice.between(5, 300)
         made["on_conflict"] = dice.of("log", "hover_higher_index")
-    if made["free"]:
+    if mixed:
+        choosing = Dice(seed + 600_000).of(True, False)
+        types = [each for each in made["drones"] if each["motion"].get("space") == "free"]
+        choose_speeds(dice, types if choosing else [], made["wind_mps"])
+    elif made["free"]:
         zones = [zone(dice, made["map"]["size_m"]) for _ in range(dice.of(0, 0, 1, 2))]
         made["map"]["no_fly"] = zones
         later = Dice(seed + 600_000)
@@ -126,6 +130,18 @@ def _types(made: dict[str, Any], own: Any, dice: Dice) -> list[dict[str, Any]]:
         each["battery"] = _battery(made, each, dice)
         types.append(each)
     return types
+
+
+def _mixed_types(made: dict[str, Any], own: Any, dice: Dice) -> list[dict[str, Any]]:
+    """One or two types of each kind, in any order."""
+    types: list[dict[str, Any]] = []
+    for free in (True, False):
+        made["free"] = free
+        types += _types(made, own, dice)[:2]
+    dice.rng.shuffle(types)  # type: ignore[arg-type]
+    if made["access_points"]:  # which admit requests as drones do
+        types = [each | {"admission": types[0]["admission"]} for each in types]
+    return [each | {"name": f"type{k}"} for k, each in enumerate(types)]
 
 
 def _radio(made: dict[str, Any], own: dict[str, Any], dice: Dice) -> dict[str, Any]:

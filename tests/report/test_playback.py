@@ -20,6 +20,12 @@ from desim_uav.sample_path import draw
 from tests.report.helpers import make_run
 
 SMALL = ("users.count=16", "episode.steps=12", "drones.battery.autonomy_min=6")
+MIXED = (
+    "[{name: by_cells, count: 2, motion: {timing: minimum_time, max_speed_mps: 12}, "
+    "battery: {autonomy_min: 6, return_below: 0.8}}, "
+    "{name: free, count: 2, motion: {space: free}, "
+    "battery: {autonomy_min: 7, return_below: 0.8}}]"
+)
 KINDS = {
     "busy": ("case8", "baseline", SMALL),
     "crashing": ("case8", "hover", (*SMALL, "drones.battery.respawn_after_min=2")),
@@ -33,6 +39,7 @@ KINDS = {
         ),
     ),
     "unlimited": ("tiny", "baseline", ()),
+    "mixed": ("case8", "random", ("episode.steps=12", "users.count=16", f"drones={MIXED}")),
 }
 
 
@@ -90,7 +97,7 @@ def test_it_tells_what_the_engine_showed(played):
 
 def test_between_epochs_a_battery_is_that_of_an_endurance(played):
     run, _ = played
-    if run.scenario.drones.battery is None:
+    if not run.scenario.limited_battery:
         assert set(Playback(run, 0).at(0).batteries_s) == {None}
         return
     airborne = landed = 0
@@ -111,7 +118,8 @@ def test_between_epochs_a_battery_is_that_of_an_endurance(played):
                     assert change == pytest.approx(-1.0, abs=1e-6)
                     airborne += 1
                 elif mode is Mode.CHARGING:
-                    assert change == pytest.approx(run.world.capacity_us / US / 300, abs=1e-6)
+                    capacity_us = run.world.type_of(drone).capacity_us
+                    assert change == pytest.approx(capacity_us / US / 300, abs=1e-6)
                     landed += 1
                 else:
                     assert change == pytest.approx(0.0, abs=1e-6)

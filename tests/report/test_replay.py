@@ -38,6 +38,12 @@ FLEET = (
     "battery: {autonomy_min: 6, return_below: 0.8}, footprint_radius_m: 300}, "
     "{name: relay, count: 1, battery: {autonomy_min: 9}, bandwidth_kbps: 900}]"
 )
+MIXED = (
+    "[{name: by_cells, count: 2, motion: {timing: minimum_time, max_speed_mps: 12}, "
+    "battery: {autonomy_min: 6, return_below: 0.8}}, "
+    "{name: free, count: 2, motion: {space: free}, "
+    "battery: {autonomy_min: 7, return_below: 0.8}}]"
+)
 RUNS = {
     "busy": ("case8", "baseline", SMALL),
     "crashing": ("case8", "hover", (*SMALL, "drones.battery.respawn_after_min=2")),
@@ -52,6 +58,7 @@ RUNS = {
     ),
     "unlimited": ("tiny", "baseline", ()),
     "fleet": ("case8", "random", ("episode.steps=12", "users.count=20", f"drones={FLEET}")),
+    "mixed": ("case8", "random", ("episode.steps=12", "users.count=20", f"drones={MIXED}")),
 }
 
 

@@ -82,10 +82,45 @@ def test_what_it_does_not_go_with_is_named(sections, key):
         made(**sections)
 
 
-def test_all_types_fly_in_one_way():
-    types = [{"name": "a", "motion": FREE}, {"name": "b"}]
-    with pytest.raises(ScenarioError, match="some types fly freely"):
-        from_mapping({"map": {"dimensions": 2}, "drones": types})
+def mixed(free: dict[str, Any] | None = None, *more: dict[str, Any], **sections: Any) -> Any:
+    types = [{"name": "a", "motion": {**FREE, **(free or {})}}, {"name": "b"}, *more]
+    return from_mapping({"map": {"dimensions": 2}, "drones": types, **sections})
+
+
+def test_types_fly_freely_or_from_cell_to_cell():
+    scenario = mixed()
+    assert scenario.free and scenario.mixed
+    assert not made().mixed and not from_mapping({}).mixed
+    with pytest.raises(ScenarioError, match=r"types a fly freely .* types b .*this needs"):
+        scenario.require_one_space("this")
+    made().require_one_space("this")
+    with pytest.raises(ScenarioError, match="space: free: this needs drones that fly from cell"):
+        scenario.require_cells("this")
+
+
+def test_zones_need_drones_that_all_heed_them():
+    zones = {"map": {"dimensions": 2, "no_fly": [{"polygon_m": SQUARE}]}}
+    with pytest.raises(ScenarioError, match=r"no_fly.* drones of drones\.1 fly from cell to cell"):
+        mixed(**zones)
+
+
+def test_cruise_speeds_are_compared_among_types_that_fly_alike():
+    mixed({"cruise": [5, 8]})
+    cells = {"name": "c", "motion": {"cruise": [6, 8.3]}}
+    with pytest.raises(ScenarioError, match=r"drones\.2\..* cell to cell .*of drones\.1, null"):
+        mixed({"cruise": [5, 8]}, cells)
+    others = {"name": "c", "motion": {"space": "free"}}
+    with pytest.raises(ScenarioError, match=r"drones\.2\.motion.* that fly freely have the same"):
+        mixed({"cruise": [5, 8]}, others)
+
+
+def test_what_free_flight_refuses_is_asked_of_types_that_fly_freely():
+    mixed(None, {"name": "c", "motion": {"return_timing": "fill_epoch"}})
+    with pytest.raises(ScenarioError, match=r"drones\.0\.motion\.return_timing"):
+        mixed({"return_timing": "fill_epoch"})
+    battery = {"kind": "per_action", "action_min": 1}
+    by_cells = {"name": "c", "motion": {"timing": "fill_epoch"}, "battery": battery}
+    mixed(None, by_cells)
 
 
 def test_returns_are_quickest():

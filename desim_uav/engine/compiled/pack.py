@@ -36,7 +36,7 @@ from desim_uav.model.rows import Table, View, Words, blank, held_by, packed
 from desim_uav.model.rules import US
 from desim_uav.model.walking import LEG_COLUMNS, walking_of
 from desim_uav.rules.due import crossing_slot, slots
-from desim_uav.rules.rows import Constants, State
+from desim_uav.rules.rows import Constants, SpaceRow, State
 from desim_uav.rules.separation import MOST_TRACK_ROWS, MOST_TURNS
 from desim_uav.world import World
 
@@ -150,7 +150,9 @@ def _pack(world: World, settings: RunSettings) -> Fixed:
     constants.plans, constants.hops = _plans(world, settings)
     constants.known_at, constants.known = tabulate(world)
     if world.free:
-        constants.spaces = Table(space_row(own.space) for own in world.types)
+        constants.spaces = Table(
+            space_row(own.space) if own.free else blank(SpaceRow) for own in world.types
+        )
     for number, own in enumerate(constants.types):
         own.first_known = number * legs_in_table(world)
     components = components_of(SLOTS, world)

@@ -13,7 +13,7 @@ from desim_uav.world import World
 
 def set_free(constants: Any, world: World) -> None:
     """Set what the constants have for free flight: spaces as they are, and functions."""
-    constants.spaces = [own.space for own in world.types]
+    constants.spaces = [own.space if own.free else None for own in world.types]
     constants.steer, constants.home_leg, constants.look_home = steer, home_leg, look_home
 
 

@@ -15,6 +15,7 @@ from desim_uav.model.wind import Course, flown_along, motion_in, way_between
 from desim_uav.report.batteries import powers_w
 from desim_uav.report.replay.checks import Checks, Whole
 from desim_uav.report.replay.columns import Column, codes, delta, floats, plain
+from desim_uav.scenario.schema import flies_freely
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -69,49 +70,41 @@ class Flights:
         self, places: dict[str, Column], mode: Whole, duration_us: Whole, types: Whole
     ) -> Whole:
         """Return the number of each leg's profile, or -1 for a rest."""
-        if self.scenario.free:
-            return self._flown_freely(places, duration_us, types)
         ends = [
             np.stack([places[f"leg.{axis}_{side}"].values.astype(float) for axis in "xyz"], axis=1)
             for side in ("from", "to")
         ]
         length_m = np.abs(ends[1] - ends[0]).sum(axis=1)
+        free = [flies_freely(drones) for drones in self.scenario.fleet]
         profile = np.full(len(mode), -1, np.int64)
         for k in np.flatnonzero(duration_us > 0):
-            commanded = int(mode[k]) == Mode.FLYING
-            way = way_between(*(side[k].tolist() for side in ends))
-            flown = int(types[k]), commanded, float(length_m[k]), int(duration_us[k])
-            number, takes_us = self._profile(*flown, way)
+            of_type, lasted_us, length = int(types[k]), int(duration_us[k]), float(length_m[k])
+            start, stop = (side[k].tolist() for side in ends)
+            if free[of_type]:
+                what = "the leg takes"
+                number, takes_us = self._free_profile(of_type, start, stop, lasted_us)
+            else:
+                what, commanded = f"{length:g} m take", int(mode[k]) == Mode.FLYING
+                way = way_between(start, stop)
+                number, takes_us = self._profile(of_type, commanded, length, lasted_us, way)
             self.check.expect(
-                abs(takes_us - int(duration_us[k])) <= 1,
+                abs(takes_us - lasted_us) <= 1,
                 "legs",
-                f"duration_s: {length_m[k]:g} m take {takes_us / US:g} s in this scenario, "
-                f"not {duration_us[k] / US:g}",
+                f"duration_s: {what} {takes_us / US:g} s in this scenario, not {lasted_us / US:g}",
             )
             profile[k] = number
         return profile
 
-    def _flown_freely(self, places: dict[str, Column], duration_us: Whole, types: Whole) -> Whole:
-        """Return the number of the profile of each leg of free flight, or -1 for a rest."""
-        ends = np.array(
-            [places[f"leg.{axis}_{side}"].values for side in ("from", "to") for axis in "xyz"],
-            float,
-        ).T
-        profile = np.full(len(ends), -1, np.int64)
-        for k in np.flatnonzero(duration_us > 0):
-            key = (int(types[k]), *ends[k].tolist(), int(duration_us[k]))
-            if key not in self._profile_of:
-                space = self.check.run.world.types[key[0]].space
-                leg = space.leg(key[1:4], key[4:7], key[7])
-                self._add(key, flight_of(leg, space.wind))
-            profile[k], takes_us = self._profile_of[key]
-            self.check.expect(
-                abs(takes_us - int(duration_us[k])) <= 1,
-                "legs",
-                f"duration_s: the leg takes {takes_us / US:g} s in this scenario, "
-                f"not {duration_us[k] / US:g}",
-            )
-        return profile
+    def _free_profile(
+        self, of_type: int, start: list[float], stop: list[float], lasted_us: int
+    ) -> tuple[int, int]:
+        """Return the number of the profile of a leg of free flight, and its duration (µs)."""
+        key: Any = (of_type, *start, *stop, lasted_us)
+        if key not in self._profile_of:
+            space = self.check.run.world.types[of_type].space
+            leg = space.leg(key[1:4], key[4:7], lasted_us)
+            self._add(key, flight_of(leg, space.wind))
+        return self._profile_of[key]
 
     def _profile(
         self, of_type: int, commanded: bool, length_m: float, lasted_us: int, way: Course
