@@ -201,7 +201,9 @@ def trained(entry: Entry, seed: int) -> float:
     """
     since_s, place = leaderboard_times.spent_s(), ROOT / entry.network(seed)
     new = place.with_name(f"new-{place.name}")
-    subprocess.run([sys.executable, *entry.command(seed, new)], cwd=ROOT, check=True)
+    subprocess.run(
+        [sys.executable, *entry.command(seed, new.relative_to(ROOT))], cwd=ROOT, check=True
+    )
     new.replace(place)
     return leaderboard_times.spent_s() - since_s
 
