@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import inspect
 import itertools
 import multiprocessing
 import os
@@ -358,5 +359,7 @@ def test_the_private_parts_of_numba_are_as_they_were():
     assert isinstance(cache, kernels.MachineCode)
     for name in ("load_overload", "save_overload", "cache_path", "_impl", "_cache_file"):
         assert hasattr(cache, name), name
+    for name in ("_load_overload", "_save_overload"):
+        assert "self._index_key(" in inspect.getsource(getattr(kernels.FunctionCache, name))
     assert isinstance(cache._impl.filename_base, str)
     assert numba_parts.address_of(kernels.kernel(_identity), (numba.int64,)) > 0
