@@ -138,7 +138,7 @@ def _mixed_types(made: dict[str, Any], own: Any, dice: Dice) -> list[dict[str, A
     for free in (True, False):
         made["free"] = free
         types += _types(made, own, dice)[:2]
-    dice.rng.shuffle(types)  # type: ignore[arg-type]
+    types = [types[k] for k in dice.rng.permutation(len(types))]
     if made["access_points"]:  # which admit requests as drones do
         types = [each | {"admission": types[0]["admission"]} for each in types]
     return [each | {"name": f"type{k}"} for k, each in enumerate(types)]

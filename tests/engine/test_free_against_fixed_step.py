@@ -11,13 +11,16 @@ home a sum over slices of ramps, at the speed through the air
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import pytest
 
 from desim_uav.model.rules import Mode
 from tests.engine.test_against_fixed_step import check_battery
 from tests.engine.test_energy_against_fixed_step import check_energy
+from tests.reference.inputs import Record, Result
 from tests.selection import by_default
-from tests.verification.convergence import FINEST_S, case_of, sampled
+from tests.verification.convergence import FINEST_S, Case, case_of, sampled
 from tests.verification.figure import check
 from tests.verification.flights import FREE
 from tests.verification.freely import freely
@@ -27,7 +30,21 @@ FEW_SEEDS = (0, 2, 7, 11, 22, 31, 34, 35, 38, 39, 45, 50)
 
 
 def check_at(seed: int, dt_s: float) -> None:
-    case, result = case_of(seed, freely), sampled(seed, dt_s, freely)
+    check_case(case_of(seed, freely), sampled(seed, dt_s, freely), dt_s)
+
+
+def looks_home(record: Record) -> bool:
+    """Return whether the time of the way home is that of the end of the step."""
+    return record.return_us is not None and record.mode != "returning"
+
+
+def check_case(
+    case: Case, result: Result, dt_s: float, looks_home: Callable[[Record], bool] = looks_home
+) -> None:
+    """Compare the steps of an episode with those of the reference.
+
+    Ways home are compared in the records for which ``looks_home`` returns True.
+    """
     for step in case.log.steps:
         record = result.records[step.step][step.drone]
         at = f"step {step.step}, drone {step.drone}"
@@ -38,8 +55,7 @@ def check_at(seed: int, dt_s: float) -> None:
         where = (step.x_m, step.y_m, 0.0 if record.mode == "crashed" else step.z_m)
         seen = (*record.position_m[:2], 0.0 if record.mode == "crashed" else record.position_m[2])
         assert seen == pytest.approx(where, abs=near_m), at
-        resting = record.return_us is not None and record.mode != "returning"
-        if resting and case.inputs.rotor is None:
+        if looks_home(record) and case.inputs.rotor is None:
             assert record.return_us == step.return_us, at
     assert (result.crashes, result.charges) == (case.log.crashes, case.log.charges)
     if case.inputs.rotor is None:

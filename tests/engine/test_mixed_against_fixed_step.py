@@ -19,10 +19,9 @@ from desim_uav.model.rules import Mode
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import build_world
-from tests.engine.test_against_fixed_step import check_battery
-from tests.engine.test_energy_against_fixed_step import check_energy
+from tests.engine.test_free_against_fixed_step import check_case
 from tests.reference import mixed
-from tests.reference.inputs import Result
+from tests.reference.inputs import Record, Result
 from tests.selection import by_default
 from tests.verification.convergence import (
     FINEST_S,
@@ -97,24 +96,12 @@ def sampled(seed: int, dt_s: float) -> Result:
 
 
 def check_at(seed: int, dt_s: float) -> None:
-    (case, _), result = case_of(seed), sampled(seed, dt_s)
-    for step in case.log.steps:
-        record = result.records[step.step][step.drone]
-        at = f"step {step.step}, drone {step.drone}"
-        assert record.mode == step.mode.name.lower(), at
-        assert record.action_taken == step.action_taken.name.lower(), at
-        assert len(record.attached) == step.attached_users, at
-        near_m = 20.0 * dt_s if record.mode == "crashed" else 1e-4  # noticed late, at speed
-        where = (step.x_m, step.y_m, 0.0 if record.mode == "crashed" else step.z_m)
-        seen = (*record.position_m[:2], 0.0 if record.mode == "crashed" else record.position_m[2])
-        assert seen == pytest.approx(where, abs=near_m), at
-        if record.mode in ("flying", "charged") and case.inputs.rotor is None:
-            assert record.return_us == step.return_us, at
-    assert (result.crashes, result.charges) == (case.log.crashes, case.log.charges)
-    if case.inputs.rotor is None:
-        check_battery(case, result, dt_s)
-    else:
-        check_energy(case, result, dt_s)
+    check_case(case_of(seed)[0], sampled(seed, dt_s), dt_s, looks_home)
+
+
+def looks_home(record: Record) -> bool:
+    """Return whether both kinds of drones know their way home at the end of the step."""
+    return record.mode in ("flying", "charged")
 
 
 @pytest.mark.parametrize("seed", by_default([], SEEDS))

@@ -89,7 +89,7 @@ def test_masks_say_what_each_can_do(engine: str):
 
 
 def played(env: UavParallelEnv, seed: int, episodes: int = 2) -> list[Any]:
-    """What whole episodes of random actions return."""
+    """Return all that an environment returns in whole episodes of random actions."""
     told, rng = [], np.random.default_rng(seed)
     for episode in range(episodes):
         told.append(plain(env.reset(seed=seed if episode == 0 else None)))
