@@ -17,7 +17,7 @@ from desim_uav.model.free.flight import chosen_mps, no_faster
 from desim_uav.model.free.legs import Bounds, FreeLeg, commanded, direction, leg_between
 from desim_uav.model.free.limits import CALM, Limits, Wind
 from desim_uav.model.free.space import ANY_SPEED, NO_CHOICE, flight_of
-from desim_uav.model.motion import Transit
+from desim_uav.model.motion import Transit, fastest
 from desim_uav.model.radio.tracks import Point
 from desim_uav.model.rules import US
 
@@ -99,7 +99,7 @@ class FreeLegs:
         level, rise = math.hypot(*ahead[:2]), abs(ahead[2])
         grid = self.own.grid
         if level > 0.0:
-            reach_m = min(reach_m, math.hypot(grid.width_m, grid.depth_m) / level)
+            reach_m = min(reach_m, self._diagonal_m / level)
         if rise > 0.0:
             rises_m = grid.levels_m[-1] - grid.levels_m[0] if self.own.scenario.three_d else 0.0
             reach_m = min(reach_m, rises_m / rise)
@@ -133,9 +133,16 @@ class FreeLegs:
     def cruises_mps(self) -> list[float]:
         """The level speeds through the air at which long legs cruise, ascending.
 
-        The highest one is that of returns and, without a choice, of commands.
+        The highest one is that of returns and, without a choice, of commands. None is above the
+        highest speed that a drone can reach between two corners of the map.
         """
-        return sorted({self.own.space.limits.level_mps, *(self.choice or ())})
+        limits = self.own.space.limits
+        speeds = {limits.level_mps, *(self.choice or ())}
+        return sorted({fastest(self._diagonal_m, v, limits.level_mps2)[0] for v in speeds})
+
+    @property
+    def _diagonal_m(self) -> float:
+        return math.hypot(self.own.grid.width_m, self.own.grid.depth_m)
 
     @property
     def _wind_mps(self) -> float:

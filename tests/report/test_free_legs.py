@@ -124,3 +124,10 @@ def test_the_longest_legs():
     assert [round(way.longest_m, 6) for way in windy.ways[:2]] == [17 * 55.75, 7 * 58.25]
     assert windy.typical_m == 200.0  # half of 407.75 m, to two digits
     assert windy.vertical_ways == ()
+
+
+def test_the_speeds_at_which_long_legs_cruise():
+    assert FreeLegs(flat(CHOICE).types[0]).cruises_mps == [6.0, 10.0, 12.0]
+    # Between two corners of a map of 2160 m by 2160 m, 0.01 m/s² lead to no more than this.
+    slow = FreeLegs(flat({**CHOICE, "max_acceleration_mps2": 0.01}).types[0]).cruises_mps
+    assert slow == pytest.approx([np.sqrt(0.01 * 2160 * np.sqrt(2))])

@@ -33,6 +33,9 @@ WIDTH, ROW = 10.4, 3.9
 RATIOS = (1.0, 1.0, 1.25)
 """The widths of the panels in a row."""
 
+FIVE_DIGITS = 80_000
+"""The energy in joules from which on an axis of bars has fewer numbers, which are long."""
+
 MOST_ROWS = 8
 """The largest number of rows of panels: two of a type that flies freely, else one."""
 
@@ -168,7 +171,8 @@ def _draw_speeds(power: Axes, metre: Axes, own: DroneType, cruises: Sequence[flo
         power.plot(speed, watts, label=f"{label}, {watts:.1f} W", **look)
         metre.plot(speed, watts / speed, label=f"{label}, {watts / speed:.2f} J/m", **look)
     lowest = battery.level_w(best.range_mps) / best.range_mps
-    power.set(ylabel="power, W", ylim=(0.0, 2.4 * powers[0]))
+    most_w = max(2.4 * powers[0], 1.5 * max(map(battery.level_w, cruises)))
+    power.set(ylabel="power, W", ylim=(0.0, most_w))
     metre.set(ylabel="energy per metre, J/m", ylim=(0.0, 6.0 * lowest))
     for axes in (power, metre):
         over = "speed" if own.scenario.wind_mps == CALM else "speed through the air"
@@ -231,4 +235,6 @@ def _draw_bars(axes: Axes, found: dict[str, float], label: str) -> None:
     axes.set_yticks(places, [*found])
     axes.invert_yaxis()
     axes.set(xlabel=label, xlim=(0.0, 1.2 * max(found.values())))
+    if max(found.values()) >= FIVE_DIGITS:
+        axes.locator_params("x", nbins=4)
     axes.grid(visible=False, axis="y")

@@ -22,6 +22,9 @@ POINTS = 100
 RAMP_PARTS = 24
 """The number of pieces of which the power of a ramp is drawn."""
 
+MANY = 4.0
+"""How many times the energy per metre of the best way may be that of another one that is shown."""
+
 SHORTEST = 0.02
 """The shortest leg that is drawn, as a share of the longest one."""
 
@@ -31,15 +34,22 @@ TYPICAL: dict[str, Any] = {"color": "0.65", "ls": "-", "linewidth": 0.8, "zorder
 
 
 def draw_per_metre(axes: Axes, legs: FreeLegs) -> None:
-    """Draw the energy per metre of whole legs over their cruise speed, with its least value."""
+    """Draw the energy per metre of whole legs over their cruise speed, with its least value.
+
+    The axes reach up to these values, unless one is many times the least of them.
+    """
+    least = []
     for number, way in enumerate(way for way in legs.ways if way.level):
         speeds, joules = over_speed(legs, way)
         best = int(np.nanargmin(joules))
+        least.append(float(joules[best]))
         look = _look(number)
         axes.plot(speeds, joules, linewidth=1.2, **look)
         name = "leg" if way.name == "level" else f"leg, {way.name}"
         label = f"{name}: {speeds[best]:.1f} m/s, {joules[best]:.1f} J/m"
         axes.plot(speeds[best], joules[best], marker=".", label=label, zorder=3, **look)
+    most = max(joules for joules in least if joules <= MANY * min(least))
+    axes.set_ylim(0.0, max(axes.get_ylim()[1], 2.0 * most))
     of_leg = (lambda each: each * legs.typical_m, lambda whole: whole / legs.typical_m)
     beside = axes.secondary_yaxis("right", functions=of_leg)
     beside.set_ylabel(f"energy of a leg of {legs.typical_m:g} m, J")
@@ -48,10 +58,11 @@ def draw_per_metre(axes: Axes, legs: FreeLegs) -> None:
 def over_speed(legs: FreeLegs, way: Way) -> tuple[Floats, Floats]:
     """Return speeds through the air, and the J/m of the typical leg that cruises at most at them.
 
-    The highest speed is that of commands. It is NaN at speeds at which drones cannot fly.
+    The highest speed is that of commands. The energy is NaN at speeds at which drones cannot fly.
     """
     wind_mps = math.hypot(*way.wind)
-    speeds = np.linspace(wind_mps, legs.limits.level_mps, POINTS + 1)[1:]
+    highest_mps = min(legs.limits.level_mps, legs.cruises_mps[-1])
+    speeds = np.linspace(wind_mps, highest_mps, POINTS + 1)[1:]
     joules = [legs.energy_j(way, legs.leg_at(way, legs.typical_m, float(v))) for v in speeds]
     return speeds, np.array(joules) / legs.typical_m
 
