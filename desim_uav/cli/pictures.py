@@ -146,7 +146,8 @@ def plot(
         typer.Option(
             metavar="D",
             callback=within(0, 10**9),
-            help="For visits, policy and battery: the drone to draw, counted from 0.",
+            help="For visits, policy and battery: the drone to draw, counted from 0. For energy: "
+            "a drone of the type to draw.",
         ),
     ] = None,
     window: Annotated[

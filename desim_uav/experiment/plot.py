@@ -80,7 +80,7 @@ def _radio(source: Path, at: str | None = None, **options: Any) -> Figure:
     return radio_figure(world, **options)
 
 
-def _energy(source: Path | None) -> Figure:
+def _energy(source: Path | None, **options: Any) -> Figure:
     """Draw the energy of a scenario, of the folder of a run, or of a drone with the defaults."""
     from desim_uav.report.figures import energy_figure
     from desim_uav.report.run import Run
@@ -88,11 +88,11 @@ def _energy(source: Path | None) -> Figure:
     from desim_uav.world import build_world
 
     if source is not None and source.is_dir():
-        return energy_figure(Run(source).world)
+        return energy_figure(Run(source).world, **options)
     scenario = loads(ZENG) if source is None else load(source)
     with located(source or Path("energy")):
         world = build_world(scenario, scenario.effective_world_seed)
-    return energy_figure(world)
+    return energy_figure(world, **options)
 
 
 def _point(text: str) -> tuple[float, float]:
@@ -124,7 +124,7 @@ KINDS: Mapping[str, Kind] = {
     "visits": Kind(_of_run("visits"), ("episode", "drone")),
     "policy": Kind(_policy, ("battery_min", "level", "drone")),
     "battery": Kind(_of_run("battery"), ("episode", "drone")),
-    "energy": Kind(_energy, optional=True),
+    "energy": Kind(_energy, ("drone",), optional=True),
     "episodes": Kind(_of_run("episodes")),
     "services": Kind(_of_run("services"), ("episode",)),
     "radio": Kind(_radio, ("level", "at")),

@@ -96,6 +96,12 @@ class Playback:
         times = times_us.tolist()
         return np.array([[track.position_m(t_us) for t_us in times] for track in self._tracks])
 
+    def way_m(self, drone: int, t_us: int) -> Floats:
+        """Return the places at which a drone's path begins and bends until an instant, (n, 3)."""
+        track = self._tracks[drone]
+        begun = track.starts_us[(track.starts_us > 0) & (track.starts_us < t_us)]
+        return np.array([track.position_m(t) for t in (0, *begun.tolist(), t_us)])
+
     def spans(self, drone: int) -> Iterator[tuple[int, int, Mode]]:
         """Yield a drone's modes one after the other: start and end (µs), and the mode."""
         keys, modes = self._changes[drone]
@@ -111,13 +117,13 @@ class Playback:
         return [int(t_us) for t_us in events.loc[mine, "t_us"]]
 
     def cell_times_us(self, drone: int) -> Iterator[tuple[int, int, tuple[int, int]]]:
-        """Yield start, end and cell of a drone's service; each half of a transit is in its cell."""
+        """Yield start, end and cell of a drone's service, in order."""
         track, cell_of = self._tracks[drone], self.run.world.grid.cell_of
-        middles = (track.starts_us + track.ends_us) // 2
+        times_us = track.cuts_us(self.run.world.grid)
         for start, end, mode in self.spans(drone):
             if mode is not Mode.FLYING:
                 continue
-            cuts = middles[(start < middles) & (middles < end)].tolist()
+            cuts = times_us[(start < times_us) & (times_us < end)].tolist()
             for a, b in pairwise([start, *sorted(cuts), end]):
                 x, y, _ = track.position_m((a + b) // 2)
                 yield a, b, cell_of(x, y)

@@ -146,6 +146,12 @@ class Run:
         """The name of the run in the headings of figures."""
         return "{scenario}, {policy}, seed {seed}".format(**self.manifest)
 
+    def drone_name(self, drone: int) -> str:
+        """Return the name of a drone in figures, with that of its type if there are several."""
+        names = self.scenario.type_names
+        name = names[self.scenario.type_numbers[drone]]
+        return f"drone {drone} ({name})" if len(names) > 1 else f"drone {drone}"
+
     # ---- its episodes
 
     @cached_property

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
@@ -10,7 +11,17 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from desim_uav.model.free.space import flight_of
-from desim_uav.model.motion import REST, Leg, Transit, flown_transit
+from desim_uav.model.grid import Grid
+from desim_uav.model.motion import (
+    ACCELERATION,
+    DISTANCE,
+    REST,
+    SPEED,
+    START,
+    Leg,
+    Transit,
+    flown_transit,
+)
 from desim_uav.model.rules import US, Mode
 from desim_uav.model.sums import in_order
 from desim_uav.model.wind import flown_along, motion_in, way_between
@@ -60,12 +71,52 @@ class Track:
         end_us = int(self.ends_us[number])
         return min(end_us, int(later[0])) if len(later) else end_us
 
+    def cuts_us(self, grid: Grid) -> Ints:
+        """Return times between which the drone stays in one cell while it flies on one leg.
+
+        A transit from cell to cell changes cells in its middle. A leg of free flight changes them
+        where it crosses the lines between cells.
+        """
+        if not self._own.free:
+            middles: Ints = (self.starts_us + self.ends_us) // 2
+            return middles
+        cuts = [
+            start_us + round(after_s(leg.transit.profile, share * leg.transit.distance_m) * US)
+            for start_us, leg, (start, end) in zip(
+                self.starts_us.tolist(), self._legs, self.places, strict=True
+            )
+            if leg.transit.distance_m > 0.0
+            for share in (
+                *_shares(start[0], end[0], grid.cell_m[0]),
+                *_shares(start[1], end[1], grid.cell_m[1]),
+            )
+        ]
+        return np.array(sorted({*self.starts_us.tolist(), *cuts}), np.int64)
+
     def position_m(self, t_us: int) -> tuple[float, float, float]:
         """Return x, y and z on the latest leg, or at its end if it is over."""
         last = int(np.searchsorted(self.starts_us, t_us, "right")) - 1
         if t_us >= self.ends_us[last]:
             return self.places[last][1]
         return self._legs[last].position_m((t_us - int(self.starts_us[last])) / US)
+
+
+def after_s(profile: NDArray[np.float64], metres: float) -> float:
+    """Return the time at which a transit has flown so far: the inverse of ``motion.travelled``."""
+    piece = max(0, int(np.searchsorted(profile[:, DISTANCE], metres, "right")) - 1)
+    speed, acceleration = float(profile[piece, SPEED]), float(profile[piece, ACCELERATION])
+    left_m = metres - float(profile[piece, DISTANCE])
+    if left_m <= 0.0:
+        return float(profile[piece, START])
+    reached = math.sqrt(max(0.0, speed * speed + 2.0 * acceleration * left_m))
+    return float(profile[piece, START]) + 2.0 * left_m / (speed + reached)
+
+
+def _shares(start: float, end: float, cell_m: float) -> list[float]:
+    """Return the shares of a way, along one axis, at which it crosses lines between cells."""
+    low, high = sorted((start, end))
+    lines = range(math.floor(low / cell_m) + 1, math.ceil(high / cell_m))
+    return [(line * cell_m - start) / (end - start) for line in lines]
 
 
 def _places(leg: dict[str, Any]) -> tuple[Place, Place]:

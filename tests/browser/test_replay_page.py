@@ -29,9 +29,9 @@ from desim_uav.world import build_world
 pytestmark = pytest.mark.thorough
 
 EPISODES = 3
-RADIO, ASKED, FREELY = (
+RADIO, ASKED, FREELY, MIXED = (
     str(Path(__file__).parents[1] / "report" / f"{name}.yaml")
-    for name in ("radio", "asked", "freely")
+    for name in ("radio", "asked", "freely", "mixed")
 )
 RUNS = {
     "case8": ("case8", "baseline", ()),
@@ -62,6 +62,7 @@ RUNS = {
     "radio": (RADIO, "random", ()),
     "asked": (ASKED, "random", ()),
     "freely": (FREELY, "random", ()),
+    "mixed": (MIXED, "random", ()),
     "near": ("case8", "random", ("drones.count=5", "separation_m=120")),
     "fleet": (
         "case8",
@@ -276,6 +277,33 @@ class TestEnergyAndDecisions:
         watts = float(rows["power"].removesuffix(" W"))
         assert watts < 168.4  # level flight takes less than a hover
         assert whole == pytest.approx(watts * leg["duration_s"], rel=0.05)  # ramps take more
+
+    def test_drones_of_both_kinds(self, page, runs):
+        page.open(page_of(runs / "mixed"))
+        legs = table(runs / "mixed", "legs").query(
+            "episode == 0 and drone == 2 and duration_s > 15 and mode == 'flying'"
+        )
+        leg = legs.iloc[0]
+        page.seek(0, leg["t_s"] + leg["duration_s"] / 2)
+        by_cells, free = self.rows(page, 0), self.rows(page, 2)
+        assert (by_cells["type"], free["type"]) == ("by_cells", "free")
+        assert "flies to" not in by_cells and "power" not in by_cells
+        x_m, y_m, z_m = leg[["x_to_m", "y_to_m", "z_to_m"]]
+        assert free["flies to"] == f"{x_m:.1f}, {y_m:.1f} m at {z_m:.0f} m"
+        assert free["battery"].endswith(" Wh") and float(free["power"].removesuffix(" W")) > 100
+        so_far, whole = map(int, re.findall(r"\d+", free["energy of this leg"]))
+        assert 0 < so_far < whole
+        page.picture("mixed")
+
+    def test_a_share_of_a_battery_is_on_one_line(self, page, runs):
+        page.open(page_of(runs / "mixed"))
+        page.seek(0, 0.0)
+        shares = page.run(
+            "return [...document.querySelectorAll('#drones .left')]"
+            ".map((e) => [e.textContent, e.offsetHeight, e.scrollWidth - e.clientWidth])"
+        )
+        assert [text for text, *_ in shares] == ["100 %"] * 4
+        assert all(height < 24 and wider <= 0 for _, height, wider in shares)
 
     def test_zones_are_in_the_legend(self, page, runs):
         page.open(page_of(runs / "freely"))

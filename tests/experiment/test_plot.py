@@ -3,10 +3,12 @@
 import json
 import shutil
 import sys
+from pathlib import Path
 
 import pytest
 from PIL import Image
 
+import desim_uav as du
 from desim_uav import cli
 from desim_uav.experiment.plot import KINDS
 from tests.report.helpers import make_run, make_training
@@ -76,6 +78,16 @@ def test_energy_needs_no_folder(ask, folders):
     assert (code, "battery: give a folder to draw" in err) == (2, True)
     code, _, err = ask("plot", "energy", folders / "links" / "scenario.yaml")
     assert (code, "drones.battery: endurance: energy is drawn for" in err) == (2, True)
+
+
+def test_energy_of_free_flight(ask, tmp_path):
+    assert ask("plot", "energy", "festival") == (0, "energy.png\n", "")
+    assert du.plot("energy", [Path("festival")], Path("again.png"), {"drone": 2}) == Path(
+        "again.png"
+    )
+    assert (tmp_path / "again.png").read_bytes() == (tmp_path / "energy.png").read_bytes()
+    code, _, err = ask("plot", "energy", "festival", "--drone", 3)
+    assert (code, "--drone 3: festival has the drones 0 to 2" in err) == (2, True)
 
 
 @pytest.mark.thorough

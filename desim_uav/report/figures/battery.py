@@ -65,7 +65,7 @@ def battery_figure(
         axes.plot(t_s / 60, left_s * of_second, "-", color=colour, path_effects=[HALO], zorder=3)
         axes.axhline(full * battery.return_below, color="0.4", ls=":", linewidth=1)
         modes |= _shade(axes, playback, number)
-        _label(axes, number, full, unit, run.duration_s(episode))
+        _label(axes, run.drone_name(number), full, unit, run.duration_s(episode))
     panels[-1].set_xlabel("time, min")
     headed(figure, f"Battery. {run.name}, episode {episode}")
     handles: list[Any] = [
@@ -95,7 +95,7 @@ def _shade(axes: Axes, playback: Playback, drone: int) -> set[Mode]:
     return modes
 
 
-def _label(axes: Axes, drone: int, full: float, unit: str, duration_s: float) -> None:
+def _label(axes: Axes, drone: str, full: float, unit: str, duration_s: float) -> None:
     axes.set(xlim=(0, duration_s / 60), ylim=(0, full * 1.06), ylabel=f"left, {unit}")
-    axes.set_title(f"drone {drone}", loc="left", pad=3)
+    axes.set_title(drone, loc="left", pad=3)
     axes.grid(visible=False, axis="x")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +12,8 @@ import pandas as pd
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from desim_uav.errors import PolicyError
+from desim_uav.errors import NoEventsError, PolicyError
+from desim_uav.model.rules import US
 from desim_uav.report.figures.map import (
     centre_m,
     draw_buildings,
@@ -24,8 +26,10 @@ from desim_uav.report.figures.map import (
 )
 from desim_uav.report.figures.style import NARROW, drone_look, named, styled
 from desim_uav.report.links import rings_m
+from desim_uav.report.playback import Playback
 from desim_uav.report.run import Run, opened
-from desim_uav.world import World
+
+Places = Sequence[tuple[float, float]]
 
 
 @styled
@@ -59,7 +63,7 @@ def case_picture(
     draw_zones(axes, run.world)
     _draw_users(axes, users)
     draw_points(axes, run.world)
-    _draw_drones(axes, steps, run.world, world)
+    _draw_drones(axes, run, steps, _ways_m(run, episode, minute, steps))
     if buildings is not None:
         figure.colorbar(buildings, ax=axes, shrink=0.6, label="building height, m")
     figure.legend(loc="outside lower center", ncols=3 if width > NARROW else 2, fontsize=9)
@@ -81,17 +85,42 @@ def _draw_users(axes: Axes, users: pd.DataFrame) -> None:
     axes.plot(homes["x_m"], homes["y_m"], ".", label="user at the start, and walk", **dot)
 
 
-def _draw_drones(axes: Axes, steps: pd.DataFrame, links: World, world: dict[str, Any]) -> None:
-    for drone, cell in enumerate(world["start_cells"]):
+def _ways_m(run: Run, episode: int, minute: float, steps: pd.DataFrame) -> list[Places]:
+    """Return the places (x, y) that the path of each drone joins.
+
+    They are those at the ends of steps. If drones fly freely, they are those at the ends of legs,
+    because a return bends within a step, unless the run has no events and cannot be played again.
+    """
+    if run.world.free:
+        try:
+            run.need([episode])
+        except NoEventsError:
+            pass
+        else:
+            playback = Playback(run, episode)
+            t_us = round(min(minute * 60, run.duration_s(episode)) * US)
+            drones = range(run.scenario.drone_count)
+            return [playback.way_m(drone, t_us)[:, :2].tolist() for drone in drones]
+    starts = [centre_m(run.map, cell) for cell in run.map["start_cells"]]
+    paths = [steps[steps["drone"] == drone] for drone in range(len(starts))]
+    return [
+        [start, *zip(path["x_m"], path["y_m"], strict=True)]
+        for start, path in zip(starts, paths, strict=True)
+    ]
+
+
+def _draw_drones(axes: Axes, run: Run, steps: pd.DataFrame, ways_m: list[Places]) -> None:
+    """Draw the path of each drone, where it is, and its footprint if it serves."""
+    for drone, way_m in enumerate(ways_m):
         path = steps[steps["drone"] == drone]
         dressed = drone_look(drone)
-        start = centre_m(world, cell)
-        xs, ys = [start[0], *path["x_m"]], [start[1], *path["y_m"]]
+        xs, ys = zip(*way_m, strict=True)
         axes.plot(xs, ys, **dressed, linewidth=1.6, zorder=4)
         mode = path["mode"].iloc[-1] if len(path) else "flying"
         colour = dressed["color"]
-        label = named(drone, len(world["start_cells"]), f"drone {drone}, {mode}")
-        axes.plot(xs[-1], ys[-1], "X", color=colour, markersize=9, label=label, zorder=5)
+        label = named(drone, len(ways_m), f"{run.drone_name(drone)}, {mode}")
+        look: dict[str, Any] = {"markersize": 9, "zorder": 5, "clip_on": False}
+        axes.plot(xs[-1], ys[-1], "X", color=colour, label=label, **look)
         if mode == "flying":
-            z_m = path["z_m"].iloc[-1] if len(path) else links.grid.levels_m[0]
-            draw_rings(axes, (xs[-1], ys[-1]), rings_m(links, z_m, drone), colour)
+            z_m = path["z_m"].iloc[-1] if len(path) else run.world.grid.levels_m[0]
+            draw_rings(axes, (xs[-1], ys[-1]), rings_m(run.world, z_m, drone), colour)

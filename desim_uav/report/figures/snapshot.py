@@ -34,6 +34,12 @@ MARKERS = {
 SIZES = {UserState.SERVED: 22, UserState.OPEN: 20, UserState.ATTACHED: 20, UserState.IDLE: 16}
 """The sizes of users by state, in square points, which differ enough for grey prints."""
 
+WIDTH, HEIGHT = 7.6, 5.2
+"""The size of the figure in inches, if its legend has at most ``ROWS`` rows."""
+
+ROWS, ROW = 3, 0.22
+"""The rows of the legend for which there is room, and the height that each further one adds."""
+
 PATH_S = 5.0
 """The time between two points of a path."""
 
@@ -55,7 +61,7 @@ def snapshot_figure(
     playback = Playback(run, episode)
     t_us = playback.duration_us
     t_us = t_us if minute is None else min(t_us, round(minute * 60 * US))
-    figure = Figure(figsize=(7.6, 5.2))
+    figure = Figure(figsize=(WIDTH, HEIGHT))
     figure.set_layout_engine("none")
     axes = figure.add_axes((0.0, 0.1, 0.94, 0.95), projection="3d", computed_zorder=False)
     assert isinstance(axes, Axes3D)
@@ -68,11 +74,22 @@ def snapshot_figure(
     _draw_zones(axes, run.world)
     _draw_buildings(axes, world)
     _draw_drones(axes, playback, moment)
+    for drawn in (*axes.lines, *axes.collections):
+        drawn.set_clip_on(False)  # the axes are narrower than the map that they show
     figure.suptitle(
         f"{run.name}, episode {episode}, minute {t_us / US / 60:g}", y=0.985, fontsize=9.5
     )
-    figure.legend(loc="lower center", ncols=3)
+    legend = figure.legend(loc="lower center", ncols=3)
+    _make_room(figure, axes, -(-len(legend.get_texts()) // 3))
     return figure
+
+
+def _make_room(figure: Figure, axes: Any, rows: int) -> None:
+    """Make a figure higher if its legend has many rows, and leave all else as it was."""
+    more = ROW * max(0, rows - ROWS)
+    height = HEIGHT + more
+    figure.set_size_inches(WIDTH, height)
+    axes.set_position((0.0, (0.1 * HEIGHT + more) / height, 0.94, 0.95 * HEIGHT / height))
 
 
 def _draw_ground(axes: Any, world: dict[str, Any]) -> None:
@@ -197,6 +214,6 @@ def _draw_drones(axes: Any, playback: Playback, moment: Moment) -> None:
             color=dressed["color"],
             markersize=9,
             markeredgecolor="white",
-            label=named(drone, len(paths), f"drone {drone}, {mode}" + height),
+            label=named(drone, len(paths), f"{playback.run.drone_name(drone)}, {mode}" + height),
             zorder=7,
         )

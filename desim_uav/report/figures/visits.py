@@ -11,7 +11,13 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from desim_uav.errors import UsageError
-from desim_uav.report.figures.map import draw_cells, draw_field, draw_stations, mark_cells
+from desim_uav.report.figures.map import (
+    draw_cells,
+    draw_field,
+    draw_stations,
+    draw_zones,
+    mark_cells,
+)
 from desim_uav.report.figures.style import grid_of, headed, styled
 from desim_uav.report.playback import Playback
 from desim_uav.report.run import Run, opened
@@ -42,8 +48,9 @@ def visits_figure(run: Run | Path, episode: int | None = None, drone: int | None
         built = np.array(world["cell_height_m"]) > 0
         look: dict[str, Any] = {"facecolor": "none", "edgecolor": "0.55", "linewidth": 0.4}
         mark_cells(axes, world, built, "building", hatch="////", **look)
+        draw_zones(axes, run.world)
         draw_stations(axes, world, size=36)
-        axes.set_title(f"drone {number}: {minutes[number].sum():.1f} min")
+        axes.set_title(f"{run.drone_name(number)}: {minutes[number].sum():.1f} min")
     which = f"episode {episode}" if episode is not None else f"mean of {len(episodes)} episode(s)"
     headed(figure, f"Serving flight. {run.name}, {which}")
     figure.colorbar(drawn, ax=panels, shrink=0.8, label="serving flight, min per episode")

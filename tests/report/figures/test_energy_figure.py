@@ -61,7 +61,7 @@ def test_the_speeds_at_which_drones_cruise():
 def test_the_bars_are_the_energy_of_the_legs():
     world = world_of({"kind": "rotary_wing"})
     bars = energy_figure(world).axes[2].patches
-    legs = legs_j(world)
+    legs = legs_j(world.types[0])
     assert [bar.get_width() for bar in bars] == [*legs.values()]
     assert legs["hover, 60 s"] == pytest.approx(60 * 168.484218, abs=1e-4)
     assert legs["right, 60 s"] == pytest.approx(9031.517, abs=1e-3)

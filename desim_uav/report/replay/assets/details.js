@@ -97,7 +97,7 @@ function ofDrone(state, d) {
     rows.push(["battery", `${percent(100 * share, 0)}, ${left}`]);
   }
   rows.push(...energyRows(state, d));
-  rows.push(["action", action(state, d)]);
+  rows.push(["action", action(state, d)], ...destination(state, d));
   if (run.by_event) rows.push(...asked(state, d));
   rows.push([run.graded ? "mean data rate" : "bandwidth in use", shareOf(state.usedBps[d], own.bandwidth_bps)]);
   rows.push(["attached users", usersOf(state, d)]);
@@ -172,6 +172,23 @@ export function modeOf(state, d) {
   return words(state.run.modes[state.mode[d]]);
 }
 
+/** The present command of a serving drone, and the action that it took. */
+function commandOf({ run, episode, sinceUs }, d) {
+  const k = Math.min(episode.step.count - 1, episode.stepsEnded(sinceUs[d])) * run.drones + d;
+  return [run.actions[episode.step.told[k]], run.actions[episode.step.taken[k]]];
+}
+
+/** Where a drone is about to arrive that follows a command of free flight. */
+function destination(state, d) {
+  const { run, episode } = state;
+  const { leg } = episode;
+  const k = episode.legAt(d, state.tUs);
+  if (state.mode[d] !== FLYING || leg.tUs[k] + leg.durationUs[k] <= state.tUs) return [];
+  if (commandOf(state, d)[1] !== "fly") return [];
+  const height = run.three_d ? ` at ${leg.zTo[k].toFixed(0)} m` : "";
+  return [["flies to", metres(leg.xTo[k], leg.yTo[k]) + height]];
+}
+
 /** The activity of a drone, and the time that is left of it. */
 function action(state, d) {
   const { run, episode } = state;
@@ -186,8 +203,7 @@ function action(state, d) {
   if (mode === RETURNING) {
     return leftUs > 0 ? `returns; ${span(leftUs)} left of this hop` : "returns to a station";
   }
-  const k = Math.min(episode.step.count - 1, episode.stepsEnded(state.sinceUs[d])) * run.drones + d;
-  const [told, taken] = [run.actions[episode.step.told[k]], run.actions[episode.step.taken[k]]];
+  const [told, taken] = commandOf(state, d);
   const unlike = told && told !== taken ? ` (command: ${words(told)})` : "";
   if (mode === FLYING && leftUs > 0) return `${words(taken)}${unlike}, ${span(leftUs)} left`;
   const moved = episode.leg.durationUs[leg] > 0
