@@ -135,11 +135,9 @@ class UavParallelVectorEnv(Many):
         if self.free:
             numbers = self.sessions[0].world.command_numbers
             shape = (self.num_envs, self.drones, numbers)
-            self.steer(real_numbers(actions, shape), ~over)
+            self.steer(real_numbers(actions, shape), over)
         else:
-            self.advance(whole_numbers(actions, (self.num_envs, self.drones)), ~over)
-        if over.any():
-            self.begin(over)
+            self.advance(whole_numbers(actions, (self.num_envs, self.drones)), over)
         ended, final = self.over(), {}
         self._paid[:] = self.outputs.paid
         self._ends[:] = self.outputs.over[:, :2].T[:, :, np.newaxis]

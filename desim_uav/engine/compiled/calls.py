@@ -14,7 +14,7 @@ from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
 from desim_uav.model.compiled_rows import address_of, as_array, call, entries_at, pointer_to
 from desim_uav.model.coverage import leg_at, walked
-from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.kernels import kernel, rare_rule, rule
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import requests
 from desim_uav.rules.coverage import look_anew
@@ -143,6 +143,7 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
         for d in range(commands.shape[1]):
             if not 0 <= commands[k, d] < actions:
                 return -1
+    stopped = 0
     for k in range(len(environments)):
         if which[k]:
             row = environments[k]
@@ -150,23 +151,25 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
             for d in range(commands.shape[1]):
                 own.drones[d].command = commands[k, d]
             call(world.run, (world, path_at(row[1]), own, STEP))
-    return look_at_all(environments, which)
+            stopped += _look_at_row(row)
+    return stopped
 
 
 @kernel
-def begin_all(environments: Ints, afresh: NDArray[np.bool_], which: NDArray[np.bool_]) -> int:
-    """Begin episodes in the environments ``which`` (n,); return how many a fault has stopped.
+def begin_all(environments: Ints, afresh: NDArray[np.bool_]) -> int:
+    """Begin episodes in all environments (n,); return how many a fault has stopped.
 
     The drones of those that begin ``afresh`` (n,) are put at their starts first.
     """
+    stopped = 0
     for k in range(len(environments)):
-        if which[k]:
-            row = environments[k]
-            world, path, own = constants_at(row[0]), path_at(row[1]), state_at(row[2])
-            if afresh[k]:
-                call(world.run, (world, path, own, START_AFRESH))
-            call(world.run, (world, path, own, RESET))
-    return look_at_all(environments, which)
+        row = environments[k]
+        world, path, own = constants_at(row[0]), path_at(row[1]), state_at(row[2])
+        if afresh[k]:
+            call(world.run, (world, path, own, START_AFRESH))
+        call(world.run, (world, path, own, RESET))
+        stopped += _look_at_row(row)
+    return stopped
 
 
 @kernel
@@ -201,17 +204,23 @@ def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
     stopped = 0
     for k in range(len(environments)):
         if which[k]:
-            row = environments[k]
-            outputs = OutputRow(
-                floats_at(row[3], 0),
-                bytes_at(row[4], 0),
-                floats_at(row[5], 0),
-                floats_at(row[6], 0),
-                bytes_at(row[7], 0),
-                floats_at(row[8], 0),
-                floats_at(row[9], 0),
-            )
-            stopped += _look_at(constants_at(row[0]), state_at(row[2]), outputs)
+            stopped += _look_at_row(environments[k])
+    return stopped
+
+
+@rare_rule
+def _look_at_row(row: Ints) -> int:
+    """Write the outputs of an environment, given its row; return whether a fault has stopped it."""
+    outputs = OutputRow(
+        floats_at(row[3], 0),
+        bytes_at(row[4], 0),
+        floats_at(row[5], 0),
+        floats_at(row[6], 0),
+        bytes_at(row[7], 0),
+        floats_at(row[8], 0),
+        floats_at(row[9], 0),
+    )
+    stopped: int = _look_at(constants_at(row[0]), state_at(row[2]), outputs)
     return stopped
 
 
