@@ -220,8 +220,8 @@ class Many(VectorSaving, Independent):
 
         ``argument`` has a row for each environment.
         """
-        arrays = self.outputs.addresses, argument, which
-        return [partial(kernel, *(array[share] for array in arrays)) for share in self._shares]
+        rows = self.outputs.addresses
+        return [partial(kernel, rows[one], argument[one], which[one]) for one in self._shares]
 
     def _do(self, tasks: Iterable[Task], which: Flags) -> None:
         """Do tasks of the environments ``which`` in all threads; repeat what ran out of room."""
@@ -230,8 +230,9 @@ class Many(VectorSaving, Independent):
         try:
             stopped = work_off(left)
         finally:
-            wait(others)
-        if stopped + sum(other.result() for other in others):
+            if others:
+                wait(others)
+        if stopped + sum([other.result() for other in others]):
             for k in np.flatnonzero(self.outputs.over[:, 2] & which).tolist():
                 self.sessions[k].go_on()
 
@@ -258,12 +259,13 @@ def shares_of(count: int, threads: int) -> list[slice]:
 def work_off(left: deque[Task]) -> int:
     """Do what is left until nothing is; return how many environments a fault has stopped."""
     stopped = 0
-    while True:
+    while left:
         try:
             task = left.popleft()
-        except IndexError:
-            return stopped
+        except IndexError:  # another thread has taken the last one
+            break
         stopped += task()
+    return stopped
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:

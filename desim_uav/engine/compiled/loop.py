@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 from desim_uav.engine.compiled.slots import is_before, next_slot
-from desim_uav.model.compiled_rows import as_array, call, entries_at, place_of
+from desim_uav.model.compiled_rows import call
 from desim_uav.model.kernels import kernel, rule, stands_in_for
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads
@@ -15,7 +15,7 @@ from desim_uav.rules.decide import on_arrival
 from desim_uav.rules.due import key, separation_slot, undo
 from desim_uav.rules.episode import begin, command, end_step, show_first, start_afresh
 from desim_uav.rules.requests import on_completion, on_request
-from desim_uav.rules.rows import Constants, Drone, Path, State
+from desim_uav.rules.rows import Constants, Path, State
 from desim_uav.rules.settle import on_turn, settle
 from desim_uav.rules.words import ATTACHMENT, OUT_OF_MEMORY, QUEUED, RECORD, RESPAWN
 
@@ -33,7 +33,6 @@ def run(world: Constants, path: Path, state: State, what: int) -> None:
         start_afresh(world, state)
         return
     if what == RESET:
-        _keep_begun(state)
         begin(world, path, state)
     else:
         state.events.clear()
@@ -48,24 +47,6 @@ def run(world: Constants, path: Path, state: State, what: int) -> None:
         end_step(world, path, state)
     if _overrun(state):
         state.faults |= OUT_OF_MEMORY
-
-
-words_at, DRONE_WORDS = entries_at(int), Drone.words
-
-
-@rule
-def _keep_begun(state: State) -> None:
-    """Copy the time, and the drones and stations as they begin an episode, into ``before``."""
-    before = as_array(state.before, (len(state.before),))
-    drones = DRONE_WORDS * len(state.drones)
-    stations = len(before) - drones - 1
-    before[0] = state.now_us
-    rows = as_array(words_at(place_of(state.drones), drones), (drones,))
-    for k in range(drones):
-        before[1 + k] = rows[k]
-    queues = as_array(words_at(place_of(state.stations), stations), (stations,))
-    for k in range(stations):
-        before[1 + drones + k] = queues[k]
 
 
 @stands_in_for(hand_on_pads)
