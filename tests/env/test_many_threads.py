@@ -83,7 +83,8 @@ def test_a_task_that_fails_leaves_the_others_done():
 
 def in_second_episode() -> tuple[UavVectorEnv, list[Any]]:
     """Two environments after some steps of the second episode; how their drones began it."""
-    env = UavVectorEnv("case8", 2, {**BRITTLE, "episode.steps": 7, "world_seed": 1}, threads=2)
+    config = {**BRITTLE, "episode.steps": 7, "world_seed": 1, "stations.count": 1}
+    env = UavVectorEnv("case8", 2, config, threads=2)
     rng = np.random.default_rng(1)
     env.reset(seed=1)
 
@@ -93,8 +94,8 @@ def in_second_episode() -> tuple[UavVectorEnv, list[Any]]:
     while not env.over().all():
         step()
     began = [session.engine.carried() for session in env.sessions]
-    modes = {drone.mode for drones in began for drone in drones}
-    assert modes == {Mode.FLYING, Mode.CHARGING, Mode.CRASHED}
+    both = [(drone.mode, drone.place) for drones in began for drone in drones]
+    assert {(Mode.FLYING, 0), (Mode.CHARGING, 0), (Mode.QUEUED, 1), (Mode.CRASHED, 0)} == {*both}
     for _ in range(4):
         step()
     return env, began
