@@ -35,8 +35,8 @@ Seed = int | Sequence[int | None] | None
 Task = Callable[[], int]
 """Steps some environments, or begins episodes in them; returns how many a fault has stopped."""
 
-FEWEST_DRAWN = 32
-"""The smallest number of sample paths for which drawing them in two threads is worth its calls."""
+FEWEST_DRAWN, FEWEST_STEPPED = 32, 8
+"""The smallest number of environments for which a task is worth its calls: to begin and to step."""
 
 
 class Many(VectorSaving, Independent):
@@ -248,7 +248,8 @@ def shares_of(count: int, threads: int) -> list[slice]:
 
     Threads that take one after the other end at about the same time, also if some begin later.
     """
-    bounds, least = [0], -(-count // (16 * threads))
+    bounds = [0]
+    least = max(min(FEWEST_STEPPED, -(-count // threads)), -(-count // (32 * threads)))
     while bounds[-1] < count:
         left = count - bounds[-1]
         size = left if threads == 1 else max(left // (2 * threads), least)

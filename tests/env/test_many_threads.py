@@ -34,7 +34,7 @@ def test_shares_are_all_environments_once_and_the_large_ones_come_first(count: i
     assert [k for share in shares for k in range(count)[share]] == list(range(count))
     sizes = [share.stop - share.start for share in shares]
     assert sizes[:-1] == sorted(sizes[:-1], reverse=True) and min(sizes) > 0
-    assert threads == 1 or sizes[0] <= max(1, count // threads)
+    assert sizes[0] <= -(-count // threads)
 
 
 def played(mode: AutoresetMode, threads: int, world_seed: Any) -> list[dict[str, Any]]:
