@@ -14,9 +14,11 @@ actions, as in peers.py.
 
 Each has a process of its own and one thread; the rounds go from one to the next, so that whatever
 else the machine does meets all. CPU time; medians of the rounds. Then the share of the time that is
-not spent in compiled code; and two threads beside one: in wall time, with two processes for what
-the machine has to give, and in CPU time, where the time of two threads is that of the main thread
-plus that of the busier one of the two. The latter does not depend on what else the machine does.
+not spent in compiled code, and the share that is serial: outside the tasks that threads share. Then
+two threads beside one: in wall time, with two processes for what the machine has to give, and in
+CPU time, where the time of two threads is the serial time plus the time in tasks of the busier one
+of the two. The latter depends less on what else the machine does; but a thread that is interrupted
+leaves more tasks to the other one.
 """
 
 from __future__ import annotations
@@ -73,8 +75,9 @@ def compare(case: str, peer_python: str, rounds: int, seconds: float) -> None:
         ratio = medians[f"{ours}@{case}"] / medians[f"{theirs}@{case}"]
         print(f"{ours} / {theirs}: {ratio:.3g} (aim: {aim})")
     worker = started(sys.executable, f"{SHARE}@{case}", seconds, __file__)
-    print(f"1,024 views, not in compiled code: {answer(worker):.1%} of the CPU time")
+    python, serial = answer(worker)
     worker.communicate()
+    print(f"1,024 views, not in compiled code: {python:.1%} of the CPU time; serial: {serial:.1%}")
 
 
 def compare_threads(case: str, rounds: int, seconds: float) -> None:
@@ -99,7 +102,7 @@ def compare_threads(case: str, rounds: int, seconds: float) -> None:
     one, two, processes = told(wall).values()
     print(f"two threads / one: {two / one:.2f} (aim: {TWO_THREADS_AIM})")
     print(f"two processes / one: {processes / one:.2f}; near 2 on a machine that is free")
-    print("\nCPU time of the main thread and the busier one of the others")
+    print("\nserial CPU time, and that in tasks of the busier thread")
     one, two = told(cpu).values()
     print(f"two threads / one: {two / one:.2f} (aim: {TWO_THREADS_AIM})")
 
@@ -109,7 +112,7 @@ def work(name: str, case: str, seconds: float) -> None:
     if name == THREADS:
         work_in_threads(case, seconds)
     elif name == SHARE:
-        print(json.dumps(share_of_python(case, seconds)), flush=True)
+        print(json.dumps(shares_of_time(case, seconds)), flush=True)
     else:
         makers = {
             "1,024 views": lambda: ours(case, ENVS, False),
@@ -122,21 +125,19 @@ def work(name: str, case: str, seconds: float) -> None:
 
 def work_in_threads(case: str, seconds: float) -> None:
     """The same for as many threads as the line says, by wall time and by CPU time."""
-    from desim_uav.engine.compiled import calls
+    from desim_uav.env import many
 
     busy: dict[int, float] = {}
+    work: Any = many.work_off
 
-    def timed(kernel: Any) -> Any:
-        def call(*arguments: Any) -> int:
-            start = time.thread_time()
-            stopped: int = kernel(*arguments)
-            own = threading.get_ident()
-            busy[own] = busy.get(own, 0.0) + time.thread_time() - start
-            return stopped
+    def timed(tasks: Any) -> int:
+        start = time.thread_time()
+        stopped: int = work(tasks)
+        own = threading.get_ident()
+        busy[own] = busy.get(own, 0.0) + time.thread_time() - start
+        return stopped
 
-        return call
-
-    calls.step_all, calls.begin_all = timed(calls.step_all), timed(calls.begin_all)
+    many.work_off = timed
     blocks = [ours(case, ENVS, False, threads)[0] for threads in (1, 2)]
     for block in blocks:
         rate(block, seconds / 4, time.perf_counter)
@@ -148,8 +149,8 @@ def work_in_threads(case: str, seconds: float) -> None:
         while time.perf_counter() < start + seconds:
             taken += blocks[int(line) - 1]()
         wall_s, own_s = time.perf_counter() - start, time.thread_time() - begun
-        others = [spent for thread, spent in busy.items() if thread != main_thread]
-        print(json.dumps([taken / wall_s, taken / (own_s + max(others, default=0.0))]), flush=True)
+        serial_s = own_s - busy[main_thread]
+        print(json.dumps([taken / wall_s, taken / (serial_s + max(busy.values()))]), flush=True)
 
 
 def in_worlds(case: str) -> tuple[Block, list[str]]:
@@ -185,20 +186,19 @@ def ours(
     return block, ["desim-uav", "numpy", "numba"]
 
 
-def share_of_python(case: str, seconds: float) -> float:
-    """The share of the CPU time that is not spent in calls of compiled code."""
+def shares_of_time(case: str, seconds: float) -> tuple[float, float]:
+    """The shares of the CPU time outside calls of compiled code, and outside the threads' tasks."""
     from desim_uav.engine.compiled import calls, paths
     from desim_uav.env import many
 
     block, _ = ours(case, ENVS, False)
-    spent = 0.0
+    spent = {"compiled": 0.0, "tasks": 0.0}
 
-    def timed(function: Any) -> Any:
+    def timed(function: Any, what: str = "compiled") -> Any:
         def call(*arguments: Any) -> Any:
-            nonlocal spent
             start = time.process_time()
             result = function(*arguments)
-            spent += time.process_time() - start
+            spent[what] += time.process_time() - start
             return result
 
         return call
@@ -207,12 +207,16 @@ def share_of_python(case: str, seconds: float) -> float:
     # Drawing sample paths is compiled but for some microseconds per call.
     calls.step_all, calls.begin_all = timed(calls.step_all), timed(calls.begin_all)
     many.draw_all, paths._copy_parts = timed(many.draw_all), timed(paths._copy_parts)
-    shares = []
+    many.work_off = timed(many.work_off, "tasks")
+    shares: list[list[float]] = []
     for _ in range(5):
-        spent, start = 0.0, time.process_time()
+        spent.update(compiled=0.0, tasks=0.0)
+        start = time.process_time()
         rate(block, seconds, time.process_time)
-        shares.append(1.0 - spent / (time.process_time() - start))
-    return statistics.median(shares)
+        passed = time.process_time() - start
+        shares.append([1.0 - each / passed for each in spent.values()])
+    python, serial = map(statistics.median, zip(*shares, strict=True))
+    return python, serial
 
 
 if __name__ == "__main__":

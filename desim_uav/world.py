@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -218,12 +218,6 @@ class World(Unchanging):
         mobility, homes = self.scenario.users.mobility, self._homes_on_map
         walking = walks_of(mobility, homes, seed, episodes, self.area, self.horizon_us)
         return walking if self.row_mobility else [own.drawn() for own in walking]
-
-    def walks_here(self, walking: Walks | RowWalks) -> Walks | RowWalks:
-        """Return walks in this world; those over rows may have been drawn for another one."""
-        if isinstance(walking, RowWalks):
-            return replace(walking, homes=self._homes_on_map)
-        return walking
 
     @cached_property
     def row_mobility(self) -> RowMobility | None:

@@ -20,7 +20,6 @@ from desim_uav.model.coverage import all_walked
 from desim_uav.model.rows import Queue
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot, observation_of, snapshot_of
-from desim_uav.model.walking import RowWalks, Walks
 from desim_uav.rules import requests
 from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
@@ -125,17 +124,16 @@ class Engine(Restorable):
         self._under_way = False
         self._carried = drones
 
-    def take_up(self, episode: int, walking: Walks | RowWalks) -> None:
+    def take_up(self, episode: int) -> None:
         """Put drones in their states at the start of an episode, and begin its log."""
         if not self._goes_on:
             self.load(self._carried)
-        self.set_under_way(episode, walking)
+        self.set_under_way(episode)
 
-    def set_under_way(self, episode: int, walking: Walks | RowWalks) -> None:
+    def set_under_way(self, episode: int) -> None:
         """Note that an episode begins, with drones that are where they begin it."""
         self._carried = None
         self._under_way = True
-        self.walking = walking
         self.new_log(episode)
 
     def drones_of(
@@ -423,7 +421,7 @@ class Engine(Restorable):
     def positions_m(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return the true positions in metres of drones (drones, 3) and users (users, 3)."""
         users = self.world.homes.copy()
-        users[:, :2] = all_walked(*self.walking.drawn(), int(self.state.now_us))
+        users[:, :2] = all_walked(*self.drawn.walks, int(self.state.now_us))
         return np.array(list(map(self.position_m, range(len(self.drones))))), users
 
     def whole_state(self) -> NDArray[np.float64]:
@@ -432,7 +430,7 @@ class Engine(Restorable):
         names = names_of(scenario.drone_count, self.world.services.names, cells)
         out, places = (
             np.zeros(len(names)),
-            all_walked(*self.walking.drawn(), int(self.state.now_us)),
+            all_walked(*self.drawn.walks, int(self.state.now_us)),
         )
         write_state(self.constants, self.state, places, out)
         return out

@@ -12,7 +12,6 @@ from desim_uav.engine import base
 from desim_uav.engine.saved import Kept, SavedState, copied
 from desim_uav.errors import SimulationError
 from desim_uav.model.state import Snapshot
-from desim_uav.model.walking import RowWalks, Walks
 from desim_uav.rules.words import RETURNING
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
@@ -26,7 +25,6 @@ class Restorable(Independent, ABC):
     world: World
     settings: base.RunSettings
     drones: Sequence[Any]
-    walking: Walks | RowWalks
     _drawn: SamplePath | Callable[[], SamplePath]
     log: base.EpisodeLog
     latest: Snapshot | None
@@ -114,7 +112,7 @@ class Restorable(Independent, ABC):
         """Go on from a saved state as ``restore`` does, but without a snapshot."""
         saved.check(self.world, self.settings)
         self.latest, self._under_way = None, False  # which they stay if it fails
-        self.drawn, self.walking = saved.path, saved.path.walking
+        self.drawn = saved.path
         self.log = copied(saved.log, self.settings)
         self._served_by = {number: list(drones) for number, drones in saved.served_by}
         self._take(saved)

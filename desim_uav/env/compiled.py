@@ -18,7 +18,6 @@ from desim_uav.env.session import Session, info_keys, out_of_range, real_numbers
 from desim_uav.env.tasks import Tasks
 from desim_uav.model.rows import Words
 from desim_uav.model.state import Snapshot
-from desim_uav.model.walking import RowWalks, Walks
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.spaces import features
 from desim_uav.world import World
@@ -116,14 +115,14 @@ class CompiledSession(Session):
         self.engine.drain()
         self._look()
 
-    def begin_on(self, path: Words, walking: Walks | RowWalks) -> bool:
+    def begin_on(self, path: Words) -> bool:
         """Prepare the next episode on a path in memory for ``calls.begin_all``.
 
         Returns whether that has to put the drones at their starts.
         """
         episode = self.episode + 1
         again = partial(draw, self.world, self.seed, episode)
-        afresh = self.engine.begin_on(path, again, episode, walking)
+        afresh = self.engine.begin_on(path, again, episode)
         self.episode += 1
         self._over = False
         return afresh

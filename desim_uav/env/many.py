@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor, wait
+from functools import partial
 from itertools import pairwise
 from typing import Any
 
@@ -30,12 +32,18 @@ Flags = NDArray[np.bool_]
 Seed = int | Sequence[int | None] | None
 """The seed of environment 0, to which k is added for environment k; or a list with one for each."""
 
+Task = Callable[[], int]
+"""Steps some environments, or begins episodes in them; returns how many a fault has stopped."""
+
+FEWEST_DRAWN, FEWEST_STEPPED = 32, 8
+"""The smallest number of environments for which a task is worth its calls: to begin and to step."""
+
 
 class Many(VectorSaving, Independent):
     """``num_envs`` environments of a scenario, whose outputs are rows of arrays (``outputs``).
 
-    ``sessions`` are the environments. ``threads`` threads share them; each step and each reset is
-    one call of the compiled engine per thread.
+    ``sessions`` are the environments. Each step and each reset is a list of tasks, which
+    ``threads`` threads, of which the caller's is one, take from it until none is left.
     """
 
     num_envs: int
@@ -77,9 +85,8 @@ class Many(VectorSaving, Independent):
         for k, session in enumerate(self.sessions):
             session.write_to(self.outputs, k)
         self._seeds = np.array([session.seeds() for session in self.sessions])
-        bounds = np.linspace(0, self.num_envs, self.threads + 1).astype(int).tolist()
-        self._shares = [slice(*pair) for pair in pairwise(bounds)]
-        self._pool = ThreadPoolExecutor(self.threads) if self.threads > 1 else None
+        self._shares = shares_of(self.num_envs, self.threads)
+        self._pool = ThreadPoolExecutor(max(1, self.threads - 1))
 
     def __getstate__(self) -> dict[str, Any]:
         """Return everything except arrays and threads, which a copy makes again."""
@@ -113,41 +120,41 @@ class Many(VectorSaving, Independent):
 
     def begin(self, which: Flags, seeds: Sequence[int | None] | None = None) -> None:
         """Begin the next episode of the environments ``which``; with seeds, new runs."""
+        self._do(self._begins(which, seeds), which)
+
+    def _begins(self, which: Flags, seeds: Sequence[int | None] | None = None) -> list[Task]:
+        """Prepare the next episode of the environments ``which``; return tasks that begin them."""
         numbers = np.flatnonzero(which).tolist()
         for k in numbers:
             session = self.sessions[k]
             if session.start(None if seeds is None else seeds[k]):
                 self.outputs.addresses[k, :3] = session.addresses()
-        afresh = np.zeros(self.num_envs, np.bool_)
-        for group in self._drawn_together(numbers):
-            afresh[group] = self._put_on_paths(group)
-        self._call(calls.begin_all, afresh, which)
-        self._seeds[numbers] = [self.sessions[k].seeds() for k in numbers]
+        return [partial(self._begin_drawn, group) for group in self._drawn_together(numbers)]
 
     def _drawn_together(self, numbers: Sequence[int]) -> Iterable[list[int]]:
-        """Return groups of environments whose sample paths can be drawn at once.
+        """Yield groups of environments whose sample paths can be drawn at once.
 
         Walks step by step are the same draws in all worlds of a scenario.
         """
+        most = max(FEWEST_DRAWN, -(-len(numbers) // self.threads))
         groups: dict[int, list[int]] = {}
         for k in numbers:
             world = self.sessions[k].world
             key = id(world.scenario if world.row_mobility else world)
             groups.setdefault(key, []).append(k)
-        return groups.values()
+        for group in groups.values():
+            for first in range(0, len(group), most):
+                yield group[first : first + most]
 
-    def _put_on_paths(self, group: Sequence[int]) -> list[bool]:
-        """Draw sample paths for the next episodes; return which environments begin afresh."""
+    def _begin_drawn(self, group: Sequence[int]) -> int:
+        """Draw the next sample paths of some environments, and begin episodes on them."""
         sessions = [self.sessions[k] for k in group]
         seeds, episodes = zip(*[(own.seed, own.episode + 1) for own in sessions], strict=True)
-        world = sessions[0].world
-        paths = draw_all(world, seeds, episodes)
-        blocks, self.outputs.addresses[group, 1] = blocks_of(paths)
-        afresh = []
-        for own, block, walking in zip(sessions, blocks, paths.walking, strict=True):
-            here = walking if own.world is world else own.world.walks_here(walking)
-            afresh.append(own.begin_on(block, here))
-        return afresh
+        blocks, places = blocks_of(draw_all(sessions[0].world, seeds, episodes))
+        afresh = [own.begin_on(block) for own, block in zip(sessions, blocks, strict=True)]
+        self.outputs.addresses[group, 1] = places
+        self._seeds[group] = [own.seeds() for own in sessions]
+        return calls.begin_all(self.outputs.addresses[group], np.array(afresh))
 
     def _reset_mask(self, options: dict[str, Any] | None) -> Flags:
         """Return the mask of the environments that a reset concerns."""
@@ -182,40 +189,50 @@ class Many(VectorSaving, Independent):
             which = np.flatnonzero(waiting).tolist()
             raise error.ResetNeeded(f"call reset first: no episode has begun in {which}")
 
-    def advance(self, commands: NDArray[np.int64], which: Flags) -> None:
-        """Give the environments ``which`` their commands, and run each to its next epoch.
+    def advance(self, commands: NDArray[np.int64], over: Flags) -> None:
+        """Give the environments their commands, and run each to its next epoch.
 
+        Those whose episodes are ``over`` begin their next ones instead, whatever their commands.
         Raises ActionError, before any environment is stepped, if a command is not an action.
         """
         world = self.sessions[0].world
         if commands.min() < 0 or commands.max() >= len(world.actions):
             raise out_of_range(commands.tolist(), world)
-        self._call(calls.step_all, commands, which)
+        begins = self._begins(over) if over.any() else []
+        self._do([*begins, *self._in_shares(calls.step_all, commands, ~over)], self._all)
 
     @property
     def free(self) -> bool:
         """Whether drones fly freely."""
         return self.sessions[0].world.free
 
-    def steer(self, numbers: NDArray[np.float64], which: Flags) -> None:
-        """Give the environments ``which`` commands of free flight, and run each on."""
+    def steer(self, numbers: NDArray[np.float64], over: Flags) -> None:
+        """Give the environments commands of free flight, and run each on (see ``advance``)."""
         world = self.sessions[0].world
-        self._call(calls.aim_all, aims_of(numbers, world), which)
+        self._do(self._in_shares(calls.aim_all, aims_of(numbers, world), ~over), self._all)
         commands = np.zeros((self.num_envs, self.sessions[0].drones), np.int64)
-        self.advance(commands, which)  # of which the first one is to fly
+        self.advance(commands, over)  # of which the first one is to fly
 
-    def _call(self, kernel: Callable[..., int], argument: NDArray[Any], which: Flags) -> None:
-        """Call a kernel on the environments ``which``, in all threads; repeat what ran out of room.
+    def _in_shares(
+        self, kernel: Callable[..., int], argument: NDArray[Any], which: Flags
+    ) -> list[Task]:
+        """Return tasks that call a kernel on the environments ``which``.
 
         ``argument`` has a row for each environment.
         """
-        arrays = self.outputs.addresses, argument, which
-        if self._pool is None:
-            stopped = kernel(*arrays)
-        else:
-            parts = [[array[share] for share in self._shares] for array in arrays]
-            stopped = sum(self._pool.map(kernel, *parts))
-        if stopped:
+        rows = self.outputs.addresses
+        return [partial(kernel, rows[one], argument[one], which[one]) for one in self._shares]
+
+    def _do(self, tasks: Iterable[Task], which: Flags) -> None:
+        """Do tasks of the environments ``which`` in all threads; repeat what ran out of room."""
+        left = deque(tasks)
+        others = [self._pool.submit(work_off, left) for _ in range(self.threads - 1)]
+        try:
+            stopped = work_off(left)
+        finally:
+            if others:
+                wait(others)
+        if stopped + sum([other.result() for other in others]):
             for k in np.flatnonzero(self.outputs.over[:, 2] & which).tolist():
                 self.sessions[k].go_on()
 
@@ -224,6 +241,32 @@ class Many(VectorSaving, Independent):
     def frames(self) -> tuple[NDArray[np.uint8], ...]:
         """Return the frame of each environment, (height, width, 3)."""
         return tuple(screen.frame() for screen in self.screens)
+
+
+def shares_of(count: int, threads: int) -> list[slice]:
+    """Return slices of ``count`` environments, the larger ones first.
+
+    Threads that take one after the other end at about the same time, also if some begin later.
+    """
+    bounds = [0]
+    least = max(min(FEWEST_STEPPED, -(-count // threads)), -(-count // (32 * threads)))
+    while bounds[-1] < count:
+        left = count - bounds[-1]
+        size = left if threads == 1 else max(left // (2 * threads), least)
+        bounds.append(min(bounds[-1] + size, count))
+    return [slice(*pair) for pair in pairwise(bounds)]
+
+
+def work_off(left: deque[Task]) -> int:
+    """Do what is left until nothing is; return how many environments a fault has stopped."""
+    stopped = 0
+    while left:
+        try:
+            task = left.popleft()
+        except IndexError:  # another thread has taken the last one
+            break
+        stopped += task()
+    return stopped
 
 
 def _mode(mode: AutoresetMode | str) -> AutoresetMode:

@@ -135,17 +135,17 @@ class UavParallelVectorEnv(Many):
         if self.free:
             numbers = self.sessions[0].world.command_numbers
             shape = (self.num_envs, self.drones, numbers)
-            self.steer(real_numbers(actions, shape), ~over)
+            self.steer(real_numbers(actions, shape), over)
         else:
-            self.advance(whole_numbers(actions, (self.num_envs, self.drones)), ~over)
-        if over.any():
-            self.begin(over)
-        ended, final = self.over(), {}
+            self.advance(whole_numbers(actions, (self.num_envs, self.drones)), over)
+        final: dict[str, Any] = {}
         self._paid[:] = self.outputs.paid
         self._ends[:] = self.outputs.over[:, :2].T[:, :, np.newaxis]
-        if self.autoreset_mode is AutoresetMode.SAME_STEP and ended.any():
-            final = self._final(ended)
-            self.begin(ended)
+        if self.autoreset_mode is AutoresetMode.SAME_STEP:
+            ended = self.over()
+            if ended.any():
+                final = self._final(ended)
+                self.begin(ended)
         rewards, (terminated, truncated) = self._paid, self._ends
         if self.copy:
             rewards, (terminated, truncated) = rewards.copy(), self._ends.copy()
@@ -157,7 +157,7 @@ class UavParallelVectorEnv(Many):
         What a drone has of its own has the shape (num_envs, drones), and the rest (num_envs,).
         ``action_mask``, int8 (num_envs, drones, actions), is one more key.
         """
-        numbers, seeds, own = self.outputs.numbers.T, self._seeds.T, np.moveaxis(self._own, 2, 0)
+        numbers, seeds, own = self.outputs.numbers.T, self._seeds.T, self._own.transpose(2, 0, 1)
         columns = dict(zip(COUNTS, numbers[MEASURED:COUNTED].astype(np.int64), strict=True))
         columns |= zip(OWN_COUNTS, own[:OWN_COUNTED].astype(np.int64), strict=True)
         values = (*numbers[:MEASURED].copy(), *seeds.copy(), *columns.values())

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from collections import OrderedDict
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from operator import itemgetter
 from typing import Any
 
 from desim_uav.copies import Unchanging
@@ -62,7 +64,7 @@ class Tasks(Unchanging):
     def stage(self, episodes: int, steps: int) -> int:
         """Return the index of the stage that applies after so many episodes and steps."""
         done = episodes if self.unit == "episodes" else steps
-        return max(k for k, (begin, _) in enumerate(self.stages) if begin <= done)
+        return bisect_right(self.stages, done, key=itemgetter(0)) - 1
 
     def world_seed(self, stage: int, seed: int, episode: int) -> int:
         """Return the world seed of an episode of the run with this seed."""

@@ -117,11 +117,9 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         shapes = [(count,), (count, 1)] if drones == 1 else [(count, drones)]
         if self.free:
             numbers = drones * self.sessions[0].world.command_numbers
-            self.steer(real_numbers(actions, (count, numbers)), ~over)
+            self.steer(real_numbers(actions, (count, numbers)), over)
         else:
-            self.advance(whole_numbers(actions, *shapes).reshape(count, drones), ~over)
-        if over.any():
-            self.begin(over)
+            self.advance(whole_numbers(actions, *shapes).reshape(count, drones), over)
         rewards = self.outputs.rewards[:, 0].copy()
         terminated, truncated = self.outputs.over[:, :2].T.copy()
         final: dict[str, Any] = {}

@@ -842,9 +842,11 @@ class State(Row):
     distance in the windows that have ended. At
     the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
     that it serves and those in its footprint; ``masks`` has an entry per drone and action.
-    ``history`` holds all commands, ``slot_times`` to ``winners`` the compiled event queue. In free
-    flight, ``aims`` holds what belongs to the commands (``Course.aim_x`` and the four after it),
-    ``flown`` the legs of a step for the log, and ``away_m`` is memory.
+    ``history`` holds all commands. In the compiled engine, ``slot_times`` to ``winners`` are the
+    event queue, and ``before`` holds the time and the rows of drones and stations (with their
+    queues) with which the episode began. In free flight, ``aims`` holds what belongs to the
+    commands (``Course.aim_x`` and the four after it), ``flown`` the legs of a step for the log, and
+    ``away_m`` is memory.
     """
 
     now_us: int
@@ -912,3 +914,4 @@ class State(Row):
     slot_times: Table[int]
     slot_keys: Table[int]
     winners: Table[int]
+    before: Table[int]

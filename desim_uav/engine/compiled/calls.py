@@ -12,9 +12,16 @@ from desim_uav.engine.base import COUNTS, MEASURES
 from desim_uav.engine.compiled import free, looking, loop, separation
 from desim_uav.engine.compiled import in_air as sought
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
-from desim_uav.model.compiled_rows import address_of, as_array, call, entries_at, pointer_to
+from desim_uav.model.compiled_rows import (
+    address_of,
+    as_array,
+    call,
+    entries_at,
+    place_of,
+    pointer_to,
+)
 from desim_uav.model.coverage import leg_at, walked
-from desim_uav.model.kernels import kernel, rule
+from desim_uav.model.kernels import kernel, rare_rule, rule
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules import requests
 from desim_uav.rules.coverage import look_anew
@@ -27,6 +34,10 @@ Ints = NDArray[np.int64]
 constants_at: Any = pointer_to(Constants)
 path_at: Any = pointer_to(Path)
 state_at: Any = pointer_to(State)
+
+floats_at, bytes_at, words_at = entries_at(float), entries_at(bool), entries_at(int)
+
+DRONE_WORDS = Drone.words
 
 
 def set_functions(constants: Any, graded: bool, in_air: bool) -> None:
@@ -60,7 +71,24 @@ def set_functions(constants: Any, graded: bool, in_air: bool) -> None:
 def run(world: int, path: int, state: int, what: int) -> None:
     """Do one of START_AFRESH, RESET and STEP (see ``loop.run``)."""
     at = constants_at(world)
+    if what == RESET:
+        _keep_begun(state_at(state))
     call(at.run, (at, path_at(path), state_at(state), what))
+
+
+@rule
+def _keep_begun(state: State) -> None:
+    """Copy the time, and the drones and stations as they begin an episode, into ``before``."""
+    before = as_array(state.before, (len(state.before),))
+    drones = DRONE_WORDS * len(state.drones)
+    stations = len(before) - drones - 1
+    before[0] = state.now_us
+    rows = as_array(words_at(place_of(state.drones), drones), (drones,))
+    for k in range(drones):
+        before[1 + k] = rows[k]
+    queues = as_array(words_at(place_of(state.stations), stations), (stations,))
+    for k in range(stations):
+        before[1 + drones + k] = queues[k]
 
 
 @kernel
@@ -109,8 +137,6 @@ path and state, and of the arrays of ``OutputRow``."""
 NUMBERS = len(MEASURES) + len(COUNTS)
 """The number of MEASURES and COUNTS, after which the mean terms follow in ``OutputRow.numbers``."""
 
-floats_at, bytes_at, words_at = entries_at(float), entries_at(bool), entries_at(int)
-
 
 class OutputRow(NamedTuple):
     """The outputs of an environment at a decision epoch, in arrays that a kernel writes.
@@ -154,19 +180,22 @@ def step_all(environments: Ints, commands: Ints, which: NDArray[np.bool_]) -> in
 
 
 @kernel
-def begin_all(environments: Ints, afresh: NDArray[np.bool_], which: NDArray[np.bool_]) -> int:
-    """Begin episodes in the environments ``which`` (n,); return how many a fault has stopped.
+def begin_all(environments: Ints, afresh: NDArray[np.bool_]) -> int:
+    """Begin episodes in all environments (n,); return how many a fault has stopped.
 
     The drones of those that begin ``afresh`` (n,) are put at their starts first.
     """
     for k in range(len(environments)):
-        if which[k]:
-            row = environments[k]
-            world, path, own = constants_at(row[0]), path_at(row[1]), state_at(row[2])
-            if afresh[k]:
-                call(world.run, (world, path, own, START_AFRESH))
-            call(world.run, (world, path, own, RESET))
-    return look_at_all(environments, which)
+        row = environments[k]
+        world, path, own = constants_at(row[0]), path_at(row[1]), state_at(row[2])
+        if afresh[k]:
+            call(world.run, (world, path, own, START_AFRESH))
+        _keep_begun(own)
+        call(world.run, (world, path, own, RESET))
+    stopped = 0
+    for k in range(len(environments)):
+        stopped += _look_at_row(environments[k])
+    return stopped
 
 
 @kernel
@@ -201,17 +230,23 @@ def look_at_all(environments: Ints, which: NDArray[np.bool_]) -> int:
     stopped = 0
     for k in range(len(environments)):
         if which[k]:
-            row = environments[k]
-            outputs = OutputRow(
-                floats_at(row[3], 0),
-                bytes_at(row[4], 0),
-                floats_at(row[5], 0),
-                floats_at(row[6], 0),
-                bytes_at(row[7], 0),
-                floats_at(row[8], 0),
-                floats_at(row[9], 0),
-            )
-            stopped += _look_at(constants_at(row[0]), state_at(row[2]), outputs)
+            stopped += _look_at_row(environments[k])
+    return stopped
+
+
+@rare_rule
+def _look_at_row(row: Ints) -> int:
+    """Write the outputs of an environment, given its row; return whether a fault has stopped it."""
+    outputs = OutputRow(
+        floats_at(row[3], 0),
+        bytes_at(row[4], 0),
+        floats_at(row[5], 0),
+        floats_at(row[6], 0),
+        bytes_at(row[7], 0),
+        floats_at(row[8], 0),
+        floats_at(row[9], 0),
+    )
+    stopped: int = _look_at(constants_at(row[0]), state_at(row[2]), outputs)
     return stopped
 
 

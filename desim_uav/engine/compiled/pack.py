@@ -36,7 +36,7 @@ from desim_uav.model.rows import Table, View, Words, blank, held_by, packed
 from desim_uav.model.rules import US
 from desim_uav.model.walking import LEG_COLUMNS, walking_of
 from desim_uav.rules.due import crossing_slot, slots
-from desim_uav.rules.rows import Constants, SpaceRow, State
+from desim_uav.rules.rows import Constants, Drone, SpaceRow, State, Station
 from desim_uav.rules.separation import MOST_TRACK_ROWS, MOST_TURNS
 from desim_uav.world import World
 
@@ -225,6 +225,7 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
     nx, ny = bucket_grid(*world.area, world.reach_m)
     state.slot_times, state.slot_keys = _whole(count), _whole(count)
     state.winners = tournaments(count, crossing_slot(state, 0), len(state.senders))
+    state.before = _whole(1 + sum(begun_words(drones, len(state.stations))))
     look = state.look
     set_memory(look.air, world)
     set_room(look.air, world, room_for(users, buffers, legs))
@@ -249,6 +250,11 @@ def _pack_state(world: World, settings: RunSettings, buffers: Buffers, legs: int
     senders_at, drones_at = State.places["senders"], State.places["drones"]
     block[drones_at : drones_at + 2] = block[senders_at], drones
     return block
+
+
+def begun_words(drones: int, stations: int) -> tuple[int, int]:
+    """Return the words of the rows of drones, and of stations with their queues."""
+    return Drone.words * drones, (Station.words + drones + 1) * stations
 
 
 def _windows_of(world: World) -> Array:

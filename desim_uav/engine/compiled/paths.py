@@ -66,16 +66,18 @@ def blocks_of(paths: SamplePaths) -> tuple[list[Words], NDArray[np.int64]]:
     """
     rows, sections = _rows_and_sections(paths)
     episodes = len(rows)
-    sizes = np.array([np.broadcast_to(section.counts, episodes) for section in sections])
-    ends = np.cumsum(Path.words + sizes.sum(axis=0))
-    starts = ends - Path.words - sizes.sum(axis=0)
+    begins, sizes = np.empty((2, len(sections), episodes), np.int64)
+    for number, section in enumerate(sections):
+        begins[number], sizes[number] = section.begins, section.counts
+    lengths = Path.words + sizes.sum(axis=0)
+    ends = np.cumsum(lengths)
+    starts = ends - lengths
     block, at, place = np.empty(ends[-1], np.int64), np.full(episodes, Path.words), 3
-    for columns, section, counts in zip(TABLES, sections, sizes, strict=True):
+    for columns, section, begin, counts in zip(TABLES, sections, begins, sizes, strict=True):
         rows[:, place], rows[:, place + 1] = 8 * at, counts // columns
         place += 2
-        begins = np.ascontiguousarray(np.broadcast_to(section.begins, episodes), np.int64)
         if section.parts:
-            _copy_parts(_joined(section), begins, counts, block, starts + at)
+            _copy_parts(_joined(section), begin, counts, block, starts + at)
         at += counts
     _copy_parts(
         rows.reshape(-1),

@@ -14,7 +14,7 @@ from desim_uav.copies import owned, usable
 from desim_uav.engine.base import Carried, RunSettings
 from desim_uav.engine.compiled import calls, loop
 from desim_uav.engine.compiled.loop import RESET, START_AFRESH, STEP
-from desim_uav.engine.compiled.pack import legs_of_step, pack, pack_state
+from desim_uav.engine.compiled.pack import begun_words, legs_of_step, pack, pack_state
 from desim_uav.engine.compiled.paths import paths_of
 from desim_uav.engine.compiled.saving import Block
 from desim_uav.engine.episode import Engine
@@ -25,7 +25,7 @@ from desim_uav.errors import ScenarioError, SimulationError
 from desim_uav.model.code_digest import code_digest
 from desim_uav.model.rows import View, Words, array_of, dtype_of, held_by, is_row, named
 from desim_uav.model.state import Snapshot
-from desim_uav.model.walking import RowWalks, Walks, misstep, walking_of
+from desim_uav.model.walking import misstep, walking_of
 from desim_uav.rules.rows import Constants, Drone, Look, Plan, State, Station
 from desim_uav.rules.words import LOST, OUT_OF_MEMORY
 from desim_uav.sample_path import SamplePath, SamplePaths
@@ -35,7 +35,7 @@ BUFFER, REQUESTS_A_USER, CROSSINGS_A_USER = 256, 2, 2
 """The initial buffers, which are doubled when an episode needs more: for the log of a step (rows in
 all, and rows per user), and for the crossings of a leg (rows per user)."""
 
-DERIVED = ("state", "state_at", "drones", "constants", "all_plans", "all_hops", "_parts")
+DERIVED = ("state", "state_at", "drones", "constants", "all_plans", "all_hops")
 """The attributes that are views of an engine's memory, which a copy makes again."""
 
 
@@ -102,10 +102,6 @@ class BatchSimulation(Engine):
         self.state_at = int(self.memory.ctypes.data)
         self.state = View(self.memory, State)
         self.drones = self.state.drones
-        count = len(self.drones)
-        rooms = (Drone.words * count, len(self.world.stations) * (Station.words + count + 1))
-        begins = [_begin_of(self.memory, name) for name in ("drones", "stations")]
-        self._parts = [slice(at, at + size) for at, size in zip(begins, rooms, strict=True)]
 
     def refuse_unseen(self) -> None:
         """Raise ScenarioError if the scenario's observation is not compiled."""
@@ -182,56 +178,43 @@ class BatchSimulation(Engine):
     def begin(self, path: SamplePath) -> None:
         """Begin an episode without a snapshot."""
         self.latest = None
-        self._note_before()
-        self.drawn = path
+        self._began = self._carried, self._goes_on
         self.path, _ = self.prepare(SamplePaths.of(path))
+        self.drawn = path
         calls.run(*self.addresses(), RESET)
         self.drain()
 
-    def begin_on(
-        self, path: Words, drawn: Callable[[], SamplePath], episode: int, walking: Walks | RowWalks
-    ) -> bool:
+    def begin_on(self, path: Words, drawn: Callable[[], SamplePath], episode: int) -> bool:
         """Prepare for ``calls.begin_all``, which begins an episode on a path in memory.
 
         ``drawn`` draws this path again. Returns whether it has to put the drones at their starts.
         """
         self.latest = None
-        goes_on = self._note_before()
+        self._began = carried, goes_on = self._carried, self._goes_on
         self.path, self._drawn = path, drawn
-        if not goes_on and self._carried:
-            self.load(self._carried)
-        afresh = not goes_on and not self._carried
-        self.set_under_way(episode, walking)
-        return afresh
-
-    def _note_before(self) -> bool:
-        """Keep the states in which drones begin an episode, which may have to be repeated.
-
-        Returns whether they are as the previous episode has left them.
-        """
-        goes_on = self._goes_on
-        self._began = self._carried, self._standing() if goes_on else None
-        return goes_on
-
-    def _standing(self) -> tuple[int, Words, Words]:
-        """Return the time, and copies of the drones' rows and of the stations with their queues."""
-        return self.state.now_us, *(self.memory[part].copy() for part in self._parts)
+        if not goes_on and carried:
+            self.load(carried)
+        self.set_under_way(episode)
+        return not goes_on and not carried
 
     def _before(self) -> Carried | None:
-        """Return the states in which drones began the episode."""
-        carried, standing = self._began
-        if standing is not None:
-            now_us, drones, stations = standing
+        """Return the states in which drones began the episode, which may have to be repeated."""
+        carried, goes_on = self._began
+        if goes_on:
+            before: Words = self.state.before
+            words, _ = begun_words(len(self.drones), len(self.world.stations))
+            drones, stations = before[1 : 1 + words], before[1 + words :]
             rows = list(map(named(Drone)._make, drones.view(dtype_of(Drone)).tolist()))
             places = range(0, len(self.world.stations) * Station.words, Station.words)
             queues = [array_of(stations, Station, "queue", at).tolist() for at in places]
-            carried = self.drones_of(now_us, rows, queues)
-            self._began = carried, None
+            carried = self.drones_of(before.item(0), rows, queues)
+            self._began = carried, False
         return carried
 
     def prepare(self, paths: SamplePaths) -> tuple[Words, NDArray[np.int64]]:
         """Put the drones where they begin episodes on these paths; return the paths in memory."""
-        self.take_up(paths.episodes[-1], paths.walking[-1])
+        self.take_up(paths.episodes[-1])
+        self.drawn = paths[-1]
         return paths_of(paths)
 
     # ---- saved states
@@ -244,7 +227,7 @@ class BatchSimulation(Engine):
 
     def _take(self, saved: SavedState) -> None:
         """Copy the memory of a saved state or, if an engine of another kind saved it, its rows."""
-        self._began, kept = (saved.before, None), saved.kept
+        self._began, kept = (saved.before, False), saved.kept
         if isinstance(kept, Block) and kept.fixed is self.fixed:
             self._set_memory(kept.words, kept.buffers, kept.leg_buffer)
             self.path, self.latest = kept.path, saved.latest
@@ -295,11 +278,11 @@ class BatchSimulation(Engine):
         if any(each.fixed is not self.fixed for each in siblings):
             raise SimulationError("fork_into: a sibling is of another world or has other settings")
         self.require_epoch("fork_into")
-        before = self._before(), None
+        before = self._before(), False
         for each in siblings:
             each._set_memory(self.memory, self.buffers, self.leg_buffer)
             each.path, each.latest, each._began = self.path, self.latest, before
-            each._drawn, each.walking = self._drawn, self.walking
+            each._drawn = self._drawn
             each.log = copied(self.log, self.settings)
             each._served_by = {number: drones[:] for number, drones in self._served_by.items()}
             each._carried, each._under_way = None, True
@@ -338,6 +321,7 @@ class BatchSimulation(Engine):
         while self.state.faults & OUT_OF_MEMORY:
             heard = self.state.history.reshape(-1, len(self.drones))[: self.state.step].tolist()
             aims = self.state.aims.copy()
+            self._before()  # which the memory holds that is given up now
             self.buffers = Buffers(2 * self.buffers.log, 2 * self.buffers.crossings)
             self.leg_buffer *= 2
             self._make_room()
@@ -358,11 +342,6 @@ class BatchSimulation(Engine):
         self.new_log(self.log.episode)
         calls.run(*self.addresses(), RESET)
         return 0
-
-
-def _begin_of(memory: Words, table: str) -> int:
-    """Return the word at which the entries of a table of the state begin."""
-    return int(memory[State.places[table]]) // 8
 
 
 @cache

@@ -119,7 +119,7 @@ class Simulation(Engine):
     def reset(self, path: SamplePath) -> Snapshot:
         """Begin an episode and return the snapshot of its first decision epoch."""
         self._before = self.carried()
-        self.take_up(path.episode, path.walking)
+        self.take_up(path.episode)
         self._follow(path)
         self._start_clock(0)
         world, state, own = self.constants, self.state, self.own_path
