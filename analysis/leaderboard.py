@@ -62,6 +62,21 @@ SEARCHED = {
 
 
 @dataclass(frozen=True)
+class Table:
+    """A table that is trained in world 0 with the task's settings, and where it is kept."""
+
+    task: Task
+    algorithm: str
+    seed: int
+
+    @property
+    def place(self) -> Path:
+        """The file of the table."""
+        name = f"{self.task.family}-{self.task.size}-{self.algorithm}-{self.seed}"
+        return MADE / name / "policy.npz"
+
+
+@dataclass(frozen=True)
 class Entry:
     """What flies in a task: its name on the leaderboard, its tracks, and its trainings."""
 
@@ -77,33 +92,17 @@ class Entry:
 
     def policies(self) -> list[str]:
         """Return the policies that fly, of which those that are learned may have to be trained."""
-        if self.name in (*BUILT_IN, GREEDY):
-            return [self.name]
         if self.name == CLAIRVOYANT:
             return ["clairvoyant:tries=10"]
-        if self.name == ROLLOUT:
-            return [f"rollout:{self.table('q_learning', 0)}"]
-        return [str(self.table(LEARNED[self.name], seed)) for seed in range(self.trainings)]
+        before = "rollout:" if self.name == ROLLOUT else ""
+        return [f"{before}{table.place}" for table in self.tables()] or [self.name]
 
-    def table(self, algorithm: str, seed: int) -> Path:
-        """Return the place of a table that was trained in world 0 with the task's settings."""
-        return MADE / f"{self.task.family}-{self.task.size}-{algorithm}-{seed}" / "policy.npz"
-
-    def train(self) -> dict[str, float]:
-        """Train the tables that are not there, and return the processor time of each in seconds."""
-        spent_s = {}
-        learned = {ROLLOUT: ("q_learning", 1)}.get(self.name)
-        algorithm, many = learned or (LEARNED.get(self.name, ""), self.trainings)
-        for seed in range(many):
-            table = self.table(algorithm, seed)
-            if not table.exists():
-                since_s = time.process_time()
-                trained = du.train(
-                    self.task.path, algorithm=algorithm, seed=seed, world_seed=0, progress=False
-                )
-                trained.save(table.parent)
-                spent_s[f"training of {table.parent.name}"] = time.process_time() - since_s
-        return spent_s
+    def tables(self) -> list[Table]:
+        """Return the tables that fly, or that a planner continues with."""
+        algorithm, many = {ROLLOUT: ("q_learning", 1)}.get(
+            self.name, (LEARNED.get(self.name, ""), self.trainings)
+        )
+        return [Table(self.task, algorithm, seed) for seed in range(many)]
 
     def training_steps(self) -> int | None:
         """Return the decision epochs of a training; None if nothing is trained."""
@@ -139,6 +138,7 @@ def main() -> None:
         return
     since_s, work = time.perf_counter(), missing(asked.part)
     complete([task for task in tasks().values() if task in [e.task for e, _ in work]], asked.jobs)
+    train_all([entry for entry, _ in work], asked.jobs)
     with closing(run_each(make, work, asked.jobs)) as ended:
         for number, spent_s in ended:
             entry, tracks = work[number]
@@ -192,12 +192,33 @@ def is_up_to_date(entry: Entry, track: Track) -> bool:
     )
 
 
+def train_all(entries: Sequence[Entry], jobs: int) -> None:
+    """Train the tables that fly and are not there, each once though several entries need it."""
+    tables = {table: None for entry in entries for table in entry.tables()}
+    work = [(table,) for table in tables if not table.place.exists()]
+    with closing(run_each(trained, work, jobs)) as ended:
+        for number, spent_s in ended:
+            name = work[number][0].place.parent.name
+            leaderboard_times.keep(FOLDER, {f"training of {name}": spent_s})
+            print(f"{name}: {spent_s:.1f} s of processor time", flush=True)
+
+
+def trained(table: Table) -> float:
+    """Train a table, and return the processor time that it took, in seconds."""
+    since_s = time.process_time()
+    learned = du.train(
+        table.task.path, algorithm=table.algorithm, seed=table.seed, world_seed=0, progress=False
+    )
+    learned.save(table.place.parent)
+    return time.process_time() - since_s
+
+
 def make(entry: Entry, tracks: Sequence[str]) -> dict[str, float]:
     """Make the submissions of an entry that are out of date.
 
-    Returns the processor time of each, and of each training, in seconds.
+    Returns the processor time of each in seconds. The tables that fly are there.
     """
-    spent_s = entry.train()
+    spent_s: dict[str, float] = {}
     policies, steps = entry.policies(), entry.training_steps()
     for track in (TRACKS[name] for name in tracks):
         if is_up_to_date(entry, track):

@@ -384,6 +384,29 @@ def test_the_leaderboard_lists_what_is_missing(leaderboard, monkeypatch, tmp_pat
     assert not list(tmp_path.glob("*baseline"))
 
 
+def test_a_table_that_two_rows_need_is_trained_once(leaderboard, monkeypatch, tmp_path):
+    train_all, made = leaderboard["train_all"], []
+    monkeypatch.setitem(train_all.__globals__, "FOLDER", tmp_path / "rows")
+    monkeypatch.setitem(train_all.__globals__, "trained", lambda table: made.append(table) or 1.5)
+    monkeypatch.chdir(tmp_path)
+    rows = [
+        entry
+        for entry in leaderboard["entries"]()
+        if entry.label("one").startswith("coverage-small-one-")
+    ]
+    assert {entry.name for entry in rows if entry.tables()} == {
+        "Q-learning",
+        "SARSA",
+        "rollout of Q-learning",
+    }
+    train_all(rows, 1)
+    assert sorted((table.algorithm, table.seed) for table in made) == [
+        (algorithm, seed) for algorithm in ("q_learning", "sarsa") for seed in range(10)
+    ]
+    times = (tmp_path / "leaderboard_times.csv").read_text(encoding="utf-8")
+    assert times.count("training of coverage-small-") == 20
+
+
 @pytest.mark.thorough
 def test_the_leaderboard_makes_what_is_missing_and_no_more(leaderboard, monkeypatch, tmp_path):
     monkeypatch.setattr(sys, "argv", ["leaderboard.py", "coverage-small-one-hover"])
