@@ -135,7 +135,6 @@ def asked_by_event(scenario: dict[str, Any], seed: int) -> World:
         **scenario,
         "drones": drones,
         "decisions": {"kind": "event", "patience_s": patience_s},
-        "episode": {**scenario["episode"], "carry_over": False},
     }
     return build_world(from_mapping(made), seed)
 
@@ -160,7 +159,6 @@ def fleet_by_event(seed: int) -> World:
     for k in range(20):
         made = random_fleet.scenario(seed + 10_000 * k, graded=False)
         made["decisions"] = {"kind": "event", "patience_s": (20, 45, 90)[seed % 3]}
-        made["episode"] = {**made["episode"], "carry_over": False}
         for drones in made["drones"]:
             if drones["battery"] is not None:
                 drones["battery"]["respawn_after_min"] += 1.5
@@ -233,7 +231,7 @@ def test_a_saved_state_goes_on(other: str):
 def test_a_state_file_may_have_more_epochs_than_the_episode_has_steps(tmp_path: Path):
     changes = {
         "decisions": {"kind": "event", "patience_s": 10},
-        "episode": {"steps": 2, "carry_over": False},
+        "episode": {"steps": 2},
     }
     env, other = (UavEnv("tiny", changes, world_seed=0) for _ in range(2))
     hover = np.full(env.drones, 4) if env.drones > 1 else 4

@@ -154,7 +154,7 @@ def test_an_environment_has_it():
         "users": {"count": 10},
         "stations": {"count": 1},
         "decisions": {"kind": "event", "patience_s": 10},
-        "episode": {"steps": 4, "carry_over": False},
+        "episode": {"steps": 4},
     }
     env = UavEnv(changes, world_seed=0)
     env.reset(seed=1)
