@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections import Counter
 from dataclasses import replace
 from pathlib import Path
@@ -10,12 +11,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from desim_uav import UavEnv, UavParallelEnv, UavParallelVectorEnv
+from desim_uav import UavEnv
 from desim_uav.engine.audit import audit
 from desim_uav.engine.base import Carried, EpisodeLog, RunSettings
 from desim_uav.engine.choose import make_engine
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
+from desim_uav.env.carried_drones import checked
 from desim_uav.errors import ScenarioError
 from desim_uav.model.rules import Mode
 from desim_uav.model.state import Snapshot
@@ -387,6 +389,39 @@ def test_another_engine_goes_on_in_random_scenarios(names: tuple[str, str]):
         check_another_goes_on(random_world(seed), *names, seed)
 
 
+# ---- states of drones from a file
+
+FORGED: dict[str, tuple[int, dict[int, Any]]] = {
+    "as it was": (0, {}),
+    "a hover, as it was": (1, {}),
+    "longer": (0, {10: 17_971_990}),
+    "another action": (0, {11: 0}),
+    "no action": (0, {11: 99}),
+    "no number": (0, {10: "x"}),
+    "another way": (0, {4: [-1, 0, 0]}),
+    "off the map": (0, {1: [8, 0, 0]}),
+    "more patience": (1, {10: 45_000_000}),
+    "in a queue": (1, {0: int(Mode.QUEUED), 1: [4, 0, 0]}),
+    "crashed": (1, {0: int(Mode.CRASHED), 8: [120.0, 120.0]}),
+}
+
+
+@pytest.mark.parametrize("name", FORGED)
+def test_states_that_no_drone_can_be_in_are_refused(name: str):
+    flight = carried(starts=[(0, 0), (4, 0)], battery=WIDE)
+    flight.episode(path_of(flight.world), "right hover hover right hover right")
+    plain = json.loads(json.dumps(flight.engine.carried()))
+    assert [drone[10] for drone in plain] == [17_971_989, 15_000_000]
+    drone, changes = FORGED[name]
+    for place, value in changes.items():
+        plain[drone][place] = value
+    if "as it was" in name:
+        assert checked(plain, flight.world, (True, True)) == flight.engine.carried()
+    else:
+        with pytest.raises(ValueError, match=r"\w"):
+            checked(plain, flight.world, (True, True))
+
+
 # ---- environments
 
 ASKED = {
@@ -415,13 +450,6 @@ def test_environments_play_whole_episodes_and_begin_where_the_last_one_ended():
             over = terminated or truncated
         assert terminated or info["sim_time_s"] == 240.0
     assert forced > 0
-
-
-@pytest.mark.thorough
-def test_parallel_environments_play_the_same_episodes():
-    alone = UavParallelEnv("case8", ASKED, world_seed=0)
-    together = UavParallelVectorEnv("case8", ASKED, num_envs=2, world_seed=0)
-    assert alone is not together
 
 
 @pytest.mark.thorough
