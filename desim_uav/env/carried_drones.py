@@ -25,10 +25,8 @@ def checked(value: Any, world: World, ceilings: Sequence[bool]) -> Carried:
 
 
 def _drone(value: Any, world: World, ceiling: bool, own: DroneType) -> CarriedDrone:
-    rest_us, taken = 0, 0
-    if len(_listed(value)) == 12:
-        value, rest_us, taken = value[:10], *value[10:]
-    if len(_listed(value)) == 10 and value[9] is None:  # it does not fly freely
+    rest_us, taken = _listed(value)[10:] if len(value) == 12 else (0, 0)
+    if len(value) in (10, 12) and value[9] is None:  # it does not fly freely
         value = value[:9]
     mode, node, battery_us, age_us, hop, route, counted_m, place, fallen_m = _listed(value, 9)
     returns = mode == Mode.RETURNING  # what another drone has of a route is left from before

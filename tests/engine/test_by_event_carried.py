@@ -14,11 +14,12 @@ import pytest
 from desim_uav import UavEnv
 from desim_uav.engine.audit import audit
 from desim_uav.engine.base import Carried, EpisodeLog, RunSettings
-from desim_uav.engine.choose import make_engine
+from desim_uav.engine.choose import ENGINES, make_engine
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
 from desim_uav.env.carried_drones import checked
 from desim_uav.errors import ScenarioError
+from desim_uav.learning.training import Training
 from desim_uav.model.rules import Mode
 from desim_uav.model.state import Snapshot
 from desim_uav.sample_path import SamplePath, draw
@@ -263,7 +264,9 @@ def decided(engine: Engine, path: SamplePath, since_us: int, seed: int) -> dict[
             if engine.drones[d].waits:
                 told = one._replace(**alone, served=(), asking=(), features=())
                 known[t_us, d] = told, mask, engine.position_m(d)
-            commands.append(some_command(engine.world, mask, np.random.default_rng([seed, t_us, d])))
+            commands.append(
+                some_command(engine.world, mask, np.random.default_rng([seed, t_us, d]))
+            )
         shown = engine.step(commands)
     return known
 
@@ -368,16 +371,18 @@ def check_another_goes_on(world: World, one: str, other: str, seed: int) -> None
 def _finished(engine: Engine, rng: np.random.Generator) -> list[Snapshot | None]:
     found = [engine.latest]
     while (shown := engine.latest) and not (shown.terminated or shown.truncated):
-        found.append(
-            engine.step([some_command(engine.world, mask, rng) for mask in shown.masks])
-        )
+        found.append(engine.step([some_command(engine.world, mask, rng) for mask in shown.masks]))
     return found
 
 
 @pytest.mark.parametrize("other", ["des", "batch"])
 def test_another_engine_goes_on(other: str):
     world = by_event(
-        starts=[(0, 0), (4, 0), (8, 0)], battery=WIDE, stations={"full_charge_min": 5}, steps=2
+        starts=[(0, 0), (4, 0), (8, 0)],
+        users=[(x, 120) for x in range(60, 2160, 60)],
+        battery=WIDE,
+        stations={"full_charge_min": 5},
+        steps=2,
     )
     check_another_goes_on(world, "des", other, 3)
 
@@ -387,6 +392,39 @@ def test_another_engine_goes_on(other: str):
 def test_another_engine_goes_on_in_random_scenarios(names: tuple[str, str]):
     for seed in range(200, 212):
         check_another_goes_on(random_world(seed), *names, seed)
+
+
+# ---- learners
+
+
+def learned(engine: str) -> np.ndarray[Any, Any]:
+    made = {
+        "map": {"size_m": [720, 720], "cells": [3, 3], "dimensions": 2},
+        "drones": {
+            "count": 2,
+            "motion": {"timing": "minimum_time"},
+            "battery": {"autonomy_min": 6, "return_below": 0.7, "respawn_after_min": 1},
+        },
+        "stations": {"count": 1, "radius_m": 0, "full_charge_min": 3},
+        "users": {"count": 6, "clusters": {"count": 1}},
+        "decisions": {"kind": "event", "patience_s": 20},
+        "episode": {"steps": 5, "carry_over": True},
+        "learning": {"restart_every": 7},
+    }
+    training = Training(build_world(from_mapping(made), 0), 0, engine)
+    waiting = 0
+    while training.episode < 30:
+        training.play(1)
+        waiting += sum(lesson.state >= 0 for lesson in training.remember().pending)
+    assert waiting > 30, "most decisions wait for the next episode"
+    return training.q.copy()
+
+
+@pytest.mark.thorough
+def test_learners_learn_the_same_on_both_engines():
+    one, other = map(learned, ENGINES)
+    assert np.abs(one).sum() > 0
+    assert (one == other).all()
 
 
 # ---- states of drones from a file

@@ -88,7 +88,8 @@ def _kinds(made: dict[str, Any], scenario: Scenario) -> Iterator[tuple[str, Any]
     """What is in an accepted scenario."""
     yield "accepted", True
     yield "free", scenario.free
-    yield "chooses", scenario.free and scenario.fleet[0].motion.cruise is not None
+    chosen = [getattr(drones.motion, "cruise", None) for drones in scenario.fleet]
+    yield "chooses", scenario.free and any(chosen)
     yield "mixed", scenario.mixed
     yield "event", scenario.decisions.by_event
     yield "carried", scenario.episode.carry_over
