@@ -474,8 +474,9 @@ def test_environments_play_whole_episodes_and_begin_where_the_last_one_ended():
     env = UavEnv("case8", ASKED, world_seed=0)
     rng, forced = np.random.default_rng(0), 0
     for episode in range(6):
+        held = env.session.engine.carried() if episode else None
+        rests = [drone.rest_us for drone in held or ()]
         _, info = env.reset(seed=1 if episode == 0 else None)
-        rests = [drone.rest_us for drone in env.unwrapped.session.engine._before or ()]  # type: ignore[attr-defined]
         masks = info["action_mask"].reshape(3, -1)
         assert info["elapsed_steps"] == 0.0
         assert all(mask.sum() == 1 for mask, rest in zip(masks, rests, strict=False) if rest > 0)
