@@ -187,6 +187,8 @@ class CarriedDrone(NamedTuple):
     the hop are already part of a log's distance. ``place`` is the number of drones before it in its
     station's queue, including those on pads. ``fallen_m`` is the position of a crashed drone. A
     drone that flies freely has the leg in ``free``; its ``hop`` says only whether it returns.
+    If drones are asked by event, one that follows a command does so for ``rest_us`` more, with the
+    action of the index ``taken``; ``hop`` is then its present move from cell to cell, if it moves.
     """
 
     mode: Mode
@@ -199,6 +201,8 @@ class CarriedDrone(NamedTuple):
     place: int
     fallen_m: tuple[float, float] | None
     free: FreeCarried | None = None
+    rest_us: int = 0
+    taken: int = 0
 
 
 Carried = tuple[CarriedDrone, ...]

@@ -17,6 +17,7 @@ from desim_uav.engine.free import aim, carried_course, flown_leg, load_course
 from desim_uav.engine.restorable import Restorable
 from desim_uav.errors import SimulationError
 from desim_uav.model.coverage import all_walked
+from desim_uav.model.planner import Node
 from desim_uav.model.rows import Queue
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot, observation_of, snapshot_of
@@ -25,7 +26,7 @@ from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
 from desim_uav.rules.rows import Closed
 from desim_uav.rules.whole_state import names_of, write_state
-from desim_uav.rules.words import EVENT_KINDS, NEVER, OF_PAIRS, ON_LEG, OVERBOOKED, TOO_LARGE
+from desim_uav.rules.words import EVENT_KINDS, NEVER, OF_PAIRS, ON_LEG, OVERBOOKED, REST, TOO_LARGE
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -144,18 +145,22 @@ class Engine(Restorable):
         carried = []
         for drone in drones:
             hop = (drone.to_x - drone.x, drone.to_y - drone.y, drone.to_level - drone.level)
+            goes_on = drone.mode == Mode.FLYING and drone.until_us > now_us
+            moves = goes_on and not drone.off_grid and drone.transit != REST
             carried.append(
                 base.CarriedDrone(
                     MODES[drone.mode],
                     (drone.x, drone.y, drone.level),
                     drone.battery_us,
                     now_us - drone.since_us,
-                    hop if drone.hopping else None,
+                    hop if drone.hopping or moves else None,
                     tuple(self.hops(drone.route, drone.route_end)),
                     drone.counted_m,
                     places.get(drone.index, 0),
                     (drone.fallen_x_m, drone.fallen_y_m) if drone.fallen else None,
                     carried_course(drone) if drone.off_grid else None,
+                    drone.until_us - now_us if goes_on else 0,
+                    drone.taken if goes_on else 0,
                 )
             )
         return tuple(carried)
@@ -166,7 +171,7 @@ class Engine(Restorable):
         landed: list[list[tuple[int, int]]] = [[] for _ in self.world.stations]
         for drone, one in zip(self.drones, carried or (), strict=False):
             drone.mode, drone.battery_us = int(one.mode), one.battery_us
-            drone.since_us = -one.age_us
+            drone.since_us, drone.until_us, drone.taken = -one.age_us, one.rest_us, one.taken
             drone.x, drone.y, drone.level = one.node
             drone.to_x, drone.to_y, drone.to_level = one.node
             drone.route, drone.route_end = self.route(one.route) if one.route else (0, 0)
@@ -175,9 +180,7 @@ class Engine(Restorable):
                 load_course(self.world, drone, one.free)
                 drone.hopping = int(one.hop is not None)
             elif one.hop is not None:
-                to = [int(at) + by for at, by in zip(one.node, one.hop, strict=True)]
-                drone.to_x, drone.to_y, drone.to_level = to
-                drone.transit, drone.hopping = hop_transit(self.world, drone.type, one.hop), 1
+                self._load_hop(drone, one, one.hop)
             if one.fallen_m is not None:
                 drone.fallen = 1
                 drone.fallen_x_m, drone.fallen_y_m = one.fallen_m
@@ -186,6 +189,16 @@ class Engine(Restorable):
                 landed[station].append((one.place, drone.index))
         for station, waiting in zip(self.state.stations, landed, strict=True):
             station.queue = Queue(drone for _, drone in sorted(waiting))
+
+    def _load_hop(self, drone: Any, one: base.CarriedDrone, hop: Node) -> None:
+        """Put a drone on its hop of a return or, if it follows a command, on its move."""
+        to = [int(at) + by for at, by in zip(one.node, hop, strict=True)]
+        drone.to_x, drone.to_y, drone.to_level = to
+        if one.mode is Mode.RETURNING:
+            drone.transit, drone.hopping = hop_transit(self.world, drone.type, hop), 1
+        else:
+            first = self.constants.types[drone.type].first_transit
+            drone.transit = first + self.constants.moves[one.taken].transit
 
     # ---- commands and snapshots
 

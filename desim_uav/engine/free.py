@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from desim_uav.engine.base import FlownLeg, FreeCarried
+from desim_uav.model.free.flight import no_faster
 from desim_uav.model.free.legs import leg_between
 from desim_uav.model.free.space import Space, Ways
 from desim_uav.model.motion import TRAPEZOID
@@ -124,7 +125,10 @@ def load_course(world: World, drone: Any, carried: FreeCarried) -> None:
         setattr(drone.course, name, value)
     start, stop = carried[:3], carried[3:6]
     space = world.types[drone.type].space
-    leg = leg_between(space.limits, space.wind, carried.limit_mps, start, stop)
+    limits, (_, highest) = space.limits, space.cruise_mps
+    if drone.mode == Mode.FLYING and highest < math.inf:  # as ``rules.free_flight.steer`` does
+        limits = no_faster(limits, highest)
+    leg = leg_between(limits, space.wind, carried.limit_mps, start, stop)
     drone.transit = REST if leg.distance_m == 0.0 else OWN
     drone.to_x, drone.to_y = world.grid.cell_of(*stop[:2])
     drone.to_level = world.grid.level_of(stop[2])

@@ -9,7 +9,7 @@ from typing import Any
 from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import Carried, CarriedDrone
 from desim_uav.model.planner import Node
-from desim_uav.model.rules import Mode
+from desim_uav.model.rules import Mode, move_of
 from desim_uav.world import World
 
 HIGHEST = 2**53
@@ -25,24 +25,30 @@ def checked(value: Any, world: World, ceilings: Sequence[bool]) -> Carried:
 
 
 def _drone(value: Any, world: World, ceiling: bool, own: DroneType) -> CarriedDrone:
-    if len(_listed(value)) == 10 and value[9] is None:  # it does not fly freely
+    rest_us, taken = _listed(value)[10:] if len(value) == 12 else (0, 0)
+    if len(value) in (10, 12) and value[9] is None:  # it does not fly freely
         value = value[:9]
     mode, node, battery_us, age_us, hop, route, counted_m, place, fallen_m = _listed(value, 9)
     returns = mode == Mode.RETURNING  # what another drone has of a route is left from before
+    on_hop = returns or (mode == Mode.FLYING and rest_us != 0)
     (nx, ny), levels = world.grid.cells, world.grid.levels(ceiling)
     one = CarriedDrone(
         Mode(_whole(mode, 0, HIGHEST)),
         _node(node, (0, 0, 0), (nx - 1, ny - 1, levels - 1)),
         _whole(battery_us, 0, own.capacity_us),
         _whole(age_us, 0, HIGHEST),
-        _hop(hop) if returns and hop is not None else None,
+        _hop(hop) if on_hop and hop is not None else None,
         tuple(map(_hop, _listed(route))) if returns else (),
         _number(counted_m),
         _whole(place, 0, world.scenario.drone_count),
         None if fallen_m is None else _place(fallen_m, world),
+        rest_us=_whole(rest_us, 0, HIGHEST),
+        taken=_whole(taken, 0, len(world.actions) - 1),
     )
     if (one.mode is Mode.CRASHED) != (one.fallen_m is not None):
         raise ValueError("only a crashed drone has fallen")
+    if one.rest_us > 0:
+        _check_command(one, world, own)
     if one.mode is not Mode.CRASHED:
         _check_way(one, world, ceiling, own)
     return one
@@ -51,7 +57,8 @@ def _drone(value: Any, world: World, ceiling: bool, own: DroneType) -> CarriedDr
 def _check_way(one: CarriedDrone, world: World, ceiling: bool, own: DroneType) -> None:
     """Raise ValueError if a drone is not on its way, or not at a station that it needs."""
     at = one.node
-    if one.hop is not None and one.age_us >= own.return_transits[one.hop].duration_us:
+    home = one.hop if one.rest_us == 0 else None
+    if home is not None and one.age_us >= own.return_transits[home].duration_us:
         raise ValueError("a hop is over before the episode begins")
     hops = (*([one.hop] if one.hop else []), *one.route)
     for node in _along(at, hops):
@@ -60,6 +67,17 @@ def _check_way(one: CarriedDrone, world: World, ceiling: bool, own: DroneType) -
     landed = one.mode in (Mode.QUEUED, Mode.CHARGING, Mode.CHARGED)
     if landed and (at[:2] not in world.stations or at[2] != 0):
         raise ValueError(f"there is no station at {at}")
+
+
+def _check_command(one: CarriedDrone, world: World, own: DroneType) -> None:
+    """Raise ValueError unless a drone follows a command for the time that is left of it."""
+    lasts_us, action = world.patience_us, world.actions[one.taken]
+    if one.hop is not None:
+        if move_of(action) != one.hop or action not in own.epoch_transits:
+            raise ValueError(f"a drone that takes {action} does not move by {one.hop}")
+        lasts_us = own.epoch_transits[action].duration_us
+    if not world.by_event or one.mode is not Mode.FLYING or one.age_us + one.rest_us != lasts_us:
+        raise ValueError("a drone does not follow a command for as long as it says")
 
 
 def _along(node: Node, hops: Sequence[Node]) -> list[Node]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -204,7 +205,7 @@ class CompiledSession(Session):
         """Return the info (see ``Session.info``), from the numbers that a kernel has written."""
         row = self._row.numbers.tolist()
         measures, counts, terms = row[:MEASURED], row[MEASURED:COUNTED], row[COUNTED:]
-        values = (*measures, *self.seeds(), *map(int, counts), *terms)
+        values = (*measures, *self.seeds(), *as_counts(COUNTS, counts, self.world), *terms)
         info: dict[str, Any] = dict(zip(self.keys, values, strict=True))
         info["action_mask"] = self.mask()
         return info
@@ -214,11 +215,26 @@ class CompiledSession(Session):
         row, infos = self._row.numbers.tolist(), []
         measures, seeds, requests = row[:MEASURED], self.seeds(), int(row[REQUESTS])
         for own in self._row.own.reshape(self.drones, -1).tolist():
-            users, crashes, *times = map(int, own[:OWN_COUNTED])
+            users, crashes, *times = as_counts(OWN_COUNTS, own[:OWN_COUNTED], self.world)
             counts = users, crashes, requests, *times
             values = (*measures, *seeds, *counts, *own[OWN_COUNTED:])
             infos.append(dict(zip(self.keys, values, strict=True)))
         return infos
+
+
+def as_counts(names: Sequence[str], values: Iterable[Any], world: World) -> list[Any]:
+    """Return the named counts, numbers or arrays of them, as whole numbers.
+
+    If drones are asked by event, the elapsed steps are none.
+    """
+    return [
+        (value + 0.0) if world.by_event and name == "elapsed_steps" else _whole(value)
+        for name, value in zip(names, values, strict=True)
+    ]
+
+
+def _whole(value: Any) -> Any:
+    return value.astype(np.int64) if isinstance(value, np.ndarray) else int(value)
 
 
 def states_of(addresses: NDArray[np.int64], session: Session) -> NDArray[np.float64]:

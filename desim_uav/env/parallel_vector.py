@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, OWN_COUNTS
-from desim_uav.env.compiled import COUNTED, MEASURED, OWN_COUNTED, states_of
+from desim_uav.env.compiled import COUNTED, MEASURED, OWN_COUNTED, as_counts, states_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Flags, Many, Seed
 from desim_uav.env.session import real_numbers, whole_numbers
@@ -158,8 +158,10 @@ class UavParallelVectorEnv(Many):
         ``action_mask``, int8 (num_envs, drones, actions), is one more key.
         """
         numbers, seeds, own = self.outputs.numbers.T, self._seeds.T, self._own.transpose(2, 0, 1)
-        columns = dict(zip(COUNTS, numbers[MEASURED:COUNTED].astype(np.int64), strict=True))
-        columns |= zip(OWN_COUNTS, own[:OWN_COUNTED].astype(np.int64), strict=True)
+        world = self.sessions[0].world
+        whole = as_counts(COUNTS, numbers[MEASURED:COUNTED], world)
+        columns: dict[str, Any] = dict(zip(COUNTS, whole, strict=True))
+        columns |= zip(OWN_COUNTS, as_counts(OWN_COUNTS, own[:OWN_COUNTED], world), strict=True)
         values = (*numbers[:MEASURED].copy(), *seeds.copy(), *columns.values())
         infos = dict(zip(self.sessions[0].keys, (*values, *own[OWN_COUNTED:].copy()), strict=True))
         infos["action_mask"] = self._masks.copy() if self.copy else self._masks

@@ -11,7 +11,8 @@ from gymnasium.vector import AutoresetMode, VectorEnv
 from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
-from desim_uav.env.compiled import COUNTED, MEASURED
+from desim_uav.engine.base import COUNTS
+from desim_uav.env.compiled import COUNTED, MEASURED, as_counts
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Many
 from desim_uav.env.render import RENDERING
@@ -139,7 +140,8 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         """
         numbers, seeds = self.outputs.numbers.T.copy(), self._seeds.T.copy()
         measures, counts, terms = numbers[:MEASURED], numbers[MEASURED:COUNTED], numbers[COUNTED:]
-        columns = (*measures, *seeds, *counts.astype(np.int64), *terms)
+        whole = as_counts(COUNTS, counts, self.sessions[0].world)
+        columns = (*measures, *seeds, *whole, *terms)
         arrays = dict(zip(self.sessions[0].keys, columns, strict=True))
         infos: dict[str, Any] = {}
         for key, array in {**arrays, "action_mask": self.outputs.masks.copy()}.items():

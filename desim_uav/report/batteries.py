@@ -37,7 +37,10 @@ def batteries_before_us(run: Run, episode: int) -> list[int]:
     """
     types = [run.world.type_of(drone) for drone in range(run.scenario.drone_count)]
     steps = run.of("steps", episode - 1)
-    ends = steps[steps["step"] == run.scenario.episode.steps - 1].sort_values("drone")
+    last = run.scenario.episode.steps - 1
+    if run.scenario.decisions.by_event:
+        last = steps["step"].max()
+    ends = steps[steps["step"] == last].sort_values("drone")
     if not run.settings.carry_over or len(ends) != len(types) or _ended(types, ends["crashed"]):
         return [own.capacity_us for own in types]
     held_s = [s if own.limited else 0.0 for own, s in zip(types, ends["battery_s"], strict=True)]

@@ -14,6 +14,7 @@ from desim_uav.rules.links import begin_outage, end_outage, unsettle, unsettle_c
 from desim_uav.rules.note import note_class
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.service import regrade
+from desim_uav.rules.transits import began_us
 from desim_uav.rules.words import ENTRY, EXIT, ON_CLASS, ON_ENTER, ON_EXIT
 
 
@@ -25,10 +26,31 @@ def foresee(
 
     They are written to ``drone.ahead``, the next one last: by time, at the same time falls before
     rises, then by user. If the drone begins to serve, the users in its footprint enter it now.
-    Changes at this very instant happen immediately and are logged under ``phase``.
+    Changes at this very instant happen immediately and are logged under ``phase``. A drone may
+    begin to serve in the middle of a transit, at the start of an episode.
     """
     call(world.foresee, (world, path, state, drone, span_us))
+    if began_us(state, drone) < state.now_us:
+        _sum_up_past(state, drone)
     _begin_changes(world, state, drone, phase)
+
+
+@rare_rule
+def _sum_up_past(state: State, drone: Drone) -> None:
+    """Let all users rise now to the classes to which the changes on a transit until now lead.
+
+    The changes on the whole transit are known, as if the users had walked before the episode.
+    """
+    ahead, d = drone.ahead, drone.index
+    while len(ahead) > 0 and ahead[len(ahead) - 1].t_us <= state.now_us:
+        change = ahead.pop()
+        state.users[change.user].classes[d] = abs(change.change)
+    for u in range(len(state.users) - 1, -1, -1):
+        held = state.users[u].classes[d]
+        if held > 0:
+            state.users[u].classes[d] = 0
+            rise = ahead.added()
+            rise.t_us, rise.user, rise.change = state.now_us, u, held
 
 
 @rule

@@ -13,7 +13,7 @@ from desim_uav.rules.credit import credit_step, forget_credit
 from desim_uav.rules.decide import allow, go_home, is_under_way, obey, observe, record, taken
 from desim_uav.rules.due import key, nothing_due, run_until
 from desim_uav.rules.epochs import await_epoch
-from desim_uav.rules.flight import appear, await_hop, count_distance, orient
+from desim_uav.rules.flight import appear, await_hop, count_distance, fly_on, orient
 from desim_uav.rules.free_flight import wish
 from desim_uav.rules.links import forget_links
 from desim_uav.rules.note import note_drone, note_leg
@@ -45,7 +45,7 @@ def begin(world: Constants, path: Path, state: State) -> None:
     look_anew(world, path, state)
     for d in range(len(state.drones)):
         if state.drones[d].mode == words.FLYING:
-            track(world, path, state, state.drones[d], 0, words.ENTRY)
+            _serve_again(world, path, state, state.drones[d])
         begin_count(world, state, state.drones[d])
         orient(world, path, state, state.drones[d])
     if len(world.points) > 0:
@@ -63,9 +63,16 @@ def begin(world: Constants, path: Path, state: State) -> None:
 
 
 @rule
+def _serve_again(world: Constants, path: Path, state: State, drone: Drone) -> None:
+    """Let a drone serve the users of a new episode, until its present command is over."""
+    track(world, path, state, drone, max(0, drone.until_us - state.now_us), words.ENTRY)
+
+
+@rule
 def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     """Reset what belongs to an episode in a drone's row, but keep its leg, mode and battery."""
     drone.since_us -= state.now_us
+    drone.until_us -= state.now_us
     drone.respawns = drone.waits = drone.serving = drone.scan = 0
     drone.free_hz = world.radios[drone.radio].bandwidth_hz
     drone.used_hz = drone.attached_users = 0
@@ -125,6 +132,8 @@ def _go_on(world: Constants, path: Path, state: State, drone: Drone) -> None:
         drone.landed_in = words.ARRIVAL
     elif drone.mode == words.CHARGING:
         await_full(world, state, drone)
+    elif drone.mode == words.FLYING and drone.until_us > state.now_us:
+        fly_on(world, state, drone)
     elif drone.mode != words.CRASHED:
         drone.waits = 1
 

@@ -146,7 +146,7 @@ def appear(world: Constants, state: State, drone: Drone, x: int, y: int) -> None
     """Put a drone in the air above a cell, at the lowest level and with a full battery."""
     drone.mode = words.FLYING
     refill(world, drone)
-    drone.since_us = state.now_us
+    drone.since_us = drone.until_us = state.now_us
     drone.counted_m = 0.0
     hover_at(drone, x, y, 0)
     if drone.off_grid:
@@ -237,6 +237,7 @@ def serve_on(world: Constants, path: Path, state: State, drone: Drone, transit: 
     """Begin a leg on which the drone serves users until its next command."""
     set_out(world, state, drone, words.FLYING, transit)
     span_us = span_of(world, drone)
+    drone.until_us = state.now_us + span_us
     foresee_depletion(world, state, drone, span_us)
     track(world, path, state, drone, span_us, words.COVERAGE)
 
@@ -273,7 +274,7 @@ def _end_leg(world: Constants, state: State, drone: Drone) -> None:
     After a shorter leg of free flight than ``patience_us``, it hovers until this time is over.
     """
     if drone.transit != words.REST:
-        rest_us = max(0, span_of(world, drone) - flight_of(world, drone).duration_us)
+        rest_us = drone.until_us - state.now_us
         arrive(world, state, drone)
         foresee_depletion(world, state, drone, rest_us)
         if rest_us > 0:
@@ -281,6 +282,16 @@ def _end_leg(world: Constants, state: State, drone: Drone) -> None:
             return
     drone.waits = 1
     ask_at(state, state.now_us)
+
+
+@rare_rule
+def fly_on(world: Constants, state: State, drone: Drone) -> None:
+    """Schedule the end of a leg that began in the previous episode, or the battery's depletion."""
+    foresee_depletion(world, state, drone, drone.until_us - drone.since_us)
+    if drone.transit == words.REST:
+        await_end(world, state, drone, drone.until_us - drone.since_us)
+    else:
+        _await_arrival(world, state, drone)
 
 
 # ---- the way home

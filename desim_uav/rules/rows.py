@@ -463,6 +463,7 @@ class Drone(Row):
     and ``radio`` that of its radio; access points admit requests as the first type does.
 
     ``battery_us`` and ``mode`` are those at ``since_us``; ``counted_m`` of its leg are counted. In
+    serving flight, it follows its command until ``until_us``. In
     this episode its battery has ``began`` with so much (or had so much more as a replacement), and
     then ``used`` and ``gained`` so much, of which ``counted`` on the present leg (below 0: gained).
     ``hopping`` says that it is on a hop of a return, whose next hops are ``route`` to
@@ -492,6 +493,7 @@ class Drone(Row):
     to_level: int
     transit: int
     since_us: int
+    until_us: int
     battery_us: int
     began: int
     used: int

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from desim_uav.model.kernels import rule
-from desim_uav.rules.rows import Constants, Drone, TransitRow
-from desim_uav.rules.words import OWN
+from desim_uav.rules.rows import Constants, Drone, State, TransitRow
+from desim_uav.rules.words import OWN, REST
 
 
 @rule
@@ -13,3 +13,12 @@ def flight_of(world: Constants, drone: Drone) -> TransitRow:
     if drone.transit == OWN:
         return drone.course.flight
     return world.transits[drone.transit]
+
+
+@rule
+def began_us(state: State, drone: Drone) -> int:
+    """Return when the transit of a drone began, which may be in the previous episode; or now.
+
+    A hover may be taken to begin now, because it is the same at all times.
+    """
+    return state.now_us if drone.transit == REST else drone.since_us

@@ -17,7 +17,8 @@ def most_epochs(scenario: Scenario) -> int:
     """Return the largest number of decision epochs in an episode after the first one.
 
     If drones are asked by event, a drone is asked at most twice per shortest leg: after it, and
-    after a charge. It is not replaced sooner than that after a crash.
+    after a charge. It is not replaced sooner than that after a crash. A leg that an episode takes
+    over from the one before may end at once; it is the one more that is counted.
     """
     if not scenario.decisions.by_event:
         return scenario.episode.steps
@@ -52,12 +53,6 @@ def decisions_by_event_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]
     if not scenario.decisions.by_event:
         return
     key, asked = ("decisions",), "decisions: event"
-    if scenario.episode.carry_over:
-        yield Finding(
-            ("episode", "carry_over"),
-            f"not beside {asked}: an episode may end while a drone is between two cells",
-            (key,),
-        )
     if scenario.association.by_level:
         yield Finding(
             ("association",), f"not beside {asked}, which needs association: entered_first", (key,)

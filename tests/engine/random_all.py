@@ -97,7 +97,6 @@ def scenario(seed: int, mixed: bool = False) -> dict[str, Any]:
 def _decide_by_event(made: dict[str, Any], own: dict[str, Any], dice: Dice) -> None:
     """Let drones decide by event, and leave out what this is not combined with."""
     made["decisions"] = {"kind": "event", "patience_s": dice.of(20, 45.5, 90)}
-    made["episode"]["carry_over"] = False
     made["access_points"], made["association"] = [], "entered_first"
     own |= {"interference": "none", "line_of_sight": "mean", "shadowing": None}
 
@@ -192,6 +191,11 @@ def _stations(types: list[dict[str, Any]], dice: Dice) -> dict[str, Any]:
     return {**many, "pads": dice.of(1, 2), **dice.of(*ways)}
 
 
+def one_of_all(seed: int) -> dict[str, Any]:
+    """A random scenario; in one of three, some types of drones fly freely and others by cells."""
+    return scenario(seed, mixed=seed % 3 == 2)
+
+
 def world_of(seed: int) -> World:
-    """The world of a random scenario."""
-    return accepted(scenario, seed)
+    """The world of a random scenario (``one_of_all``)."""
+    return accepted(one_of_all, seed)

@@ -94,7 +94,6 @@ def _choosing(seed: int) -> dict[str, Any]:
     choose_speeds(dice, made["drones"], made["wind_mps"])
     if dice.of(True, False):
         made["decisions"] = {"kind": "event", "patience_s": dice.of(20, 33.3)}
-        made["episode"]["carry_over"] = False
     return made
 
 

@@ -1,8 +1,8 @@
 """Everything at once, at random: both engines against each other, and the audit after each event.
 
-``random_all`` draws fleets, batteries of all kinds, charging, free flight or cells, cruise speeds,
-wind, separation, decisions by clock and by event, mobility, demand, services, radio and access
-points.
+``random_all`` draws fleets, batteries of all kinds, charging, free flight or cells or both, cruise
+speeds, wind, separation, decisions by clock and by event, episodes that drones carry over or begin
+afresh, mobility, demand, services, radio and access points.
 """
 
 from __future__ import annotations
@@ -67,7 +67,7 @@ def test_many_are_equal_and_no_event_breaks_a_rule(first: int):
 def test_everything_is_drawn_and_much_is_accepted():
     drawn: Counter[tuple[str, Any]] = Counter()
     for seed in range(150):
-        made = random_all.scenario(seed)
+        made = random_all.one_of_all(seed)
         with suppress(ScenarioError):
             scenario = from_mapping(made)
             drawn.update(set(_kinds(made, scenario)))
@@ -76,7 +76,9 @@ def test_everything_is_drawn_and_much_is_accepted():
         known = set(names(slot)) - {"trace", "coverage"}
         assert known <= {kind for name, kind in drawn if name == slot}, slot
     pairs = {
-        (one, other) for one in ("free", "chooses", "event", "windy") for other in (True, False)
+        (one, other)
+        for one in ("free", "mixed", "chooses", "event", "carried", "carried by event", "windy")
+        for other in (True, False)
     }
     assert pairs <= set(drawn)
     assert all(count >= 2 for count in drawn.values())
@@ -86,8 +88,12 @@ def _kinds(made: dict[str, Any], scenario: Scenario) -> Iterator[tuple[str, Any]
     """What is in an accepted scenario."""
     yield "accepted", True
     yield "free", scenario.free
-    yield "chooses", scenario.free and scenario.fleet[0].motion.cruise is not None
+    chosen = [getattr(drones.motion, "cruise", None) for drones in scenario.fleet]
+    yield "chooses", scenario.free and any(chosen)
+    yield "mixed", scenario.mixed
     yield "event", scenario.decisions.by_event
+    yield "carried", scenario.episode.carry_over
+    yield "carried by event", scenario.episode.carry_over and scenario.decisions.by_event
     yield "windy", any(scenario.wind_mps)
     yield "on_conflict", scenario.separation_m and scenario.on_conflict
     yield "mobility", made["users"]["mobility"]["kind"]

@@ -16,6 +16,8 @@ from desim_uav.model.mobility import RandomWalk, Static
 from desim_uav.sample_path import SamplePath, draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
+from tests.engine import random_all
+from tests.verification.engines import differences, engines
 
 HOVER = 4
 WALKS = [
@@ -120,3 +122,16 @@ def test_what_is_no_random_walk_is_not_taken_for_one():
     engine = BatchSimulation(own, RunSettings((True,) * 2, False))
     assert engine.reset(draw(own, 0, 0)).t_us == 0
     assert np.array_equal(engine.positions_m()[1], own.homes)
+
+
+@pytest.mark.thorough
+def test_room_is_made_where_links_have_to_know_the_walks():
+    # Levy walks in the air, of drones and access points; a user without a leg has no walk at all.
+    world = random_all.world_of(159)
+    assert world.row_mobility and world.in_air and world.scenario.access_points
+    one, other = engines(world, (True,) * world.scenario.drone_count)
+    assert isinstance(other, BatchSimulation)
+    other.leg_buffer = 16
+    other._make_room()
+    assert not differences(one, other, 159, 0)
+    assert other.leg_buffer > 16

@@ -35,6 +35,12 @@ RADIO: dict[str, tuple[str, dict[str, Any]]] = {
     "links with classes": ("urban_downlink", SHORT),
     "interference": ("interference", SHORT),
 }
+BY_EVENT: dict[str, Any] = {
+    **BRITTLE,
+    "drones.motion.timing": "minimum_time",
+    "decisions": {"kind": "event", "patience_s": 40},
+    "episode.steps": 2,
+}
 COUNT = 3
 thorough = pytest.mark.thorough
 
@@ -124,6 +130,12 @@ def test_whole_episodes_are_those_of_simpy(name: str, mode: AutoresetMode):
 @pytest.mark.parametrize("name", RADIO)
 def test_whole_episodes_with_radio_links_are_those_of_simpy(name: str):
     play(*RADIO[name], AutoresetMode.SAME_STEP, 15)
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("mode", MODES)
+def test_whole_episodes_by_event_are_those_of_simpy(mode: AutoresetMode):
+    play("case8", BY_EVENT, mode, 60)
 
 
 def play(case: str, config: dict[str, Any], mode: AutoresetMode, steps: int = 26) -> None:

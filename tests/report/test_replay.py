@@ -280,6 +280,30 @@ class TestEnergyAndDecisions:
         assert len({*np.diff(ends_s).round(6)}) > 10
         assert len(columns["step.told"]) == 4 * len(ends_s)
 
+    def test_batteries_and_legs_go_on_in_the_next_episode(self, tmp_path):
+        overrides = ("episode.carry_over=true", "episode.steps=5")
+        scenario = load(Path(__file__).parent / "asked.yaml", overrides)
+        out, told = tmp_path / "run", {"warmup": 0, "command": []}
+        run_to_folder(scenario, "random", keep_events=True, out=out, episodes=4, **told)
+        folder, held, begun = Run(out), None, 0
+        encoder = Encoder(folder)
+        for episode in range(4):
+            tables = folder.of_episode(episode)
+            columns = unpack(encoder.episode(episode, tables))
+            ends = np.cumsum(columns["battery.count"]).astype(int)
+            first = columns["battery.us"][ends[:3] - columns["battery.count"][:3].astype(int)]
+            assert held is None or first.tolist() == held
+            held = columns["battery.us"][ends[:3] - 1].tolist()
+            legs = tables["legs"]
+            going_on = legs.query("t_s < 0 and t_s + duration_s > 0 and mode == 'flying'")
+            begun += len(going_on)
+            for leg in going_on.itertuples():
+                told_at = tables["events"].query("kind == 'decide' and drone == @leg.drone")
+                crashed = tables["events"].query("kind == 'crash' and drone == @leg.drone")
+                if crashed.empty:
+                    assert told_at["t_us"].min() == round((leg.t_s + leg.duration_s) * US)
+        assert begun > 0
+
     def test_batteries_in_flight_are_those_of_the_energy_model(self, block):
         """Against a quadrature of the power over the speed of each flight."""
         tables, columns, _ = block

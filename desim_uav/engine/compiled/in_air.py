@@ -137,12 +137,17 @@ def passes_us(
 
 @rule
 def _knows_walks(world: Constants, path: Path, state: State, end_us: int) -> bool:
-    """Draw the users' walks until a time, if they are not known; return whether they are valid."""
+    """Draw the users' walks until a time, if they are not known; return whether they are valid.
+
+    If there was no memory for some legs, the step is repeated in more of it.
+    """
     know_walks(world, path, state, state.now_us, end_us)
-    if path.stepwise and state.look.walking.lost:
+    if not path.stepwise:
+        return True
+    walking = state.look.walking
+    if walking.lost:
         state.faults |= LOST
-        return False
-    return True
+    return walking.lost == 0 and walking.count * LEG_COLUMNS <= len(walking.legs)
 
 
 @rule

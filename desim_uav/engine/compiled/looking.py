@@ -28,7 +28,7 @@ from desim_uav.rules import coverage as seam
 from desim_uav.rules import spots
 from desim_uav.rules.flight import way_of
 from desim_uav.rules.rows import Constants, Drone, Path, State
-from desim_uav.rules.transits import flight_of
+from desim_uav.rules.transits import began_us, flight_of
 from desim_uav.rules.words import LOST
 
 CHANGE_COLUMNS, PIECE_COLUMNS = 3, 4
@@ -108,8 +108,8 @@ def _find(world: Constants, path: Path, state: State, drone: Drone, span_us: int
     They are written to ``drone.ahead``, or to ``state.look.found`` if links have several classes.
     """
     look = state.look
-    start_us, end_us = state.now_us, state.now_us + span_us
-    know_walks(world, path, state, start_us, end_us)
+    start_us, end_us = began_us(state, drone), state.now_us + span_us
+    know_walks(world, path, state, state.now_us, end_us)
     if path.stepwise and look.walking.lost:
         state.faults |= LOST
         return 0
@@ -197,12 +197,12 @@ def _is_disc(rings: Any) -> bool:
 
 @rule
 def _leg_of(world: Constants, state: State, drone: Drone, span_us: int, radius_m: float) -> Any:
-    """Return a drone's leg of this span from now on, with the radius of its footprint."""
+    """Return a drone's leg until this span is over, with the radius of its footprint."""
     pieces = flight_of(world, drone).pieces
     return DroneLeg(
         as_array(pieces, (len(pieces), PIECE_COLUMNS)),
         way_of(world, drone),
-        (state.now_us, state.now_us + span_us),
+        (began_us(state, drone), state.now_us + span_us),
         radius_m,
         drone.serving == 0,
         drone.course.z1_m - drone.course.z0_m,

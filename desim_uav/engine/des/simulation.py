@@ -33,6 +33,7 @@ from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Ask, Constants, Path, State
 from desim_uav.rules.separation import must_wait, part, tally
 from desim_uav.rules.settle import settle
+from desim_uav.rules.transits import began_us
 from desim_uav.rules.words import ADMISSION, COVERAGE, RESPAWN, REST
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
@@ -211,14 +212,15 @@ class Simulation(Engine):
             rows = self._in_air.changes(drone, (state.now_us, state.now_us + span_us))
             drone.ahead[:] = last_first(rows)
             return
-        changes = self._changes[drone.radio]
+        changes, start_us = self._changes[drone.radio], began_us(state, drone)
+        span_us += state.now_us - start_us
         if drone.off_grid and drone.point < 0:
             own = REST_FLIGHT if drone.transit == REST else transit_of(drone.course.flight)
             course = own, way_of(world, drone), heights_of(world, drone)
-            drone.ahead[:] = changes.of_free(course, state.now_us, span_us, not drone.serving)
+            drone.ahead[:] = changes.of_free(course, start_us, span_us, not drone.serving)
             return
         flight = self.transits[drone.transit], way_of(world, drone), (drone.level, drone.to_level)
-        drone.ahead[:] = changes.of(flight, state.now_us, span_us, not drone.serving)
+        drone.ahead[:] = changes.of(flight, start_us, span_us, not drone.serving)
 
     def _foresee_all(self, world: Any, path: Any, state: Any, span_us: int) -> None:
         """Write the changes of all drones that serve and may interfere to their ``ahead``."""
