@@ -473,7 +473,8 @@ class Drone(Row):
     holds the users whose elastic requests share what requests for a fixed rate leave of the
     bandwidth (``free_hz``), in the same order. ``ahead`` holds the changes of class to come, the
     next one last. ``served`` counts the requests that it serves, and ``asking`` the open ones in
-    its footprint, by service. The marks of its links (``model.radio.marks``) are known from
+    its footprint, by service. While it serves, its leg is known until ``until_us``: for a step or,
+    by event, until its next command. The marks of its links (``model.radio.marks``) are known from
     ``marked_us`` until ``marked_until_us``, or not at all (-1). ``terms`` are those of its reward;
     a learner observes ``features``.
     """
@@ -514,6 +515,7 @@ class Drone(Row):
     scan: int
     command: int
     taken: int
+    until_us: int
     marked_us: int
     marked_until_us: int
     waiting: Queue[int]
@@ -833,8 +835,9 @@ class State(Row):
     attachments that have ended, and ``attached_from_us`` the starts of the others;
     ``bandwidth_us_hz`` is the integral of bandwidth over ended services. ``loose`` holds the users
     who may have to be attached, ``unsettled`` those whose levels have to be looked at, if users are
-    associated ``by_level``; ``retunes`` says that interference has changed. Legs are known until
-    ``known_until_us``. ``to_scan`` counts the drones whose queues have to be scanned. If
+    associated ``by_level``; ``retunes`` says that interference has changed. If access points have
+    to be looked at between decision epochs, it ``renews``. ``to_scan`` counts the drones whose
+    queues have to be scanned. If
     the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
     the time in outages that have ended (see ``rules.links``). If drones have to keep a distance,
     ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too near,
@@ -870,7 +873,7 @@ class State(Row):
     to_scan: int
     by_level: int
     retunes: int
-    known_until_us: int
+    renews: int
     keeps_events: int
     keeps_requests: int
     keeps_links: int
