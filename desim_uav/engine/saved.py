@@ -37,7 +37,8 @@ OF_ONE_ENGINE = {
 derives from other fields, and the numbers of hops, which each engine chooses."""
 
 NOT_TOLD = {
-    *("history", "doing", "came_us", "marked_us", "since_us", "landed_in", "held_since_us"),
+    *("history", "doing", "came_us", "marked_us", "landed_in", "held_since_us"),
+    *("since_us", "until_us"),
     *("rival", "turns_us", "needs_hz", "rate", "used_hz", "counted_us", "fallen_x_m", "fallen_y_m"),
     *("command", "taken", "terms", "rewards"),
     *("used", "gained", "counted"),

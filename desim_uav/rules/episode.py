@@ -67,10 +67,11 @@ def begin(world: Constants, path: Path, state: State) -> None:
 def _forget_episode(world: Constants, state: State, drone: Drone) -> None:
     """Reset what belongs to an episode in a drone's row, but keep its leg, mode and battery."""
     drone.since_us -= state.now_us
+    drone.until_us -= state.now_us
     drone.respawns = drone.waits = drone.serving = drone.scan = 0
     drone.free_hz = world.radios[drone.radio].bandwidth_hz
     drone.used_hz = drone.attached_users = 0
-    drone.until_us, drone.marked_until_us = 0, -1
+    drone.marked_until_us = -1
     drone.waiting.clear()
     drone.sharing.clear()
     drone.ahead.clear()

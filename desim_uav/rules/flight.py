@@ -146,7 +146,7 @@ def appear(world: Constants, state: State, drone: Drone, x: int, y: int) -> None
     """Put a drone in the air above a cell, at the lowest level and with a full battery."""
     drone.mode = words.FLYING
     refill(world, drone)
-    drone.since_us = state.now_us
+    drone.since_us = drone.until_us = state.now_us
     drone.counted_m = 0.0
     hover_at(drone, x, y, 0)
     if drone.off_grid:

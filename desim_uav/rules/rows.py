@@ -459,10 +459,12 @@ class Drone(Row):
     """A drone on a leg from (x, y, level) to (to_x, to_y, to_level) since ``since_us``.
 
     An access point is a drone that never leaves its place, ``Constants.points[point]``, and that
-    serves without end; ``point`` is -1 for all others. ``type`` is the number of a drone's type,
-    and ``radio`` that of its radio; access points admit requests as the first type does.
+    serves without end, for a step at a time (until ``until_us``); ``point`` is -1 for all others.
+    ``type`` is the number of a drone's type, and ``radio`` that of its radio; access points admit
+    requests as the first type does.
 
     ``battery_us`` and ``mode`` are those at ``since_us``; ``counted_m`` of its leg are counted. In
+    serving flight, it follows its command until ``until_us``. In
     this episode its battery has ``began`` with so much (or had so much more as a replacement), and
     then ``used`` and ``gained`` so much, of which ``counted`` on the present leg (below 0: gained).
     ``hopping`` says that it is on a hop of a return, whose next hops are ``route`` to
@@ -473,8 +475,7 @@ class Drone(Row):
     holds the users whose elastic requests share what requests for a fixed rate leave of the
     bandwidth (``free_hz``), in the same order. ``ahead`` holds the changes of class to come, the
     next one last. ``served`` counts the requests that it serves, and ``asking`` the open ones in
-    its footprint, by service. While it serves, its leg is known until ``until_us``: for a step or,
-    by event, until its next command. The marks of its links (``model.radio.marks``) are known from
+    its footprint, by service. The marks of its links (``model.radio.marks``) are known from
     ``marked_us`` until ``marked_until_us``, or not at all (-1). ``terms`` are those of its reward;
     a learner observes ``features``.
     """
@@ -493,6 +494,7 @@ class Drone(Row):
     to_level: int
     transit: int
     since_us: int
+    until_us: int
     battery_us: int
     began: int
     used: int
@@ -515,7 +517,6 @@ class Drone(Row):
     scan: int
     command: int
     taken: int
-    until_us: int
     marked_us: int
     marked_until_us: int
     waiting: Queue[int]
