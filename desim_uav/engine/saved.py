@@ -19,7 +19,7 @@ import numpy as np
 from desim_uav.copies import Unchanging
 from desim_uav.engine.base import Carried, EpisodeLog, RunSettings
 from desim_uav.errors import StateError
-from desim_uav.model.rows import Table, held_by, is_row, origin_of
+from desim_uav.model.rows import Queue, Table, held_by, is_row, origin_of
 from desim_uav.model.state import Snapshot
 from desim_uav.rules.rows import Drone, State
 from desim_uav.sample_path import SamplePath
@@ -226,7 +226,7 @@ def _write_entries(one: Any, name: str, kind: Any, values: Sequence[Any]) -> Non
     if origin_of(kind) is Table and is_row(of):
         for each, value in zip(held, values, strict=True):
             write(each, of, value)
-    elif origin_of(kind) is Table or isinstance(held, list):
+    elif origin_of(kind) is Table or isinstance(held, Queue):
         held[:] = values
     else:
         setattr(one, name, values)

@@ -15,7 +15,7 @@ from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import ENGINES, make_engine
 from desim_uav.errors import ScenarioError
 from desim_uav.learning.training import Training
-from desim_uav.model.rules import Mode
+from desim_uav.model.rules import Action, Mode
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import from_mapping
 from desim_uav.world import World, build_world
@@ -211,7 +211,8 @@ def test_learners_learn_the_same_on_both_engines():
 
 @pytest.mark.parametrize("other", ENGINES)
 def test_a_saved_state_goes_on(other: str):
-    world = by_event(starts=[(0, 0), (4, 0)], steps=6)
+    users = [(60.0 * k, 120.0) for k in range(36)]  # some of whom are to be passed on present legs
+    world = by_event(starts=[(0, 0), (4, 0)], steps=6, users=users)
     told = RunSettings((True, True), carry_over=False, keep_events=True)
     path = draw(world, 0, 0)
 
@@ -224,7 +225,10 @@ def test_a_saved_state_goes_on(other: str):
 
     one, two = make_engine("des", world, told), make_engine(other, world, told)
     one.reset(path)
-    go_on(one, 5)
+    hover, right = (world.actions.index(action) for action in (Action.HOVER, Action.RIGHT))
+    for _ in range(2):
+        one.step([hover, right])
+    assert one.state.drones[1].ahead
     two.restore(one.save())
     assert go_on(one, 4) == go_on(two, 4)
     assert one.log.events == two.log.events
