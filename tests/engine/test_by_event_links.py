@@ -18,8 +18,9 @@ from scipy.optimize import brentq
 from desim_uav import UavEnv
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import ENGINES, make_engine
+from desim_uav.learning.training import Training
 from desim_uav.sample_path import draw
-from desim_uav.scenario.load import from_mapping
+from desim_uav.scenario.load import from_mapping, load
 from desim_uav.world import World, build_world
 from tests.engine.helpers import (
     HOP_US,
@@ -32,7 +33,7 @@ from tests.engine.helpers import (
     seen,
     some_command,
 )
-from tests.engine.random_asked import scenario, together, world_of
+from tests.engine.random_asked import cut, scenario, together, world_of
 from tests.engine.random_radio import audited
 from tests.engine.replay import check_log
 from tests.engine.test_by_event import asked
@@ -281,6 +282,29 @@ def test_drones_that_are_asked_together_fly_as_by_clock(first: int) -> None:
         assert tables(name, by_event, seed) == tables(name, by_clock, seed), seed
 
 
+# ---- other spans
+
+
+def events_of(world: World, seed: int) -> list[Any]:
+    """The events of an episode with random commands."""
+    told = RunSettings((True,) * world.scenario.drone_count, False, keep_events=True)
+    engine, rng = make_engine("des", world, told), np.random.default_rng(seed)
+    shown = engine.reset(draw(world, 1, 0))
+    while not (shown.terminated or shown.truncated):
+        shown = engine.step([some_command(world, mask, rng) for mask in shown.masks])
+    return list(engine.log.events or ())
+
+
+def test_where_spans_are_cut_does_not_matter() -> None:
+    """Access points are looked at for 60, 120 and 240 s at a time."""
+    found = 0
+    for seed in range(12):
+        often, seldom, rarely = (events_of(cut(seed, longer), seed) for longer in (1, 2, 4))
+        assert often == seldom == rarely, seed
+        found += len(often)
+    assert found > 5_000
+
+
 # ---- random scenarios
 
 
@@ -376,3 +400,18 @@ def test_an_environment_plays_whole_episodes_alike_on_both_engines() -> None:
 
 def test_many_environments_play_whole_episodes_as_one_does() -> None:
     play("interference", LINKED, AutoresetMode.SAME_STEP, 90)
+
+
+def learned(engine: str) -> np.ndarray[Any, Any]:
+    """The Q-table after three episodes, with a reward that counts whom links serve."""
+    changes = {**LINKED, "observation.kind": "position", "reward": {"kind": "qoe"}}
+    training = Training(build_world(load("interference", changes), 0), 0, engine)
+    while training.episode < 3:
+        training.play(3 - training.episode)
+    return training.q.copy()
+
+
+def test_learners_learn_the_same_on_both_engines() -> None:
+    one, other = map(learned, ENGINES)
+    assert np.abs(one).sum() > 0
+    assert (one == other).all()
