@@ -12,10 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from gymnasium.vector import AutoresetMode
 from scipy.optimize import brentq
 
-from desim_uav import UavEnv
+from desim_uav import UavEnv, UavParallelEnv, UavParallelVectorEnv
 from desim_uav.engine.base import RunSettings
 from desim_uav.engine.choose import ENGINES, make_engine
 from desim_uav.learning.training import Training
@@ -37,7 +36,6 @@ from tests.engine.random_asked import cut, scenario, together, world_of
 from tests.engine.random_radio import audited
 from tests.engine.replay import check_log
 from tests.engine.test_by_event import asked
-from tests.env.test_parallel_vector import play
 from tests.verification.engines import SUMS, differences, engines, row
 
 pytestmark = pytest.mark.thorough
@@ -376,6 +374,8 @@ LINKED = {
 }
 """The scenario ``interference``, decided by event, with all that changes links."""
 
+PARTS = ("observation", "action_mask")
+
 
 def steps_of(engine: str) -> list[Any]:
     """What an environment shows in two whole episodes of random allowed actions."""
@@ -399,7 +399,27 @@ def test_an_environment_plays_whole_episodes_alike_on_both_engines() -> None:
 
 
 def test_many_environments_play_whole_episodes_as_one_does() -> None:
-    play("interference", LINKED, AutoresetMode.SAME_STEP, 90)
+    """Each row of the compiled ones, until its first episode is over."""
+    many = UavParallelVectorEnv("interference", 2, LINKED, world_seed=0)
+    each = [UavParallelEnv("interference", LINKED, world_seed=0) for _ in range(2)]
+    rng, epochs = np.random.default_rng(0), 0
+    many.reset(seed=7)
+    for k, env in enumerate(each):
+        env.reset(seed=7 + k)
+    while all(env.agents for env in each):
+        actions = rng.integers(5, size=(2, many.drones))
+        rows, paid, *ends, told = many.step(actions)
+        for k, env in enumerate(each):
+            agents = zip(env.agents, actions[k].tolist(), strict=True)
+            seen_now, rewards, *over, _ = env.step(dict(agents))
+            alone = {part: np.stack([of[part] for of in seen_now.values()]) for part in PARTS}
+            assert (rows[k] == alone["observation"]).all()
+            assert (told["action_mask"][k] == alone["action_mask"]).all()
+            assert paid[k].tolist() == list(rewards.values())
+            for ended, ours in zip(ends, over, strict=True):
+                assert ended[k].tolist() == list(ours.values())
+        epochs += 1
+    assert epochs > 20
 
 
 def learned(engine: str) -> np.ndarray[Any, Any]:
