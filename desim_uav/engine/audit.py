@@ -154,8 +154,8 @@ def _geometry(simulation: Simulation) -> None:
         assert drone.serving or not covered.any(), f"drone {drone.index} covers in {drone.mode}"
     serving = [drone for drone in state.senders if drone.serving]
     if state.retunes:  # classes pass to their new values at the end of this instant
-        epoch = state.now_us == state.known_until_us - world.step_us
-        assert epoch or simulation.clock.peek() == state.now_us, "interference has changed"
+        at_epoch = state.now_us == state.epoch_us
+        assert at_epoch or simulation.clock.peek() == state.now_us, "interference has changed"
     else:
         graded = [drone for drone in serving if _radio_of(simulation, drone).graded]
         _ratios(simulation, graded, users)

@@ -51,6 +51,7 @@ def state_of(world: World, settings: RunSettings, buffers: Buffers, kind: type[S
         station.queue.buffer = drones
     state.loose.buffer = users * (2 * senders + 2)
     state.by_level = int(scenario.association.by_level)
+    state.renews = int(world.by_event and len(scenario.access_points) > 0)
     state.unsettled.buffer = users
     state.open_requests, state.asked = _zeros(services), _zeros(services)
     state.observations = Table(blank(rows.Observation) for _ in range(drones))

@@ -58,13 +58,38 @@ def goes_between(world: Constants, drone: Drone) -> bool:
 
 @rule
 def lacks_marks(world: Constants, state: State, one: Drone, other: Drone, until_us: int) -> bool:
-    """Return whether marks of links to another drone have to be made, from now until a time.
+    """Return whether marks of links to another drone have to be made, for the time until another.
 
-    They have if classes of links to drone ``one`` depend on them, and if they are not known yet.
+    They have if classes of links to drone ``one`` depend on them, and if they are not there yet.
     """
     matters = one.index == other.index or (world.reuse > 0 and other.serving)
-    marked = world.radios[other.radio].marked
-    return bool(matters and marked and other.marked_until_us < until_us)
+    return bool(matters and needs_marks(world, state, other, until_us))
+
+
+@rule
+def needs_marks(world: Constants, state: State, drone: Drone, until_us: int) -> bool:
+    """Return whether a drone's links have marks that are not in memory until a time.
+
+    They are not if they are not known yet, or if the state has been restored since then.
+    """
+    if not world.radios[drone.radio].marked:
+        return False
+    marks_at, first = state.look.air.marks_at, drone.index * (len(state.users) + 1)
+    return bool(
+        drone.marked_until_us < until_us or marks_at[first] == marks_at[first + len(state.users)]
+    )
+
+
+@rule
+def span_of_marks(state: State, drone: Drone, until_us: int) -> tuple[int, int]:
+    """Return the span in which the marks of a drone's links have to be made.
+
+    It is from now until a time. Marks that are known already, but not in memory, are made anew for
+    the span for which they were made first, so that they are the same.
+    """
+    if drone.marked_until_us < until_us:
+        return state.now_us, until_us
+    return drone.marked_us, drone.marked_until_us
 
 
 @rule

@@ -70,10 +70,17 @@ def passes_us(
     """Return when the level of drone ``one`` exceeds that of ``other`` by a margin, or ceases to.
 
     ``better`` says that it does until now, with which the levels at this very instant may already
-    disagree. The time is NEVER if nothing changes in what is known of the drones' legs.
+    disagree. The time is NEVER if nothing changes while both drones' legs are known
+    (``known_until_us``).
     """
     own = (world, path, state, user, one, other, better, margin_db)
     return call_for_int(world.passes_us, own)
+
+
+@rule
+def known_until_us(state: State, one: int, other: int) -> int:
+    """Return until when the legs of two drones are known, and so the levels received from them."""
+    return min(state.senders[one].until_us, state.senders[other].until_us)
 
 
 @rule
@@ -113,7 +120,7 @@ def _foresee(world: Constants, path: Path, state: State, user: User) -> int:
             low, high = min(d, user.holder), max(d, user.holder)
             held = int(low == user.holder)
             at_us = passes_us(world, path, state, user, low, high, held, 0.0)
-        if at_us < user.turns_us and at_us <= state.known_until_us:
+        if at_us < user.turns_us and at_us <= known_until_us(state, d, user.holder):
             user.turns_us, user.rival = at_us, d
     return user.turns_us
 

@@ -15,7 +15,7 @@ from desim_uav.rules.note import note_class
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.service import regrade
 from desim_uav.rules.transits import began_us
-from desim_uav.rules.words import ENTRY, EXIT, ON_CLASS, ON_ENTER, ON_EXIT
+from desim_uav.rules.words import ENTRY, EXIT, NEVER, ON_CLASS, ON_ENTER, ON_EXIT
 
 
 @rule
@@ -76,9 +76,17 @@ def _change_now(world: Constants, state: State, drone: Drone, phase: int) -> Non
 
 @rare_rule
 def retune(world: Constants, path: Path, state: State, phase: int) -> None:
-    """Foresee the classes of all drones anew, because others interfere with them than before."""
-    state.retunes = 0
-    call(world.foresee_all, (world, path, state, state.known_until_us - state.now_us))
+    """Foresee the classes of all drones anew, because others interfere with them than before.
+
+    They are known until the first of their legs ends, and something interferes otherwise again.
+    """
+    state.retunes, until_us = 0, NEVER
+    for d in range(len(state.senders)):
+        if state.senders[d].serving:
+            until_us = min(until_us, state.senders[d].until_us)
+    if until_us == NEVER:
+        return
+    call(world.foresee_all, (world, path, state, until_us - state.now_us))
     for d in range(len(state.senders)):
         if state.senders[d].serving:
             _begin_changes(world, state, state.senders[d], phase)

@@ -28,6 +28,7 @@ def track(
     Users are attached once all drones have begun their legs (see ``rules.settle``); if drones
     interfere with one another, classes of links wait for that too.
     """
+    drone.until_us = state.now_us + span_us
     if world.reuse > 0:
         drone.serving = 1
         drone.ahead.clear()

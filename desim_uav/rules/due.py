@@ -98,10 +98,19 @@ def separation_slot(state: State) -> int:
     return settle_slot(state) + 1 + (len(state.users) if state.by_level else 0)
 
 
+@rule
+def renewal_slot(state: State) -> int:
+    """Return the slot for the next look at access points between two decision epochs."""
+    return separation_slot(state) + 1
+
+
 def slots(state: Any) -> int:
     """Return the number of slots for a state.
 
-    Only if users are associated ``by_level`` there are those of ``association_slot``, and only if
-    there are pairs of drones that of ``separation_slot``.
+    Only if users are associated ``by_level`` there are those of ``association_slot``, only if there
+    are pairs of drones that of ``separation_slot``, and only if access points are looked at between
+    two epochs that of ``renewal_slot``, before which there is one for pairs.
     """
+    if state.renews:
+        return renewal_slot(state) + 1
     return separation_slot(state) + (1 if len(state.pairs) > 0 else 0)

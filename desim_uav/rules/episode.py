@@ -17,6 +17,7 @@ from desim_uav.rules.flight import appear, await_hop, count_distance, fly_on, or
 from desim_uav.rules.free_flight import wish
 from desim_uav.rules.links import forget_links
 from desim_uav.rules.note import note_drone, note_leg
+from desim_uav.rules.points import serve_from_points, serve_on
 from desim_uav.rules.requests import close_all, doing, foresee_asking
 from desim_uav.rules.rows import Constants, Drone, Path, State
 from desim_uav.rules.separation import BEGINS, ENDS
@@ -49,7 +50,7 @@ def begin(world: Constants, path: Path, state: State) -> None:
         begin_count(world, state, state.drones[d])
         orient(world, path, state, state.drones[d])
     if len(world.points) > 0:
-        _serve_from_points(world, path, state, 0, words.ENTRY)
+        serve_from_points(world, path, state, 0, words.ENTRY)
     settle_after(world, path, state, words.ENTRY)
     for u in range(len(state.users)):
         foresee_asking(world, path, state, state.users[u])
@@ -95,7 +96,7 @@ def _forget(state: State) -> None:
     state.queueing_us = state.bandwidth_us_hz = state.to_scan = state.faults = 0
     state.handed_over = state.ping_pongs = state.outages = state.outage_us = 0
     state.closed_qoe1 = state.distance_m = 0.0
-    state.known_until_us = state.retunes = 0
+    state.retunes = 0
     state.loose.clear()
     state.unsettled.clear()
     state.crashed.clear()
@@ -138,15 +139,6 @@ def _go_on(world: Constants, path: Path, state: State, drone: Drone) -> None:
         drone.waits = 1
 
 
-@rare_rule
-def _serve_from_points(
-    world: Constants, path: Path, state: State, span_us: int, phase: int
-) -> None:
-    """Let the access points serve users in the next ``span_us``."""
-    for d in range(len(state.drones), len(state.senders)):
-        track(world, path, state, state.senders[d], span_us, phase)
-
-
 @rule
 def show_first(world: Constants, path: Path, state: State) -> None:
     """Prepare the snapshot of the first decision epoch: observations and masks."""
@@ -168,10 +160,9 @@ def hear(world: Constants, path: Path, state: State) -> None:
     """Turn the commands of all drones (an action's index, or -1 if it is none) into actions.
 
     A drone that is asked later, by event, goes on with its action.
-    Access points serve on, for another step.
+    Access points serve on.
     """
     state.epoch_us = state.now_us
-    state.known_until_us = state.now_us + world.step_us
     await_epoch(world, state)
     for d in range(len(state.drones)):
         drone = state.drones[d]
@@ -186,7 +177,7 @@ def hear(world: Constants, path: Path, state: State) -> None:
         if drone.waits:
             note_drone(state, words.COMMAND, words.ON_DECIDE, drone)
     if len(world.points) > 0:
-        _serve_from_points(world, path, state, world.step_us, words.COVERAGE)
+        serve_on(world, path, state)
 
 
 @rare_rule

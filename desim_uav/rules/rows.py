@@ -459,8 +459,9 @@ class Drone(Row):
     """A drone on a leg from (x, y, level) to (to_x, to_y, to_level) since ``since_us``.
 
     An access point is a drone that never leaves its place, ``Constants.points[point]``, and that
-    serves without end; ``point`` is -1 for all others. ``type`` is the number of a drone's type,
-    and ``radio`` that of its radio; access points admit requests as the first type does.
+    serves without end, for a step at a time (until ``until_us``); ``point`` is -1 for all others.
+    ``type`` is the number of a drone's type, and ``radio`` that of its radio; access points admit
+    requests as the first type does.
 
     ``battery_us`` and ``mode`` are those at ``since_us``; ``counted_m`` of its leg are counted. In
     serving flight, it follows its command until ``until_us``. In
@@ -835,8 +836,9 @@ class State(Row):
     attachments that have ended, and ``attached_from_us`` the starts of the others;
     ``bandwidth_us_hz`` is the integral of bandwidth over ended services. ``loose`` holds the users
     who may have to be attached, ``unsettled`` those whose levels have to be looked at, if users are
-    associated ``by_level``; ``retunes`` says that interference has changed. Legs are known until
-    ``known_until_us``. ``to_scan`` counts the drones whose queues have to be scanned. If
+    associated ``by_level``; ``retunes`` says that interference has changed. If access points have
+    to be looked at between decision epochs, it ``renews``. ``to_scan`` counts the drones whose
+    queues have to be scanned. If
     the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
     the time in outages that have ended (see ``rules.links``). If drones have to keep a distance,
     ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too near,
@@ -874,7 +876,7 @@ class State(Row):
     to_scan: int
     by_level: int
     retunes: int
-    known_until_us: int
+    renews: int
     keeps_events: int
     keeps_requests: int
     keeps_links: int

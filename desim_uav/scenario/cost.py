@@ -287,8 +287,22 @@ def _searches(scenario: Scenario) -> float:
         return 0.0
     senders = scenario.drone_count + len(points)
     others = (senders - 1) / reuse if reuse else 0.0
-    links = float(senders) * scenario.users.count * scenario.episode.steps
-    return SEARCH * links * (1.0 + others)
+    return SEARCH * _looks(scenario) * scenario.users.count * (1.0 + others)
+
+
+def _looks(scenario: Scenario) -> float:
+    """How often a drone or an access point is looked at for a step or a leg, all of them together.
+
+    If drones interfere and are asked by event, all are looked at anew with each leg of one of them.
+    """
+    points, steps = len(scenario.access_points), scenario.episode.steps
+    senders = scenario.drone_count + points
+    if not scenario.decisions.by_event:
+        return float(senders * steps)
+    legs = (most_epochs(scenario) - 1) / 2.0
+    if scenario.fleet[0].radio.reuse:
+        return senders * (legs + steps * min(points, 1))
+    return legs + points * steps
 
 
 def _features(scenario: Scenario) -> int:

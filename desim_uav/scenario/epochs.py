@@ -49,24 +49,10 @@ def shortest_leg_s(scenario: Scenario, drones: Drones) -> float:
 
 
 def decisions_by_event_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
-    """What cannot be decided by event: what begins anew at each step."""
+    """What cannot be decided by event."""
     if not scenario.decisions.by_event:
         return
-    key, asked = ("decisions",), "decisions: event"
-    if scenario.association.by_level:
-        yield Finding(
-            ("association",), f"not beside {asked}, which needs association: entered_first", (key,)
-        )
-    if scenario.access_points:
-        yield Finding(("access_points",), f"not beside {asked}, which allows none", (key,))
     for drones, path in zip(scenario.fleet, scenario.fleet_keys, strict=True):
-        if drones.radio.reuse > 0 or drones.radio.marked:
-            yield Finding(
-                (*path, "radio"),
-                f"not beside {asked}, which needs interference: none, line_of_sight: mean and no "
-                f"shadowing",
-                (key,),
-            )
         yield from _replaced_too_early(scenario, drones, path)
 
 

@@ -431,7 +431,7 @@ def check_that_the_other_engine_goes_on(world: World, name: str, seed: int) -> N
     engine, rng = make_engine(name, world, told), np.random.default_rng(seed)
     shown = engine.reset(sample_path.draw(world, 1, 0))
     for _ in range(4):
-        if not shown.terminated:
+        if not (shown.terminated or shown.truncated):
             shown = engine.step([some_command(world, mask, rng) for mask in shown.masks])
     saved, other = engine.save(), make_engine({"des": "batch", "batch": "des"}[name], world, told)
     other.restore(saved)

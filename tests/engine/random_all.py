@@ -61,7 +61,7 @@ def scenario(seed: int, mixed: bool = False) -> dict[str, Any]:
     made["wind_mps"] = dice.of([0, 0], [0, 0], [-2.5, 1], [0, 3.9], [4.2, -3])
     own = made["drones"]["radio"]
     if made["event"]:
-        _decide_by_event(made, own, dice)
+        made["decisions"] = {"kind": "event", "patience_s": dice.of(20, 45.5, 90)}
     if dice.of(True, False, False):
         made["access_points"], made["association"] = [], "entered_first"
         made["services"], own = {"call": CALL}, None
@@ -92,13 +92,6 @@ def scenario(seed: int, mixed: bool = False) -> dict[str, Any]:
             choose_speeds(later, made["drones"], made["wind_mps"])
     del made["free"], made["event"]
     return made
-
-
-def _decide_by_event(made: dict[str, Any], own: dict[str, Any], dice: Dice) -> None:
-    """Let drones decide by event, and leave out what this is not combined with."""
-    made["decisions"] = {"kind": "event", "patience_s": dice.of(20, 45.5, 90)}
-    made["access_points"], made["association"] = [], "entered_first"
-    own |= {"interference": "none", "line_of_sight": "mean", "shadowing": None}
 
 
 def _types(made: dict[str, Any], own: Any, dice: Dice) -> list[dict[str, Any]]:
@@ -151,8 +144,6 @@ def _radio(made: dict[str, Any], own: dict[str, Any], dice: Dice) -> dict[str, A
         other |= {key: own[key] for key in ("carrier_ghz", "bandwidth_mhz")}
     if (other["sharing"] != "held") != (own["sharing"] != "held"):
         other["sharing"] = own["sharing"]
-    if made["event"]:
-        other |= {"line_of_sight": "mean", "shadowing": None}
     return other
 
 

@@ -4,16 +4,19 @@ import math
 import tracemalloc
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from desim_uav import available
-from desim_uav.engine.choose import check_engine
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.choose import check_engine, make_engine
 from desim_uav.engine.compiled.pack import lacking
 from desim_uav.errors import ScenarioError
 from desim_uav.experiment.command import prepare
 from desim_uav.experiment.run import run
 from desim_uav.model.coverage import MOST_BUCKETS, bucket_grid
 from desim_uav.policies import load_policy
+from desim_uav.sample_path import draw
 from desim_uav.scenario import cost as costs
 from desim_uav.scenario.cost import check_cost, cost
 from desim_uav.scenario.load import load, loads
@@ -226,13 +229,11 @@ RINGS = {
 """Three drones whose links have 15 classes, with radii of 34 to 188 m."""
 
 
-def with_rings(**radio):
+def with_rings(*overrides, **radio):
     links = {"kind": "link_classes", "power_dbm": -4, **radio}
     text = ", ".join(f"{key}: {value}" for key, value in links.items())
-    return loads(
-        "name: rings",
-        overrides=[*(f"{k}={v}" for k, v in RINGS.items()), f"drones.radio={{{text}}}"],
-    )
+    rings = [f"{k}={v}" for k, v in RINGS.items()]
+    return loads("name: rings", overrides=[*rings, f"drones.radio={{{text}}}", *overrides])
 
 
 class TestLinks:
@@ -256,6 +257,36 @@ class TestLinks:
         ]
         links = 3 * 60 * 30
         assert searches == [0, *(costs.SEARCH * links * n for n in (1, 3, 1 + 2 / 3))]
+
+    @pytest.mark.thorough
+    @pytest.mark.parametrize("interference", ["none", "co_channel"])
+    def test_looks_at_drones_that_are_asked_by_event(self, interference):
+        """How often the SimPy engine looks at a drone and all users, for a leg or a part of it."""
+        scenario = with_rings(
+            "decisions={kind: event, patience_s: 30}",
+            "episode={steps: 10, carry_over: false}",
+            line_of_sight="drawn",
+            interference=interference,
+        )
+        engine = make_engine("des", build_world(scenario, 0), RunSettings((True,) * 3, False))
+        looks, constants, rng = [], engine.constants, np.random.default_rng(0)
+
+        def counted(look, share):
+            def counting(world, path, state, *told):
+                looks.append(share(state))
+                look(world, path, state, *told)
+
+            return counting
+
+        constants.foresee = counted(constants.foresee, lambda state: 1)
+        constants.foresee_all = counted(constants.foresee_all, lambda state: 3)
+        shown = engine.reset(draw(engine.world, 0, 0))
+        while not shown.truncated:
+            shown = engine.step([int(rng.choice(np.flatnonzero(mask))) for mask in shown.masks])
+        (foreseen,) = (part for part in cost(scenario).events if "searches" in part.what)
+        others = 3 if interference == "co_channel" else 1
+        looked = costs.SEARCH * sum(looks) * 60 * others
+        assert looked / FACTOR < foreseen.amount < looked * FACTOR, (looked, foreseen)
 
     def test_what_would_take_too_long_is_refused(self):
         scenario = with_rings(interference="co_channel")

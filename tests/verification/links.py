@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from tests.verification.convergence import DTS_S, scenario_of, slopes
+from tests.verification.convergence import DTS_S, by_event, scenario_of, slopes
 from tests.verification.figure import Figure
 
 MEASURES = ("served_s", "delivered_mbit", "qoe1", "qoe2", "qoe3")
@@ -87,3 +87,10 @@ def linked_scenario_of(seed: int) -> dict[str, Any]:
         },
         "demand": demand,
     }
+
+
+def linked_by_event(seed: int) -> dict[str, Any]:
+    """The same scenario in minimum time, with drones that are asked by event."""
+    mapping = linked_scenario_of(seed)
+    mapping["drones"]["motion"]["timing"] = "minimum_time"
+    return by_event(mapping, seed)

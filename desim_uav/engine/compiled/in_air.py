@@ -43,11 +43,14 @@ from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules.air import (
     keeps_rings,
     lacks_marks,
+    needs_marks,
     note_classes,
     number_in_draws,
     number_of_profile,
     place_drones,
+    span_of_marks,
 )
+from desim_uav.rules.association import known_until_us
 from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.rows import Constants, Drone, Path, State, User
 from desim_uav.rules.words import LOST, NEVER
@@ -126,9 +129,13 @@ def passes_us(
     margin_db: float,
 ) -> int:
     """Return when one drone becomes better than another one (see ``rules.association``)."""
-    span_us = (state.now_us, state.known_until_us)
-    if not _knows_walks(world, path, state, state.known_until_us):
+    span_us = (state.now_us, known_until_us(state, one, other))
+    if not _knows_walks(world, path, state, span_us[1]):
         return NEVER
+    if needs_marks(world, state, state.senders[one], span_us[1]):
+        _mark(world, path, state, state.senders[one], span_us[1])
+    if needs_marks(world, state, state.senders[other], span_us[1]):
+        _mark(world, path, state, state.senders[other], span_us[1])
     passed = as_array(state.look.air.passed, (MOST_PASSED, 2))
     air = _air_of(world, path, state)
     rows = pair_changes(air, user.index, one, other, margin_db, span_us, better, passed)
@@ -169,7 +176,7 @@ def _mark(world: Constants, path: Path, state: State, drone: Drone, end_us: int)
     begins = drone.index * (users + 1)
     out_at = as_array(own.marks_at, (len(own.marks_at),))[begins : begins + users + 1]
     out_at[0] = first
-    span_us = (state.now_us, end_us)
+    span_us = span_of_marks(state, drone, end_us)
     end = marks_of(
         _sight_of(world, path, state, drone), number_in_draws(drone), span_us, out, out_at
     )

@@ -41,6 +41,8 @@ def _look_anew(world: Any, path: Any, state: Any) -> Any:
         look.from_us = look.to_us = look.walked_us = -1
         look.stand = stand(world, path)
         look.walking.begun = look.walking.lost = look.air.marks_lost = 0
+        for k in range(len(look.air.marks_at)):
+            look.air.marks_at[k] = 0
 
     return look_anew
 

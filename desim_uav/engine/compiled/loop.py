@@ -6,7 +6,7 @@ from typing import Any
 
 from desim_uav.engine.compiled.slots import is_before, next_slot
 from desim_uav.model.compiled_rows import call
-from desim_uav.model.kernels import kernel, rule, stands_in_for
+from desim_uav.model.kernels import kernel, rare_rule, rule, stands_in_for
 from desim_uav.model.walking import LEG_COLUMNS
 from desim_uav.rules.charging import await_full, begin_charging, end_charging, hand_on_pads
 from desim_uav.rules.coverage import on_crossing
@@ -14,6 +14,7 @@ from desim_uav.rules.crash import crash
 from desim_uav.rules.decide import on_arrival
 from desim_uav.rules.due import key, separation_slot, undo
 from desim_uav.rules.episode import begin, command, end_step, show_first, start_afresh
+from desim_uav.rules.points import on_renewal
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Constants, Path, State
 from desim_uav.rules.settle import on_turn, settle
@@ -114,7 +115,16 @@ def _happen(world: Constants, path: Path, state: State, slot: int) -> None:
             crash(world, path, state, state.drones[slot - drones])
         elif slot == 2 * drones:
             settle(world, path, state, ATTACHMENT, ATTACHMENT)
-        elif slot == separation_slot(state) - 2 * users - senders:
-            call(world.on_separation, (world, state))
         else:
-            on_turn(world, path, state, state.users[slot - 2 * drones - 1])
+            _happen_rarely(world, path, state, slot, separation_slot(state) - 2 * users - senders)
+
+
+@rare_rule
+def _happen_rarely(world: Constants, path: Path, state: State, slot: int, separation: int) -> None:
+    """Let the event of a slot happen that few scenarios have, counted from the first arrival."""
+    if slot == separation:
+        call(world.on_separation, (world, state))
+    elif slot > separation:
+        on_renewal(world, path, state)
+    else:
+        on_turn(world, path, state, state.users[slot - 2 * len(state.drones) - 1])

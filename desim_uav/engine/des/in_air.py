@@ -41,11 +41,14 @@ from desim_uav.model.radio.tracks import TRACK_COLUMNS, Flight
 from desim_uav.model.walking import Walks
 from desim_uav.rules.air import (
     lacks_marks,
+    needs_marks,
     note_classes,
     number_in_draws,
     number_of_profile,
     place_drones,
+    span_of_marks,
 )
+from desim_uav.rules.association import known_until_us
 from desim_uav.rules.flight import heights_of, way_of
 from desim_uav.rules.words import NEVER
 from desim_uav.world import World
@@ -140,7 +143,7 @@ class InAir:
         if self.world.marked:
             for other in self.state.senders:
                 if lacks_marks(self.constants, self.state, drone, other, span_us[1]):
-                    self._mark(other, span_us)
+                    self._mark(other, span_us[1])
 
     def passes_us(
         self,
@@ -154,14 +157,18 @@ class InAir:
         margin_db: float,
     ) -> int:
         """Return when one drone becomes better than another one (see ``rules.association``)."""
-        span_us, passed = (state.now_us, state.known_until_us), state.look.air.passed.reshape(-1, 2)
-        air = self._air()
+        span_us = (state.now_us, known_until_us(state, one, other))
+        for drone in (state.senders[one], state.senders[other]):
+            if needs_marks(world, state, drone, span_us[1]):
+                self._mark(drone, span_us[1])
+        air, passed = self._air(), state.look.air.passed.reshape(-1, 2)
         rows = pair_changes(air, user.index, one, other, margin_db, span_us, better, passed)
         return int(passed[0, 0]) if rows > 0 else NEVER
 
-    def _mark(self, drone: Any, span_us: Span) -> None:
-        """Make the marks of all links to a drone in a span."""
+    def _mark(self, drone: Any, until_us: int) -> None:
+        """Make the marks of all links to a drone until a time."""
         tables, users = self.state.look.air, len(self._heights)
+        span_us = span_of_marks(self.state, drone, until_us)
         while True:
             first = drone.index * tables.mark_rows
             out = tables.marks.reshape(-1, MARK_COLUMNS)[: first + tables.mark_rows]

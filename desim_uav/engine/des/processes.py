@@ -13,6 +13,7 @@ from desim_uav.rules.coverage import on_crossing
 from desim_uav.rules.crash import crash
 from desim_uav.rules.decide import go_home, obey
 from desim_uav.rules.flight import arrive, end_move, station_under
+from desim_uav.rules.points import on_renewal
 from desim_uav.rules.requests import on_completion, on_request
 from desim_uav.rules.rows import Drone, User
 from desim_uav.rules.separation import on_separation
@@ -47,6 +48,8 @@ class Processes:
         self.clock.process(self.attachment())
         if self.state.pairs:
             self.clock.process(self.separation())
+        if self.state.renews:
+            self.clock.process(self.points())
 
     def tell(self, drone: int) -> None:
         """Schedule the action of a drone that waits for its command, in this instant."""
@@ -128,6 +131,12 @@ class Processes:
         while True:
             yield from self.until(due.separation_slot(self.state))
             on_separation(self.world, self.state)
+
+    def points(self) -> Process:
+        """Let the access points serve on between two decision epochs."""
+        while True:
+            yield from self.until(due.renewal_slot(self.state))
+            on_renewal(self.world, self.path, self.state)
 
     def until(self, slot: int) -> Process:
         """Wait until the event of a slot happens."""
