@@ -1,0 +1,63 @@
+"""The rows of the model: the constants of a run, then a sample path, then the state of an episode.
+
+Times are whole microseconds since the start of the episode, and negative in an earlier episode.
+The time, index or number of what does not exist is -1. ``asks_at`` holds the offsets of ``asks``:
+those of user u are ``asks[asks_at[u]:asks_at[u + 1]]``; ``legs_at`` and ``known_at`` are similar.
+"""
+
+from __future__ import annotations
+
+from desim_uav.rules.rows.constants import Change, Constants, Point, Radio, TypeRow
+from desim_uav.rules.rows.drones import Course, Credit, Drone, Observation, Pair, Station
+from desim_uav.rules.rows.flights import (
+    Cell,
+    Hop,
+    Move,
+    Piece,
+    Place,
+    Plan,
+    SpaceRow,
+    TransitRow,
+    WaysRow,
+)
+from desim_uav.rules.rows.logs import Closed, Event, FlownRow, Handover, PointRecord, Record
+from desim_uav.rules.rows.sample_path import Ask, Path
+from desim_uav.rules.rows.state import AirTables, Look, State
+from desim_uav.rules.rows.users import Request, Spot, User
+
+__all__ = [
+    "AirTables",
+    "Ask",
+    "Cell",
+    "Change",
+    "Closed",
+    "Constants",
+    "Course",
+    "Credit",
+    "Drone",
+    "Event",
+    "FlownRow",
+    "Handover",
+    "Hop",
+    "Look",
+    "Move",
+    "Observation",
+    "Pair",
+    "Path",
+    "Piece",
+    "Place",
+    "Plan",
+    "Point",
+    "PointRecord",
+    "Radio",
+    "Record",
+    "Request",
+    "SpaceRow",
+    "Spot",
+    "State",
+    "Station",
+    "TransitRow",
+    "TypeRow",
+    "User",
+    "WaysRow",
+]

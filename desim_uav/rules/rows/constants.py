@@ -1,0 +1,222 @@
+"""The constants of a run: radios, access points, types of drones, and all others."""
+
+from __future__ import annotations
+
+from desim_uav.model.rows import Row, Table, row
+from desim_uav.rules.rows.flights import Cell, Hop, Move, Place, Plan, SpaceRow, TransitRow
+
+
+@row
+class Radio(Row):
+    """A radio: that of a type of drones, by its number, or after these that of an access point.
+
+    ``bandwidth_hz`` is -1 if it is unlimited. ``efficiencies`` has the millionths of a bit/s that a
+    link of each class carries per hertz, class 0 (none) first. ``rings`` has the radii of all
+    classes from 1 on, by level and then by the ``groups`` into which users fall by their heights;
+    an access point has one level. If it is ``flat``, the radii are the same on all levels.
+    ``terms`` to ``bounds_m`` are the fits between levels, with so many ``slabs`` between two of
+    them (``model.radio.fits.Fits``), or empty. If links
+    are ``marked``, ``sight`` is the kind of line of sight (``model.radio.marks``), and
+    ``los_shadow_db`` and ``nlos_shadow_db`` are the standard deviations of the shadowing.
+    The fields from ``divide`` on are functions, or in compiled code their addresses;
+    ``sharing_values`` and ``loss_values`` are the addresses of the components' fields.
+    """
+
+    bandwidth_hz: int
+    classes: int
+    levels: int
+    flat: int
+    efficiencies: Table[int]
+    rings: Table[float]
+    slabs: int
+    terms: Table[float]
+    ranges: Table[float]
+    bounds_m: Table[float]
+    carrier_ghz: float
+    power_dbm: float
+    noise_dbm: float
+    marked: int
+    sight: int
+    los_shadow_db: float
+    nlos_shadow_db: float
+    sharing_values: int
+    loss_values: int
+    divide: int
+    level: int
+    rates: int
+    p_los: int
+
+
+@row
+class Point(Row):
+    """The position of the antenna of a ground access point, in metres."""
+
+    x_m: float
+    y_m: float
+    z_m: float
+
+
+@row
+class TypeRow(Row):
+    """A type of drones: what all drones of it have in common (see ``drone_type.DroneType``).
+
+    Their transits are those of ``Constants.transits`` from number ``first_transit`` on (number 0,
+    the hover, is that of all types), and their planned returns those of ``Constants.plans`` from
+    number ``first_plan`` on. Without a ``limited`` battery, ``capacity_us`` and the like are 0.
+    Charges (``capacity_us`` and others) are in the units of the energy model, of which a drone
+    takes ``per_second`` in a second of hovering; a battery counts as full at ``full_us``. The
+    changes of users who stand still are those of ``Constants.known_at`` from number ``first_known``
+    on. The fields from ``scan`` on are functions, or in compiled code their addresses;
+    ``admission_values`` and ``battery_values`` are the addresses of the components' fields.
+    """
+
+    limited: int
+    capacity_us: int
+    full_us: int
+    per_second: int
+    return_below_us: int
+    respawn_after_us: int
+    on_crash: int
+    first_transit: int
+    first_plan: int
+    first_known: int
+    admission_values: int
+    battery_values: int
+    scan: int
+    drained_us: int
+    lasts_us: int
+
+
+@row
+class Change(Row):
+    """The change of a link between a drone and a user to another class.
+
+    ``change`` is the new class if the link rises to it, and minus the new class if it falls to it.
+    Class 0 is no link. With the paper's disc, which has one class, 1 is the entry of a user into
+    the footprint and 0 its exit.
+    """
+
+    t_us: int
+    user: int
+    change: int
+
+
+@row
+class Constants(Row):
+    """The constants of a run: those of its world and its settings.
+
+    If drones are asked ``by_event``, one hovers for ``patience_us``.
+    A place (level, x, y) has the number ``(level * nx + x) * ny + y``. ``blocked`` has an entry per
+    place, and ``station_at`` one per cell. ``types`` are the types of drones; some of them have a
+    battery that is ``limited``. ``plans`` holds for each type (see ``TypeRow``) one plan per place
+    without the drones' ceiling, and then one per place below it. ``transits`` holds the hover, and
+    then for each type its moves and, from its number ``first_hop``, its hops in the order of
+    ``model.planner.HOPS``; ``Move.transit`` and ``first_hop`` are as if the first type came first
+    of those that fly from cell to cell. Types that fly freely have no moves, and do not use them.
+    ``radios`` are those of the types of drones, and then those of the access points ``points``.
+    Rewards divide users among ``sharers``: the drones, and the access points
+    that count. ``groups`` are those of the users by height (see ``Radio``). By service, ``in_bits``
+    says that requests ask for a volume instead of a time, and ``elastic`` that they share what
+    bandwidth is left. ``expected_requests`` is the number of requests of an episode if all are
+    served at once (see ``scenario.cost``). Senders of the same index modulo ``reuse`` interfere (0:
+    none do). What
+    ``model.radio.air`` needs to know is from ``thresholds_db`` to ``profiles_at``: the thresholds
+    of all radios, of which radio r has those from ``thresholds_at[r]`` on, the heights of users
+    (``heights_m``), and the ``profiles`` of all transits. The buildings that block lines of sight
+    are from ``corners_m`` to ``tallest_m`` (see ``model.radio.sight.Buildings``): building b has
+    the corners from ``corners_at[b]`` on, and bucket k the buildings ``built`` from ``built_at[k]``
+    on. For ``trigger_us`` and ``margin_db``
+    see ``rules.association``. ``known`` holds changes of users who stand still
+    (``engine.compiled.standing``). Drones are too near to each other below a distance of
+    ``separation_m`` (0: they have not to keep any); one ``gives_way`` to those with lower indices.
+    ``features`` is the number of features that a learner observes.
+    If drones fly freely, ``spaces`` has an entry for each type; only those of free ones are used.
+    The fields from ``foresee`` on are functions, or in compiled code their addresses;
+    ``reward_values`` and the like are the addresses of the components' fields.
+    """
+
+    steps: int
+    step_us: int
+    horizon_us: int
+    by_event: int
+    patience_us: int
+    limited: int
+    pads: int
+    services: int
+    sharers: int
+    reuse: int
+    trigger_us: int
+    margin_db: float
+    separation_m: float
+    gives_way: int
+    nx: int
+    ny: int
+    levels: int
+    levels_under_ceiling: int
+    three_d: int
+    first_hop: int
+    cell_x_m: float
+    cell_y_m: float
+    lowest_m: float
+    level_step_m: float
+    width_m: float
+    depth_m: float
+    types: Table[TypeRow]
+    moves: Table[Move]
+    transits: Table[TransitRow]
+    plans: Table[Plan]
+    hops: Table[Hop]
+    levels_m: Table[float]
+    blocked: Table[int]
+    station_at: Table[int]
+    stations: Table[Cell]
+    starts: Table[Cell]
+    ceilings: Table[int]
+    homes: Table[Place]
+    radios: Table[Radio]
+    points: Table[Point]
+    groups: Table[int]
+    thresholds_db: Table[float]
+    thresholds_at: Table[int]
+    heights_m: Table[float]
+    profiles: Table[float]
+    profiles_at: Table[int]
+    corners_m: Table[float]
+    corners_at: Table[int]
+    roofs_m: Table[float]
+    built_at: Table[int]
+    built: Table[int]
+    tallest_m: float
+    in_bits: Table[int]
+    elastic: Table[int]
+    expected_requests: float
+    reward_values: int
+    observation_values: int
+    charging_values: int
+    mobility_values: int
+    features: int
+    buckets_x: int
+    buckets_y: int
+    bucket_x_m: float
+    bucket_y_m: float
+    known_at: Table[int]
+    known: Table[Change]
+    spaces: Table[SpaceRow]
+    foresee: int
+    foresee_all: int
+    foresee_rings: int
+    find_in_classes: int
+    passes_us: int
+    part: int
+    on_separation: int
+    tally: int
+    must_wait: int
+    pay: int
+    describe: int
+    charged: int
+    until_full_us: int
+    walk: int
+    steer: int
+    home_leg: int
+    look_home: int
+    run: int

@@ -1,0 +1,195 @@
+"""Drones, what they are worth and observe, pairs of them, and the stations at which they queue."""
+
+from __future__ import annotations
+
+from desim_uav.model.rows import Queue, Row, Table, row
+from desim_uav.rules.rows.constants import Change
+from desim_uav.rules.rows.flights import Plan, TransitRow
+
+
+@row
+class Credit(Row):
+    """What a drone adds to the quality of experience (see ``rules.credit``).
+
+    ``held_us`` and ``alone_us`` sum the ends, less the starts, of the times for which users were
+    attached to it, and for which it was the only sender that covered them, since the decision
+    epoch; the present ones add their number times now: ``Drone.attached_users``, and ``alone``.
+    ``served`` and ``served_alone`` sum the shares of requests that it has done, and ``used`` is
+    what its battery had used in the episode at the decision epoch. The fields from ``step_held_us``
+    on are those of the whole step that ended last.
+    """
+
+    alone: int
+    held_us: int
+    alone_us: int
+    served: float
+    served_alone: float
+    used: int
+    step_held_us: int
+    step_alone_us: int
+    step_served: float
+    step_served_alone: float
+    step_used: int
+
+
+@row
+class Course(Row):
+    """The leg of a drone that is not from cell to cell: of free flight, or an access point's rest.
+
+    The leg is from (x0_m, y0_m, z0_m) to (x1_m, y1_m, z1_m), and ``flight`` is its transit.
+    ``aim_x`` to ``aim_z`` are the command of free flight, from -1 to 1, and the drone asks for a
+    charge if ``aim_charge`` is above 0. ``aim_cruise`` chooses a cruise speed, from the lowest at
+    -1 to the highest at 1; the leg is flown at a ground speed of at most ``limit_mps``, which is
+    infinite if no speed was chosen. ``blocked`` says that an obstacle cuts the leg short.
+    On a return, the next place is ``node`` of the ways at the altitude ``level``, which lead to
+    ``station``; the last node is followed by -1. ``home`` is the return from where the drone was at
+    the latest decision epoch (station -1: there is none): ``first`` is its first node, and ``end``
+    its level. ``probe`` is memory for a transit.
+    """
+
+    x0_m: float
+    y0_m: float
+    z0_m: float
+    x1_m: float
+    y1_m: float
+    z1_m: float
+    limit_mps: float
+    aim_x: float
+    aim_y: float
+    aim_z: float
+    aim_cruise: float
+    aim_charge: float
+    blocked: int
+    station: int
+    node: int
+    level: int
+    home: Plan
+    flight: TransitRow
+    probe: TransitRow
+
+
+@row
+class Drone(Row):
+    """A drone on a leg from (x, y, level) to (to_x, to_y, to_level) since ``since_us``.
+
+    An access point is a drone that never leaves its place, ``Constants.points[point]``, and that
+    serves without end, for a step at a time (until ``until_us``); ``point`` is -1 for all others.
+    ``type`` is the number of a drone's type, and ``radio`` that of its radio; access points admit
+    requests as the first type does.
+
+    ``battery_us`` and ``mode`` are those at ``since_us``; ``counted_m`` of its leg are counted. In
+    serving flight, it follows its command until ``until_us``. In
+    this episode its battery has ``began`` with so much (or had so much more as a replacement), and
+    then ``used`` and ``gained`` so much, of which ``counted`` on the present leg (below 0: gained).
+    ``hopping`` says that it is on a hop of a return, whose next hops are ``route`` to
+    ``route_end`` - 1, ``waits`` that it can be commanded, ``serving`` that it has a footprint, and
+    ``scan`` that its queue has to be scanned. A crashed drone has ``fallen`` to (fallen_x_m, …).
+    ``landed_in`` is the phase in which it landed, ``taken`` the action on its ``command``.
+    ``waiting`` is its queue: the users whose requests wait, by (request time, user). ``sharing``
+    holds the users whose elastic requests share what requests for a fixed rate leave of the
+    bandwidth (``free_hz``), in the same order. ``ahead`` holds the changes of class to come, the
+    next one last. ``served`` counts the requests that it serves, and ``asking`` the open ones in
+    its footprint, by service. The marks of its links (``model.radio.marks``) are known from
+    ``marked_us`` until ``marked_until_us``, or not at all (-1). ``terms`` are those of its reward;
+    a learner observes ``features``.
+    """
+
+    index: int
+    point: int
+    off_grid: int
+    type: int
+    radio: int
+    mode: int
+    x: int
+    y: int
+    level: int
+    to_x: int
+    to_y: int
+    to_level: int
+    transit: int
+    since_us: int
+    until_us: int
+    battery_us: int
+    began: int
+    used: int
+    gained: int
+    counted: int
+    counted_m: float
+    waits: int
+    hopping: int
+    route: int
+    route_end: int
+    landed_in: int
+    fallen: int
+    fallen_x_m: float
+    fallen_y_m: float
+    respawns: int
+    serving: int
+    free_hz: int
+    used_hz: int
+    attached_users: int
+    scan: int
+    command: int
+    taken: int
+    marked_us: int
+    marked_until_us: int
+    waiting: Queue[int]
+    sharing: Queue[int]
+    ahead: Queue[Change]
+    served: Table[int]
+    asking: Table[int]
+    credit: Credit
+    course: Course
+    terms: Table[float]
+    features: Table[float]
+
+
+@row
+class Observation(Row):
+    """The observation of a drone at a decision epoch (see ``model.state.Observation``).
+
+    ``believed`` is the number of the place at which it believes itself to be. ``link_quality`` is
+    the mean efficiency of its links to attached users, as a share of that of the best class; it is
+    0 without any, and for the paper's disc. ``allows`` is a number for what the mask depends on, or
+    0 if there is no mask yet; ``forced`` is 1 if the mask allows one action only.
+    ``elapsed_us`` is the time since the last earlier epoch at which it was 0, or since the
+    beginning of the episode if there was none.
+    """
+
+    mode: int
+    x: int
+    y: int
+    level: int
+    battery_us: int
+    believed: int
+    attached_users: int
+    used_hz: int
+    served_requests: int
+    link_quality: float
+    allows: int
+    forced: int
+    elapsed_us: int
+
+
+@row
+class Pair(Row):
+    """Two drones, of which ``one`` has the lower index (see ``rules.separation``).
+
+    While both are in the air it is ``open``: both have been on their present legs since
+    ``since_us``. It is ``near`` while they are nearer to each other than ``separation_m``, and
+    ``turns`` are the times at which this will change, the next one last.
+    """
+
+    one: int
+    other: int
+    open: int
+    near: int
+    since_us: int
+    turns: Queue[int]
+
+
+@row
+class Station(Row):
+    """A charging station: the drones that charge and queue there, in the order of their landing."""
+
+    queue: Queue[int]

@@ -1,0 +1,107 @@
+"""What an episode notes for its log."""
+
+from __future__ import annotations
+
+from desim_uav.model.rows import Row, row
+
+
+@row
+class Record(Row):
+    """The log's record of a drone at the end of a step; ``return_us`` is n_B (NEVER: no way).
+
+    ``used`` is what it has drained of its battery since the episode began. ``aim_x`` to
+    ``aim_cruise`` are the command of a free flight.
+    """
+
+    step: int
+    t_us: int
+    drone: int
+    x_m: float
+    y_m: float
+    z_m: float
+    battery_us: int
+    mode: int
+    action: int
+    action_taken: int
+    attached_users: int
+    served_requests: int
+    bandwidth_bps: int
+    return_us: int
+    used: int
+    reward: float
+    aim_x: float
+    aim_y: float
+    aim_z: float
+    aim_cruise: float
+
+
+@row
+class PointRecord(Row):
+    """The log's record of an access point at the end of a step."""
+
+    step: int
+    t_us: int
+    access_point: int
+    attached_users: int
+    served_requests: int
+    bandwidth_bps: int
+
+
+@row
+class FlownRow(Row):
+    """A free leg in the event log (see ``engine.base.FlownLeg``)."""
+
+    t_us: int
+    drone: int
+    duration_us: int
+    mode: int
+    x0_m: float
+    y0_m: float
+    z0_m: float
+    x1_m: float
+    y1_m: float
+    z1_m: float
+
+
+@row
+class Event(Row):
+    """An entry of the event log, which is an event or a leg (see ``note_leg``).
+
+    An event of two drones (``words.OF_PAIRS``) has the other one in the place of ``user``.
+    ``link_class`` is the new class of the link between ``drone`` and ``user``, if that has changed.
+    """
+
+    t_us: int
+    phase: int
+    kind: int
+    drone: int
+    user: int
+    request: int
+    station: int
+    link_class: int
+
+
+@row
+class Closed(Row):
+    """A request that has been closed (see ``engine.base.ClosedRequest``)."""
+
+    number: int
+    user: int
+    service: int
+    bandwidth_bps: int
+    required: int
+    done: int
+    served_us: int
+    attached_us: int
+    t_request_us: int
+    t_first_us: int
+    t_end_us: int
+    interruptions: int
+
+
+@row
+class Handover(Row):
+    """A drone that served a request which another drone, or none, had served before."""
+
+    number: int
+    drone: int

@@ -1,0 +1,172 @@
+"""The state of an episode, and the memory in which links and walks are looked at."""
+
+from __future__ import annotations
+
+from desim_uav.model.rows import Queue, Row, Table, row
+from desim_uav.model.walking import Walking
+from desim_uav.rules.rows.drones import Drone, Observation, Pair, Station
+from desim_uav.rules.rows.logs import Closed, Event, FlownRow, Handover, PointRecord, Record
+from desim_uav.rules.rows.users import Spot, User
+
+
+@row
+class AirTables(Row):
+    """What ``model.radio.air`` knows of drones, and the memory in which it works.
+
+    For ``ways`` (places) to ``looks`` see ``model.radio.scene.Air``. ``held`` are the classes of
+    the links to each sender before a span, ``found`` says where their changes are written
+    (``model.radio.air.FOUND_COLUMNS``), and ``passed`` are the rows of a pair of levels. ``marks``
+    has ``mark_rows`` rows for each sender; ``marks_lost`` says that they were too few, or the
+    memory in which marks are made (``model.radio.marks.Memory``), from ``flown`` (tracks) to
+    ``visited``. In free flight, ``pieces`` has ``Constants.profiles`` and then the profile of each
+    sender, of four rows, which drones in free flight use.
+    """
+
+    ways: Table[float]
+    senders: Table[int]
+    losses: Table[int]
+    radios: Table[float]
+    marks: Table[float]
+    marks_at: Table[int]
+    tracks: Table[float]
+    table: Table[float]
+    bound_db: Table[float]
+    link_words: Table[int]
+    looks: Table[float]
+    held: Table[int]
+    found: Table[int]
+    passed: Table[int]
+    mark_rows: int
+    marks_lost: int
+    flown: Table[float]
+    borders_s: Table[float]
+    visits: Table[float]
+    seen: Table[int]
+    times: Table[float]
+    stretches: Table[float]
+    visited: Table[int]
+    pieces: Table[float]
+    pieces_at: Table[int]
+
+
+@row
+class Look(Row):
+    """The users' walks in the present span of time (only in ``engine.compiled.looking``).
+
+    They are known until ``walked_us`` if users walk step by step. ``windows``, ``found`` and
+    ``order`` are memory for the changes on a leg, and ``apart`` and ``turns`` for the tracks of two
+    drones and the changes of their distance.
+    """
+
+    from_us: int
+    to_us: int
+    walked_us: int
+    far_m: float
+    stand: int
+    users: Table[float]
+    heads: Table[int]
+    following: Table[int]
+    windows: Table[float]
+    found: Table[int]
+    order: Table[int]
+    apart: Table[float]
+    turns: Table[int]
+    walking: Walking
+    air: AirTables
+
+
+@row
+class State(Row):
+    """The state of an episode.
+
+    ``senders`` are the drones and, after them, the access points; ``drones`` are the former alone.
+    ``step`` counts the decision epochs; the latest one before now was at ``epoch_us``, and the next
+    one is at ``next_us``. ``share`` is the time between two epochs as a share of a step.
+    ``open_us`` and ``served_us`` sum the ends of open and of served intervals of requests, less
+    their starts; intervals under way add their number times now. ``attached_us`` sums the
+    attachments that have ended, and ``attached_from_us`` the starts of the others;
+    ``bandwidth_us_hz`` is the integral of bandwidth over ended services. ``loose`` holds the users
+    who may have to be attached, ``unsettled`` those whose levels have to be looked at, if users are
+    associated ``by_level``; ``retunes`` says that interference has changed. If access points have
+    to be looked at between decision epochs, it ``renews``. ``to_scan`` counts the drones whose
+    queues have to be scanned. If
+    the run ``keeps_links``, it counts handovers between drones, ping-pongs and outages, and sums
+    the time in outages that have ended (see ``rules.links``). If drones have to keep a distance,
+    ``pairs`` are drones (0, 1), (0, 2), …; ``conflicts`` counts how often two came too near,
+    ``conflict_us`` sums the ends of these times less their starts, and ``nearest_m`` is the least
+    distance in the windows that have ended. At
+    the decision epoch, ``asked`` counts the open requests by service, and ``counts`` by drone those
+    that it serves and those in its footprint; ``masks`` has an entry per drone and action.
+    ``history`` holds all commands. In the compiled engine, ``slot_times`` to ``winners`` are the
+    event queue, and ``before`` holds the time and the rows of drones and stations (with their
+    queues) with which the episode began. In free flight, ``aims`` holds what belongs to the
+    commands (``Course.aim_x`` and the four after it), ``flown`` the legs of a step for the log, and
+    ``away_m`` is memory.
+    """
+
+    now_us: int
+    step: int
+    epoch_us: int
+    next_us: int
+    share: float
+    terminated: int
+    truncated: int
+    opened: int
+    in_service: int
+    charges: int
+    crashes: int
+    suppressed: int
+    open_us: int
+    served_us: int
+    attached_us: int
+    attached_from_us: int
+    queueing_us: int
+    bandwidth_us_hz: int
+    closed_qoe1: float
+    distance_m: float
+    to_scan: int
+    by_level: int
+    retunes: int
+    renews: int
+    keeps_events: int
+    keeps_requests: int
+    keeps_links: int
+    keeps_credit: int
+    handed_over: int
+    ping_pongs: int
+    outages: int
+    outage_us: int
+    conflicts: int
+    conflict_us: int
+    nearest_m: float
+    faults: int
+    senders: Table[Drone]
+    drones: Table[Drone]
+    pairs: Table[Pair]
+    users: Table[User]
+    stations: Table[Station]
+    loose: Queue[int]
+    unsettled: Queue[int]
+    open_requests: Table[int]
+    asked: Table[int]
+    observations: Table[Observation]
+    records: Table[Record]
+    point_records: Table[PointRecord]
+    counts: Table[int]
+    spots: Table[Spot]
+    firsts: Table[int]
+    masks: Table[int]
+    rewards: Table[float]
+    crashed: Queue[int]
+    history: Table[int]
+    aims: Table[float]
+    away_m: Table[float]
+    flown: Queue[FlownRow]
+    events: Queue[Event]
+    closed: Queue[Closed]
+    handovers: Queue[Handover]
+    look: Look
+    slot_times: Table[int]
+    slot_keys: Table[int]
+    winners: Table[int]
+    before: Table[int]

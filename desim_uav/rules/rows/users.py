@@ -1,0 +1,96 @@
+"""Users, and their requests."""
+
+from __future__ import annotations
+
+from desim_uav.model.rows import Row, Table, row
+
+
+@row
+class Request(Row):
+    """The open request of a user; ``number`` is -1 if there is none.
+
+    It has to be served until ``done`` is ``required``. Both are microseconds of service or, if the
+    request is ``in_bits``, millionths of a bit; ``rate`` of them are done per microsecond (bit/s,
+    or 1). Drone ``server`` has served it since ``started_us``, at this rate and with a bandwidth of
+    ``used_hz`` since ``counted_us``. A request for the rate ``bandwidth_bps`` that is not
+    ``elastic`` needs a bandwidth of ``needs_hz`` in its present class. ``credited`` of it have been
+    counted in ``rules.credit``. Of its services that lasted
+    more than 0 µs, the first began at ``t_first_us``; the last was by ``last_server`` and ended at
+    ``stopped_us``.
+    """
+
+    number: int
+    user: int
+    service: int
+    t_request_us: int
+    required: int
+    done: int
+    rate: int
+    in_bits: int
+    elastic: int
+    bandwidth_bps: int
+    needs_hz: int
+    used_hz: int
+    served_us: int
+    attached_us: int
+    interruptions: int
+    t_first_us: int
+    server: int
+    started_us: int
+    counted_us: int
+    stopped_us: int
+    last_server: int
+    credited: int
+
+
+@row
+class User(Row):
+    """A user, attached to sender ``holder`` (see ``State.senders``) since ``held_since_us``.
+
+    ``classes`` holds the classes of its links to the senders; ``covering`` holds the times at which
+    it entered their footprints, where the class is at least 1, and ``covered`` is the number of
+    those that it is in. ``share`` is the served share of its open request when service
+    last stopped; ``doing`` is its ``UserState`` at the end of the episode. It was attached to drone
+    ``left`` until ``left_us``, and at ``came_us`` it was handed over from drone ``came_from``. It
+    has had an open request, but no link, since ``outage_since_us`` (-1: it is not so). If users are
+    associated by level, drones have been better for it than its own ``better_since`` (-1: they are
+    not); the next to change this is ``rival``, at ``turns_us``.
+    """
+
+    index: int
+    holder: int
+    held_since_us: int
+    covered: int
+    next_ask: int
+    share: float
+    doing: int
+    left: int
+    left_us: int
+    came_from: int
+    came_us: int
+    outage_since_us: int
+    unsettled: int
+    rival: int
+    turns_us: int
+    request: Request
+    classes: Table[int]
+    covering: Table[int]
+    better_since: Table[int]
+
+
+@row
+class Spot(Row):
+    """A user at a decision epoch: its exact place, and its cell.
+
+    ``following`` is the next user in this cell, ``holder`` the sender to which the user is attached
+    (-1: to none), ``doing`` its ``UserState``, and ``left`` the share of its open request that is
+    not done yet (0 without one).
+    """
+
+    x_m: float
+    y_m: float
+    cell: int
+    following: int
+    holder: int
+    doing: int
+    left: float
