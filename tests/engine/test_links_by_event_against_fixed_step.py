@@ -8,6 +8,8 @@ always the mean one.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import pytest
 
 from tests.engine.test_by_event_against_fixed_step import check_decisions
@@ -25,25 +27,38 @@ pytestmark = pytest.mark.thorough
 @pytest.mark.parametrize("seed", by_default(FEW_SEEDS, FEW_SEEDS))
 def test_agrees_at_the_finest_dt(seed: int) -> None:
     """Drones decide the same at the same places, and users are handed over as often."""
-    case, result = case_of(seed, linked_by_event), sampled(seed, FINEST_S, linked_by_event)
-    check_decisions(case, result, FINEST_S)
+    check_at(seed, FINEST_S)
+
+
+def check_at(seed: int, dt_s: float) -> None:
+    case, result = case_of(seed, linked_by_event), sampled(seed, dt_s, linked_by_event)
+    check_decisions(case, result, dt_s)
     assert case.log.links is not None
     assert result.handovers == case.log.links.handovers
 
 
+def unlike(seeds: Iterable[int], dt_s: float) -> list[int]:
+    found = []
+    for seed in seeds:
+        try:
+            check_at(seed, dt_s)
+        except AssertionError:
+            found.append(seed)
+    return found
+
+
 @pytest.mark.slow
-def test_agrees_in_all_but_a_few_scenarios() -> None:
+def test_agrees_in_all_but_one_scenario_with_shorter_steps() -> None:
     """A user who comes or goes within ``dt`` of a decision is counted by one of the two only.
 
-    So is a handover if one drone loses a user and another one reaches it within ``dt``.
+    So is a handover if one drone loses a user and another one reaches it within ``dt``. In scenario
+    18, drones 0 and 1 replace crashed ones at the same station at the same time. Their levels are
+    equal at this instant, and drone 0 flies away: users are attached to drone 0 for one tick in the
+    reference, and to drone 1 at once by the engines, which count one handover instead of two.
     """
-    unlike = []
-    for seed in SEEDS:
-        try:
-            test_agrees_at_the_finest_dt(seed)
-        except AssertionError:
-            unlike.append(seed)
-    assert len(unlike) <= 5, unlike
+    coarse = unlike(SEEDS, FINEST_S)
+    assert len(coarse) <= 4, coarse
+    assert unlike(coarse, FINEST_S / 4.0) in ([], [18])
 
 
 @pytest.mark.slow
