@@ -20,6 +20,8 @@ from tests.verification.convergence import (
 )
 from tests.verification.figure import Figure
 from tests.verification.freely import freely, freely_by_event
+from tests.verification.links import MEASURES as OF_LINKS
+from tests.verification.links import linked_by_event
 
 DECIDED = ("served_s", "qoe1", "qoe2", "qoe3", "decided_s")
 """What goes with ``dt`` if decisions are by event. Batteries at decisions converge faster. Rewards
@@ -55,12 +57,14 @@ WIND = Flights(windy, range(24), soon=("qoe3", "battery_s"))
 FREE = Flights(freely, range(20, 44))
 BY_EVENT = Flights(asked_by_event, range(24), (*DECIDED, "gained"))
 FREE_BY_EVENT = Flights(freely_by_event, range(20, 44), DECIDED, ("served_s", "qoe3"), few=16)
+LINKS_BY_EVENT = Flights(linked_by_event, range(24), OF_LINKS, few=12)
 EVERY = {
     "energy": ENERGY,
     "wind": WIND,
     "free flight": FREE,
     "decisions by event": BY_EVENT,
     "free flight by event": FREE_BY_EVENT,
+    "links by event": LINKS_BY_EVENT,
 }
 
 
