@@ -31,10 +31,6 @@ from tests.engine.helpers import some_command
 from tests.env import test_free_envs, test_mixed_envs
 
 OTHER = {"des": "batch", "batch": "des"}
-PAIRS = [
-    ("des", "des"),
-    *(pytest.param(*pair, marks=pytest.mark.thorough) for pair in OTHER.items()),
-]
 CARRIED = {"episode": {"steps": 6, "carry_over": True}}
 BY_EVENT = {**CARRIED, "decisions": {"kind": "event", "patience_s": 20}}
 QUICK = {"timing": "minimum_time"}
@@ -90,8 +86,17 @@ def whole_turns(env: Any, count: int, seed: int) -> list[Any]:
     return [(turn(env, rng), env.session.engine.positions_m()) for _ in range(count)]
 
 
-@pytest.mark.parametrize(("first", "second"), PAIRS)
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    ("kind", "first", "second"),
+    [
+        *(("3D", "des", "des"), ("mixed by event", "des", "des")),
+        *(
+            pytest.param(kind, *pair, marks=pytest.mark.thorough)
+            for kind in KINDS
+            for pair in OTHER.items()
+        ),
+    ],
+)
 def test_the_rest_of_the_run_is_the_same(kind: str, first: str, second: str, tmp_path: Path):
     env, other, file = env_of(kind, first), env_of(kind, second), tmp_path / "state.npz"
     turns(env, 3, 1)

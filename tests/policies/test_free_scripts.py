@@ -95,8 +95,8 @@ def test_each_drone_of_a_mixed_fleet_has_its_own_commands(script: Write):
     assert (first.aim_x, first.aim_y) == (0.25, -0.5)
 
 
-@pytest.mark.parametrize("kind", ["mixed", "choosing"])
-@pytest.mark.parametrize("policy", ["random", "baseline"])
+@pytest.mark.parametrize("kind", ["mixed", pytest.param("choosing", marks=pytest.mark.thorough)])
+@pytest.mark.parametrize("policy", ["random", pytest.param("baseline", marks=pytest.mark.thorough)])
 @pytest.mark.parametrize("engine", EACH)
 def test_the_table_of_steps_is_a_script(policy: str, kind: str, engine: str, tmp_path: Path):
     """A run by the script of its steps has the same events, whatever policy it was."""
@@ -111,6 +111,7 @@ def test_the_table_of_steps_is_a_script(policy: str, kind: str, engine: str, tmp
     assert [(step.action_taken, step.battery_us) for step in again.steps] == actions
 
 
+@pytest.mark.thorough
 def test_it_goes_on_after_a_fork(script: Write):
     made = choosing()
     name = script("step,drone,action,aim_x,aim_y,aim_z,aim_cruise", "4,1,fly,-0.5,0.5,0,-1")
