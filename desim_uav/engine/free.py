@@ -7,10 +7,11 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from desim_uav.engine.base import FlownLeg, FreeCarried
 from desim_uav.model.free.flight import no_faster
-from desim_uav.model.free.legs import leg_between
+from desim_uav.model.free.legs import FreeLeg, leg_between
 from desim_uav.model.free.space import Space, Ways
 from desim_uav.model.motion import TRAPEZOID
 from desim_uav.model.rows import Queue, Table, blank, fill
@@ -96,6 +97,35 @@ def numbers_of(world: World, number: int, command: Any) -> tuple[float, ...] | N
     return (*flown, *(0.0,) * (3 - len(flown)), *cruise, *(charge or [0.0]))
 
 
+def told_numbers(world: World, aims: Sequence[float]) -> NDArray[np.float64]:
+    """Return the numbers of commands (steps, drones, ``World.command_numbers``).
+
+    ``aims`` has the AIMS numbers of each, as ``numbers_of`` has returned them.
+    """
+    charge = world.command_numbers > world.dimensions + int(world.chooses_cruise)
+    columns = list(range(world.dimensions))
+    columns += [AIMS - 2] * world.chooses_cruise + [AIMS - 1] * charge
+    return np.array(aims, float).reshape(-1, len(world.type_numbers), AIMS)[:, :, columns]
+
+
+def as_told(
+    world: World, commands: Sequence[Sequence[int]], numbers: NDArray[np.float64]
+) -> list[list[int | list[float]]]:
+    """Return commands as an engine takes them: numbers instead of the index of a free flight.
+
+    ``commands`` are the indices (steps, drones), and ``numbers`` those of ``told_numbers``.
+    """
+    fly = world.actions.index(Action.FLY)
+    freely = [world.type_of(drone).free for drone in range(len(world.type_numbers))]
+    return [
+        [
+            own if is_free and index == fly else index
+            for is_free, index, own in zip(freely, indices, given, strict=True)
+        ]
+        for indices, given in zip(commands, numbers.tolist(), strict=True)
+    ]
+
+
 def _aim(course: Any, numbers: Sequence[float]) -> None:
     course.aim_x, course.aim_y, course.aim_z, course.aim_cruise, course.aim_charge = numbers
 
@@ -119,16 +149,20 @@ def carried_course(drone: Any) -> FreeCarried:
     return FreeCarried(*(getattr(course, name) for name in names))
 
 
+def carried_leg(space: Space, mode: int, carried: FreeCarried) -> FreeLeg:
+    """Return the leg of an earlier episode of a drone in a mode."""
+    limits, (_, highest) = space.limits, space.cruise_mps
+    if mode == Mode.FLYING and highest < math.inf:  # as ``rules.free_flight.steer`` does
+        limits = no_faster(limits, highest)
+    return leg_between(limits, space.wind, carried.limit_mps, carried[:3], carried[3:6])
+
+
 def load_course(world: World, drone: Any, carried: FreeCarried) -> None:
     """Put a drone on the course of an earlier episode."""
     for name, value in carried._asdict().items():
         setattr(drone.course, name, value)
-    start, stop = carried[:3], carried[3:6]
-    space = world.types[drone.type].space
-    limits, (_, highest) = space.limits, space.cruise_mps
-    if drone.mode == Mode.FLYING and highest < math.inf:  # as ``rules.free_flight.steer`` does
-        limits = no_faster(limits, highest)
-    leg = leg_between(limits, space.wind, carried.limit_mps, start, stop)
+    stop, space = carried[3:6], world.types[drone.type].space
+    leg = carried_leg(space, drone.mode, carried)
     drone.transit = REST if leg.distance_m == 0.0 else OWN
     drone.to_x, drone.to_y = world.grid.cell_of(*stop[:2])
     drone.to_level = world.grid.level_of(stop[2])

@@ -15,13 +15,16 @@ from pickle import UnpicklingError
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from desim_uav.copies import Unchanging
 from desim_uav.engine.base import Carried, EpisodeLog, RunSettings
+from desim_uav.engine.free import told_numbers
 from desim_uav.errors import StateError
 from desim_uav.model.rows import Queue, Table, held_by, is_row, origin_of
 from desim_uav.model.state import Snapshot
 from desim_uav.rules.rows import Drone, State
+from desim_uav.rules.words import AIMS
 from desim_uav.sample_path import SamplePath
 from desim_uav.world import World
 
@@ -46,6 +49,9 @@ NOT_TOLD = {
 }
 """The fields that may hold what an earlier episode has left there, until they are next needed; and
 what a battery used and gained as far as it is counted, which depends on what is recorded."""
+
+PLACES = 6
+"""How many of the first fields of a ``Course`` say where its leg begins and ends."""
 
 Hops = tuple[tuple[int, int, int], ...]
 
@@ -109,13 +115,31 @@ class SavedState(Unchanging):
         told = state.history[: state.step * drones]
         return [list(told[k : k + drones]) for k in range(0, len(told), drones)]
 
+    @property
+    def numbers(self) -> NDArray[np.float64] | None:
+        """The numbers of all commands so far in free flight, else None (``told_numbers``).
+
+        They are 0 for a drone whose command is another action.
+        """
+        if not self.world.free:
+            return None
+        return told_numbers(self.world, self._aims(self.rows.state))
+
+    def _aims(self, state: Any) -> tuple[float, ...]:
+        """Return the part of ``State.aims`` that the commands so far have written."""
+        told: tuple[float, ...] = state.aims[: AIMS * state.step * self.world.scenario.drone_count]
+        return told
+
     def digest(self) -> str:
         """Return the SHA-256 of what a state says of its episode.
 
         It is the same for both kinds of engine, whatever they have run before this episode.
         """
-        told = (self.commands, _told(self.rows.state), *self.rows[1:])
-        return hashlib.sha256(repr(told).encode()).hexdigest()
+        state, *others = self.rows
+        told = [self.commands, _told(state._replace(aims=self._aims(state))), *others]
+        if self.world.free:
+            told.append([one.course[:PLACES] for one in state.senders if one.off_grid])
+        return hashlib.sha256(repr(tuple(told)).encode()).hexdigest()
 
     def check(self, world: World, settings: RunSettings) -> None:
         """Raise StateError if an engine of this world and these settings cannot go on."""

@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
 from desim_uav.drone_type import DroneType
 from desim_uav.engine.base import Carried, CarriedDrone
+from desim_uav.env import carried_free
+from desim_uav.env.untrusted import HIGHEST, listed, number, whole
 from desim_uav.model.planner import Node
 from desim_uav.model.rules import Mode, move_of
 from desim_uav.world import World
 
-HIGHEST = 2**53
+
+def plain(drones: Carried | None) -> Any:
+    """Return the states of drones as data that JSON has, which ``checked`` reads."""
+    return drones and [
+        one if one.free is None else [*one[:9], carried_free.plain(one, one.free), *one[10:]]
+        for one in drones
+    ]
 
 
 def checked(value: Any, world: World, ceilings: Sequence[bool]) -> Carried:
     """Return plain data as the states of drones. Raises ValueError if no drone can be in one."""
-    drones = _listed(value, world.scenario.drone_count)
+    drones = listed(value, world.scenario.drone_count)
     return tuple(
         _drone(one, world, under, world.type_of(d))
         for d, (one, under) in enumerate(zip(drones, ceilings, strict=True))
@@ -25,30 +32,37 @@ def checked(value: Any, world: World, ceilings: Sequence[bool]) -> Carried:
 
 
 def _drone(value: Any, world: World, ceiling: bool, own: DroneType) -> CarriedDrone:
-    rest_us, taken = _listed(value)[10:] if len(value) == 12 else (0, 0)
-    if len(value) in (10, 12) and value[9] is None:  # it does not fly freely
+    value = listed(value)
+    rest_us, taken = value[10:] if len(value) == 12 else (0, 0)
+    free = value[9] if len(value) in (10, 12) else None
+    if (free is not None) != own.free:
+        raise ValueError("a drone has a leg of free flight, or it flies freely and has none")
+    if len(value) in (10, 12):
         value = value[:9]
-    mode, node, battery_us, age_us, hop, route, counted_m, place, fallen_m = _listed(value, 9)
+    mode, node, battery_us, age_us, hop, route, counted_m, place, fallen_m = listed(value, 9)
     returns = mode == Mode.RETURNING  # what another drone has of a route is left from before
     on_hop = returns or (mode == Mode.FLYING and rest_us != 0)
     (nx, ny), levels = world.grid.cells, world.grid.levels(ceiling)
     one = CarriedDrone(
-        Mode(_whole(mode, 0, HIGHEST)),
+        Mode(whole(mode, 0, HIGHEST)),
         _node(node, (0, 0, 0), (nx - 1, ny - 1, levels - 1)),
-        _whole(battery_us, 0, own.capacity_us),
-        _whole(age_us, 0, HIGHEST),
-        _hop(hop) if on_hop and hop is not None else None,
-        tuple(map(_hop, _listed(route))) if returns else (),
-        _number(counted_m),
-        _whole(place, 0, world.scenario.drone_count),
+        whole(battery_us, 0, own.capacity_us),
+        whole(age_us, 0, HIGHEST),
+        _hop(hop) if on_hop and hop is not None and not own.free else None,
+        tuple(map(_hop, listed(route))) if returns and not own.free else (),
+        number(counted_m),
+        whole(place, 0, world.scenario.drone_count),
         None if fallen_m is None else _place(fallen_m, world),
-        rest_us=_whole(rest_us, 0, HIGHEST),
-        taken=_whole(taken, 0, len(world.actions) - 1),
+        rest_us=whole(rest_us, 0, HIGHEST),
+        taken=whole(taken, 0, len(world.actions) - 1),
     )
     if (one.mode is Mode.CRASHED) != (one.fallen_m is not None):
         raise ValueError("only a crashed drone has fallen")
+    if own.free:
+        one = carried_free.on_leg(one, free, hop, world, ceiling, own)
     if one.rest_us > 0:
-        _check_command(one, world, own)
+        check_command = carried_free.check_command if own.free else _check_command
+        check_command(one, world, own)
     if one.mode is not Mode.CRASHED:
         _check_way(one, world, ceiling, own)
     return one
@@ -57,16 +71,22 @@ def _drone(value: Any, world: World, ceiling: bool, own: DroneType) -> CarriedDr
 def _check_way(one: CarriedDrone, world: World, ceiling: bool, own: DroneType) -> None:
     """Raise ValueError if a drone is not on its way, or not at a station that it needs."""
     at = one.node
+    if not own.free:
+        _check_hops(one, world, ceiling, own)
+    landed = one.mode in (Mode.QUEUED, Mode.CHARGING, Mode.CHARGED)
+    if landed and (at[:2] not in world.stations or at[2] != 0):
+        raise ValueError(f"there is no station at {at}")
+
+
+def _check_hops(one: CarriedDrone, world: World, ceiling: bool, own: DroneType) -> None:
+    """Raise ValueError if a drone is not on its way from cell to cell."""
     home = one.hop if one.rest_us == 0 else None
     if home is not None and one.age_us >= own.return_transits[home].duration_us:
         raise ValueError("a hop is over before the episode begins")
     hops = (*([one.hop] if one.hop else []), *one.route)
-    for node in _along(at, hops):
+    for node in _along(one.node, hops):
         if not world.grid.can_enter(*node, ceiling):
             raise ValueError(f"a drone cannot be at {node}")
-    landed = one.mode in (Mode.QUEUED, Mode.CHARGING, Mode.CHARGED)
-    if landed and (at[:2] not in world.stations or at[2] != 0):
-        raise ValueError(f"there is no station at {at}")
 
 
 def _check_command(one: CarriedDrone, world: World, own: DroneType) -> None:
@@ -89,26 +109,8 @@ def _along(node: Node, hops: Sequence[Node]) -> list[Node]:
     return nodes
 
 
-def _listed(value: Any, length: int | None = None) -> list[Any]:
-    if not isinstance(value, list) or length not in (None, len(value)):
-        raise ValueError(f"{value!r:.40} is no list of {length or 'hops'}")
-    return value
-
-
-def _whole(value: Any, least: int, most: int) -> int:
-    if type(value) is not int or not least <= value <= most:
-        raise ValueError(f"{value!r:.40} is not a whole number from {least} to {most}")
-    return value
-
-
-def _number(value: Any) -> float:
-    if type(value) not in (int, float) or not math.isfinite(value):
-        raise ValueError(f"{value!r:.40} is not a number")
-    return float(value)
-
-
 def _node(value: Any, least: Node, most: Node) -> Node:
-    x, y, level = map(_whole, _listed(value, 3), least, most)
+    x, y, level = map(whole, listed(value, 3), least, most)
     return x, y, level
 
 
@@ -120,7 +122,7 @@ def _hop(value: Any) -> Node:
 
 
 def _place(value: Any, world: World) -> tuple[float, float]:
-    x_m, y_m = map(_number, _listed(value, 2))
+    x_m, y_m = map(number, listed(value, 2))
     if not (0.0 <= x_m <= world.area.width_m and 0.0 <= y_m <= world.area.depth_m):
         raise ValueError(f"({x_m}, {y_m}) m is off the map")
     return x_m, y_m

@@ -16,19 +16,26 @@ from numpy.typing import NDArray
 import desim_uav
 from desim_uav import array_file
 from desim_uav.engine.episode import Engine
+from desim_uav.engine.free import as_told
 from desim_uav.engine.saved import SavedState
-from desim_uav.env.carried_drones import checked
+from desim_uav.env.carried_drones import checked, plain
 from desim_uav.errors import PolicyError, SimulationError, StateError
+from desim_uav.rules.words import AIMS
 from desim_uav.run_folder import write_whole
 from desim_uav.sample_path import draw
 from desim_uav.scenario.load import scenario_hash, seedless
+from desim_uav.world import World
 
 FORMAT = 1
 LARGEST_SEED, LARGEST_EPISODE = 2**63, 2**31
 
 
 class Kept(NamedTuple):
-    """The content of a file of a saved state."""
+    """The content of a file of a saved state.
+
+    ``numbers`` (steps, drones, numbers) are those of commands of free flight (``engine.free``);
+    None if the file has none.
+    """
 
     version: str
     scenario_hash: str
@@ -39,18 +46,17 @@ class Kept(NamedTuple):
     digest: str
     before: Any
     commands: NDArray[Any]
+    numbers: NDArray[Any] | None = None
 
     def played(self, engine: Engine, path: Path) -> SavedState:
         """Return the state to which the commands lead. Raises StateError, which names the file."""
         world = engine.world
         try:
-            told, drones = self.commands.shape
-            if drones != len(engine.drones) or told > world.most_epochs:
-                raise ValueError(f"commands of the shape {self.commands.shape} do not fit")
+            told = self._told(world)
             before, ceilings = self.before, engine.settings.ceilings
             engine.carry(None if before is None else checked(before, world, ceilings))
             engine.reset(draw(world, self.seed, self.episode))
-            for commands in self.commands.tolist():
+            for commands in told:
                 engine.step(commands)
         except (SimulationError, ValueError) as error:
             raise StateError(f"{path}: cannot be played: {error}") from error
@@ -62,13 +68,25 @@ class Kept(NamedTuple):
             )
         return saved
 
+    def _told(self, world: World) -> list[Any]:
+        """Return the commands of each step. Raises ValueError if they do not fit a world."""
+        told, drones = self.commands.shape
+        if drones != world.scenario.drone_count or told > world.most_epochs:
+            raise ValueError(f"commands of the shape {self.commands.shape} do not fit")
+        if self.numbers is None:
+            if world.free:
+                raise ValueError("the numbers of commands of free flight are missing")
+            return list(self.commands.tolist())
+        if self.numbers.shape[2] != world.command_numbers:
+            raise ValueError(f"numbers of the shape {self.numbers.shape} do not fit")
+        return as_told(world, self.commands.tolist(), self.numbers)
+
 
 def write(path: Path, saved: SavedState, seed: int, steps: int) -> None:
     """Write the file of a state in the run of a seed, whose earlier episodes had so many steps.
 
     Raises DesimError if it cannot be written.
     """
-    saved.world.scenario.require_cells("a file of a saved state")
     about = {
         "format": FORMAT,
         "version": desim_uav.__version__,
@@ -78,18 +96,25 @@ def write(path: Path, saved: SavedState, seed: int, steps: int) -> None:
         "episode": saved.path.episode,
         "steps": steps,
         "digest": saved.digest(),
-        "before": saved.before,
+        "before": plain(saved.before),
     }
     drones = saved.world.scenario.drone_count
-    commands = np.array(saved.commands, np.int64).reshape(-1, drones)
-    write_whole(path, array_file.pack(about, commands=commands))
+    arrays: dict[str, NDArray[Any]] = {
+        "commands": np.array(saved.commands, np.int64).reshape(-1, drones)
+    }
+    if (numbers := saved.numbers) is not None:
+        arrays["numbers"] = numbers
+    write_whole(path, array_file.pack(about, **arrays))
 
 
 def read(path: Path) -> Kept:
     """Read the file of a state. Raises StateError, which names the file, if it is none."""
     try:
-        stored = array_file.Stored(path, "saved state", ["commands"], FORMAT)
-        commands = stored.arrays()["commands"]
+        free = "numbers" in array_file.names_in(path)
+        names = ["commands", "numbers"] if free else ["commands"]
+        stored = array_file.Stored(path, "saved state", names, FORMAT)
+        _check_forms(path, stored.forms)
+        arrays = stored.arrays()
     except PolicyError as error:
         raise StateError(str(error)) from error
     about = stored.about
@@ -104,7 +129,19 @@ def read(path: Path) -> Kept:
         raise StateError(f"{path}: not a readable saved state: a seed is out of range")
     if abs(episode) >= LARGEST_EPISODE or not 0 <= steps < LARGEST_SEED:
         raise StateError(f"{path}: not a readable saved state: episode or steps are out of range")
-    if commands.ndim != 2 or commands.dtype != np.int64:
+    numbers = arrays.get("numbers")
+    if numbers is not None and not np.isfinite(numbers).all():
+        raise StateError(f"{path}: not a readable saved state: numbers are not finite")
+    texts, counts = (about["version"], about["scenario_hash"]), (world_seed, seed, episode, steps)
+    return Kept(*texts, *counts, about["digest"], about.get("before"), arrays["commands"], numbers)
+
+
+def _check_forms(path: Path, forms: dict[str, Any]) -> None:
+    """Raise StateError unless arrays have the types and the dimensions that they must have."""
+    shape, dtype = forms["commands"]
+    if len(shape) != 2 or dtype != np.int64:
         raise StateError(f"{path}: not a readable saved state: commands are wrong")
-    texts, numbers = (about["version"], about["scenario_hash"]), (world_seed, seed, episode, steps)
-    return Kept(*texts, *numbers, about["digest"], about.get("before"), commands)
+    if "numbers" in forms:
+        more, dtype = forms["numbers"]
+        if more[:2] != shape or len(more) != 3 or more[2] > AIMS or dtype != np.float64:
+            raise StateError(f"{path}: not a readable saved state: numbers are wrong")

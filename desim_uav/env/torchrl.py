@@ -38,9 +38,14 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
     (num_envs, numbers), ``info`` with what all drones share, and ``done``, ``terminated`` and
     ``truncated``, (num_envs, 1), because the episodes of all drones end together.
 
+    In free flight, ``action`` has the numbers of commands, from -1 to 1, float32 (num_envs, drones,
+    numbers), and the mask is called ``allowed``, because it is not one of these numbers. A fleet in
+    which only some types fly freely is refused.
+
     The values are those of ``UavParallelVectorEnv`` (the attribute ``vector``), bit for bit where
     float32 holds them. ``set_seed(s)`` counts from the next reset of all environments on:
-    environment k has the seed s + k. ``rand_action`` chooses among the allowed actions. Ended
+    environment k has the seed s + k. ``rand_action`` chooses among the allowed actions, or draws
+    numbers. Ended
     environments are begun again by ``reset`` with a ``_reset`` mask, as TorchRL's rollouts and
     collectors do.
     """
@@ -81,7 +86,6 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
         vector = self.vector
         count, drones = vector.num_envs, vector.drones
         world = vector.sessions[0].world
-        world.scenario.require_cells("an environment for TorchRL")
         shown, actions = features(world), len(world.actions)
         low, high = (
             torch.tensor([getattr(feature, end) for feature in shown], dtype=torch.float32)
@@ -94,15 +98,28 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
         own, shared = self._infos(vector.infos())
         group = {
             "observation": Bounded(low.expand(shape), high.expand(shape), shape),
-            "action_mask": mask,
+            self._mask_name: mask,
             "info": _unbounded(own),
         }
         self.observation_spec = self._spec(
             group, state=Bounded(0.0, 1.0, of_all, dtype=torch.float32), info=_unbounded(shared)
         )
-        self.action_spec = self._spec({"action": Categorical(actions, (count, drones))})
+        self.action_spec = self._spec({"action": self._action_spec()})
         self.reward_spec = self._spec({"reward": Unbounded((count, drones, 1))})
         self.done_spec = Composite(ends, shape=(count,)).to(self.device)
+
+    @property
+    def _mask_name(self) -> str:
+        """The key of the masks."""
+        return "allowed" if self.vector.free else "action_mask"
+
+    def _action_spec(self) -> Any:
+        """Return the spec of the actions of all drones."""
+        vector, world = self.vector, self.vector.sessions[0].world
+        shape = (vector.num_envs, vector.drones)
+        if vector.free:
+            return Bounded(-1.0, 1.0, (*shape, world.command_numbers), dtype=torch.float32)
+        return Categorical(len(world.actions), shape)
 
     def _spec(self, of_drones: dict[str, Any], **others: Any) -> Composite:
         group = Composite(of_drones, shape=(self.vector.num_envs, self.vector.drones))
@@ -131,9 +148,12 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
         return told
 
     def rand_action(self, tensordict: TensorDictBase | None = None) -> TensorDictBase:
-        """Choose actions at random, among those that are allowed now."""
+        """Choose actions at random, among those that are allowed now, or numbers from -1 to 1."""
         masks = torch.from_numpy(self.vector.action_masks())
-        drawn = torch.multinomial(masks.flatten(0, 1).float(), 1).view(masks.shape[:2])
+        if self.vector.free:
+            drawn = self.full_action_spec[GROUP, "action"].rand()
+        else:
+            drawn = torch.multinomial(masks.flatten(0, 1).float(), 1).view(masks.shape[:2])
         if tensordict is None:
             tensordict = TensorDict({}, self.batch_size, device=self.device)
         if tensordict.get(GROUP, None) is None:
@@ -158,7 +178,7 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
         own, shared = self._infos(infos)
         drones = {
             "observation": self._tensor(seen.astype(np.float32, copy=False)),
-            "action_mask": self._tensor(infos["action_mask"].view(np.bool_)),
+            self._mask_name: self._tensor(infos["action_mask"].view(np.bool_)),
             "info": own,
         }
         over = self.vector.outputs.over

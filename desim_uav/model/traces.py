@@ -42,12 +42,18 @@ def _bounded(number: N) -> N:
     return number
 
 
-def read_table(path: Path, columns: Mapping[str, Callable[[str], Any]]) -> list[tuple[Any, ...]]:
+Parsers = Mapping[str, Callable[[str], Any]]
+"""The names of columns, and what parses their values."""
+
+
+def read_table(path: Path, columns: Parsers, optional: Parsers | None = None) -> list[Any]:
     """Return the rows of a CSV file with the given columns (in any order), each value parsed.
 
-    The line number of each row is appended to it. Raises ValueError with file and line.
+    Values of columns that are ``optional`` follow; they are None where there is none. The line
+    number of each row is appended to it. Raises ValueError with file and line.
     """
-    return list(_read_table(path, tuple(columns.items()), version_of(path)))
+    more = tuple((optional or {}).items())
+    return list(_read_table(path, tuple(columns.items()), more, version_of(path)))
 
 
 Version = tuple[str, int, int]
@@ -73,10 +79,14 @@ def bytes_of(path: Path) -> bytes:
         raise ValueError(f"{path}: {error}") from error
 
 
+Named = tuple[tuple[str, Callable[[str], Any]], ...]
+
+
 @lru_cache(maxsize=16)
 def _read_table(
     path: Path,
-    columns: tuple[tuple[str, Callable[[str], Any]], ...],
+    columns: Named,
+    optional: Named,
     version: Version,
 ) -> list[tuple[Any, ...]]:
     """Read the file at this version."""
@@ -85,27 +95,34 @@ def _read_table(
     except UnicodeDecodeError as error:
         raise ValueError(f"{path}: it is not UTF-8 text") from error
     try:
-        return _rows(path, csv.DictReader(io.StringIO(text, newline=""), strict=True), columns)
+        reader = csv.DictReader(io.StringIO(text, newline=""), strict=True)
+        return _rows(path, reader, columns, optional)
     except csv.Error as error:
         raise ValueError(f"{path}: {error}") from error
 
 
 def _rows(
-    path: Path, reader: csv.DictReader[str], columns: tuple[tuple[str, Callable[[str], Any]], ...]
+    path: Path, reader: csv.DictReader[str], columns: Named, optional: Named
 ) -> list[tuple[Any, ...]]:
     names = ", ".join(name for name, _ in columns)
     missing = [name for name, _ in columns if name not in (reader.fieldnames or [])]
     if missing:
         raise ValueError(f"{path}:1: no column {missing[0]!r}; expected the columns {names}")
+    parsers = (*columns, *((name, _if_any(parse)) for name, parse in optional))
     rows = []
     for row in reader:
         values = []
-        for name, parse in columns:
+        for name, parse in parsers:
             try:
-                values.append(parse((row[name] or "").strip()))
+                values.append(parse((row.get(name) or "").strip()))
             except ValueError as error:
                 raise ValueError(
                     f"{path}:{reader.line_num}: {name}: {row[name]!r}: {error}"
                 ) from error
         rows.append((*values, reader.line_num))
     return rows
+
+
+def _if_any(parse: Callable[[str], Any]) -> Callable[[str], Any]:
+    """Return a parser for which an empty text is None."""
+    return lambda text: parse(text) if text else None

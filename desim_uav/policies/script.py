@@ -4,14 +4,25 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
+from desim_uav.drone_type import DroneType
 from desim_uav.errors import PolicyError
-from desim_uav.model.rules import Action, fastest_of
+from desim_uav.model.rules import Action, fastest_of, kind_of
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.model.traces import index, read_table
 from desim_uav.registry import did_you_mean, register
+from desim_uav.rules.decide import can_take
 from desim_uav.world import World
+
+FLOWN = ("aim_x", "aim_y", "aim_z")
+CRUISE, CHARGE = "aim_cruise", "aim_charge"
+NUMBERS = (*FLOWN, CRUISE, CHARGE)
+"""The columns of the numbers of a command of free flight, named as in the table of steps."""
+
+Given = dict[str, float | None]
+"""The numbers of a row, by their columns; None where the row has none."""
 
 
 @register("policy", "script")
@@ -19,7 +30,9 @@ class Script:
     """Takes actions from a CSV file with the columns step (from 0), drone and action (a name).
 
     A drone hovers at steps that the file leaves out. If commands choose a cruise speed, an action
-    is written ``right@8.3``; ``right`` is the move at the highest speed.
+    is written ``right@8.3``; ``right`` is the move at the highest speed. The action ``fly`` of free
+    flight has its numbers in the columns aim_x, aim_y and so on; they are ignored beside any other
+    action. Without aim_charge, the drone does not wish to charge.
     """
 
     ceiling = True
@@ -30,35 +43,60 @@ class Script:
             raise ValueError("a script needs its file: script:FILE.csv")
         self.file = Path(file)
         columns = {"step": index, "drone": index, "action": _action}
-        rows = read_table(self.file, columns)
+        rows = read_table(self.file, columns, dict.fromkeys(NUMBERS, _share))
         self.commands: dict[tuple[int, int], str] = {}
-        for step, drone, action, line in rows:
-            if (step, drone) in self.commands:
+        self._given: dict[tuple[int, int], Given] = {}
+        self._lines: dict[tuple[int, int], int] = {}
+        for step, drone, action, *numbers, line in rows:
+            at = step, drone
+            if at in self.commands:
                 raise ValueError(f"{file}:{line}: drone {drone} has two actions at step {step}")
-            self.commands[step, drone] = action
-        self._lines = {(step, drone): line for step, drone, _, line in rows}
+            self.commands[at], self._lines[at] = action, line
+            self._given[at] = dict(zip(NUMBERS, numbers, strict=True))
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Check the script. Raises PolicyError if it does not fit the scenario."""
-        world.scenario.require_cells("a script of actions")
-        self._index = {a.name.lower(): k for a, k in fastest_of(world.actions).items()}
-        self._index |= {action.name.lower(): k for k, action in enumerate(world.actions)}
+        names = {a.name.lower(): k for a, k in fastest_of(world.actions).items()}
+        names |= {action.name.lower(): k for k, action in enumerate(world.actions)}
+        self._hover = names["hover"]
+        self._told: dict[tuple[int, int], Any] = {}
         drones = world.scenario.drone_count
-        for (step, drone), action in self.commands.items():
-            where = f"{self.file}:{self._lines[step, drone]}"
+        for at, action in self.commands.items():
+            where, drone = f"{self.file}:{self._lines[at]}", at[1]
             if drone >= drones:
                 raise PolicyError(f"{where}: drone: {drone}: must be from 0 to {drones - 1}")
-            if action not in self._index:
-                allowed = ", ".join(a.name.lower() for a in world.actions)
-                raise PolicyError(
-                    f"{where}: action: {action!r} does not exist in this scenario; "
-                    f"allowed: {allowed}"
-                )
+            own = world.type_of(drone)
+            _check_name(world, own, action, drone, where)
+            numbers = action == Action.FLY.name.lower()
+            self._told[at] = _flight(own, self._given[at], where) if numbers else names[action]
 
-    def act(self, observation: Observation, mask: Sequence[bool]) -> int:
-        """Return the action in the file, or "hover" if it has none for this step and drone."""
-        action = self.commands.get((observation.step, observation.drone), "hover")
-        return self._index[action]
+    def act(self, observation: Observation, mask: Sequence[bool]) -> Any:
+        """Return the command in the file, or "hover" if it has none for this step and drone."""
+        return self._told.get((observation.step, observation.drone), self._hover)
+
+
+def _check_name(world: World, own: DroneType, action: str, drone: int, where: str) -> None:
+    """Raise PolicyError unless an action is one that a drone of a type can be commanded."""
+    chosen = [each for each in world.actions if can_take(int(each), own.free)]
+    allowed = [each.name.lower() for each in chosen]
+    if action in allowed or action in [kind_of(each).name.lower() for each in chosen]:
+        return
+    whose = f"is not an action of drone {drone}"
+    problem = whose if world.mixed else "does not exist in this scenario"
+    raise PolicyError(f"{where}: action: {action!r} {problem}; allowed: {', '.join(allowed)}")
+
+
+def _flight(own: DroneType, given: Given, where: str) -> list[float]:
+    """Return the numbers of a command of free flight. Raises PolicyError if some are missing."""
+    needed = list(FLOWN[: own.scenario.map.dimensions])
+    needed += [CRUISE] * own.chooses_cruise
+    known = [*needed, *([CHARGE] if own.limited else [])]
+    for name, value in given.items():
+        if name in needed and value is None:
+            raise PolicyError(f"{where}: {name}: missing; to fly takes {', '.join(needed)}")
+        if name not in known and value:
+            raise PolicyError(f"{where}: {name}: {value:g}: to fly takes {', '.join(known)} only")
+    return [0.0 if (value := given[name]) is None else value for name in known]
 
 
 def _action(text: str) -> str:
@@ -67,3 +105,11 @@ def _action(text: str) -> str:
         hint = did_you_mean(name, known)
         raise ValueError(f"not an action{hint}; allowed: {', '.join(known)}")
     return name
+
+
+def _share(text: str) -> float:
+    """Parse a number from -1 to 1."""
+    number = float(text)
+    if not -1.0 <= number <= 1.0:
+        raise ValueError("must be from -1 to 1")
+    return number

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from desim_uav.errors import PolicyError
+from desim_uav.errors import PolicyError, ScenarioError
 from desim_uav.experiment.run import play
 from desim_uav.policies import load_policy
 from desim_uav.scenario.load import load
@@ -198,3 +198,12 @@ def test_the_script_writes_a_policy(tmp_path: Path, monkeypatch, capsys):
     assert train_benchmarl.main(["case8", str(file), "--algorithm", "vdn", "--steps", "60"]) == 0
     assert load_policy(str(file)).about["training"]["steps_done"] == 60
     assert capsys.readouterr().out.endswith(f"--policy {file}\n")
+
+
+def test_free_flight_is_refused_by_name():
+    from desim_uav.env.benchmarl import UavTask
+    from tests.env.test_free_envs import scenario
+
+    make_env = UavTask.of(scenario()).get_env_fun(2, False, 0, "cpu")
+    with pytest.raises(ScenarioError, match="a task of BenchMARL needs drones that fly from cell"):
+        make_env()

@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from desim_uav.env import UavParallelEnv
+from desim_uav.errors import ScenarioError
+from tests.env import test_free_envs, test_mixed_envs
 from tests.env.helpers import BRITTLE
 
 pytestmark = [
@@ -115,6 +117,75 @@ def compare(told: Any, plain: UavParallelEnv, shown: Any, infos: Any) -> None:
 def exactly(told: Any, expected: Any) -> None:
     values = told.numpy()
     assert np.array_equal(values, np.asarray(expected).astype(values.dtype))
+
+
+# ---- free flight
+
+FREE: dict[str, dict[str, Any]] = {
+    "2D": test_free_envs.scenario(),
+    "3D": {**test_free_envs.choosing(3), "observation": {"kind": "local"}},
+    "unlimited": test_free_envs.scenario(limited=False),
+    "by event": {**test_free_envs.scenario(), "decisions": {"kind": "event", "patience_s": 20}},
+}
+
+
+def free(kind: str, num_envs: int, **settings: Any) -> Any:
+    from desim_uav.env.torchrl import UavTorchEnv
+
+    return UavTorchEnv(FREE[kind], num_envs, **settings)
+
+
+@pytest.mark.parametrize("kind", FREE)
+def test_specs_hold_in_free_flight(kind: str):
+    from torchrl.envs.utils import check_env_specs
+
+    numbers = {"2D": 3, "3D": 5, "unlimited": 2, "by event": 3}[kind]
+    env = free(kind, 3, config={"episode.steps": 2})
+    check_env_specs(env, break_when_any_done="both")
+    assert env.full_action_spec["drone", "action"].shape == (3, 2, numbers)
+    told = free(kind, 3, seed=1).rollout(60, break_when_any_done=False)
+    assert told["next", "done"].sum() >= 3
+    for step in told.unbind(1):
+        assert env.full_observation_spec.is_in(step.select(*env.observation_keys))
+        assert env.full_action_spec.is_in(step.select(*env.action_keys))
+        assert env.full_observation_spec.is_in(step["next"].select(*env.observation_keys))
+
+
+@pytest.mark.parametrize("kind", FREE)
+def test_each_environment_of_free_flight_is_the_one_with_its_seed(kind: str):
+    """Row k of a rollout over whole episodes is that of ``UavParallelEnv``, seed 5 + k, SimPy."""
+    import torch
+
+    torch.manual_seed(0)
+    told = free(kind, 2, seed=5, world_seed=1).rollout(60, break_when_any_done=False)
+    assert (told["next", "done"].sum(dim=1) >= 1).all()
+    for k, row in enumerate(told):
+        plain = UavParallelEnv(FREE[kind], world_seed=1)
+        shown, _ = plain.reset(seed=5 + k)
+        for step in row:
+            exactly(step["drone", "observation"], [one["observation"] for one in shown.values()])
+            exactly(step["drone", "allowed"], [one["allowed"] for one in shown.values()])
+            exactly(step["state"], plain.state())
+            actions = dict(zip(plain.agents, step["drone", "action"].numpy(), strict=True))
+            shown, paid, terminated, truncated, infos = plain.step(actions)
+            following = step["next"]
+            exactly(following["drone", "reward"].flatten(), list(paid.values()))
+            assert set(terminated.values()) == {bool(following["terminated"])}
+            assert set(truncated.values()) == {bool(following["truncated"])}
+            for name in ("qoe3_percent", "sim_time_s", "requests"):
+                exactly(following["info", name], infos["drone_0"][name])
+            if following["done"]:
+                shown, _ = plain.reset()
+
+
+def test_a_fleet_of_both_kinds_is_refused():
+    from desim_uav.env.torchrl import UavTorchEnv
+
+    with pytest.raises(ScenarioError, match="needs drones of one of the two kinds"):
+        UavTorchEnv(test_mixed_envs.scenario(), 2)
+
+
+# ---- the rest
 
 
 def test_seeds_and_whole_state():

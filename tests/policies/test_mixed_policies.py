@@ -149,13 +149,6 @@ def test_planners_need_drones_of_one_type(policy: str):
         flown(limited(), policy)
 
 
-def test_a_script_needs_drones_by_cells(tmp_path):
-    file = tmp_path / "mine.csv"
-    file.write_text("step,drone,action\n0,0,right\n")
-    with pytest.raises(ScenarioError, match="a script of actions needs drones that fly from cell"):
-        flown(limited(), f"script:{file}")
-
-
 def test_learners_with_tables_and_bounds_need_drones_by_cells():
     with pytest.raises(ScenarioError, match="a learner with a table needs drones that fly from"):
         Training(limited(), 0)

@@ -65,7 +65,13 @@ class UavTask(TaskClass):  # type: ignore[misc]
     ) -> Callable[[], EnvBase]:
         """Return a function that makes a batch of ``num_envs`` environments."""
         first = None if seed is None else FIRST_SEED + seed * num_envs
-        return lambda: UavTorchEnv(num_envs=num_envs, seed=first, device=device, **self.config)
+
+        def made() -> EnvBase:
+            env = UavTorchEnv(num_envs=num_envs, seed=first, device=device, **self.config)
+            env.vector.sessions[0].scenario.require_cells("a task of BenchMARL")
+            return env
+
+        return made
 
     def supports_continuous_actions(self) -> bool:
         """Return False: actions are discrete."""
