@@ -197,7 +197,7 @@ def test_a_return_goes_where_the_wind_leads_it():
 
 def test_the_table_of_legs_has_both_directions():
     world = windy([5, 0], rotary(30.0))
-    found = legs_j(world)
+    found = legs_j(world.type_of(0))
     assert found["right, 60 s"] != found["left, 60 s"]
     assert {"return along x, 19.8 s", "return along -x, 49.2 s"} <= set(found)
 
