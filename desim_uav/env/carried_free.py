@@ -26,7 +26,7 @@ LANDED = (Mode.QUEUED, Mode.CHARGING, Mode.CHARGED)
 
 
 def plain(one: CarriedDrone, leg: FreeCarried) -> list[Any]:
-    """Return the leg of a drone as plain data, without what an earlier leg has left there."""
+    """Return the leg of a drone as plain data, without values that an earlier leg has left."""
     limited = one.mode is Mode.FLYING and leg[:3] != leg[3:6] and leg.limit_mps < math.inf
     home = leg[7:] if one.mode is Mode.RETURNING else NOWHERE
     return [*map(float, leg[:6]), float(leg.limit_mps) if limited else None, *map(int, home)]
@@ -35,7 +35,7 @@ def plain(one: CarriedDrone, leg: FreeCarried) -> list[Any]:
 def on_leg(
     one: CarriedDrone, value: Any, hop: Any, world: World, ceiling: bool, own: DroneType
 ) -> CarriedDrone:
-    """Return a drone with the leg that plain data describes. Raises ValueError if it has no such.
+    """Return a drone with the leg that plain data describes. Raises ValueError if it has none.
 
     ``hop`` says where the leg of a return leads, in cells.
     """

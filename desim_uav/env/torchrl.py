@@ -39,15 +39,14 @@ class UavTorchEnv(EnvBase):  # type: ignore[misc]
     ``truncated``, (num_envs, 1), because the episodes of all drones end together.
 
     In free flight, ``action`` has the numbers of commands, from -1 to 1, float32 (num_envs, drones,
-    numbers), and the mask is called ``allowed``, because it is not one of these numbers. A fleet in
+    numbers), and the mask is called ``allowed``, because it does not mask these numbers. A fleet in
     which only some types fly freely is refused.
 
     The values are those of ``UavParallelVectorEnv`` (the attribute ``vector``), bit for bit where
     float32 holds them. ``set_seed(s)`` counts from the next reset of all environments on:
     environment k has the seed s + k. ``rand_action`` chooses among the allowed actions, or draws
-    numbers. Ended
-    environments are begun again by ``reset`` with a ``_reset`` mask, as TorchRL's rollouts and
-    collectors do.
+    numbers. Environments whose episodes have ended are begun again by ``reset`` with a ``_reset``
+    mask, as TorchRL's rollouts and collectors do.
     """
 
     def __init__(

@@ -161,7 +161,7 @@ class FreeLegs:
     def leg(self, way: Way, length_m: float, cruise_mps: float = ANY_SPEED) -> FreeLeg:
         """Return the leg of a command, at a cruise speed if commands choose one.
 
-        It is that of ``rules.free_flight.steer``: at a low speed it is no slower than a step.
+        It is that of ``rules.free_flight.steer``: even at a low speed it ends within a step.
         """
         leg = leg_between(self.limits, way.wind, ANY_SPEED, ORIGIN, _end(way, length_m))
         if self.choice is None or cruise_mps == ANY_SPEED:
@@ -171,7 +171,7 @@ class FreeLegs:
         return leg_between(self.limits, way.wind, limit_mps, ORIGIN, _end(way, length_m))
 
     def leg_at(self, way: Way, length_m: float, level_mps: float) -> FreeLeg:
-        """Return the quickest leg if this were the highest level speed through the air."""
+        """Return the quickest leg whose level speed through the air is at most ``level_mps``."""
         limits = no_faster(self.own.space.limits, level_mps)
         return leg_between(limits, way.wind, ANY_SPEED, ORIGIN, _end(way, length_m))
 

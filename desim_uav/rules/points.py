@@ -1,7 +1,7 @@
-"""Access points, which serve without end: what happens to their links is known for a step ahead.
+"""Access points serve all the time: what happens to their links is computed for a step ahead.
 
-By clock, a step begins with each decision epoch. By event, it may end between two of them, and
-access points are then looked at by an event of their own.
+By clock, a step begins with each decision epoch. By event, it may end between two of them; an event
+of its own then computes the next step.
 """
 
 from __future__ import annotations

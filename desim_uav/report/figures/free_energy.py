@@ -23,7 +23,7 @@ RAMP_PARTS = 24
 """The number of pieces of which the power of a ramp is drawn."""
 
 MANY = 4.0
-"""How many times the energy per metre of the best way may be that of another one that is shown."""
+"""The axes show the least energy per metre of a way up to this many times that of the best way."""
 
 SHORTEST = 0.02
 """The shortest leg that is drawn, as a share of the longest one."""
@@ -56,7 +56,7 @@ def draw_per_metre(axes: Axes, legs: FreeLegs) -> None:
 
 
 def over_speed(legs: FreeLegs, way: Way) -> tuple[Floats, Floats]:
-    """Return speeds through the air, and the J/m of the typical leg that cruises at most at them.
+    """Return highest speeds through the air, and the J/m of a typical leg that keeps to each.
 
     The highest speed is that of commands. The energy is NaN at speeds at which drones cannot fly.
     """
