@@ -17,7 +17,8 @@ from desim_uav.world import World
 Place = tuple[float, float, float]
 
 TOUCH_M = 1e-4
-"""How far from a wall, a roof or the border of a cell nothing is known for certain."""
+"""How far from a wall, a roof or the border of a cell nothing is known for certain. A link whose
+line of sight is drawn may change when its user or its transmitter has moved by so much."""
 
 
 class Draws(NamedTuple):
@@ -106,7 +107,8 @@ def _clear(world: World, radio: Any, uniform: float, ends: tuple[Place, Place]) 
         return [deepest_m <= 0.0] if abs(deepest_m) > TOUCH_M else [False, True]
     (ux, uy, uz), (x, y, z) = ends
     elevation = math.degrees(math.atan2(z - uz, math.hypot(x - ux, y - uy)))
-    seen = [uniform < radio.path_loss.p_los(elevation + turn) for turn in (-1e-5, 1e-5)]
+    turn = max(1e-5, math.degrees(TOUCH_M / max(math.dist(*ends), TOUCH_M)))
+    seen = [uniform < radio.path_loss.p_los(elevation + by) for by in (-turn, turn)]
     return list(dict.fromkeys(seen))
 
 
