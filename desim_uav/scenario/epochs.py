@@ -49,7 +49,7 @@ def shortest_leg_s(scenario: Scenario, drones: Drones) -> float:
 
 
 def decisions_by_event_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:
-    """What cannot be decided by event."""
+    """Yield a finding for each thing that is refused beside decisions by event."""
     if not scenario.decisions.by_event:
         return
     for drones, path in zip(scenario.fleet, scenario.fleet_keys, strict=True):

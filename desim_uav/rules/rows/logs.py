@@ -1,4 +1,4 @@
-"""What an episode notes for its log."""
+"""Rows for the log: records of steps, legs, events, closed requests and handovers."""
 
 from __future__ import annotations
 
