@@ -37,7 +37,7 @@ class Way(NamedTuple):
 
     @property
     def level(self) -> bool:
-        """Whether its legs neither climb nor descend."""
+        """Whether all legs in this direction are level."""
         return self.ahead[2] == 0.0
 
 

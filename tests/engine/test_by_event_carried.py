@@ -276,7 +276,7 @@ FLOWN = {"depart", "blocked", "arrive", "land", "charge", "charged", "deplete", 
 
 
 def flown(log: EpisodeLog, since_us: int = 0) -> list[tuple[Any, ...]]:
-    """What drones did, and when they were asked."""
+    """Return what each drone did in an episode, and the times at which it was asked."""
     kinds = {*FLOWN, "decide"}
     return [(e[0] + since_us, *e[1:7]) for e in log.events or () if e[2] in kinds]
 

@@ -35,6 +35,7 @@ from tests.engine.helpers import (
 from tests.engine.random_asked import cut, scenario, together, world_of
 from tests.engine.random_radio import audited
 from tests.engine.replay import check_log
+from tests.engine.test_access_points import radio as usual_radio
 from tests.engine.test_by_event import asked
 from tests.selection import by_default
 from tests.verification.engines import SUMS, differences, engines, row
@@ -48,18 +49,8 @@ SPEED, RAMP_S, RAMP_M = 8.3, 8.3 / 4, 8.3 * 8.3 / 8
 
 
 def radio(**changes: Any) -> dict[str, Any]:
-    """Levels are 100 dBm - 20 log10(d / 1 m), and noise is 0 dBm."""
-    return {
-        "kind": "link_classes",
-        "power_dbm": 100,
-        "bandwidth_mhz": 1,
-        "noise_figure_db": 0,
-        "noise_dbm_per_hz": -60,
-        "path_loss": {"kind": "log_distance", "exponent": 2, "at_1m_db": 0},
-        "classes": [{"snr_db": 30, "bit_s_hz": 1}],
-        "sharing": "equal",
-        **changes,
-    }
+    """The radio of ``test_access_points``, whose only class begins at 30 dB here."""
+    return usual_radio(**{"classes": [{"snr_db": 30, "bit_s_hz": 1}], **changes})
 
 
 def road(
