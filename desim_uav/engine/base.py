@@ -224,5 +224,9 @@ COUNTS = ("attached_users", "crashes", "requests", "elapsed_steps", "forced")
 """The names of the counts of an episode under way: users attached now, crashes, requests, the steps
 since the last free decision, and whether there is no choice now."""
 
+OF_STEP = ("duration_steps", "discount")
+"""The names of what is told of the step that ends now: how long it has lasted, in steps of the
+scenario, and the discount of what follows it (see ``model.decisions.discount_of``)."""
+
 OWN_COUNTS = ("attached_users", "crashes", "elapsed_steps", "forced")
 """The names of those counts that each drone has of its own."""

@@ -13,7 +13,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS, OWN_COUNTS
-from desim_uav.env.compiled import COUNTED, MEASURED, OWN_COUNTED, as_counts, states_of
+from desim_uav.env.compiled import COUNTED, MEASURED, NUMBERS, OWN_COUNTED, as_counts, states_of
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Flags, Many, Seed
 from desim_uav.env.session import real_numbers, whole_numbers
@@ -163,7 +163,8 @@ class UavParallelVectorEnv(Many):
         columns: dict[str, Any] = dict(zip(COUNTS, whole, strict=True))
         columns |= zip(OWN_COUNTS, as_counts(OWN_COUNTS, own[:OWN_COUNTED], world), strict=True)
         values = (*numbers[:MEASURED].copy(), *seeds.copy(), *columns.values())
-        infos = dict(zip(self.sessions[0].keys, (*values, *own[OWN_COUNTED:].copy()), strict=True))
+        others = (*numbers[COUNTED:NUMBERS].copy(), *own[OWN_COUNTED:].copy())
+        infos = dict(zip(self.sessions[0].keys, (*values, *others), strict=True))
         infos["action_mask"] = self._masks.copy() if self.copy else self._masks
         return infos
 

@@ -139,9 +139,9 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         have it; the entries of the others are 0.
         """
         numbers, seeds = self.outputs.numbers.T.copy(), self._seeds.T.copy()
-        measures, counts, terms = numbers[:MEASURED], numbers[MEASURED:COUNTED], numbers[COUNTED:]
+        measures, counts, others = numbers[:MEASURED], numbers[MEASURED:COUNTED], numbers[COUNTED:]
         whole = as_counts(COUNTS, counts, self.sessions[0].world)
-        columns = (*measures, *seeds, *whole, *terms)
+        columns = (*measures, *seeds, *whole, *others)
         arrays = dict(zip(self.sessions[0].keys, columns, strict=True))
         infos: dict[str, Any] = {}
         for key, array in {**arrays, "action_mask": self.outputs.masks.copy()}.items():

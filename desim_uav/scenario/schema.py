@@ -494,6 +494,10 @@ class Scenario(Section):
         if self.decisions.by_event:
             raise ScenarioError(f"decisions: event: {what} needs decisions: clock")
 
+    def require_one_discount(self, library: str) -> None:
+        """Raise ScenarioError for a library with one discount, unless drones decide by clock."""
+        self.require_clock(f"{library}, which has one discount for transitions of any duration,")
+
     @property
     def free(self) -> bool:
         """Do drones, or some types of them, fly freely and not from cell to cell?"""
