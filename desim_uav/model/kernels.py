@@ -32,6 +32,7 @@ from desim_uav.model.numba_parts import (
     let_kernels_call,
 )
 from desim_uav.notices import notice
+from desim_uav.regular_file import content_of, new_file
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -54,6 +55,7 @@ NOWHERE = (
 )
 
 CHECKSUM = hashlib.sha256().digest_size
+MOST_BYTES = 2**30
 
 
 def kernel(function: F) -> F:
@@ -194,7 +196,7 @@ class CodeFile:
         Raises ValueError if the file is damaged.
         """
         try:
-            content = self.path.read_bytes()
+            content = content_of(self.path, MOST_BYTES)
         except FileNotFoundError:
             return {}
         checksum, rest = content[:CHECKSUM], content[CHECKSUM:]
@@ -220,7 +222,8 @@ class CodeFile:
         rest = self.origin + dumps(signatures)
         draft = self.path.with_name(f"{self.path.name}.{uuid4().hex[:16]}")
         try:
-            draft.write_bytes(hashlib.sha256(rest).digest() + rest)
+            with new_file(draft) as file:
+                file.write(hashlib.sha256(rest).digest() + rest)
             draft.replace(self.path)
         except BaseException:
             draft.unlink(missing_ok=True)
