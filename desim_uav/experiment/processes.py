@@ -30,7 +30,7 @@ NO_FILE = (
 NO_START = (
     "a process that runs a part of the work has ended before it began, perhaps with a message "
     "above. It first runs the script again, so a script must do its work under "
-    "`if __name__ == \"__main__\":`; or run one at a time (-j 1, jobs=1)"
+    '`if __name__ == "__main__":`; or run one at a time (-j 1, jobs=1)'
 )
 
 
