@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from desim_uav.cli import options
-from desim_uav.cli.ending import complain, end_politely
+from desim_uav.cli.ending import complain
 from desim_uav.cli.plain import Command, Group
 
 app = typer.Typer(
@@ -129,7 +129,6 @@ def run(
     """Evaluate a policy by the protocol, and write a submission that can be replayed."""
     import desim_uav as du
 
-    end_politely()
     interrupted = None
     try:
         done = du.bench_run(
@@ -179,7 +178,6 @@ def verify(
     """Replay a submission bit for bit, and name every difference."""
     import desim_uav as du
 
-    end_politely()
     try:
         said = du.bench_verify(folder, decide=decide, jobs=jobs, progress=not quiet)
     except KeyboardInterrupt:

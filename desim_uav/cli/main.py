@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import sys
 from collections.abc import Callable
+from contextlib import suppress
 from functools import cache
 from typing import Annotated, Any, NoReturn
 
@@ -16,7 +17,7 @@ from desim_uav.cli import basics, bench, gallery, learning, pictures, runs
 from desim_uav.cli.ending import complain
 from desim_uav.cli.plain import Command, Group
 from desim_uav.errors import DesimError, UsageError
-from desim_uav.experiment.interrupt import leave
+from desim_uav.experiment.interrupt import INTERRUPTED, end_politely, leave
 
 app = typer.Typer(
     help="Exact discrete-event simulation of UAV-enabled wireless networks.",
@@ -49,11 +50,14 @@ COMMANDS: list[Callable[..., None]] = [
 
 def main() -> NoReturn:
     """Run the command line; after an interruption, end the process without freeing its memory."""
-    try:
-        _main()
-    except SystemExit as end:
-        leave(end.code if isinstance(end.code, int) else 1)
-        raise
+    code = INTERRUPTED
+    with suppress(KeyboardInterrupt):  # a further Ctrl-C, while the first one is being handled
+        try:
+            _main()
+        except SystemExit as end:
+            code = end.code if isinstance(end.code, int) else 1
+    leave(code)
+    sys.exit(code)
 
 
 def _main() -> NoReturn:
@@ -70,7 +74,7 @@ def _main() -> NoReturn:
         complain(str(error))
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
-        sys.exit(130)
+        sys.exit(INTERRUPTED)
     except OSError as error:
         if not isinstance(error, BrokenPipeError):
             complain(str(error))
@@ -95,6 +99,7 @@ def _root(
     if version:
         print(f"desim-uav {__version__}")
         raise typer.Exit
+    end_politely()
     context.with_resource(begun_by(["desim-uav", *sys.argv[1:]], complain))
     if context.invoked_subcommand != "doctor":
         _check_environment()

@@ -18,6 +18,7 @@ from desim_uav.engine.base import COUNTS, MEASURES, OF_STEP, RunSettings
 from desim_uav.engine.constants import term_names
 from desim_uav.engine.des import Simulation
 from desim_uav.engine.episode import Engine
+from desim_uav.env.alone import OneThread
 from desim_uav.env.tasks import Tasks
 from desim_uav.model.decisions import discount_of
 from desim_uav.model.rules import US
@@ -58,7 +59,7 @@ class Session(Independent):
         are drawn at once, which is faster than one by one but takes more memory. Raises
         ScenarioError if the engine cannot run the scenario.
         """
-        self.tasks = tasks
+        self.tasks, self.guard = tasks, OneThread()
         self.scenario = scenario = tasks.stages[0][1]
         self.drones = scenario.drone_count
         self.shape: tuple[int, ...] = () if self.drones == 1 else (self.drones,)

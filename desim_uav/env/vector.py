@@ -12,6 +12,7 @@ from gymnasium.vector.utils import batch_space
 from numpy.typing import NDArray
 
 from desim_uav.engine.base import COUNTS
+from desim_uav.env.alone import alone
 from desim_uav.env.compiled import COUNTED, MEASURED, as_counts
 from desim_uav.env.configure import Source, WorldSeed
 from desim_uav.env.many import Many
@@ -81,6 +82,7 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)
 
+    @alone
     def reset(
         self,
         *,
@@ -99,6 +101,7 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
     def _present(self, which: NDArray[np.bool_]) -> tuple[NDArray[Any], dict[str, Any]]:
         return self._observations(), self.infos(which)
 
+    @alone
     def step(
         self, actions: NDArray[Any]
     ) -> tuple[
@@ -149,6 +152,7 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
             infos[key], infos[f"_{key}"] = array, which.copy()
         return infos
 
+    @alone
     def render(self) -> tuple[NDArray[np.uint8], ...] | None:
         """Return the frame of each environment, (height, width, 3), or None without render mode."""
         if self.render_mode is None:

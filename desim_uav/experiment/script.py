@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from desim_uav.errors import DesimError, PolicyError, UsageError
+from desim_uav.run_folder import file_place, write_whole
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,6 +68,6 @@ def _analyse(analysis: Analysis, runs: pd.DataFrame, picture: Path | None) -> No
     figure = styled(analysis)(runs, picture is not None)
     try:
         if picture is not None and figure is not None:
-            picture.write_bytes(to_bytes(figure, picture.suffix.lower()))
-    except OSError as error:
-        raise UsageError(f"cannot write {picture}: {error.strerror or error}") from error
+            write_whole(file_place(picture), to_bytes(figure, picture.suffix.lower()))
+    except DesimError as error:
+        raise UsageError(str(error)) from error

@@ -35,6 +35,7 @@ from desim_uav.model.numba_parts import (
 )
 from desim_uav.model.value_text import Text, UndescribedError
 from desim_uav.notices import notice
+from desim_uav.regular_file import content_of, new_file
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -62,6 +63,7 @@ NOT_KEPT = (
 )
 
 CHECKSUM = hashlib.sha256().digest_size
+MOST_BYTES = 2**30
 
 
 def kernel(function: F) -> F:
@@ -213,7 +215,7 @@ class CodeFile:
         if self.origin is None:
             return {}
         try:
-            content = self.path.read_bytes()
+            content = content_of(self.path, MOST_BYTES)
         except FileNotFoundError:
             return {}
         checksum, rest = content[:CHECKSUM], content[CHECKSUM:]
@@ -242,7 +244,8 @@ class CodeFile:
         rest = origin + dumps(signatures)
         draft = self.path.with_name(f"{self.path.name}.{uuid4().hex[:16]}")
         try:
-            draft.write_bytes(hashlib.sha256(rest).digest() + rest)
+            with new_file(draft) as file:
+                file.write(hashlib.sha256(rest).digest() + rest)
             draft.replace(self.path)
         except BaseException:
             draft.unlink(missing_ok=True)
