@@ -184,8 +184,8 @@ def load_policy(policy: PolicyLike) -> Policy:
 
     A name is that of a built-in policy, ``FILE.npz`` for a learned table or a network,
     ``script:FILE.csv``, ``sb3:FILE.zip``, ``rllib:DIR``, or ``"package.module:Class"``. A ``Path``
-    needs no prefix. ``PolicyLike`` lists everything else that is accepted. Raises PolicyError for anything that is
-    not a policy or cannot be read.
+    needs no prefix. ``PolicyLike`` lists everything else that is accepted. Raises PolicyError for
+    anything that is not a policy or cannot be read.
     """
     if isinstance(policy, str | Path):
         return _checked(_of_name(policy_name(policy)), policy_name(policy))
