@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from desim_uav.api.study import find_bounds, find_optimum, reproduce, sweep
     from desim_uav.api.tensorboard import TensorBoardCallback
     from desim_uav.api.train import StopTraining, TrainingProgress, TrainingResult, train
+    from desim_uav.api.worlds import build_world
     from desim_uav.engine.base import RunSettings
     from desim_uav.engine.des import Simulation
     from desim_uav.env import (
@@ -45,7 +46,7 @@ if TYPE_CHECKING:
     from desim_uav.sample_path import draw
     from desim_uav.scenario.load import load
     from desim_uav.scenario.schema import Scenario
-    from desim_uav.world import World, build_world
+    from desim_uav.world import World
 
 _PUBLIC = {
     "Comparison": "desim_uav.api.compare",
@@ -79,7 +80,7 @@ _PUBLIC = {
     "bench_list": "desim_uav.api.bench",
     "bench_run": "desim_uav.api.bench",
     "bench_verify": "desim_uav.api.bench",
-    "build_world": "desim_uav.world",
+    "build_world": "desim_uav.api.worlds",
     "compare": "desim_uav.api.compare",
     "compare_runs": "desim_uav.api.compare",
     "counterfactual": "desim_uav.api.fork",

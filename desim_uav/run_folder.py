@@ -13,7 +13,7 @@ import uuid
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, nullcontext, suppress
 from datetime import datetime
-from itertools import takewhile
+from itertools import islice, takewhile
 from pathlib import Path
 from typing import IO, TYPE_CHECKING, Any
 
@@ -21,6 +21,7 @@ from desim_uav.checksums import SUMS, of_files, verify
 from desim_uav.errors import DesimError, PolicyError, ScenarioError, UsageError, in_short
 from desim_uav.records import TABLES, Columns, arrow_schema, misfit
 from desim_uav.regular_file import lock_file, new_file
+from desim_uav.registry import did_you_mean
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -272,6 +273,14 @@ def write_whole(path: Path, content: bytes) -> None:
     _sync_folder(path.parent)
 
 
+def no_such(folder: Path, what: str) -> PolicyError:
+    """Return the error that a folder is not there, with the nearest name beside it."""
+    with suppress(OSError):
+        beside = [path.name for path in islice(folder.parent.iterdir(), 10_000) if path.is_dir()]
+        return PolicyError(f"{folder}: no such {what}{did_you_mean(folder.name, beside)}")
+    return PolicyError(f"{folder}: no such {what}")
+
+
 def read_table(folder: Path, name: str, columns: dict[str, str]) -> pd.DataFrame:
     """Read a table of a finished run.
 
@@ -291,7 +300,7 @@ def read_parts(folder: Path, name: str, columns: dict[str, str]) -> Iterator[pd.
     file = folder / f"{name}.parquet"
     try:
         if not folder.is_dir():
-            raise PolicyError(f"{folder}: no such run folder")
+            raise no_such(folder, "run folder")
         if not file.is_file():
             raise PolicyError(f"{file}: no such table; is {folder} a run folder?")
         verify(file)

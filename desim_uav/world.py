@@ -33,6 +33,7 @@ from desim_uav.model.walking import Area, RowMobility, RowWalks, Walks, compiled
 from desim_uav.registry import naming_plug_ins
 from desim_uav.scenario import cost, layout
 from desim_uav.scenario.epochs import most_epochs
+from desim_uav.scenario.facts import Pairs, as_html, as_text
 from desim_uav.scenario.schema import DrawnObstacles, Scenario
 
 REDRAWS = 100
@@ -85,6 +86,29 @@ class World(Unchanging):
     starts: tuple[Cell, ...]
     clusters: NDArray[np.float64]
     homes: NDArray[np.float64]
+
+    def __repr__(self) -> str:
+        return as_text(f"World {self.seed} of {self.scenario.name}", self._facts())
+
+    def _repr_html_(self) -> str:
+        return as_html(f"World {self.seed} of {self.scenario.name}", self._facts())
+
+    def _facts(self) -> Pairs:
+        """Return what was drawn, in words."""
+        built = self.grid.height_m[self.grid.height_m > 0.0]
+        buildings = f"in {len(built)} of {self.grid.height_m.size} cells"
+        clusters = f", in {len(self.clusters)} cluster(s)" if len(self.clusters) else ""
+        if len(built):
+            buildings += f", {built.min():.1f} to {built.max():.1f} m tall"
+        return [
+            ("map", f"{self.grid.width_m:g} × {self.grid.depth_m:g} m"),
+            ("cells", " × ".join(map(str, self.grid.height_m.shape))),
+            ("levels", ", ".join(f"{level:g}" for level in self.grid.levels_m) + " m"),
+            ("buildings", buildings if len(built) else "none"),
+            ("stations", _cells(self.stations)),
+            ("drones", _cells(self.starts)),
+            ("users", f"{len(self.homes)}" + clusters),
+        ]
 
     @cached_property
     def area(self) -> Area:
@@ -477,6 +501,12 @@ class World(Unchanging):
         """The bandwidth of a drone in Hz, a whole number or inf."""
         number = self.types.index(self.only_type)
         return self.links[number].bandwidth_hz
+
+
+def _cells(cells: Sequence[Cell], most: int = 8) -> str:
+    """Return how many cells there are, and which; the first ones of many."""
+    more = ", …" if len(cells) > most else ""
+    return f"{len(cells)}, in " + ", ".join(map(str, cells[:most])) + more if cells else "0"
 
 
 @naming_plug_ins()

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import inspect
+import math
+import operator
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from desim_uav.api.invocation import command_line
 from desim_uav.errors import DesimWarning, UsageError, located
@@ -71,11 +75,10 @@ def seeds_of(seeds: int | Sequence[int], first_seed: int = 0) -> list[int]:
 
     Raises UsageError.
     """
-    if isinstance(seeds, int):
-        whole("first_seed", first_seed, 0, LAST_FIRST_SEED)
-        whole("seeds", seeds, 1, MOST_SEEDS)
-        return list(range(first_seed, first_seed + seeds))
-    found = [whole("seeds", int(seed), 0, 2**63 - 1) for seed in seeds]
+    first_seed = whole("first_seed", first_seed, 0, LAST_FIRST_SEED)
+    if isinstance(seeds, str) or not isinstance(seeds, Iterable):
+        return list(range(first_seed, first_seed + whole("seeds", seeds, 1, MOST_SEEDS)))
+    found = [whole("seeds", seed, 0, 2**63 - 1) for seed in seeds]
     if first_seed != 0:
         raise UsageError("first_seed goes with a number of seeds, not with a list of them")
     if not found or len(set(found)) < len(found):
@@ -83,11 +86,26 @@ def seeds_of(seeds: int | Sequence[int], first_seed: int = 0) -> list[int]:
     return found
 
 
-def whole(name: str, value: int, low: int, high: int) -> int:
-    """Return a whole number within its bounds. Raises UsageError."""
-    if isinstance(value, bool) or not hasattr(value, "__index__") or not low <= value <= high:
+def whole(name: str, value: Any, low: int, high: int) -> int:
+    """Return a whole number within its bounds; NumPy's are accepted. Raises UsageError."""
+    try:
+        number = operator.index(value)
+    except TypeError:
+        number = low - 1
+    if isinstance(value, bool) or not low <= number <= high:
         raise UsageError(f"{name}: {value!r}: must be a whole number from {low} to {high}")
-    return int(value)
+    return number
+
+
+def between(name: str, value: float, low: float, high: float) -> float:
+    """Return a number within its bounds. Raises UsageError."""
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        number = math.nan
+    if isinstance(value, bool | str) or not low <= number <= high:
+        raise UsageError(f"{name}: {value!r}: must be a number from {low:g} to {high:g}")
+    return number
 
 
 def warn(text: str) -> None:
@@ -127,6 +145,7 @@ def _plain(value: Any) -> Any:
         return {key: _plain(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(item) for item in value]
-    if value is None or isinstance(value, bool | int | float | str | range):
-        return value
-    return policy_name(value)
+    if isinstance(value, np.generic | np.ndarray):
+        value = value.tolist()
+    known = value is None or isinstance(value, bool | int | float | str | range | list)
+    return value if known else policy_name(value)

@@ -62,10 +62,10 @@ def bench_run(
         Interrupted: Ctrl-C. Its ``result`` holds the submission of the seeds that had ended.
     """
     given = locals()
-    arguments.whole("seeds", seeds, 1, SEEDS)
-    arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
+    seeds = arguments.whole("seeds", seeds, 1, SEEDS)
+    jobs = arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
     if training_steps is not None:
-        arguments.whole("training_steps", training_steps, 1, 10**12)
+        training_steps = arguments.whole("training_steps", training_steps, 1, 10**12)
     chosen, worlds = find_task(task), find_track(track)
     policies = [policy] if isinstance(policy, str | Path) else list(policy)
     if not policies:
@@ -107,7 +107,7 @@ def bench_verify(
     Raises:
         PolicyError: the folder cannot be read, or a policy cannot be loaded.
     """
-    arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
+    jobs = arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
     found = read(Path(folder))
     with shown(progress, len(found.rows), "runs", ENGINE) as advance:
         return differences(found, decide=decide, jobs=jobs, on_run=advance)

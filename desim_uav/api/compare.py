@@ -70,9 +70,9 @@ def compare(
         Interrupted: Ctrl-C. Its ``result`` holds the runs that had ended before.
     """
     place = None if out is None else file_place(Path(out), "--out")
-    whole("episodes", episodes, 1, MOST_EPISODES)
-    whole("warmup", warmup, 0, MOST_EPISODES)
-    whole("jobs", jobs, 1, MOST_JOBS)
+    episodes = whole("episodes", episodes, 1, MOST_EPISODES)
+    warmup = whole("warmup", warmup, 0, MOST_EPISODES)
+    jobs = whole("jobs", jobs, 1, MOST_JOBS)
     if any(override.startswith("seed=") for override in override_texts(overrides or ())):
         raise UsageError(
             f"{named_override('seed')}: each replication has its own; choose the first and "

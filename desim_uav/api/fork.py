@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,7 @@ from desim_uav.errors import UsageError
 from desim_uav.experiment import command
 from desim_uav.experiment import fork as forking
 from desim_uav.experiment.progress import progress as shown
+from desim_uav.experiment.replay.again import Source
 from desim_uav.policies.base import PolicyLike, load_policy, policy_name
 from desim_uav.scenario.load import Overrides
 
@@ -45,15 +48,23 @@ class Counterfactual:
         """Return by how much the other branch's measures exceed the original's."""
         return dict(self._about["difference"])
 
+    @property
+    def shown(self) -> str:
+        """The episodes that both branches are played in: from that of the fork on."""
+        return f"{self.at[0]}-{int(self._about['episodes']) - 1}"
+
+    @contextmanager
+    def sources(self) -> Iterator[list[Source]]:
+        """Have both branches in folders while something is made of them."""
+        with self.original.sources() as original, self.other.sources() as other:
+            yield [*original, *other]
+
     def replay(self, file: str | Path | None = None, *, progress: bool = True) -> Replay:
         """Make the page that plays both branches side by side, from the fork's episode on.
 
         Raises UsageError if ``file`` cannot be written.
         """
-        last = int(self._about["episodes"]) - 1
-        return self.original.replay(
-            file, beside=self.other, episodes=f"{self.at[0]}-{last}", progress=progress
-        )
+        return self.original.replay(file, beside=self.other, episodes=self.shown, progress=progress)
 
     def __repr__(self) -> str:
         told = self._about
@@ -108,8 +119,8 @@ def counterfactual(
             run does not have. Nothing is written then.
     """
     given = locals()
-    arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
-    arguments.whole("warmup", warmup, 0, arguments.MOST_EPISODES)
+    episodes = arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
+    warmup = arguments.whole("warmup", warmup, 0, arguments.MOST_EPISODES)
     at = forking.At.of(fork if isinstance(fork, str) else ":".join(map(str, fork)))
     if at.episode >= arguments.MOST_EPISODES:
         raise UsageError(f"--fork {at}: there are at most {arguments.MOST_EPISODES:,} episodes")

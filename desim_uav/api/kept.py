@@ -16,7 +16,7 @@ from desim_uav import qoe
 from desim_uav.checksums import verify
 from desim_uav.errors import DesimError, NoEventsError, UsageError
 from desim_uav.experiment.command import Done, Recorded, place_of, read_summary
-from desim_uav.experiment.replay.page import Source
+from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.run import counted
 from desim_uav.records import REQUESTS, TABLES
 from desim_uav.report.manifest import read_manifest
@@ -138,7 +138,7 @@ class InMemory:
         """See ``Kept``."""
         with TemporaryDirectory(prefix="desim-uav-") as scratch:
             folder = self.save(Place(Path(scratch) / default_place(self, None).name, ""))
-            yield Source(folder, self.recorded.prepared.policy)
+            yield Source(folder, self.recorded.prepared.policy, passing=True)
 
 
 class InFolder:

@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from contextlib import ExitStack
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from functools import cached_property
 from pathlib import Path
-from typing import Any, overload
+from typing import TYPE_CHECKING, Any, overload
 
 import pandas as pd
 
 from desim_uav import qoe as measures
 from desim_uav.api import arguments
 from desim_uav.api.kept import InFolder, InMemory, Kept, Tables, default_place
-from desim_uav.api.replay import Replay
+from desim_uav.api.replay import Page, Replay
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment import command
 from desim_uav.experiment.progress import progress as shown
+from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.replay.page import make_replay
 from desim_uav.experiment.statistics import estimate
 from desim_uav.policies.base import PolicyLike
@@ -26,6 +27,9 @@ from desim_uav.report.text import MEASURES
 from desim_uav.run_folder import Place
 from desim_uav.scenario.load import Overrides
 from desim_uav.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 NOT_MEASURES = (*command.NAMED, "run_dir")
 
@@ -241,6 +245,74 @@ class RunResult:
             page.save(file)
         return page
 
+    def plot(
+        self,
+        kind: str = "services",
+        out: str | Path | None = None,
+        *,
+        seed: int | None = None,
+        **options: Any,
+    ) -> Figure:
+        """Draw a figure of the run, which a notebook shows.
+
+        Args:
+            kind: visits, battery, energy, episodes, services, radio or snapshot; with several
+                seeds or policies also compare.
+            out: A file that ends in .png, .pdf or .svg, if the figure is to be written.
+            seed: The seed to draw. Default: the first; for compare, all.
+            options: Those of ``desim_uav.plot`` for this kind, such as ``episode`` and ``drone``.
+
+        Raises as ``desim_uav.plot`` does, and UsageError for a seed that the run does not have.
+        """
+        from desim_uav.api.pictures import plot
+
+        return plot(kind, self if seed is None else self._alone(seed), out, **options)
+
+    def film(
+        self, file: str | Path | None = None, *, seed: int | None = None, **options: Any
+    ) -> Path:
+        """Film an episode of the run, and return the file; see ``desim_uav.film``.
+
+        Args:
+            file: A file that ends in .gif or .mp4. Default: ``film.gif`` in the folder of the run,
+                or in the working folder if the run has none.
+            seed: The seed to film. Default: the first.
+            options: Those of ``desim_uav.film``, such as ``episode`` and ``speed``.
+        """
+        from desim_uav.api.pictures import film
+
+        return film(self if seed is None else self._alone(seed), file, **options)
+
+    def report(
+        self, file: str | Path | None = None, *, title: str | None = None, progress: bool = True
+    ) -> Page:
+        """Make the page about the run, or about its seeds compared; a notebook shows it.
+
+        Args:
+            file: Where to write the page, if anywhere.
+            title: The title of the page.
+            progress: Show the progress, if the run has to be played again for its events.
+
+        Raises UsageError if the file cannot be written.
+        """
+        from desim_uav.api.pictures import report_of
+
+        place = None if file is None else Path(file)
+        page = report_of([self], title, file=place, progress=progress)
+        if place is not None:
+            page.save(place)
+        return page
+
+    @contextmanager
+    def sources(self) -> Iterator[list[Source]]:
+        """Have the run of each seed in a folder while something is made of it."""
+        with ExitStack() as open_until:
+            yield [open_until.enter_context(run.source()) for run in self._runs]
+
+    def _alone(self, seed: int) -> RunResult:
+        """Return the result of one seed. Raises UsageError."""
+        return RunResult([self._of_seed(seed, "seed")])
+
     def _of_seed(self, seed: int, argument: str) -> Kept:
         """Return the run on a seed. Raises UsageError, which names the argument."""
         if seed not in self.seeds:
@@ -342,8 +414,8 @@ def run(
         Interrupted: Ctrl-C. Its ``result`` holds what had ended before.
     """
     given = locals()
-    arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
-    arguments.whole("warmup", warmup, 0, arguments.MOST_EPISODES)
+    episodes = arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
+    warmup = arguments.whole("warmup", warmup, 0, arguments.MOST_EPISODES)
     if seeds is not None and seed is not None:
         raise UsageError("seed and seeds exclude each other")
     found = arguments.opened(scenario, overrides, seed, world_seed)

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 from desim_uav.api import arguments
+from desim_uav.api.found import Bounds, Optimum
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment import reproduce as paper
 from desim_uav.experiment.bounds import bounds, work_of
@@ -32,7 +32,7 @@ ROUNDS_OF = "rounds"
 
 
 def sweep(
-    scenario: str | Path,
+    scenario: arguments.ScenarioLike,
     values: Overrides = (),
     *,
     out: str | Path,
@@ -55,7 +55,7 @@ def sweep(
     This is ``desim-uav sweep``. Each job's row is kept in ``out`` as the job ends.
 
     Args:
-        scenario: A shipped name or a file.
+        scenario: A shipped name, a file, its content, or a loaded scenario.
         values: For each key a list of values, such as ``{"drones.count": [2, 3, 4]}``, or texts as
             on the command line, such as ``["drones.count=2:4"]``.
         out: The folder of the sweep; its ``results`` are one Parquet dataset.
@@ -82,14 +82,14 @@ def sweep(
         raise UsageError(
             f"--backend {backend}{did_you_mean(backend, BACKENDS)}; allowed: {', '.join(BACKENDS)}"
         )
-    arguments.whole("first_seed", first_seed, 0, arguments.LAST_FIRST_SEED)
-    arguments.whole("seeds", seeds, 1, arguments.MOST_SEEDS)
-    arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
-    arguments.whole("warmup", warmup, 0, arguments.MOST_EPISODES)
+    first_seed = arguments.whole("first_seed", first_seed, 0, arguments.LAST_FIRST_SEED)
+    seeds = arguments.whole("seeds", seeds, 1, arguments.MOST_SEEDS)
+    episodes = arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
+    warmup = arguments.whole("warmup", warmup, 0, arguments.MOST_EPISODES)
     if jobs is not None:
-        arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
+        jobs = arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
     asked = Asked(
-        find_scenario(str(scenario)),
+        find_scenario(str(scenario)) if isinstance(scenario, str | Path) else scenario,
         values,
         None if policies is None else [str(policy) for policy in policies],
         train,
@@ -149,11 +149,11 @@ def reproduce(
     given = locals()
     if preset not in PRESETS:
         raise UsageError(f"--preset {preset}: allowed: {', '.join(PRESETS)}")
-    arguments.whole("first_seed", first_seed, 0, arguments.LAST_FIRST_SEED)
-    arguments.whole("seeds", seeds, 1, 10**4)
-    arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
+    first_seed = arguments.whole("first_seed", first_seed, 0, arguments.LAST_FIRST_SEED)
+    seeds = arguments.whole("seeds", seeds, 1, 10**4)
+    jobs = arguments.whole("jobs", jobs, 1, arguments.MOST_JOBS)
     if episodes is not None:
-        arguments.whole("episodes", episodes, 1, arguments.MOST_TRAINING)
+        episodes = arguments.whole("episodes", episodes, 1, arguments.MOST_TRAINING)
     drawn = range(first_seed, first_seed + seeds)
     todo = paper.jobs(paper.numbers(cases), drawn, episodes, PRESETS[preset])
     with shown(progress, len(todo), "jobs", engine) as advance:
@@ -170,10 +170,10 @@ def find_optimum(
     seeds: int = 1,
     episodes: int = 20,
     progress: bool = False,
-) -> dict[str, Any]:
+) -> Optimum:
     """Work out how well any policy could do in a scenario.
 
-    This is ``desim-uav optimum``; the result is what its ``--json`` prints.
+    This is ``desim-uav optimum``; the result has the entries that its ``--json`` prints.
 
     Args:
         scenario: A shipped name such as ``"case1"``, a file, its content, or a loaded scenario.
@@ -189,13 +189,12 @@ def find_optimum(
             classes, access points, an association by level or services that ask for a volume.
         UsageError: the scenario cannot be solved for another reason; the message names the key.
     """
-    arguments.whole("seeds", seeds, 1, arguments.MOST_SEEDS)
-    arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
+    seeds = arguments.whole("seeds", seeds, 1, arguments.MOST_SEEDS)
+    episodes = arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
     found = arguments.opened(scenario, overrides, seed, world_seed)
     total, show = work_of(seeds, episodes), progress and bounds_runs(found.scenario)
     with found.located(), shown(show, total, ROUNDS_OF) as advance:
-        solved: dict[str, Any] = at_once(optimum, found.scenario, seeds, episodes, advance)
-    return solved
+        return Optimum(at_once(optimum, found.scenario, seeds, episodes, advance))
 
 
 def find_bounds(
@@ -207,7 +206,7 @@ def find_bounds(
     episodes: int = 20,
     schedule: bool = True,
     progress: bool = False,
-) -> dict[str, Any]:
+) -> Bounds:
     """Return upper bounds of QoE3 and QoE1 for all policies, in the runs of a comparison.
 
     A run has ``episodes`` episodes on the sample paths of its seed, as ``compare`` evaluates
@@ -230,8 +229,7 @@ def find_bounds(
         UsageError: runs cannot be bounded for another reason; the message names the key.
     """
     drawn = arguments.seeds_of(seeds, first_seed)
-    arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
+    episodes = arguments.whole("episodes", episodes, 1, arguments.MOST_EPISODES)
     found = arguments.opened(scenario, overrides)
     with found.located(), shown(progress, work_of(len(drawn), episodes), ROUNDS_OF) as advance:
-        solved: dict[str, Any] = at_once(bounds, found.scenario, drawn, episodes, schedule, advance)
-    return solved
+        return Bounds(at_once(bounds, found.scenario, drawn, episodes, schedule, advance))

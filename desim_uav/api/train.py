@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -15,6 +17,7 @@ from desim_uav.engine.compiled import BatchSimulation
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.progress import training_progress
+from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.train.course import POLICY, Course, Pause, table_of, train_in_memory
 from desim_uav.experiment.train.folder import save_training, train_to_folder
 from desim_uav.learning.training import Progress
@@ -25,6 +28,9 @@ from desim_uav.records import TRAINING, to_frame
 from desim_uav.report import notebook
 from desim_uav.scenario.load import Overrides
 from desim_uav.scenario.schema import Scenario
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SHOWN = {
     "reward_mean": ("reward per episode", ".3f"),
@@ -88,8 +94,8 @@ class TrainingProgress:
             warmup: Episodes before them.
             seed: What the episodes are drawn from. Default: the training's.
         """
-        whole("episodes", episodes, 1, MOST_TRAINING)
-        whole("warmup", warmup, 0, MOST_TRAINING)
+        episodes = whole("episodes", episodes, 1, MOST_TRAINING)
+        warmup = whole("warmup", warmup, 0, MOST_TRAINING)
         training = self._course.training
         scenario = training.world.scenario.model_copy(update={"world_seed": training.world.seed})
         drawn = training.seed if seed is None else seed
@@ -151,6 +157,29 @@ class TrainingResult:
             UsageError: nothing can be written there.
         """
         return save_training(self._course, None if folder is None else Path(folder))
+
+    def plot(self, kind: str = "training", out: str | Path | None = None, **options: Any) -> Figure:
+        """Draw the learning curves, or with kind ``"policy"`` what was learned.
+
+        Args:
+            kind: training or policy.
+            out: A file that ends in .png, .pdf or .svg, if the figure is to be written.
+            options: Those of ``desim_uav.plot`` for this kind, such as ``window`` or ``drone``.
+
+        Raises as ``desim_uav.plot`` does.
+        """
+        from desim_uav.api.pictures import plot
+
+        return plot(kind, self, out, **options)
+
+    @contextmanager
+    def sources(self) -> Iterator[list[Source]]:
+        """Have the training in a folder while something is made of it."""
+        if self.folder is not None:
+            yield [Source(self.folder)]
+            return
+        with TemporaryDirectory(prefix="desim-uav-") as scratch:
+            yield [Source(save_training(self._course, Path(scratch) / "training"))]
 
     def __repr__(self) -> str:
         about = self.summary()
@@ -218,10 +247,10 @@ def train(
         Interrupted: Ctrl-C. Its ``result`` holds what had been learned before.
     """
     given = locals()
-    whole("checkpoint_every", checkpoint_every, 1, MOST_TRAINING)
-    whole("callback_every", callback_every, 1, MOST_TRAINING)
+    checkpoint_every = whole("checkpoint_every", checkpoint_every, 1, MOST_TRAINING)
+    callback_every = whole("callback_every", callback_every, 1, MOST_TRAINING)
     if episodes is not None:
-        whole("episodes", episodes, 1, MOST_TRAINING)
+        episodes = whole("episodes", episodes, 1, MOST_TRAINING)
     if resume and not out:
         raise UsageError("resume: only a training in a folder can be resumed; say which by out")
     further = {"learning.algorithm": algorithm, "learning.episodes": episodes}

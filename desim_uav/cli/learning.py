@@ -154,9 +154,9 @@ def optimum(
         progress=not quiet,
     )
     if as_json:
-        print(json.dumps(found, indent=1))
+        print(json.dumps(found.content(), indent=1))
     else:
-        print_optimum(found)
+        print_optimum(found.content())
 
 
 def reproduce(

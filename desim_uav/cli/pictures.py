@@ -47,7 +47,8 @@ def replay(
     """
     import desim_uav as du
 
-    done = du.write_replay(run_dir, html, episodes, not quiet, beside=beside)
+    done = du.write_replay(run_dir, html, episodes, beside=beside, progress=not quiet)
+    assert done.file is not None
     if done.left_out:
         complain(
             f"{done.file}: it holds episodes {done.episodes[0]} to {done.episodes[-1]}; with the "
@@ -93,9 +94,9 @@ def report(
 
     The page needs no network and no server.
     """
-    import desim_uav as du
+    from desim_uav.experiment.report import report as write_report
 
-    print(du.write_report(runs, out, title, against))
+    print(write_report(runs, out, title, against))
 
 
 def plot(
@@ -207,12 +208,12 @@ def plot(
     ] = None,
 ) -> None:
     """Draw a figure of runs, trainings, a sweep, a learned policy, a radio or of energy."""
-    import desim_uav as du
+    from desim_uav.experiment.plot import plot as write_figure
 
     asked: dict[str, Any] = {"episode": episode, "minute": minute, "drone": drone, "window": window}
     asked |= {"battery_min": battery_min, "level": level, "at": at, "against": against}
     asked |= {"measure": measure or None, "key": key or None}
-    print(du.plot(kind, runs or [], out, asked))
+    print(write_figure(kind, runs or [], out, asked))
 
 
 def video(
@@ -253,9 +254,9 @@ def video(
     quiet: NoProgress = False,
 ) -> None:
     """Film an episode of a run, in continuous time."""
-    import desim_uav as du
+    from desim_uav.experiment.plot import film as write_films
 
-    made = du.film(
+    made = write_films(
         run_dir,
         gif,
         mp4,

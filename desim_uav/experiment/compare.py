@@ -14,7 +14,7 @@ from contextlib import closing
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
@@ -32,6 +32,9 @@ from desim_uav.report.text import compared, estimate_cells
 from desim_uav.run_folder import file_place, write_at
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import build_world
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 Measures = dict[str, float | None]
 
@@ -120,6 +123,23 @@ class Comparison:
         """Write the values of each seed as CSV. Raises UsageError if the file cannot be written."""
         write_at(file_place(Path(file)), self.as_csv().encode())
         return Path(file)
+
+    def plot(self, out: str | Path | None = None, *, against: str | None = None) -> Figure:
+        """Draw the intervals of all policies and their differences; a notebook shows the figure.
+
+        Args:
+            out: A file that ends in .png, .pdf or .svg, if the figure is to be written.
+            against: The policy that the others are compared with. Default: that of the comparison.
+
+        Raises UsageError for a policy that is not one of those compared, and for the file.
+        """
+        from desim_uav.experiment.plot import Target, draw
+
+        target = None if out is None else Target(Path(out), "out")
+        figure = draw("compare", [self], {"against": against})
+        if target is not None:
+            target.write(figure)
+        return figure
 
     def __repr__(self) -> str:
         policies = ", ".join(self.policies)

@@ -12,7 +12,7 @@ from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare import Comparison, Replication, reference_of, world_seed_of
 from desim_uav.experiment.evaluate import measures_of
 from desim_uav.records import EPISODES
-from desim_uav.run_folder import read_scenario, read_table
+from desim_uav.run_folder import no_such, read_scenario, read_table
 from desim_uav.scenario.load import scenario_hash, seedless, to_plain
 from desim_uav.scenario.schema import Scenario
 
@@ -60,7 +60,7 @@ class _Run:
 def _read(folder: Path) -> _Run:
     if not folder.is_dir():
         raise PolicyError(
-            f"{folder}: no such run folder (to compare policies in a scenario, use --policies)"
+            f"{no_such(folder, 'run folder')} (to compare policies in a scenario, use --policies)"
         )
     summary, _ = read_summary(folder)
     numbers = read_table(folder, "episodes", EPISODES)["episode"]

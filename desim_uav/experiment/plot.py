@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from desim_uav.errors import PolicyError, UsageError, located
+from desim_uav.experiment.compare import Comparison, reference_of
 from desim_uav.experiment.compare_runs import compare_runs
+from desim_uav.experiment.replay.again import Source
 from desim_uav.policies.tabular import read_table
 from desim_uav.registry import did_you_mean
 from desim_uav.run_folder import file_place, write_at
 from desim_uav.shipped import find_table
+from desim_uav.world import World, build_world
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -22,77 +25,99 @@ if TYPE_CHECKING:
 class Kind:
     """A kind of figure: how it is drawn, its options, and whether it takes several folders.
 
-    If it is ``optional``, it takes none too.
+    If it is ``optional``, it takes none too. ``again``: a run that kept no events is played again.
     """
 
     draw: Callable[..., Figure]
     options: Sequence[str] = ()
     several: bool = field(default=False)
     optional: bool = field(default=False)
+    again: bool = field(default=False)
 
 
 ZENG = "{name: zeng2019, map: {obstacles: null}, drones: {battery: {kind: rotary_wing}}}"
 """The scenario whose energy is drawn by default."""
 
 
-def _training(folders: Sequence[Path], **options: Any) -> Figure:
+Drawable = Source | Comparison | World
+"""What a figure is drawn from: a folder or a file, a comparison, or a world."""
+
+
+def _training(sources: Sequence[Drawable], **options: Any) -> Figure:
     from desim_uav.report.figures import training_figure
 
-    return training_figure(folders, **options)
+    return training_figure([_path(source, "training") for source in sources], **options)
 
 
-def _compare(folders: Sequence[Path], against: str | None = None) -> Figure:
+def _compare(sources: Sequence[Drawable], against: str | None = None) -> Figure:
     from desim_uav.report.figures import compare_figure
 
-    return compare_figure(compare_runs(folders, against).content())
+    first = sources[0]
+    if isinstance(first, Comparison) and len(sources) == 1:
+        reference = reference_of(first.policies, first.against if against is None else against)
+        return compare_figure(replace(first, against=reference).content())
+    return compare_figure(compare_runs([_path(s, "compare") for s in sources], against).content())
 
 
-def _sweep(folder: Path, **options: Any) -> Figure:
+def _sweep(source: Drawable, **options: Any) -> Figure:
     from desim_uav.experiment.sweep.pictures import plot_sweep
 
-    return plot_sweep(folder, **options)
+    lists = {name: [it] if isinstance(it, str) else list(it) for name, it in options.items()}
+    return plot_sweep(_path(source, "sweep"), **lists)
 
 
-def _policy(source: Path, **options: Any) -> Figure:
+def _path(source: Drawable, kind: str) -> Path:
+    """Return the folder or file that a figure is drawn from. Raises UsageError for other things."""
+    if isinstance(source, Source):
+        return source.folder
+    what = "a comparison" if isinstance(source, Comparison) else "a world"
+    raise UsageError(f"{kind}: {what} cannot be drawn so; give a result or a folder")
+
+
+def _policy(given: Drawable, **options: Any) -> Figure:
     """Draw the table in a file, in the folder of a training, or of a shipped name."""
     from desim_uav.report.figures import policy_figure
 
+    source = _path(given, "policy")
     if source.is_dir() and not (source / "policy.npz").exists():
         raise PolicyError(f"{source}: not a training folder: it has no policy.npz")
     file = source / "policy.npz" if source.is_dir() else find_table(str(source))
     return policy_figure(read_table(file), str(source), **options)
 
 
-def _radio(source: Path, at: str | None = None, **options: Any) -> Figure:
+def _radio(source: Drawable, at: str | None = None, **options: Any) -> Figure:
     """Draw the radio of a scenario file, of a shipped scenario, or of the folder of a run."""
     from desim_uav.report.figures import radio_figure
-    from desim_uav.report.run import Run
-    from desim_uav.scenario.load import load
-    from desim_uav.world import build_world
 
     if at is not None:
         options["at_m"] = _point(at)
-    if source.is_dir():
-        return radio_figure(Run(source).world, **options)
-    scenario = load(source)
-    with located(source):
-        world = build_world(scenario, scenario.effective_world_seed)
-    return radio_figure(world, **options)
+    return radio_figure(_world(source, "radio"), **options)
 
 
-def _energy(source: Path | None, **options: Any) -> Figure:
+def _energy(source: Drawable | None, **options: Any) -> Figure:
     """Draw the energy of a scenario, of the folder of a run, or of a drone with the defaults."""
     from desim_uav.report.figures import energy_figure
-    from desim_uav.report.run import Run
-    from desim_uav.scenario.load import load, loads
-    from desim_uav.world import build_world
+    from desim_uav.scenario.load import loads
 
-    if source is not None and source.is_dir():
-        return energy_figure(Run(source).world, **options)
-    scenario = loads(ZENG) if source is None else load(source)
-    with located(source or Path("energy")):
-        world = build_world(scenario, scenario.effective_world_seed)
-    return energy_figure(world, **options)
+    if source is None:
+        scenario = loads(ZENG)
+        return energy_figure(build_world(scenario, scenario.effective_world_seed), **options)
+    return energy_figure(_world(source, "energy"), **options)
+
+
+def _world(source: Drawable, kind: str) -> World:
+    """Return the world of the folder of a run, of a scenario file or of a shipped scenario."""
+    from desim_uav.report.run import Run
+    from desim_uav.scenario.load import load
+
+    if isinstance(source, World):
+        return source
+    path = _path(source, kind)
+    if path.is_dir():
+        return Run(path).world
+    scenario = load(path)
+    with located(path):
+        return build_world(scenario, scenario.effective_world_seed)
 
 
 def _point(text: str) -> tuple[float, float]:
@@ -107,11 +132,13 @@ def _point(text: str) -> tuple[float, float]:
 def _of_run(kind: str) -> Callable[..., Figure]:
     """Return a function that draws a run, which is played again if it kept no events."""
 
-    def draw(folder: Path, **options: Any) -> Figure:
+    def draw(source: Drawable, show_progress: bool = True, **options: Any) -> Figure:
         from desim_uav.experiment.replay import playable
         from desim_uav.report import figures
 
-        figure: Figure = getattr(figures, f"{kind}_figure")(playable(folder), **options)
+        policy = source.policy if isinstance(source, Source) else None
+        run = playable(Source(_path(source, kind), policy), show_progress)
+        figure: Figure = getattr(figures, f"{kind}_figure")(run, **options)
         return figure
 
     return draw
@@ -121,14 +148,14 @@ KINDS: Mapping[str, Kind] = {
     "training": Kind(_training, ("window",), several=True),
     "compare": Kind(_compare, ("against",), several=True),
     "sweep": Kind(_sweep, ("measure", "key")),
-    "visits": Kind(_of_run("visits"), ("episode", "drone")),
+    "visits": Kind(_of_run("visits"), ("episode", "drone"), again=True),
     "policy": Kind(_policy, ("battery_min", "level", "drone")),
-    "battery": Kind(_of_run("battery"), ("episode", "drone")),
+    "battery": Kind(_of_run("battery"), ("episode", "drone"), again=True),
     "energy": Kind(_energy, ("drone",), optional=True),
-    "episodes": Kind(_of_run("episodes")),
-    "services": Kind(_of_run("services"), ("episode",)),
+    "episodes": Kind(_of_run("episodes"), again=True),
+    "services": Kind(_of_run("services"), ("episode",), again=True),
     "radio": Kind(_radio, ("level", "at")),
-    "snapshot": Kind(_of_run("snapshot"), ("episode", "minute")),
+    "snapshot": Kind(_of_run("snapshot"), ("episode", "minute"), again=True),
 }
 
 
@@ -137,29 +164,65 @@ def plot(kind: str, sources: Sequence[Path], out: Path | None, options: Mapping[
 
     Raises UsageError for wrong arguments, and PolicyError if a folder cannot be read.
     """
-    from desim_uav.report.figures.style import ending, to_bytes
+    chosen(kind, len(sources), options)
+    place = _default(kind, sources) if out is None else out
+    target = Target(place, "" if out is None else "--out")
+    target.write(draw(kind, [Source(source) for source in sources], options))
+    return place
 
+
+class Target:
+    """The file of a figure, which is checked before the figure is drawn.
+
+    Raises UsageError for a file of another kind, or one that cannot be written.
+    """
+
+    def __init__(self, out: Path, option: str) -> None:
+        from desim_uav.report.figures.style import ending
+
+        self._suffix = ending(out, option or "--out")
+        self._place = file_place(out, option)
+
+    def write(self, figure: Figure) -> None:
+        """Write the figure in one step."""
+        from desim_uav.report.figures.style import to_bytes
+
+        write_at(self._place, to_bytes(figure, self._suffix))
+
+
+def draw(
+    kind: str,
+    sources: Sequence[Drawable],
+    options: Mapping[str, Any],
+    show_progress: bool = True,
+) -> Figure:
+    """Draw a figure. Options that are None are ignored. Raises as ``plot`` does."""
+    found = chosen(kind, len(sources), options)
+    asked = {key: value for key, value in options.items() if value is not None}
+    if found.again:
+        asked["show_progress"] = show_progress
+    source = sources[0] if sources else None
+    return found.draw(list(sources) if found.several else source, **asked)
+
+
+def chosen(kind: str, sources: int, options: Mapping[str, Any]) -> Kind:
+    """Return a kind of figure. Raises UsageError for unknown ones, and for wrong arguments."""
     if kind not in KINDS:
-        raise UsageError(f"{kind}{did_you_mean(kind, KINDS)}; allowed: {', '.join(KINDS)}")
-    chosen, asked = KINDS[kind], {key: v for key, v in options.items() if v is not None}
-    for key in asked:
-        if key not in chosen.options:
+        raise UsageError(
+            f"unknown figure {kind!r}{did_you_mean(kind, KINDS)}; allowed: {', '.join(KINDS)}"
+        )
+    found = KINDS[kind]
+    for key, value in options.items():
+        if value is not None and key not in found.options:
             of = [name for name, other in KINDS.items() if key in other.options]
             raise UsageError(
                 f"--{key.replace('_', '-')} is an option of {', '.join(of)}, not of {kind}"
             )
-    if not sources and not chosen.optional:
+    if not sources and not found.optional:
         raise UsageError(f"{kind}: give a folder to draw: desim-uav plot {kind} RUN")
-    if len(sources) > 1 and not chosen.several:
-        many = ", ".join(map(str, sources))
-        raise UsageError(f"{kind}: give one folder, not {len(sources)}: {many}")
-    place = _default(kind, sources) if out is None else out
-    suffix = ending(place)
-    target = file_place(place, "" if out is None else "--out")
-    source = sources[0] if sources else None
-    figure = chosen.draw(list(sources) if chosen.several else source, **asked)
-    write_at(target, to_bytes(figure, suffix))
-    return place
+    if sources > 1 and not found.several:
+        raise UsageError(f"{kind}: give one folder, not {sources}")
+    return found
 
 
 def _default(kind: str, sources: Sequence[Path]) -> Path:
@@ -172,7 +235,7 @@ def _default(kind: str, sources: Sequence[Path]) -> Path:
 
 
 def film(
-    folder: Path,
+    source: Path | Source,
     gif: Path | None,
     mp4: Path | None,
     *,
@@ -202,7 +265,7 @@ def film(
     if mp4 is not None:
         video.need_ffmpeg()
     places = [file_place(out, f"--{end[1:]}") for out, end, _ in wanted]
-    run = playable(folder, show_progress)
+    run = playable(source, show_progress)
     number = run.episode(episode)
     run.need([number])
     made = video.Film(Playback(run, number), fps, speed, width)

@@ -13,7 +13,7 @@ from desim_uav import qoe
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.experiment.command import read_summary
 from desim_uav.experiment.compare_runs import compare_runs
-from desim_uav.experiment.replay.again import playing_again
+from desim_uav.experiment.replay.again import Source, playing_again
 from desim_uav.experiment.statistics import estimate
 from desim_uav.experiment.sweep.pictures import sweep_report
 from desim_uav.experiment.sweep.results import is_sweep
@@ -27,7 +27,7 @@ NAME = "report.html"
 
 
 def report(
-    folders: Sequence[Path], out: Path | None, title: str | None, against: str | None
+    runs: Sequence[Path | Source], out: Path | None, title: str | None, against: str | None
 ) -> Path:
     """Write the report of a run, of a sweep, or of several runs compared; return its file.
 
@@ -35,40 +35,53 @@ def report(
     working folder. ``against`` is the reference policy. Raises PolicyError, and writes nothing, if
     a folder cannot be read or the runs cannot be compared.
     """
+    sources = [Source.of(run) for run in runs]
+    place = out or (sources[0].folder / NAME if len(sources) == 1 else Path(NAME))
+    file = file_place(place, "" if out is None else "--out")
+    write_at(file, make_report(sources, place, title, against).encode())
+    return place
+
+
+def make_report(
+    sources: Sequence[Source],
+    place: Path,
+    title: str | None = None,
+    against: str | None = None,
+    show_progress: bool = True,
+) -> str:
+    """Return the page about a run, a sweep or several runs compared, which will be at ``place``.
+
+    Raises as ``report`` does.
+    """
+    if not sources:
+        raise UsageError("runs: give at least one run")
+    folders = [source.folder for source in sources]
     alone = len(folders) == 1
     if alone and against is not None:
         raise UsageError("--against needs several runs")
-    place = out if out is not None else folders[0] / NAME if alone else Path(NAME)
     if alone and is_sweep(folders[0]):
-        return _write_sweep(folders[0], place, out, title)
-    runs = [_read(folder, place) for folder in folders]
+        return sweep_report(folders[0], title)
+    runs = [_read(source, place, show_progress) for source in sources]
     content = None if alone else compare_runs(folders, against).content()
-    file = file_place(place, "" if out is None else "--out")
     try:
         if content is None:
-            text = run_page(runs[0], title)
-        else:
-            text = comparison_page(Compared(content, runs, _by_service(runs, content)), title)
+            return run_page(runs[0], title)
+        return comparison_page(Compared(content, runs, _by_service(runs, content)), title)
     except (LookupError, TypeError, ValueError, ArithmeticError) as error:
         raise PolicyError(
             f"{folders[0] if alone else 'these runs'}: the tables do not fit together: "
             f"{type(error).__name__}: {error}"
         ) from error
-    write_at(file, text.encode())
-    return place
 
 
-def _write_sweep(folder: Path, place: Path, out: Path | None, title: str | None) -> Path:
-    file = file_place(place, "" if out is None else "--out")
-    write_at(file, sweep_report(folder, title).encode())
-    return place
-
-
-def _read(folder: Path, page: Path) -> Reported:
+def _read(source: Source, page: Path, show_progress: bool) -> Reported:
+    folder = source.folder
     summary, _ = read_summary(folder)
     if not summary["episodes"]:
         raise PolicyError(f"{folder}: the run has no counted episode")
-    return Reported(folder, playing_again(), link=_link(folder, page), summary=summary)
+    again = playing_again(show_progress, source.policy)
+    link = "" if source.passing else _link(folder, page)
+    return Reported(folder, again, link=link, summary=summary, passing=source.passing)
 
 
 def _link(folder: Path, page: Path) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -83,6 +84,29 @@ class Remembering(Policy, Protocol):
         """Remember what ``memory`` has returned, after ``begin`` in the same world."""
 
 
+class Trained(Protocol):
+    """A model of Stable-Baselines3, or an algorithm of RLlib."""
+
+    def save(self, path: Any) -> Any:
+        """Save it."""
+
+
+class Module(Protocol):
+    """A ``torch.nn.Module`` that flies every drone (see ``policies.module``)."""
+
+    def forward(self, *args: Any) -> Any:
+        """Return a number for each action of each drone."""
+
+
+class Network(Protocol):
+    """A network of ``policies/ppo.py`` (see ``policies.mlp.Mlp``)."""
+
+    about: dict[str, Any]
+
+    def scores(self, features: Sequence[float]) -> Any:
+        """Return the number of each action."""
+
+
 class Learned(Protocol):
     """An object with a learned policy, such as the result of a training."""
 
@@ -91,9 +115,10 @@ class Learned(Protocol):
         """The policy that was learned."""
 
 
-PolicyLike = str | Path | Policy | type[Policy] | Choice | Learned
+PolicyLike = str | Path | Policy | type[Policy] | Choice | Learned | Trained | Module | Network
 """Everything that is accepted as a policy: a name or a file as on the command line, a policy object
-or class, a plain function of an observation and a mask, or the result of a training."""
+or class, a plain function of an observation and a mask, the result of a training, or a model in
+memory: of Stable-Baselines3, RLlib or PyTorch, or a network of ``policies/ppo.py``."""
 
 
 def show(policy: Policy, engine: Engine) -> None:
@@ -158,21 +183,47 @@ def load_policy(policy: PolicyLike) -> Policy:
     """Return the policy that a name, a file, an object or a function stands for.
 
     A name is that of a built-in policy, ``FILE.npz`` for a learned table or a network,
-    ``script:FILE.csv``,
-    ``sb3:FILE.zip``, ``rllib:DIR``, or ``"package.module:Class"``. A ``Path`` needs no prefix.
-    ``PolicyLike`` lists everything else that is accepted. Raises PolicyError for anything that is
-    not a policy or cannot be read.
+    ``script:FILE.csv``, ``sb3:FILE.zip``, ``rllib:DIR``, or ``"package.module:Class"``. A ``Path``
+    needs no prefix. ``PolicyLike`` lists everything else that is accepted. Raises PolicyError for
+    anything that is not a policy or cannot be read.
     """
     if isinstance(policy, str | Path):
         return _checked(_of_name(policy_name(policy)), policy_name(policy))
     if isinstance(policy, type):
         return _checked(_made(policy, policy_name(policy)), policy_name(policy))
     given: Any = policy
+    adapter = _adapter_of(given)
+    if adapter is not None:
+        return _checked(adapter.of_model(given, policy_name(policy)), policy_name(policy))
     if not hasattr(given, "act") and hasattr(given, "policy"):
         given = given.policy
     if not hasattr(given, "act") and callable(given):
         given = Function(given)
     return _checked(given, policy_name(policy))
+
+
+MODELS = {
+    "desim_uav.policies.mlp:Mlp": "desim_uav.policies.mlp:NetworkPolicy",
+    "stable_baselines3.common.base_class:BaseAlgorithm": "desim_uav.policies.sb3:StableBaselines",
+    "ray.rllib.algorithms.algorithm:Algorithm": "desim_uav.policies.rllib.adapter:RLlib",
+    "torch.nn.modules.module:Module": "desim_uav.policies.module:TorchModule",
+}
+"""The classes of models that are no policies themselves, each with the policy that acts by one.
+
+They are named, and not imported, because their libraries may not be installed.
+"""
+
+
+def _adapter_of(given: Any) -> Any:
+    """Return the class of the policy that acts by a model, or None for everything else."""
+    if hasattr(given, "act"):
+        return None
+    for one in type(given).__mro__:
+        found = MODELS.get(f"{one.__module__}:{one.__qualname__}")
+        if found is not None:
+            module, _, name = found.partition(":")
+            return getattr(importlib.import_module(module), name)
+    return None
 
 
 def as_seen(scenario: Scenario, policy: PolicyLike) -> Scenario:
@@ -201,13 +252,14 @@ def policy_name(policy: PolicyLike) -> str:
     if isinstance(policy, str):
         return policy
     given: Any = policy
-    if not isinstance(given, type):
+    if not isinstance(given, type) and _adapter_of(given) is None:
         if not hasattr(given, "act") and hasattr(given, "policy"):
             given = given.policy
         if isinstance(name := getattr(given, "name", None), str):
             return name
         if not hasattr(given, "act") and callable(given):
             return Function(given).name
+    if not isinstance(given, type):
         given = type(given)
     return f"{given.__module__}:{given.__qualname__}"
 

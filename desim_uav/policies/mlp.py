@@ -60,6 +60,15 @@ class Mlp:
     layers: tuple[tuple[NDArray[np.float32], NDArray[np.float32]], ...]
     about: dict[str, Any]
 
+    @property
+    def observation(self) -> Any:
+        """The component that a drone needs, or None if the description names none."""
+        return component_of(self.about["observation"])
+
+    def network(self) -> Mlp:
+        """Return the network itself, as ``MlpFile`` does that of a file."""
+        return self
+
     def to_bytes(self) -> bytes:
         """Return the bytes of a policy file. The same network always gives the same bytes."""
         weights = np.concatenate([array.reshape(-1) for layer in self.layers for array in layer])
@@ -220,7 +229,23 @@ class NetworkPolicy:
             raise ValueError("a network needs its file: mlp:policy.npz, or just policy.npz")
         self._use(file, MlpFile(find_table(file)))
 
-    def _use(self, name: str, stored: MlpFile) -> None:
+    @classmethod
+    def of_model(cls, model: Mlp, name: str) -> NetworkPolicy:
+        """Act by a network that is in memory; tables and messages call the policy ``name``.
+
+        Raises PolicyError if its description is not complete.
+        """
+        lacking = ", ".join(sorted(ABOUT.keys() - {"hidden"} - model.about.keys()))
+        if lacking:
+            raise PolicyError(
+                f"policy {name!r}: its description has no {lacking}; "
+                "desim_uav.policies.mlp.description_of(world) makes one"
+            )
+        policy = cls.__new__(cls)
+        policy._use(name, model)
+        return policy
+
+    def _use(self, name: str, stored: MlpFile | Mlp) -> None:
         self.name = name
         self._stored = stored
         self.about = stored.about

@@ -13,9 +13,10 @@ import itertools
 import json
 import re
 import zipfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 import numpy as np
 
@@ -72,14 +73,30 @@ class StableBaselines:
     def __init__(self, file: str = "") -> None:
         if not file:
             raise ValueError("a network needs its file: sb3:FILE.zip")
+        with _readable(file), opened(Path(file), sum(LARGEST.values())) as content:
+            self._use(file, _read(content, file))
+
+    @classmethod
+    def of_model(cls, model: Any, name: str) -> StableBaselines:
+        """Act by a model that is in memory, as by the file that it would be saved to.
+
+        Raises PolicyError if it was trained on normalized observations, or cannot be read.
+        """
+        if getattr(model.get_vec_normalize_env(), "norm_obs", False):
+            raise PolicyError(
+                f"policy {name!r}: it was trained on observations that VecNormalize changed, and "
+                "drones here do not have them"
+            )
+        policy, content = cls.__new__(cls), io.BytesIO()
+        model.save(content)
+        with _readable(name):
+            policy._use(name, _read(content, name))
+        return policy
+
+    def _use(self, file: str, saved: Saved) -> None:
         self.file = file
+        self._saved = saved
         self._world: World | None = None
-        try:
-            self._saved = _read(Path(file))
-        except (PolicyError, MissingExtraError):
-            raise
-        except Exception as error:  # zipfile, JSON and torch have many ways to refuse a file
-            raise PolicyError(f"{file}: not a readable network: {reason(error)}") from error
 
     def begin(self, world: World, streams: Streams, carried: bool = False) -> None:
         """Build the network, once per world. Raises PolicyError if it does not fit."""
@@ -196,9 +213,20 @@ def _network(saved: Saved, observations: Any, actions: Any) -> Any:
 # ---- files
 
 
-def _read(path: Path) -> Saved:
+@contextmanager
+def _readable(name: str) -> Iterator[None]:
+    """Raise PolicyError, which names the file, for an error of the libraries."""
+    try:
+        yield
+    except (PolicyError, MissingExtraError):
+        raise
+    except Exception as error:  # zipfile, JSON and torch have many ways to refuse a file
+        raise PolicyError(f"{name}: not a readable network: {reason(error)}") from error
+
+
+def _read(file: IO[bytes], path: str) -> Saved:
     """Read a file. Raises PolicyError, MissingExtraError, or an error of the libraries."""
-    with opened(path, sum(LARGEST.values())) as file, zipfile.ZipFile(file) as archive:
+    with zipfile.ZipFile(file) as archive:
         data = json.loads(_member(archive, "data"))
         weights = _member(archive, "policy.pth")
     policy = _policy(data)

@@ -210,7 +210,7 @@ def _runs(found: Compared) -> Html:
         [
             run.summary["policy"],
             run.summary["seed"],
-            code(str(run.folder)),
+            code(run.place),
             run.manifest.get("engine"),
             command_of(run),
         ]

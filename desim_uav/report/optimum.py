@@ -16,20 +16,29 @@ Row = tuple[str, str, str, str, str, Any]
 """What is the best, its QoE3, its reward, what is proven, its cells, and its policy or None."""
 
 
+HEADINGS = ("the best", "QoE3\n%", "reward\nper step", "proven\nat most", "cells")
+
+
+def title_of(found: dict[str, Any]) -> str:
+    """Return what was solved."""
+    title = "{scenario}, world seed {world_seed}: {drones} drone(s), {users} user(s)"
+    return printable(title.format(**found))
+
+
 def print_optimum(found: dict[str, Any]) -> None:
     """Print how well any policy could do: a row for each optimum, and the best flights."""
-    title = "{scenario}, world seed {world_seed}: {drones} drone(s), {users} user(s)"
-    rows = list(_optima(found))
+    rows = list(optima(found))
     table = Table(
-        title=Text(printable(title.format(**found))),
+        title=Text(title_of(found)),
         box=box.SIMPLE_HEAD,
         padding=(0, 0, 0, 1),
         title_justify="left",
     )
-    table.add_column("the best", no_wrap=True)
-    for heading in ("QoE3\n%", "reward\nper step", "proven\nat most"):
+    first, *numbers, last = HEADINGS
+    table.add_column(first, no_wrap=True)
+    for heading in numbers:
         table.add_column(heading, justify="right")
-    table.add_column("cells")
+    table.add_column(last)
     for name, qoe3, reward, at_most, cells, _ in rows:
         table.add_row(name, qoe3, reward, at_most, cells)
     print_table(table)
@@ -42,7 +51,7 @@ def print_optimum(found: dict[str, Any]) -> None:
         print(f"no bounds of runs: {printable(found['runs_refused'])}")
 
 
-def _optima(found: dict[str, Any]) -> Iterator[Row]:
+def optima(found: dict[str, Any]) -> Iterator[Row]:
     """Yield the rows of the table."""
     if found["cover"] is not None:
         yield from _hovering(found)

@@ -19,8 +19,7 @@ from desim_uav.report import markup
 from desim_uav.report.inline_svg import drawn
 from desim_uav.report.run import Run
 from desim_uav.report.text import MEASURES
-from desim_uav.scenario.load import to_plain
-from desim_uav.scenario.schema import Scenario
+from desim_uav.scenario.facts import scenario_facts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -36,10 +35,17 @@ class Reported(Run):
     """A run in a report, with its ``summary`` over the counted episodes.
 
     ``link`` is its folder's address relative to the page, or "" if the page is in that folder.
+    ``passing``: the run is in memory, and its folder will be gone when the page is read.
     """
 
     link: str
     summary: dict[str, Any]
+    passing: bool = False
+
+    @property
+    def place(self) -> str:
+        """Where the run is, for its readers."""
+        return "in memory" if self.passing else str(self.folder)
 
     @property
     def has_replay(self) -> bool:
@@ -157,95 +163,11 @@ def scenario_section(run: Reported) -> markup.Html:
     )
 
 
-def scenario_facts(scenario: Scenario) -> list[tuple[str, str]]:
-    """Return the main properties of a scenario, in words."""
-    plain = to_plain(scenario)
-    users, stations, episode = plain["users"], plain["stations"], plain["episode"]
-    width, depth = plain["map"]["size_m"]
-    nx, ny = plain["map"]["cells"]
-    return [
-        ("name", plain["name"]),
-        ("map", f"{width:g} × {depth:g} m, {nx} × {ny} cells, {plain['map']['dimensions']}D"),
-        *_fleet_facts(plain),
-        ("stations", f"{stations['count']}, {count(stations['pads'], 'pad')} each"),
-        ("users", f"{len(users.get('positions_m') or []) or users['count']}"),
-        ("mobility", _component(users["mobility"])),
-        ("demand", _component(plain["demand"])),
-        ("services", ", ".join(plain["services"])),
-        ("reward", _component(plain["reward"])),
-        ("position noise", _component(plain["position_noise"] or {}) or "none"),
-        ("episode", f"{episode['steps']} steps of {episode['step_s']:g} s"),
-        ("carry-over", "yes" if episode["carry_over"] else "no"),
-    ]
-
-
-def _fleet_facts(plain: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return the properties of the drones and of access points; a type of drones has one line."""
-    drones = plain["drones"]
-    if isinstance(drones, dict):
-        return _type_facts(drones, _radio_facts(plain, drones["radio"]))
-    graded = [own["radio"] for own in drones if own["radio"]["kind"] != "disc"]
-    shared = _radio_facts(plain, (graded or [drones[0]["radio"]])[0])
-    types = []
-    for own in drones:
-        facts = _type_facts(own, [("radio", _component(own["radio"]))])
-        count, *rest = [value if name == "drones" else f"{name} {value}" for name, value in facts]
-        types.append((own["name"], "; ".join([count, *rest])))
-    return [*types, *(fact for fact in shared if fact[0] != "radio")]
-
-
-def _type_facts(
-    drones: dict[str, Any], radio_facts: list[tuple[str, str]]
-) -> list[tuple[str, str]]:
-    battery = drones["battery"]
-    return [
-        ("drones", f"{drones['count']}{_footprint(drones)}"),
-        ("bandwidth", _bandwidth(drones)),
-        *radio_facts,
-        ("battery", "unlimited" if battery is None else _component(battery)),
-        ("motion", _component(drones["motion"])),
-    ]
-
-
-def _footprint(drones: dict[str, Any]) -> str:
-    radius_m = drones.get("footprint_radius_m")
-    return "" if radius_m is None else f", footprint {radius_m:g} m"
-
-
-def _bandwidth(drones: dict[str, Any]) -> str:
-    if "bandwidth_mhz" in drones["radio"]:
-        return f"{drones['radio']['bandwidth_mhz']:g} MHz per drone"
-    return _or_unlimited(drones["bandwidth_kbps"], "{:g} kbit/s per drone")
-
-
-def _radio_facts(plain: dict[str, Any], radio: dict[str, Any]) -> list[tuple[str, str]]:
-    """Return a radio, the association and the access points, if links have classes."""
-    points = plain.get("access_points") or []
-    if radio["kind"] == "disc" and not points:
-        return []
-    facts = [("radio", _component(radio)), ("association", _component(plain["association"]))]
-    return facts + ([("access points", str(len(points)))] if points else [])
-
-
-def _or_unlimited(value: float | None, form: str) -> str:
-    return "unlimited" if value is None else form.format(value)
-
-
-def _component(plain: dict[str, Any]) -> str:
-    """Return a component's kind and its simple parameters."""
-    parameters = (
-        f"{key} {value:g}" if type(value) in (int, float) else f"{key} {value}"
-        for key, value in plain.items()
-        if key != "kind" and isinstance(value, int | float | str)
-    )
-    return ", ".join([*([str(plain["kind"])] if "kind" in plain else []), *parameters])
-
-
 def provenance_facts(run: Reported) -> list[tuple[str, Any]]:
     """Return the provenance of a run, as far as its manifest tells."""
     manifest = run.manifest
     return [
-        ("folder", markup.code(str(run.folder))),
+        ("folder", markup.code(run.place)),
         ("policy", manifest["policy"]),
         ("seed", manifest["seed"]),
         ("world seed", manifest.get("world_seed")),

@@ -71,7 +71,7 @@ def moment(run: Reported, episode: int, t_s: float, request: int) -> str:
 
 def how_to_watch(runs: Sequence[Reported]) -> Html:
     """Return the commands that make the missing replays."""
-    missing = [run for run in runs if not run.has_replay]
+    missing = [run for run in runs if not run.has_replay and not run.passing]
     if not missing:
         return Html("")
     commands = (code(shlex.join(["desim-uav", "replay", str(run.folder)])) for run in missing[:3])

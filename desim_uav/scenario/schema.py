@@ -432,6 +432,20 @@ class Scenario(Section):
     learning: Learning = Learning()
     """How drones learn."""
 
+    def __repr__(self) -> str:
+        from desim_uav.scenario.facts import as_text, scenario_facts
+
+        name, *facts = scenario_facts(self)
+        return as_text(f"Scenario {name[1]}", facts)
+
+    __str__ = __repr__
+
+    def _repr_html_(self) -> str:
+        from desim_uav.scenario.facts import as_html, scenario_facts
+
+        name, *facts = scenario_facts(self)
+        return as_html(f"Scenario {name[1]}", facts)
+
     @model_validator(mode="after")
     def _circles_follow_the_map(self) -> Scenario:
         share = min(self.map.size_m) / SIDE_M

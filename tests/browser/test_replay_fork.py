@@ -14,7 +14,7 @@ def forked(tmp_path_factory):
     du.counterfactual(
         "case8", policy="baseline", to="hover", fork=(1, 12), episodes=3, out=out, progress=False
     )
-    return du.write_replay(out, show_progress=False).file
+    return du.write_replay(out, progress=False).file
 
 
 def both(page):
@@ -47,8 +47,6 @@ def test_the_common_past_is_shown_as_common(page, forked):
 def test_runs_without_a_fork_say_nothing_of_it(page, forked, tmp_path):
     for policy in ("baseline", "hover"):
         du.run("tiny", policy=policy, events=True, out=tmp_path / policy, progress=False)
-    file = du.write_replay(
-        tmp_path / "baseline", beside=tmp_path / "hover", show_progress=False
-    ).file
+    file = du.write_replay(tmp_path / "baseline", beside=tmp_path / "hover", progress=False).file
     page.open(file, size=(1400, 900))
     assert "so far the same" not in page.text("caption-0") + page.text("caption-1")

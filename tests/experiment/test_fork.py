@@ -181,9 +181,9 @@ class TestCommand:
         }
         for branch, policy in (("original", "baseline"), ("other", "baseline, then hover")):
             assert du.read_run(out / branch).policy == policy
-        page = du.write_replay(out, show_progress=False)
+        page = du.write_replay(out, progress=False)
         assert page.file == out / "replay.html" and page.episodes == [0]
-        text = page.content.decode()
+        text = page.html
         assert text.count('"fork":{"episode":0,"t_us":180000000}') == 2
         with pytest.raises(du.DesimError, match="it has two branches"):
             du.write_replay(out, beside=out / "other")

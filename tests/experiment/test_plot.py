@@ -3,7 +3,6 @@
 import json
 import shutil
 import sys
-from pathlib import Path
 
 import pytest
 from PIL import Image
@@ -82,9 +81,7 @@ def test_energy_needs_no_folder(ask, folders):
 
 def test_energy_of_free_flight(ask, tmp_path):
     assert ask("plot", "energy", "festival") == (0, "energy.png\n", "")
-    assert du.plot("energy", [Path("festival")], Path("again.png"), {"drone": 2}) == Path(
-        "again.png"
-    )
+    assert du.plot("energy", "festival", "again.png", drone=2).axes
     assert (tmp_path / "again.png").read_bytes() == (tmp_path / "energy.png").read_bytes()
     code, _, err = ask("plot", "energy", "festival", "--drone", 3)
     assert (code, "--drone 3: festival has the drones 0 to 2" in err) == (2, True)
@@ -122,7 +119,11 @@ def test_the_ending_says_the_format(ask, tmp_path, name, begins):
 @pytest.mark.parametrize(
     ("words", "code", "message"),
     [
-        (("plot", "visit", "@run0"), 2, "visit (did you mean 'visits'?); allowed: training, comp"),
+        (
+            ("plot", "visit", "@run0"),
+            2,
+            "unknown figure 'visit' (did you mean 'visits'?); ",
+        ),
         (("plot", "services", "@run0", "-o", "a.jpg"), 2, "must end in one of .png, .pdf, .svg"),
         (("plot", "services", "@run0", "-o", "a"), 2, "must end in one of .png, .pdf, .svg"),
         (("plot", "battery", "@run0", "@run1"), 2, "battery: give one folder, not 2"),
@@ -138,7 +139,7 @@ def test_the_ending_says_the_format(ask, tmp_path, name, begins):
         (("plot", "compare", "@run0", "@trained0"), 4, "no such table"),
         (("plot", "compare", "@run0", "@bare"), 4, "hover on seed 0 is given twice"),
         (("plot", "training", "@run0"), 4, "not a training folder"),
-        (("plot", "training", "@nowhere"), 4, "no such run folder"),
+        (("plot", "training", "@nowhere"), 4, "no such training folder"),
         (("plot", "policy", "@run0"), 4, "not a training folder: it has no policy.npz"),
         (("plot", "policy", "nowhere.npz"), 4, "not a readable policy file"),
         (("plot", "visits", "@trained0"), 4, "a run folder?"),

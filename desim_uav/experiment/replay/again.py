@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -23,12 +24,31 @@ from desim_uav.run_folder import world_content
 from desim_uav.world import World, build_world
 
 
-def playable(run_dir: Path, show_progress: bool = True) -> Run:
+@dataclass(frozen=True)
+class Source:
+    """A run to be shown: its folder, and the policy that plays it again if it kept no events.
+
+    Without ``policy``, the one that the run's manifest names is loaded. ``passing``: the folder is
+    there only while the run is shown.
+    """
+
+    folder: Path
+    policy: Policy | None = None
+    passing: bool = False
+
+    @classmethod
+    def of(cls, run: Path | Source) -> Source:
+        """Return a run to be shown, which its folder stands for."""
+        return run if isinstance(run, Source) else cls(run)
+
+
+def playable(run: Path | Source, show_progress: bool = True) -> Run:
     """Return a run with events and legs; if it kept none, it is played again on demand."""
-    return Run(run_dir, playing_again(show_progress))
+    source = Source.of(run)
+    return Run(source.folder, playing_again(show_progress, source.policy))
 
 
-def playing_again(show_progress: bool = True) -> Again:
+def playing_again(show_progress: bool = True, policy: Policy | None = None) -> Again:
     """Return a function that makes the events and legs that a run did not keep.
 
     The function raises NoEventsError if the run cannot be played again.
@@ -41,7 +61,7 @@ def playing_again(show_progress: bool = True) -> Again:
         except PolicyError as error:
             raise NoEventsError(f"{run.folder}: the run kept no events, and {error}") from error
         with progress(show_progress, total, engine=engine) as advance:
-            made = [tables for _, tables in played_again(run, wanted, advance)]
+            made = [tables for _, tables in played_again(run, wanted, advance, policy)]
         return {name: pd.concat([of[name] for of in made], ignore_index=True) for name in IN_TIME}
 
     return again

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from desim_uav.experiment.progress import progress
-from desim_uav.experiment.replay.again import played_again
+from desim_uav.experiment.replay.again import Source, played_again
 from desim_uav.experiment.replay.forked import shown_of
 from desim_uav.experiment.replay.side_by_side import common_episodes
 from desim_uav.policies import Policy
@@ -25,17 +25,6 @@ BASE64 = 4 / 3
 
 
 @dataclass(frozen=True)
-class Source:
-    """A run to be shown: its folder, and the policy that plays it again if it kept no events.
-
-    Without ``policy``, the one that the run's manifest names is loaded.
-    """
-
-    folder: Path
-    policy: Policy | None = None
-
-
-@dataclass(frozen=True)
 class Made:
     """The page of one run or two, its episodes, and those left out because of its size limit."""
 
@@ -44,22 +33,14 @@ class Made:
     left_out: list[int]
     played_again: bool
 
-
-@dataclass(frozen=True)
-class Written(Made):
-    """A page in a file."""
-
-    file: Path
-
     @property
     def size(self) -> int:
-        """The number of bytes of the file."""
+        """The number of bytes of the page."""
         return len(self.content)
 
     def summary(self) -> dict[str, Any]:
         """Return the result as plain data, for JSON."""
         return {
-            "html": str(self.file),
             "bytes": self.size,
             "episodes": self.episodes,
             "left_out": self.left_out,
@@ -67,13 +48,24 @@ class Written(Made):
         }
 
 
+@dataclass(frozen=True)
+class Written(Made):
+    """A page in a file."""
+
+    file: Path
+
+    def summary(self) -> dict[str, Any]:
+        """Return the result as plain data, for JSON."""
+        return {"html": str(self.file)} | super().summary()
+
+
 def write_replay(
-    run_dir: Path,
+    run_dir: Path | Source,
     html: Path | None = None,
     episodes: str | None = None,
     show_progress: bool = True,
     most_bytes: int | None = None,
-    beside: Path | None = None,
+    beside: Path | Source | None = None,
 ) -> Written:
     """Write the page of a run, or of two in step, into the first run's folder or to ``html``.
 
@@ -81,13 +73,15 @@ def write_replay(
     the folder of a counterfactual, both branches are shown.
     Raises as ``make_replay`` does, and UsageError if the page cannot be written.
     """
-    name = f"replay-{beside.resolve().name}.html" if beside else "replay.html"
-    file = run_dir / name if html is None else html
+    given = [Source.of(run) for run in (run_dir, beside) if run is not None]
+    first, second = given[0].folder, given[1].folder if len(given) > 1 else None
+    name = f"replay-{second.resolve().name}.html" if second else "replay.html"
+    file = first / name if html is None else html
     place = file_place(file, "" if html is None else "--html")
-    shown = shown_of(run_dir, beside, episodes)
-    made = make_replay(
-        [Source(folder) for folder in shown.folders], shown.episodes, show_progress, most_bytes
-    )
+    shown = shown_of(first, second, episodes)
+    if shown.folders != [source.folder for source in given]:
+        given = [Source(folder) for folder in shown.folders]
+    made = make_replay(given, shown.episodes, show_progress, most_bytes)
     write_at(place, made.content)
     return Written(**vars(made), file=file)
 

@@ -6,7 +6,6 @@ the same command can continue a sweep however it ended.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from desim_uav.experiment.provenance import versions
 from desim_uav.experiment.sweep.grid import Axis
 from desim_uav.experiment.sweep.job import Failure, Job, Outcome, Row
 from desim_uav.regular_file import content_of, text_of
+from desim_uav.experiment.sweep.plan import Given
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.run_folder import held, write_whole
 
@@ -54,14 +54,14 @@ class SweepFolder:
         with held(self.out):
             yield
 
-    def open(self, path: Path, todo: Sequence[Job], resume: bool, command: list[str]) -> None:
+    def open(self, given: Given, todo: Sequence[Job], resume: bool, command: list[str]) -> None:
         """Make the folder for these jobs, or check that it belongs to them.
 
-        ``path`` is the scenario's file. A sweep can be continued with more jobs, but must keep all
+        ``given`` is the scenario. A sweep can be continued with more jobs, but must keep all
         that it has. Raises UsageError if the folder cannot be used, and PolicyError if it belongs
         to another sweep.
         """
-        plan = self._plan(path, todo)
+        plan = self._plan(given, todo)
         try:
             begun = self._begun()
             if begun and not resume:
@@ -107,12 +107,11 @@ class SweepFolder:
         else:
             file.unlink(missing_ok=True)
 
-    def _plan(self, path: Path, todo: Sequence[Job]) -> dict[str, Any]:
+    def _plan(self, given: Given, todo: Sequence[Job]) -> dict[str, Any]:
         arms = list({id(job.arm): job.arm for job in todo}.values())
-        digest = hashlib.sha256(path.read_bytes()).hexdigest()
         combinations = {arm.combination.settings: arm for arm in arms}
         return {
-            "scenario": {"name": arms[0].scenario.name, "file": str(path), "sha256": digest},
+            "scenario": {"name": arms[0].scenario.name} | given.about(),
             "columns": self.columns,
             "episodes": todo[0].episodes,
             "warmup": todo[0].warmup,

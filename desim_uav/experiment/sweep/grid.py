@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from itertools import product
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from desim_uav.errors import UsageError
 from desim_uav.scenario.draft import named_override, override_path
@@ -111,9 +113,16 @@ def _overrides(values: Overrides) -> Iterator[str]:
         yield from values
         return
     for key, each in values.items():
-        several = each if isinstance(each, list | tuple | range) else [each]
+        several = each if _is_several(each) else [each]
         texts = (override_texts({key: value})[0] for value in several)
         yield f"{key}=" + ",".join(text.partition("=")[2] for text in texts)
+
+
+def _is_several(each: Any) -> bool:
+    """Return whether these are several values of a key: a list, a range or an array of NumPy."""
+    if isinstance(each, np.ndarray):
+        return each.ndim > 0
+    return isinstance(each, Iterable) and not isinstance(each, str | bytes | Mapping)
 
 
 def _axis(override: str) -> Axis:

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import hashlib
 import inspect
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from desim_uav.engine.choose import check_engine, engine_for
 from desim_uav.errors import PolicyError, UsageError, located
@@ -20,7 +22,14 @@ from desim_uav.policies.base import file_of, parts
 from desim_uav.registry import names
 from desim_uav.regular_file import content_of
 from desim_uav.scenario.draft import named_override
-from desim_uav.scenario.load import Overrides, load, scenario_hash
+from desim_uav.scenario.load import (
+    Overrides,
+    dump,
+    from_mapping,
+    load,
+    scenario_hash,
+    to_plain,
+)
 from desim_uav.scenario.schema import Scenario
 from desim_uav.world import World, build_world
 
@@ -29,15 +38,45 @@ LARGEST_POLICY = 2**32
 
 
 @dataclass(frozen=True)
+class Given:
+    """The scenario of a sweep: a file, or what Python has: its content, or a loaded scenario."""
+
+    scenario: Path | Mapping[str, Any] | Scenario
+
+    def load(self, settings: Sequence[str]) -> Scenario:
+        """Return the scenario with these settings. Raises ScenarioError, UsageError."""
+        if isinstance(self.scenario, Path):
+            return load(self.scenario, settings)
+        if isinstance(self.scenario, Scenario):
+            plain, source = to_plain(self.scenario), f"<{self.scenario.name}>"
+            return from_mapping(plain, source=source, overrides=settings)
+        return from_mapping(self.scenario, overrides=settings)
+
+    @contextmanager
+    def located(self) -> Iterator[None]:
+        """Name the file in problems that are found only in drawing a world."""
+        with located(self.scenario) if isinstance(self.scenario, Path) else nullcontext():
+            yield
+
+    def about(self) -> dict[str, Any]:
+        """Return the file, if there is one, and the digest of the content, for the manifest."""
+        if isinstance(self.scenario, Path):
+            content, file = self.scenario.read_bytes(), str(self.scenario)
+            return {"file": file, "sha256": hashlib.sha256(content).hexdigest()}
+        content = dump(self.load(())).encode()
+        return {"file": None, "sha256": hashlib.sha256(content).hexdigest()}
+
+
+@dataclass(frozen=True)
 class Asked:
-    """What a sweep is to run, of the scenario in the file ``path``.
+    """What a sweep is to run in a scenario.
 
     ``values`` are those of ``axes``. ``policies`` None means the baseline, or no policy if
     something is trained, ``algorithms`` None the scenario's own, and ``engine`` None the compiled
     engine if it can run the scenario.
     """
 
-    path: Path
+    scenario: Path | Mapping[str, Any] | Scenario
     values: Overrides
     policies: Sequence[str] | None
     train: bool
@@ -46,6 +85,11 @@ class Asked:
     episodes: int
     warmup: int
     engine: str | None = None
+
+    @property
+    def given(self) -> Given:
+        """The scenario, as it was given."""
+        return Given(self.scenario)
 
     def policy_names(self) -> list[str]:
         """Return the policies to run. Raises UsageError, or PolicyError if one cannot be loaded."""
@@ -170,8 +214,8 @@ def _prepared(
 
     Raises ScenarioError with the file's name.
     """
-    scenario = load(asked.path, settings)
-    with located(asked.path):
+    scenario = asked.given.load(settings)
+    with asked.given.located():
         drawn = scenario.model_copy(update={"seed": asked.seeds[0]})
         world = build_world(drawn, drawn.effective_world_seed)
         engine = asked.engine or engine_for(world, reasons.setdefault)

@@ -25,6 +25,7 @@ from desim_uav.registry import did_you_mean
 from desim_uav.regular_file import text_of
 from desim_uav.report.json_file import MOST_BYTES
 from desim_uav.report.text import word
+from desim_uav.run_folder import no_such
 
 MOST_KEYS = 2
 """The most keys that a figure shows."""
@@ -95,7 +96,7 @@ class SweepResults:
 def read_sweep(folder: Path) -> SweepResults:
     """Read the folder of a sweep. Raises PolicyError if it cannot be read or has no row."""
     if not folder.is_dir():
-        raise PolicyError(f"{folder}: no such sweep folder")
+        raise no_such(folder, "sweep folder")
     if not is_sweep(folder):
         raise PolicyError(f"{folder}: not a sweep folder: it has no {RESULTS}/ or no {MANIFEST}")
     manifest = read_manifest(folder / MANIFEST)

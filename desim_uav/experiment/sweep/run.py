@@ -53,7 +53,7 @@ def sweep_to_folder(
     folder = SweepFolder(out, swept, measured(todo))
     failures, interrupted = list[Failure](), False
     with _backend(backend, workers, address, not show_progress) as run, folder.held():
-        folder.open(asked.path, todo, resume, list(command))
+        folder.open(asked.given, todo, resume, list(command))
         finished = folder.rows(todo)
         if finished:
             say(f"{len(finished)} of {len(todo)} jobs had ended before")

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pandas as pd
 
+from desim_uav.experiment.replay.again import Source
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate
 from desim_uav.experiment.sweep.folder import FAILED
 from desim_uav.experiment.sweep.grid import Axis
@@ -18,6 +20,9 @@ from desim_uav.experiment.sweep.plan import Arm
 from desim_uav.report import notebook
 from desim_uav.report.intervals import mean_words, sentence
 from desim_uav.report.text import OF_ENERGY
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SHOWN_FAILURES = 10
 SHOWN = {
@@ -63,6 +68,35 @@ class Done:
     def frame(self) -> pd.DataFrame:
         """One row per job that has ended: the values of the keys, the policy and its measures."""
         return pd.DataFrame(list(self.rows))
+
+    @contextmanager
+    def sources(self) -> Iterator[list[Source]]:
+        """Have the sweep in a folder, which it is in, while something is made of it."""
+        yield [Source(self.out)]
+
+    def plot(
+        self,
+        out: str | Path | None = None,
+        *,
+        measure: str | Sequence[str] | None = None,
+        key: str | Sequence[str] | None = None,
+    ) -> Figure:
+        """Draw measures over one or two keys; a notebook shows the figure.
+
+        Args:
+            out: A file that ends in .png, .pdf or .svg, if the figure is to be written.
+            measure: One measure or several. Default: QoE1 to QoE3.
+            key: Keys to show, the first along the axis, or ``"KEY=VALUE"`` to hold one.
+
+        Raises UsageError for an unknown measure or key, and for the file.
+        """
+        from desim_uav.experiment.plot import Target, draw
+
+        target = None if out is None else Target(Path(out), "out")
+        figure = draw("sweep", [Source(self.out)], {"measure": measure, "key": key})
+        if target is not None:
+            target.write(figure)
+        return figure
 
     def __repr__(self) -> str:
         ended = f"{len(self.rows)} of {len(self.jobs)} jobs have ended"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
 from desim_uav.errors import MissingExtraError, PolicyError, in_short
@@ -12,11 +13,23 @@ from desim_uav.model.observations import Feature
 from desim_uav.model.state import Observation
 from desim_uav.model.streams import Streams
 from desim_uav.policies.network_file import reason
-from desim_uav.policies.rllib.file import NAME, NetworkFile
+from desim_uav.policies.rllib.file import NAME, NetworkFile, Saved
 from desim_uav.registry import register
 from desim_uav.run_folder import world_hash
 from desim_uav.scenario.load import scenario_hash, seedless
 from desim_uav.world import World
+
+
+class InMemory:
+    """What is in the file of a checkpoint, after the file has gone."""
+
+    def __init__(self, file: NetworkFile) -> None:
+        self.path, self.about, self.statistics = file.path, file.about, file.statistics
+        self._saved = file.saved()
+
+    def saved(self) -> Saved:
+        """Return all that was in the file."""
+        return self._saved
 
 
 @register("policy", "rllib")
@@ -32,8 +45,23 @@ class RLlib:
     def __init__(self, folder: str = "") -> None:
         if not folder:
             raise ValueError("a network needs the folder of its checkpoint: rllib:DIR")
+        self._use(folder, NetworkFile(self.file_of(folder).parent))
+
+    @classmethod
+    def of_model(cls, algorithm: Any, name: str) -> RLlib:
+        """Act by an algorithm that is in memory, as by the file that ``save`` would write.
+
+        Raises PolicyError for an algorithm that could not be rebuilt.
+        """
+        policy = cls.__new__(cls)
+        with TemporaryDirectory(prefix="desim-uav-") as scratch:
+            importlib.import_module("desim_uav.policies.rllib.saving").save(algorithm, scratch)
+            policy._use(name, InMemory(NetworkFile(Path(scratch))))
+        return policy
+
+    def _use(self, folder: str, file: NetworkFile | InMemory) -> None:
         self.folder = folder
-        self._file = NetworkFile(self.file_of(folder).parent)
+        self._file = file
         self.world_seed: int | None = self._file.about["world_seed"]
         self._world: World | None = None
         try:

@@ -6,14 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.patheffects import withStroke
 
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.model.battery import WH_UJ
 from desim_uav.model.rules import US, Mode
-from desim_uav.report.figures.style import MOST_PANELS, NARROW, drone_look, headed, styled
+from desim_uav.report.figures.style import MOST_PANELS, NARROW, Figure, drone_look, headed, styled
 from desim_uav.report.figures.visits import chosen_drones
 from desim_uav.report.playback import Playback
 from desim_uav.report.run import Run, opened

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from desim_uav.errors import NoEventsError, PolicyError
 from desim_uav.model.rules import US
@@ -24,7 +23,7 @@ from desim_uav.report.figures.map import (
     draw_stations,
     draw_zones,
 )
-from desim_uav.report.figures.style import NARROW, drone_look, named, styled
+from desim_uav.report.figures.style import NARROW, Figure, drone_look, named, styled
 from desim_uav.report.links import rings_m
 from desim_uav.report.playback import Playback
 from desim_uav.report.run import Run, opened

@@ -6,9 +6,8 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
-from desim_uav.report.figures.style import COLOURS, NARROW, headed, marker, short, styled
+from desim_uav.report.figures.style import COLOURS, NARROW, Figure, headed, marker, short, styled
 from desim_uav.report.intervals import interval_words, of_one_seed
 
 PANELS = {

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure, FigureBase
+from matplotlib.figure import FigureBase
 
 from desim_uav.drone_type import DroneType
 from desim_uav.errors import UsageError
@@ -17,7 +17,7 @@ from desim_uav.model.free.limits import CALM
 from desim_uav.model.motion import Transit
 from desim_uav.model.rules import US, Action, kind_of
 from desim_uav.report.figures.free_energy import draw_free_legs, draw_per_metre
-from desim_uav.report.figures.style import COLOURS, headed, styled
+from desim_uav.report.figures.style import COLOURS, Figure, headed, styled
 from desim_uav.report.free_legs import FreeLegs
 from desim_uav.world import World
 

@@ -5,9 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from matplotlib.figure import Figure
-
-from desim_uav.report.figures.style import BAD, COLOURS, headed, styled
+from desim_uav.report.figures.style import BAD, COLOURS, Figure, headed, styled
 from desim_uav.report.run import Run, opened
 
 PANELS = {"qoe1_percent": "QoE1, %", "qoe2_iterations": "QoE2, steps", "qoe3_percent": "QoE3, %"}

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 from numpy.typing import NDArray
 
-from desim_uav.report.figures.style import COLOURS, grid_of, headed, look, styled
+from desim_uav.report.figures.style import COLOURS, Figure, grid_of, headed, look, styled
 
 
 @dataclass(frozen=True)

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from desim_uav.report.curves import Panel
-from desim_uav.report.figures.style import headed, look, short, styled
+from desim_uav.report.figures.style import Figure, headed, look, short, styled
 
 
 @styled

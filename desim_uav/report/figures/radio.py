@@ -11,7 +11,6 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LinearSegmentedColormap, Normalize
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Circle
 from matplotlib.patheffects import withStroke
@@ -22,7 +21,7 @@ from desim_uav.errors import UsageError, in_short
 from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.palette import drone_colour
 from desim_uav.registry import naming_plug_ins
-from desim_uav.report.figures.style import headed, styled
+from desim_uav.report.figures.style import Figure, headed, styled
 from desim_uav.scenario.components import described
 from desim_uav.world import World
 

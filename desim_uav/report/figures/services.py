@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from desim_uav.errors import PolicyError
 from desim_uav.qoe import OUTCOMES
-from desim_uav.report.figures.style import FAIR, NARROW, headed, look, short, styled
+from desim_uav.report.figures.style import FAIR, NARROW, Figure, headed, look, short, styled
 from desim_uav.report.figures.visits import counted_episodes
 from desim_uav.report.run import Run, opened
 

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from matplotlib.figure import Figure
 from mpl_toolkits.mplot3d import Axes3D  # type: ignore[import-untyped]
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 
@@ -18,7 +17,7 @@ from desim_uav.model.rules import US, Mode
 from desim_uav.palette import USERS
 from desim_uav.report.figures.case import case_picture
 from desim_uav.report.figures.map import NO_FLIGHT, POINT, centre_m, zone_words
-from desim_uav.report.figures.style import drone_look, named, styled
+from desim_uav.report.figures.style import Figure, drone_look, named, styled
 from desim_uav.report.links import point_rings_m, rings_m, shade
 from desim_uav.report.playback import Moment, Playback
 from desim_uav.report.run import Run, opened

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, ParamSpec, TypeVar
 
 import matplotlib as mpl
+from matplotlib import figure as mpl_figure
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from desim_uav.errors import UsageError
 from desim_uav.palette import drone_colour
@@ -45,6 +45,13 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
+class Figure(mpl_figure.Figure):
+    """A figure of Matplotlib that a notebook shows, although pyplot does not know it."""
+
+    def _repr_png_(self) -> bytes:
+        return to_bytes(self, ".png")
+
+
 def styled(draw: Callable[P, T]) -> Callable[P, T]:
     """Make a function draw in the common style, independent of the user's own settings."""
 
@@ -70,7 +77,7 @@ def ending(out: Path, option: str = "--out") -> str:
 
 
 @styled
-def to_bytes(figure: Figure, suffix: str) -> bytes:
+def to_bytes(figure: mpl_figure.Figure, suffix: str) -> bytes:
     """Return a figure as the content of a file; the same figure gives the same bytes."""
     file = io.BytesIO()
     figure.savefig(file, format=suffix[1:], metadata=METADATA[suffix])

@@ -7,11 +7,10 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 
 from desim_uav.errors import UsageError
 from desim_uav.palette import ink_on
-from desim_uav.report.figures.style import MOST_PANELS, headed, look, marker, short, styled
+from desim_uav.report.figures.style import MOST_PANELS, Figure, headed, look, marker, short, styled
 from desim_uav.report.intervals import have_interval, interval_words
 from desim_uav.report.text import COMPARED, OF_ENERGY
 

@@ -10,14 +10,13 @@ from typing import Any
 import numpy as np
 import pandas as pd
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from desim_uav.errors import PolicyError, UsageError
 from desim_uav.records import TRAINING
-from desim_uav.report.figures.style import headed, look, styled
+from desim_uav.report.figures.style import Figure, headed, look, styled
 from desim_uav.report.json_file import Form, read_json
-from desim_uav.run_folder import read_scenario, read_table
+from desim_uav.run_folder import no_such, read_scenario, read_table
 from desim_uav.scenario.load import to_plain
 
 CURVES = {
@@ -123,7 +122,9 @@ def _explain(axes: Axes, drawn: Axes, window: int, seeds: Sequence[int]) -> None
 
 def read_training(folder: Path) -> Trained:
     """Read a training folder. Raises PolicyError if it is not one or has not ended."""
-    if folder.is_dir() and not (folder / "training.parquet").exists():
+    if not folder.is_dir():
+        raise no_such(folder, "training folder")
+    if not (folder / "training.parquet").exists():
         known = (folder / "checkpoint.npz").exists()
         raise PolicyError(
             f"{folder}: the training has not ended; continue it with --resume"

@@ -1,0 +1,51 @@
+"""What figures, pages and films are made of: results, and folders and files by their paths."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager
+from pathlib import Path
+from typing import Any, Protocol
+
+from desim_uav.errors import UsageError
+from desim_uav.experiment.replay.again import Source
+
+
+class InFolders(Protocol):
+    """A result, which is in folders, or can be put into some for a while."""
+
+    def sources(self) -> AbstractContextManager[Sequence[Source]]:
+        """Have the result in folders, for instance one for each seed, while something is made."""
+
+
+def each_of(given: Any, *single: type) -> list[Any]:
+    """Return what was given as a list: one thing, or several in a list or another iterable."""
+    if isinstance(given, (str, Path, *single)) or hasattr(given, "sources"):
+        return [given]
+    if not isinstance(given, Iterable):
+        raise _unknown(given)
+    return list(given)
+
+
+@contextmanager
+def in_folders(given: Sequence[str | Path | InFolders]) -> Iterator[list[Source]]:
+    """Have results in folders while something is made of them; a path is a folder already.
+
+    Raises UsageError for anything else.
+    """
+    with ExitStack() as open_until:
+        found: list[Source] = []
+        for one in given:
+            if isinstance(one, str | Path):
+                found.append(Source(Path(one)))
+            elif hasattr(one, "sources"):
+                found += open_until.enter_context(one.sources())
+            else:
+                raise _unknown(one)
+        yield found
+
+
+def _unknown(given: Any) -> UsageError:
+    return UsageError(
+        f"{type(given).__name__}: must be a result of desim_uav, or the path of a folder or file"
+    )
