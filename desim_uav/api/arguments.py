@@ -17,7 +17,7 @@ import numpy as np
 from desim_uav.api.invocation import command_line
 from desim_uav.errors import DesimWarning, UsageError, located
 from desim_uav.policies.base import policy_name
-from desim_uav.scenario.checks import warn_of
+from desim_uav.scenario.doubts import warn_of
 from desim_uav.scenario.load import Overrides, from_mapping, load, override_texts, to_plain
 from desim_uav.scenario.schema import Scenario
 from desim_uav.shipped import find_scenario

@@ -46,7 +46,7 @@ def validate(
 ) -> None:
     """Check scenario files: print every error of each, and see that their worlds can be drawn."""
     from desim_uav.errors import ScenarioError, located
-    from desim_uav.scenario.checks import warn_of
+    from desim_uav.scenario.doubts import recordings, warn_of
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
     from desim_uav.world import build_world
@@ -60,6 +60,8 @@ def validate(
                 build_world(scenario, scenario.effective_world_seed)
             warn_of(scenario)
             print(f"{file}: valid")
+            for recording in recordings(scenario):
+                print(f"{file}: {recording}")
         except ScenarioError as error:
             problems += error.problems
     if problems:

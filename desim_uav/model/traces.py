@@ -34,6 +34,14 @@ def quantity(text: str) -> float:
     return _bounded(number)
 
 
+def coordinate(text: str) -> float:
+    """Parse a number from -``LARGEST`` to ``LARGEST``."""
+    number = float(text)
+    if not abs(number) <= LARGEST:
+        raise ValueError(f"must be a finite number from {-LARGEST:,} to {LARGEST:,}")
+    return number
+
+
 def _bounded(number: N) -> N:
     if number < 0:
         raise ValueError("must be at least 0")

@@ -16,7 +16,6 @@ from desim_uav.model.services import Volume
 from desim_uav.model.sums import in_order
 from desim_uav.model.walking import Area
 from desim_uav.model.wind import motion_in
-from desim_uav.notices import notice
 from desim_uav.registry import FAULTS, did_you_mean, what_failed
 from desim_uav.rules.rewards import MultiService
 from desim_uav.scenario import radio_checks
@@ -46,31 +45,6 @@ def findings(scenario: Scenario) -> Iterator[Finding]:
     """Everything that is wrong with a scenario whose keys are right one by one."""
     for check in CHECKS:
         yield from check(scenario)
-
-
-def doubts(scenario: Scenario) -> Iterator[str]:
-    """What is allowed and hardly meant: circles that do not fit the map."""
-    width, depth = scenario.map.size_m
-    half, on_map = min(width, depth) / 2.0, f"the map of {width:g} x {depth:g} m"
-    clusters, stations = scenario.users.clusters, scenario.stations
-    if clusters is not None and clusters.radius_m[1] >= half:
-        low, high = clusters.radius_m
-        yield (
-            f"users.clusters.radius_m: [{low:g}, {high:g}]: clusters of {half:g} m and more lie in "
-            f"the middle of {on_map} (map.size_m), one upon the other"
-        )
-    on_circle = stations.count > 0 or any(one.start_cells is None for one in scenario.fleet)
-    if on_circle and stations.radius_m > half:
-        yield (
-            f"stations.radius_m: {stations.radius_m:g}: the circle leaves {on_map} (map.size_m); "
-            f"what is off it is moved to its edge"
-        )
-
-
-def warn_of(scenario: Scenario) -> None:
-    """Print what a scenario hardly means on stderr, one line each."""
-    for doubt in doubts(scenario):
-        notice(f"warning: {doubt}")
 
 
 def a_battery_needs_a_station(scenario: Scenario) -> Iterator[Finding]:

@@ -386,6 +386,16 @@ def test_a_script_says_what_to_do_and_else_it_is_hover(script: Callable[[str], s
         assert taken == [[right, hover, forward, hover], [hover, hover, left, hover]]
 
 
+def test_a_script_says_once_that_an_episode_is_shorter(
+    script: Callable[[str], str], capsys: pytest.CaptureFixture[str]
+):
+    name = script("step,drone,action\n1,0,right\n2,0,forward\n3,0,left\n")
+    list(play(square([(4, 4)], steps=2), load_policy(name), name, seed=0, episodes=2))
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"{name.removeprefix('script:')}:3: 2 of 3 actions are never taken" in line
+    assert line.endswith("an episode has the steps 0 to 1")
+
+
 def test_a_script_has_its_columns_in_any_order(script: Callable[[str], str]):
     name = script("action,step,note,drone\nRight,0,x,0\n")
     log = one_episode(square([(4, 4)], steps=1), name)
