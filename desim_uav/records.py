@@ -191,14 +191,22 @@ APART = Columns(
 
 ENERGY = Columns(
     "If batteries are measured in Wh:",
-    energy_wh=(FLOAT, "What the drones used in flight, in Wh, summed over them."),
-    charged_wh=(FLOAT, "What they were charged with, in Wh, summed over them."),
+    energy_wh=(
+        FLOAT,
+        "What the drones used in flight, in Wh, summed over those whose batteries are measured in "
+        "Wh.",
+    ),
+    charged_wh=(FLOAT, "What these drones were charged with, in Wh, summed over them."),
     served_mbit=(
         FLOAT,
         "What was served to all users together, in Mbit: the rate of a request times the time for "
         "which it was served, or the volume that was delivered.",
     ),
-    j_per_mbit=(FLOAT, "`energy_wh` in joules over `served_mbit`. Null if nothing was served."),
+    j_per_mbit=(
+        FLOAT,
+        "`energy_wh` in joules over `served_mbit`. Null if nothing was served, or if the batteries "
+        "of some drones are not measured in Wh.",
+    ),
 )
 
 EPISODES = Columns(

@@ -449,6 +449,11 @@ class World(Unchanging):
         """Whether some batteries are measured in microjoules, and not in time."""
         return any(each.in_joules for each in self.types)
 
+    @property
+    def all_in_joules(self) -> bool:
+        """Whether the batteries of all drones are measured in microjoules."""
+        return all(each.in_joules for each in self.types)
+
     # ---- what all drones have in common, if they are of one type
 
     @property

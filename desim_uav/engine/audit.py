@@ -35,6 +35,7 @@ def audit(simulation: Simulation) -> None:
         _bandwidth(world, state, sender)
     _demand(state)
     _stations(world, state)
+    _energy(simulation)
     if simulation.log.duration_us == 0:
         for user in state.users:
             _one_state(state, user)
@@ -54,6 +55,18 @@ def _battery(world: Any, state: Any, drone: Any) -> None:
         assert held_us == balance, f"battery of {drone.index}: what it used and gained"
         if drone.mode == CRASHED:
             assert held_us == 0, f"battery of crashed drone {drone.index}"
+
+
+def _energy(simulation: Simulation) -> None:
+    """Check the sums of energy for the log: the microjoules that batteries have lost so far.
+
+    Drones whose batteries are measured otherwise, in time, have no part in them.
+    """
+    drones = simulation.drones
+    in_joules = [one for one in drones if simulation.world.type_of(one.index).in_joules]
+    lost = sum(one.began - one.battery_us + one.counted for one in in_joules)
+    used, gained = simulation.energy_uj()
+    assert used - gained == lost, "energy of all drones together"
 
 
 def _bandwidth(world: Any, state: Any, drone: Any) -> None:

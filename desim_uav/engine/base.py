@@ -110,9 +110,9 @@ class EpisodeLog:
     integral of the number of attached users over time, and ``bandwidth_us_hz`` that of the
     bandwidth in use. ``queueing_us`` is the drones' time between landing and charging. ``crashed``
     lists the drone of each crash, and ``suppressed`` counts the arrivals that were dropped.
-    ``links`` is None if the drones' radio is the paper's disc. If batteries are in microjoules, the
-    drones ``used`` and ``gained`` (by charging) so many together. ``apart`` is None unless drones
-    have to keep a distance.
+    ``links`` is None if the drones' radio is the paper's disc. The drones whose batteries are in
+    microjoules ``used`` and ``gained`` (by charging) so many together. ``apart`` is None unless
+    drones have to keep a distance.
     """
 
     episode: int

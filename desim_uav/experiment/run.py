@@ -143,6 +143,7 @@ class Tally:
         self._qoe3, self._reward = qoe.Mean(), qoe.Mean()
         self._sums: dict[str, Any] = {}
         self._least_m: list[float] = []
+        self._energy_of_all = True
 
     def add(self, requests: pd.DataFrame, episodes: pd.DataFrame) -> None:
         """Add the tables of some episodes; warm-up does not count."""
@@ -159,6 +160,9 @@ class Tally:
                 self._sums[name] = float(total) if kind == FLOAT else int(total)
         if "least_distance_m" in episodes:
             self._least_m += episodes["least_distance_m"].dropna().tolist()
+        if "j_per_mbit" in episodes:
+            unknown = (episodes["served_mbit"] > 0.0) & episodes["j_per_mbit"].isna()
+            self._energy_of_all &= not unknown.any()
 
     def _derived(self) -> dict[str, float | None]:
         """Return those measures of ``DERIVED`` that the episodes have."""
@@ -168,7 +172,8 @@ class Tally:
         if "energy_wh" in self._sums:
             served = self._sums["served_mbit"]
             used_j = 3600 * self._sums["energy_wh"]
-            found["j_per_mbit"] = used_j / served if served > 0.0 else None
+            known = self._energy_of_all and served > 0.0
+            found["j_per_mbit"] = used_j / served if known else None
         return found
 
     def headline(self) -> dict[str, Any]:
