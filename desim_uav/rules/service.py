@@ -225,6 +225,17 @@ def _admitted_last(state: State, drone: Drone) -> User:
 
 
 @rule
+def forget_request(request: Request) -> None:
+    """Reset a user's request to that of a user who has not asked for anything yet."""
+    request.number = request.server = -1
+    request.service = request.t_request_us = request.required = request.done = request.rate = 0
+    request.in_bits = request.elastic = request.bandwidth_bps = 0
+    request.needs_hz = request.used_hz = request.served_us = request.attached_us = 0
+    request.interruptions = request.t_first_us = request.started_us = request.counted_us = 0
+    request.stopped_us = request.last_server = request.credited = 0
+
+
+@rule
 def open_request(world: Constants, path: Path, state: State, user: User, number: int) -> None:
     """Open a user's request as row ``number`` of the sample path's requests describes it."""
     ask, request, now_us = path.asks[number], user.request, state.now_us
