@@ -27,6 +27,7 @@ from desim_uav.rules.separation import BEGINS, ENDS
 from desim_uav.rules.service import forget_request
 from desim_uav.rules.settle import settle, settle_after
 from desim_uav.rules.spots import locate
+from desim_uav.rules.wide import clear
 
 
 @rule
@@ -117,7 +118,8 @@ def _forget(state: State) -> None:
     state.epoch_us, state.next_us, state.share = 0, 0, 1.0
     state.opened = state.in_service = state.charges = state.crashes = state.suppressed = 0
     state.open_us = state.served_us = state.attached_us = state.attached_from_us = 0
-    state.queueing_us = state.bandwidth_us_hz = state.to_scan = state.faults = 0
+    state.queueing_us = state.to_scan = state.faults = 0
+    clear(state.bandwidth_us_hz)
     state.handed_over = state.ping_pongs = state.outages = state.outage_us = 0
     state.closed_qoe1 = state.distance_m = 0.0
     state.retunes = 0

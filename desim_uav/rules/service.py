@@ -10,6 +10,7 @@ from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.links import begin_outage, end_outage
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Request, State, User
+from desim_uav.rules.wide import add_product
 
 MILLION = 1_000_000
 
@@ -154,7 +155,7 @@ def count_service(state: State, request: Request) -> None:
     request.counted_us = state.now_us
     request.served_us += elapsed_us
     request.done = min(request.done + elapsed_us * request.rate, request.required)
-    state.bandwidth_us_hz += elapsed_us * request.used_hz
+    add_product(state.bandwidth_us_hz, elapsed_us, request.used_hz)
 
 
 @rule
