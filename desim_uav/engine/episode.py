@@ -21,7 +21,7 @@ from desim_uav.model.planner import Node
 from desim_uav.model.rows import Queue
 from desim_uav.model.rules import US, Mode, Outcome, Phase
 from desim_uav.model.state import Observation, Snapshot, observation_of, snapshot_of
-from desim_uav.rules import requests
+from desim_uav.rules import requests, wide
 from desim_uav.rules.flight import position
 from desim_uav.rules.rewards import LARGEST_REWARD
 from desim_uav.rules.rows import Closed
@@ -397,7 +397,7 @@ class Engine(Restorable):
         log, state = self.log, self.state
         log.duration_us = int(state.now_us)
         log.attached_us = int(state.attached_us)
-        log.bandwidth_us_hz = int(state.bandwidth_us_hz)
+        log.bandwidth_us_hz = wide.value_of(state.bandwidth_us_hz)
         log.queueing_us = int(state.queueing_us)
         log.distance_m = float(state.distance_m)
         log.charges = int(state.charges)

@@ -17,6 +17,7 @@ from desim_uav.errors import DesimError, SimulationError
 from desim_uav.experiment import tables
 from desim_uav.model.state import Snapshot
 from desim_uav.model.streams import Purpose, Streams
+from desim_uav.policies.answers import NoCommandError
 from desim_uav.policies.base import Policy, decide, show
 from desim_uav.records import APART, ENERGY, FLOAT, LINKS
 from desim_uav.registry import FAULTS, naming_plug_ins, what_failed
@@ -124,7 +125,7 @@ def fly(
         show(policy, simulation)
     while not (snapshot.terminated or snapshot.truncated) and snapshot.step != until:
         with _blame(policy_name, episode, snapshot.step):
-            commands = decide(policy, snapshot)
+            commands = decide(policy, snapshot, simulation.world)
         snapshot = simulation.step(commands)
     return snapshot
 
@@ -208,6 +209,9 @@ def _blame(policy_name: str, episode: int, step: int | None = None) -> Iterator[
         yield
     except DesimError:
         raise
+    except NoCommandError as problem:
+        where = f"in episode {episode}, step {step}"
+        raise SimulationError(f"policy {policy_name!r} {where}: {problem}") from None
     except FAULTS as error:
         where = f"episode {episode}" + ("" if step is None else f", step {step}")
         raise SimulationError(

@@ -10,13 +10,19 @@ from typing import Annotated, Any, ClassVar, Protocol
 import numpy as np
 from annotated_types import Ge, Le
 
+from desim_uav.errors import SimulationError
 from desim_uav.model.asking import (
+    BANDWIDTH_BPS,
+    DUE_US,
+    MOST_BPS,
+    MOST_REQUIRED,
     NO_MORE_US,
     REQUIRED_US,
     Requests,
     RowDemand,
     ask_for_mix,
 )
+from desim_uav.model.components import kind_of
 from desim_uav.model.rules import US
 from desim_uav.model.services import Catalogue
 from desim_uav.model.streams import Purpose, Seeds, Streams, exponential_us, seed_of_each
@@ -285,7 +291,33 @@ def requests_of(
     episodes: Sequence[int],
     horizon_us: int,
 ) -> Sequence[Requests]:
-    """Return the requests of several episodes by a model that is not over rows."""
+    """Return the requests of several episodes by a model that is not over rows.
+
+    Raises SimulationError if a number of them cannot be counted.
+    """
     own = zip(seed_of_each(seeds, episodes), episodes, strict=True)
     streams = [Streams(seed, Purpose.DEMAND, episode) for seed, episode in own]
-    return [demand.requests(users, services, each, horizon_us) for each in streams]
+    return [
+        _counted(demand, demand.requests(users, services, each, horizon_us)) for each in streams
+    ]
+
+
+def _counted(demand: Demand, requests: Requests) -> Requests:
+    """Return these requests. Raises SimulationError if sums of their numbers need over 64 bits."""
+    for column, (name, least, most) in LIMITS.items():
+        values = requests.rows[:, column]
+        wrong = np.flatnonzero((values < least) | (values > most))
+        if len(wrong):
+            raise SimulationError(
+                f"demand: {kind_of(demand)!r}: request {wrong[0]}: {name} is {values[wrong[0]]}, "
+                f"which must be from {least} to {most}"
+            )
+    return requests
+
+
+LIMITS = {
+    DUE_US: ("its time in µs", 0, MOST_REQUIRED),
+    REQUIRED_US: ("what it requires, in µs or millionths of a bit,", 1, MOST_REQUIRED),
+    BANDWIDTH_BPS: ("its bandwidth in bit/s", 0, MOST_BPS),
+}
+"""The range of each column of a table of requests, by its number."""

@@ -103,7 +103,7 @@ class Rollout:
         self, observations: Sequence[Observation], masks: Sequence[Sequence[bool]]
     ) -> list[int]:
         """Return the best command of each drone, in turn."""
-        chosen = decide_by(self._base, observations, masks)
+        chosen = decide_by(self._base, observations, masks, self._world)
         options = [self._options(one, mask) for one, mask in zip(observations, masks, strict=True)]
         chosen = [self._safely(d, chosen[d], allowed) for d, allowed in enumerate(options)]
         if all(len(each) < 2 for each in options):
@@ -202,5 +202,5 @@ class Rollout:
         for _ in range(self.options["horizon"] - 1):
             if shown.terminated or shown.truncated:
                 break
-            shown = inner.step(decide(base, shown))
+            shown = inner.step(decide(base, shown, self._world))
         return score(inner, self.options["qoe1"])

@@ -8,7 +8,7 @@ from __future__ import annotations
 from desim_uav.model.kernels import rare_rule
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Drone, State, User
-from desim_uav.rules.words import ON_HANDOVER, ON_OUTAGE, ON_PING_PONG
+from desim_uav.rules.words import NEVER, ON_HANDOVER, ON_OUTAGE, ON_PING_PONG
 
 PING_PONG_US = 1_000_000
 """A user who is handed back within this time makes a ping-pong (3GPP TR 36.839: 1 s)."""
@@ -34,7 +34,8 @@ def count_handover(state: State, drone: Drone, user: User, phase: int) -> None:
 def forget_links(state: State, user: User) -> None:
     """Forget what is known of a user's links from the previous episode."""
     user.left = user.left_us = user.came_from = user.outage_since_us = -1
-    user.unsettled = 0
+    user.unsettled = user.came_us = 0
+    user.turns_us, user.rival = NEVER, -1
     for d in range(len(state.senders)):
         user.better_since[d] = -1
 

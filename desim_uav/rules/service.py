@@ -10,6 +10,7 @@ from desim_uav.rules.due import ask_slot, completion_slot, due, key, undo
 from desim_uav.rules.links import begin_outage, end_outage
 from desim_uav.rules.note import note
 from desim_uav.rules.rows import Constants, Drone, Path, Request, State, User
+from desim_uav.rules.wide import add_product
 
 MILLION = 1_000_000
 
@@ -154,7 +155,7 @@ def count_service(state: State, request: Request) -> None:
     request.counted_us = state.now_us
     request.served_us += elapsed_us
     request.done = min(request.done + elapsed_us * request.rate, request.required)
-    state.bandwidth_us_hz += elapsed_us * request.used_hz
+    add_product(state.bandwidth_us_hz, elapsed_us, request.used_hz)
 
 
 @rule
@@ -222,6 +223,17 @@ def _admitted_last(state: State, drone: Drone) -> User:
 
 
 # ---- requests
+
+
+@rule
+def forget_request(request: Request) -> None:
+    """Reset a user's request to that of a user who has not asked for anything yet."""
+    request.number = request.server = -1
+    request.service = request.t_request_us = request.required = request.done = request.rate = 0
+    request.in_bits = request.elastic = request.bandwidth_bps = 0
+    request.needs_hz = request.used_hz = request.served_us = request.attached_us = 0
+    request.interruptions = request.t_first_us = request.started_us = request.counted_us = 0
+    request.stopped_us = request.last_server = request.credited = 0
 
 
 @rule

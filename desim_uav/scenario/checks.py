@@ -9,9 +9,11 @@ from typing import Any
 
 import numpy as np
 
-from desim_uav.model.battery import LONGEST_MIN, in_joules
+from desim_uav.model.asking import MOST_BPS, MOST_REQUIRED
+from desim_uav.model.battery import LONGEST_MIN, MOST_CHARGE, in_joules
 from desim_uav.model.grid import Cell, reachable
 from desim_uav.model.motion import cruise_of, return_transit, transits_over
+from desim_uav.model.rules import US
 from desim_uav.model.services import Volume
 from desim_uav.model.sums import in_order
 from desim_uav.model.walking import Area
@@ -34,6 +36,9 @@ from desim_uav.scenario.schema import (
 from desim_uav.scenario.separation import drones_can_keep_apart
 from desim_uav.scenario.wind import drones_can_fly_in_the_wind, problem_in_wind
 from desim_uav.scenario.yaml12 import KeyPath
+
+LONGEST_US = 2**53
+"""The longest episode in microseconds, whose times are exact as floating-point numbers, too."""
 
 MAX_SQUARES = 1_000_000
 MAX_LEVELS = 1000
@@ -235,9 +240,19 @@ def the_reward_names_services(scenario: Scenario) -> Iterator[Finding]:
 
 
 def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
-    """Durations that round to nothing: time is a whole number of microseconds."""
+    """Durations that round to nothing, or that cannot be counted in whole microseconds."""
+    episode = scenario.episode
+    if episode.steps * round(episode.step_s * US) > LONGEST_US:
+        yield Finding(
+            ("episode", "steps"),
+            f"an episode of {episode.steps:,} steps of {episode.step_s:g} s is too long; at most "
+            f"2^53 microseconds (285 years) can be counted",
+            (("episode", "step_s"),),
+        )
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
         battery, path = drones.battery, (*key, "battery", "autonomy_min")
+        if in_joules(battery) > MOST_CHARGE:
+            yield Finding((*key, "battery"), f"capacity_uj must be at most {MOST_CHARGE:,}")
         if battery is None or in_joules(battery):
             continue
         if round(battery.autonomy_min * 60e6) < 1:
@@ -245,10 +260,15 @@ def times_are_whole_microseconds(scenario: Scenario) -> Iterator[Finding]:
         if battery.autonomy_min > LONGEST_MIN:
             yield Finding(path, f"must be at most {LONGEST_MIN} minutes")
     for name, service in scenario.services.items():
-        if not isinstance(service, Volume) and np.min(service.durations_us()) < 1:
-            yield Finding(
-                ("services", name, "duration_min"), "a duration is less than a microsecond"
-            )
+        path, rates = ("services", name), service.bandwidths_bps()
+        if not 0 <= np.min(rates) <= np.max(rates) <= MOST_BPS:
+            yield Finding(path, f"bandwidths_bps must be from 0 to {MOST_BPS:,} bit/s")
+        if isinstance(service, Volume):
+            continue
+        if np.min(service.durations_us()) < 1:
+            yield Finding((*path, "duration_min"), "a duration is less than a microsecond")
+        if np.max(service.durations_us()) > MOST_REQUIRED:
+            yield Finding(path, "durations_us must be at most 2^62 microseconds")
 
 
 def components_fit_the_scenario(scenario: Scenario) -> Iterator[Finding]:

@@ -131,7 +131,7 @@ def moments(name):
         policy.begin(world, Streams(loaded.seed, Purpose.LEARNER, episode), carried)
         shown = engine.reset(draw(world, loaded.seed, episode))
         while not (shown.terminated or shown.truncated):
-            shown = engine.step(decide(policy, shown))
+            shown = engine.step(decide(policy, shown, world))
             yield episode, shown, engine
 
 

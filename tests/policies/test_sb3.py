@@ -184,7 +184,7 @@ def test_a_controller_of_all_drones(
         seen, _ = env.reset()
         over = False
         while not over:
-            commands = decide(policy, env.session.snapshot)
+            commands = decide(policy, env.session.snapshot, env.session.world)
             assert commands == predicted(model, seen, env.action_masks()).tolist()
             assert (
                 env.action_masks().reshape(len(commands), -1)[range(len(commands)), commands].all()
@@ -208,7 +208,7 @@ def test_a_pilot_of_each_drone(algorithm: str, config: dict[str, Any], trained: 
         told, _ = env.reset()
         while env.agents:
             shown = env.session.snapshot
-            commands = decide(policy, shown)
+            commands = decide(policy, shown, env.session.world)
             for (seen, mask), command, observation in zip(
                 map(dict.values, told.values()), commands, shown.observations, strict=True
             ):
@@ -233,7 +233,7 @@ def test_a_pilot_of_the_only_drone_flies_each_of_many(trained: Any):
     expected = [
         predicted(model, own, mask)[0] for own, mask in zip(seen.reshape(3, -1), masks, strict=True)
     ]
-    assert decide(policy, env.session.snapshot) == expected
+    assert decide(policy, env.session.snapshot, env.session.world) == expected
 
 
 @pytest.mark.parametrize(
@@ -294,7 +294,7 @@ def test_nothing_of_torch_is_changed(tiny: Path):
     before = torch.get_rng_state(), torch.get_num_threads(), torch.is_grad_enabled()
     env = UavEnv("tiny")
     env.reset()
-    decide(loaded(tiny, env.session.world), env.session.snapshot)
+    decide(loaded(tiny, env.session.world), env.session.snapshot, env.session.world)
     assert torch.equal(torch.get_rng_state(), before[0])
     assert (torch.get_num_threads(), torch.is_grad_enabled()) == before[1:]
 
@@ -452,7 +452,7 @@ def test_pickles_are_passed_over(tiny: Path, tmp_path: Path):
     env = UavEnv("tiny")
     env.reset()
     shown, world = env.session.snapshot, env.session.world
-    assert decide(loaded(file, world), shown) == decide(loaded(tiny, world), shown)
+    assert decide(loaded(file, world), shown, world) == decide(loaded(tiny, world), shown, world)
     assert not touched.exists()
     pickle.loads(base64.b64decode(trap))
     assert touched.exists(), "the trap works"

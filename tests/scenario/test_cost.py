@@ -169,12 +169,6 @@ class TestRefused:
             check_engine("batch", world)
         check_engine("des", world)
 
-    def test_sums_that_64_bits_cannot_hold(self):
-        settings = ("users.count=5000", "drones.bandwidth_kbps=null", "episode.step_s=3600")
-        at_rest = ("users.mobility={kind: static}", "demand={kind: static}")
-        (problem,) = lacking(build_world(case8(*settings, *at_rest), 0))
-        assert problem.startswith("services, drones.bandwidth_kbps: the bandwidth in use")
-
 
 class TestAvailable:
     def test_is_some_of_this_machine(self):

@@ -124,6 +124,7 @@ class Simulation(Engine):
         self._follow(path)
         self._start_clock(0)
         world, state, own = self.constants, self.state, self.own_path
+        state.named_terms = ()
         begin(world, own, state)
         self._start_processes()
         self.clock.run_to_end()
