@@ -14,6 +14,7 @@ from desim_uav.model.demand import Trace as RequestTrace
 from desim_uav.model.extents import extent_of, like_degrees
 from desim_uav.model.walking import Area
 from desim_uav.notices import notice
+from desim_uav.scenario.radio_checks import losses_without_bounds
 from desim_uav.scenario.schema import Scenario
 
 
@@ -119,12 +120,22 @@ def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
             )
 
 
+def losses_have_bounds(scenario: Scenario) -> Iterator[str]:
+    """Path losses of one's own without bounds, which are then sampled."""
+    for key, why in losses_without_bounds(scenario):
+        yield (
+            f"{key}: it has no method slope, so how fast a level can change is computed from "
+            f"samples, which is slower and no proof; it is needed because {why}"
+        )
+
+
 DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
     circles_fit_the_map,
     recordings_fit_an_episode,
     places_are_in_metres,
     zones_stand_in_the_way,
     services_fit_the_bandwidth,
+    losses_have_bounds,
 )
 
 

@@ -9,6 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from desim_uav.model.demand import Continuous, Trace
+from desim_uav.model.radio.levels import problem_of_bounds, why_not_compiled
 from desim_uav.model.radio.path_loss import RowPathLoss
 from desim_uav.model.radio.radio import LinkClasses
 from desim_uav.model.radio.rings import line_of_sight_ring_m, rings
@@ -165,40 +166,53 @@ def links_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
             )
 
 
-def losses_give_rings(scenario: Scenario) -> Iterator[Finding]:
-    """A path loss that falls with the distance, or by which links reach too far."""
+def losses_can_be_used(scenario: Scenario) -> Iterator[Finding]:
+    """A path loss that falls with the distance, by which links reach too far, or a wrong slope."""
     for links in _links(scenario):
-        lowest_m = links.lowest_m - _tallest_user_m(scenario)
-        if lowest_m <= 0.0:
-            continue
-        for height_m in dict.fromkeys((lowest_m, links.highest_m)):
-            problem = _problem_of_rings(links.radio, height_m)
-            if problem:
-                path = (*links.path, "path_loss")
-                yield Finding(path, f"at a height of {height_m:g} m: {problem}", (links.path,))
-                break
+        problem = _problem_of_loss(scenario, links)
+        if problem:
+            also = (*_CLIMBS, ("association",), links.path)
+            yield Finding((*links.path, "path_loss"), problem, also)
 
 
-def losses_have_bounds(scenario: Scenario) -> Iterator[Finding]:
-    """A path loss of one's own without ``slope`` where changes of classes are searched for."""
+def _problem_of_loss(scenario: Scenario, links: Links) -> str:
+    """Return why a path loss cannot be used; one of one's own must keep its bounds, too."""
+    radio, lowest_m = links.radio, links.lowest_m - _tallest_user_m(scenario)
+    if lowest_m <= 0.0:
+        return ""
+    for height_m in dict.fromkeys((lowest_m, links.highest_m)):
+        problem = _problem_of_rings(radio, height_m)
+        if problem:
+            return f"at a height of {height_m:g} m: {problem}"
+    if radio.path_loss.is_built_in() or not searches(scenario, links):
+        return ""
+    try:
+        return problem_of_bounds(radio.path_loss, float(radio.carrier_ghz)) or why_not_compiled(
+            radio.path_loss
+        )
+    except FAULTS as error:
+        return what_failed(error)
+
+
+def losses_without_bounds(scenario: Scenario) -> Iterator[tuple[str, str]]:
+    """Yield the keys of path losses whose bounds have to be sampled, and why they are needed."""
     for links in _links(scenario):
-        if links.radio.path_loss.is_bounded():
-            continue
-        reasons = {
-            "drones climb (map.dimensions: 3, map.obstacles)": links.highest_m > links.lowest_m,
-            "drones interfere (interference)": links.radio.reuse > 0,
-            "line of sight changes (line_of_sight)": links.radio.line_of_sight != "mean",
-            "links have shadowing (shadowing)": links.radio.shadowing is not None,
-            "association compares levels": scenario.association.by_level,
-        }
-        named = [reason for reason, holds in reasons.items() if holds]
-        if named:
-            yield Finding(
-                (*links.path, "path_loss"),
-                "needs a method slope(distance_m, height_m, within_m), because "
-                + " and ".join(named),
-                (*_CLIMBS, ("association",), links.path),
-            )
+        if not links.radio.path_loss.is_bounded():
+            reasons = searches(scenario, links)
+            if reasons:
+                yield ".".join(map(str, (*links.path, "path_loss"))), " and ".join(reasons)
+
+
+def searches(scenario: Scenario, links: Links) -> list[str]:
+    """Return why changes of the classes of links are searched for, if they are."""
+    reasons = {
+        "drones climb (map.dimensions: 3, map.obstacles)": links.highest_m > links.lowest_m,
+        "drones interfere (interference)": links.radio.reuse > 0,
+        "line of sight changes (line_of_sight)": links.radio.line_of_sight != "mean",
+        "links have shadowing (shadowing)": links.radio.shadowing is not None,
+        "association compares levels": scenario.association.by_level,
+    }
+    return [reason for reason, holds in reasons.items() if holds]
 
 
 def transfers_get_a_rate(scenario: Scenario) -> Iterator[Finding]:
@@ -344,8 +358,7 @@ CHECKS = (
     access_points_admit_as_drones,
     bands_are_shared_by_all,
     links_fit_the_map,
-    losses_give_rings,
-    losses_have_bounds,
+    losses_can_be_used,
     transfers_get_a_rate,
     demand_knows_volumes,
 )

@@ -266,3 +266,22 @@ def test_walks_of_a_recording_are_the_same_without_the_new_keys(tmp_path: Path):
         [301.5e6, 902, 0, 0, 0],
     ]
     assert np.array_equal(legs_of(scenario, 0), expected)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("map: {dimensions: 2}\nassociation: strongest\n", "association compares levels"),
+        ("", "drones climb (map.dimensions: 3, map.obstacles)"),
+        ("map: {dimensions: 2}\n", ""),
+    ],
+)
+def test_a_path_loss_without_slope(text: str, words: str, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).parent))
+    loss = '{kind: "radio_plug_ins:Flat"}'
+    text += f"drones: {{radio: {{kind: link_classes, path_loss: {loss}}}}}"
+    found = list(doubts(loads(text)))
+    assert len(found) == bool(words)
+    for doubt in found:
+        assert doubt.startswith("drones.radio.path_loss: it has no method slope")
+        assert doubt.endswith(f"it is needed because {words}")

@@ -176,7 +176,7 @@ def _fits(
     users_m: tuple[float, ...],
 ) -> Fits:
     """Return the same as ``fits_of``, with as few slabs as suffice."""
-    loss = compiled_loss(path_loss)
+    loss = compiled_loss(path_loss, carrier_ghz)
 
     def squares(heights_m: Array) -> Array:
         """Return squared radii (*heights, classes): -1 where a class does not hold, or NaN."""
