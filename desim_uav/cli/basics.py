@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from desim_uav.cli.options import Json, Override, complete_scenarios
+from desim_uav.notices import tell
 
 
 def scenarios(
@@ -30,7 +31,7 @@ def scenarios(
         return
     width = max(map(len, names))
     for name, about in found:
-        print(f"{name:{width}s} {about}")
+        tell(f"{name:{width}s} {about}")
 
 
 def validate(
@@ -59,9 +60,9 @@ def validate(
             with located(path):
                 build_world(scenario, scenario.effective_world_seed)
             warn_of(scenario)
-            print(f"{file}: valid")
+            tell(f"{file}: valid")
             for recording in recordings(scenario):
-                print(f"{file}: {recording}")
+                tell(f"{file}: {recording}")
         except ScenarioError as error:
             problems += error.problems
     if problems:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import sys
-
-from desim_uav.errors import printable
+from desim_uav.notices import notice
 
 
 def complain(problems: str) -> None:
     """Say what is wrong on stderr, one problem a line; what a file says moves no cursor."""
     for problem in problems.split("\n"):
-        print(f"desim-uav: {printable(problem)}", file=sys.stderr)
+        notice(problem)

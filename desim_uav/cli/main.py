@@ -18,6 +18,7 @@ from desim_uav.cli.ending import complain
 from desim_uav.cli.plain import Command, Group
 from desim_uav.errors import DesimError, UsageError
 from desim_uav.experiment.interrupt import INTERRUPTED, end_politely, leave
+from desim_uav.notices import drop, replace_lacking
 
 app = typer.Typer(
     help="Exact discrete-event simulation of UAV-enabled wireless networks.",
@@ -50,12 +51,14 @@ COMMANDS: list[Callable[..., None]] = [
 
 def main() -> NoReturn:
     """Run the command line; after an interruption, end the process without freeing its memory."""
+    replace_lacking()
     code = INTERRUPTED
     with suppress(KeyboardInterrupt):  # a further Ctrl-C, while the first one is being handled
         try:
             _main()
         except SystemExit as end:
             code = end.code if isinstance(end.code, int) else 1
+        code = _flushed(code)
     leave(code)
     sys.exit(code)
 
@@ -64,10 +67,7 @@ def _main() -> NoReturn:
     """Run the command line; every error a user can mend is one message and an exit code."""
     sys.path.append("")  # the working folder, where users keep their "module:Class" components
     try:
-        try:
-            _program()(prog_name="desim-uav")
-        finally:
-            print(end="", flush=True)
+        _program()(prog_name="desim-uav")
     except DesimError as error:
         if error.__cause__ is not None and os.environ.get("DESIM_UAV_TRACEBACK"):
             raise
@@ -75,10 +75,11 @@ def _main() -> NoReturn:
         sys.exit(error.exit_code)
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
+    except BrokenPipeError:  # whoever read the output has seen enough
+        drop(sys.stdout)
     except OSError as error:
-        if not isinstance(error, BrokenPipeError):
-            complain(str(error))
-        _drop_output()
+        complain(str(error))
+        drop(sys.stdout)
         sys.exit(1)
     except Exception as error:
         if os.environ.get("DESIM_UAV_TRACEBACK"):
@@ -122,9 +123,17 @@ def _program() -> Any:
     return typer.main.get_command(app)
 
 
-def _drop_output() -> None:
-    """Nobody takes what is still to be printed: send it nowhere, or Python complains at its end."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+def _flushed(code: int) -> int:
+    """Print what is still to be printed; return the exit code, which tells if that fails."""
+    try:
+        print(end="", flush=True)
+    except BrokenPipeError:
+        drop(sys.stdout)
+    except OSError as error:
+        complain(str(error))
+        drop(sys.stdout)  # or Python complains at its end
+        return code or 1
+    return code
 
 
 for command in COMMANDS:

@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
+import typer
 from typer.core import TyperCommand, TyperGroup
+
+from desim_uav.notices import drop
 
 
 def _plain(parameters: list[Any]) -> list[Any]:
@@ -14,6 +20,20 @@ def _plain(parameters: list[Any]) -> list[Any]:
         elif parameter.param_type_name == "argument":
             parameter.display_type_rich = lambda ctx: ""  # newer versions of typer ask for it
     return parameters
+
+
+@contextmanager
+def _read_as_far_as_wanted() -> Iterator[None]:
+    """End without a failure if nobody reads the output any more, as in ``… | head -1``."""
+    try:
+        yield
+    except BrokenPipeError:
+        drop(sys.stdout)
+        raise typer.Exit from None
+    except SystemExit as end:
+        if isinstance(end.__context__, BrokenPipeError):  # as rich ends the program then
+            raise typer.Exit from None
+        raise
 
 
 class Command(TyperCommand):
@@ -26,6 +46,16 @@ class Command(TyperCommand):
 
 class Group(TyperGroup):
     """The program itself."""
+
+    def make_context(self, *arguments: Any, **options: Any) -> Any:
+        """Read the command line, which may print the help."""
+        with _read_as_far_as_wanted():
+            return super().make_context(*arguments, **options)
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run the command."""
+        with _read_as_far_as_wanted():
+            return super().invoke(ctx)
 
     def get_params(self, ctx: Any) -> list[Any]:
         """Return the parameters as the help shows them."""

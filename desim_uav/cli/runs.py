@@ -12,6 +12,7 @@ from desim_uav.cli import options
 from desim_uav.cli.ending import complain
 from desim_uav.cli.fork import run_forked
 from desim_uav.errors import UsageError
+from desim_uav.notices import tell
 
 
 def run(
@@ -402,7 +403,7 @@ def sweep(
         from desim_uav.report.text import print_sweep
 
         print_sweep(done.headings(), done.lines())
-        print(out / "results")
+        tell(out / "results")
     if done.failures:
         complain(done.complaint())
     if interrupted:

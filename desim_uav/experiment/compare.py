@@ -20,6 +20,7 @@ import pandas as pd
 
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import UsageError
+from desim_uav.escaped import csv_cell
 from desim_uav.experiment.evaluate import evaluate
 from desim_uav.experiment.processes import run_each
 from desim_uav.experiment.statistics import LEVEL, Estimate, estimate, paired
@@ -101,7 +102,8 @@ class Comparison:
         text = io.StringIO()
         writer = csv.DictWriter(text, columns, lineterminator="\n")
         writer.writeheader()
-        writer.writerows(common | row for row in self.rows())
+        named = ({**common, **row, "policy": csv_cell(row["policy"])} for row in self.rows())
+        writer.writerows(named)
         return text.getvalue()
 
     @cached_property
