@@ -14,6 +14,7 @@ from desim_uav.api.arguments import (
     warn,
     whole,
 )
+from desim_uav.api.sources import InFolders, each_of, in_folders
 from desim_uav.errors import Interrupted, UsageError
 from desim_uav.experiment import compare as comparing
 from desim_uav.experiment import compare_runs as finished
@@ -103,14 +104,17 @@ def compare(
 
 
 def compare_runs(
-    folders: Sequence[str | Path], *, against: str | None = None, out: str | Path | None = None
+    folders: Sequence[str | Path | InFolders],
+    *,
+    against: str | None = None,
+    out: str | Path | None = None,
 ) -> Comparison:
     """Compare finished runs: each is the replication of its policy on its seed.
 
     This is ``desim-uav compare RUN…``.
 
     Args:
-        folders: The run folders.
+        folders: The run folders, or results of runs.
         against: The policy that the others are compared with. Default: that of the first run.
         out: A CSV file for the values of each seed.
 
@@ -119,7 +123,10 @@ def compare_runs(
         UsageError: ``against`` is not one of the policies, or ``out`` cannot be written.
     """
     place = None if out is None else file_place(Path(out), "--out")
-    comparison = finished.compare_runs([Path(folder) for folder in folders], against)
+    with in_folders(each_of(folders)) as sources:
+        if not sources:
+            raise UsageError("folders: give at least one run")
+        comparison = finished.compare_runs([source.folder for source in sources], against)
     if place is not None:
         comparison.save(place)
     return comparison

@@ -13,7 +13,7 @@ from desim_uav.registry import did_you_mean
 from desim_uav.rules.decide import can_take
 from desim_uav.world import World
 
-Choice = Callable[[Observation, Sequence[bool]], "Action | AtSpeed | int | str | Sequence[float]"]
+Choice = Callable[[Observation, Sequence[bool]], Action | AtSpeed | int | str | Sequence[float]]
 """A function that chooses a drone's action from its observation and mask. It returns an ``Action``,
 the name of an action, or an index into ``world.actions``; in free flight also the numbers of a
 command, from -1 to 1. If commands choose a cruise speed, a move without one is that at the highest

@@ -1,0 +1,439 @@
+"""Every public function takes every kind of argument that its annotations allow.
+
+The kinds are read from the annotations: a new one fails ``test_no_kind_is_left_out`` until it has
+an example here. Numbers are also given as NumPy's, and sequences as tuples and arrays.
+"""
+
+from __future__ import annotations
+
+import collections.abc
+import inspect
+import itertools
+import types
+import typing
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import desim_uav as du
+from desim_uav.experiment.sweep.table import Done
+from desim_uav.policies.hover import Hover
+from desim_uav.policies.mlp import Mlp, description_of, scaling_of
+from desim_uav.shipped import scenario_path
+
+Figure = typing.NewType("Figure", object)
+SHORT = {"episode.steps": 2}
+NOT_HERE = {"register", "draw"}
+"""A decorator, and a function of worlds and numbers alone."""
+
+METHODS: dict[type, tuple[str, ...]] = {
+    du.RunResult: ("qoe", "groups", "save", "replay", "plot", "film", "report"),
+    du.TrainingResult: ("plot", "save"),
+    du.Comparison: ("plot", "save"),
+    du.Counterfactual: ("replay",),
+    du.Replay: ("save",),
+    Done: ("plot",),
+}
+FUNCTIONS = {
+    name: getattr(du, name)
+    for name in du.__all__
+    if inspect.isfunction(getattr(du, name)) and name not in NOT_HERE
+} | {f"{of.__name__}.{name}": getattr(of, name) for of, names in METHODS.items() for name in names}
+
+
+def kinds(hint: Any) -> list[str]:
+    """Return the kinds of values that an annotation allows."""
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return [kind for one in typing.get_args(hint) for kind in kinds(one)]
+    origin = typing.get_origin(hint)
+    if origin is collections.abc.Sequence:
+        return [f"Sequence of {kind}" for kind in kinds(typing.get_args(hint)[0])]
+    if origin is not None:
+        return [origin.__name__]
+    return [hint.__name__ if isinstance(hint, type) else str(hint)]
+
+
+def asked(name: str) -> list[tuple[str, str]]:
+    """Return the parameters of a function with each of the kinds that they take."""
+    function = FUNCTIONS[name]
+    hints = typing.get_type_hints(function, localns={"Figure": Figure})
+    return [
+        (parameter.name, kind)
+        for parameter in inspect.signature(function).parameters.values()
+        if parameter.name != "self" and parameter.kind is not parameter.VAR_KEYWORD
+        for kind in kinds(hints[parameter.name])
+    ]
+
+
+@dataclass
+class Here:
+    """Results and folders that arguments are made of."""
+
+    folder: Path
+    numbers: Any = field(default_factory=itertools.count)
+
+    def place(self, ending: str = "") -> Path:
+        """Return a place where nothing is yet."""
+        return self.folder / f"new{next(self.numbers)}{ending}"
+
+    def run(self, **how: Any) -> du.RunResult:
+        return du.run("tiny", SHORT, **{"policy": "hover", **how})
+
+
+def steps(here: Here) -> Done:
+    how = {"out": here.place(), "policies": ["hover"], "seeds": 1, "episodes": 1, "warmup": 0}
+    return du.sweep("tiny", {"episode.steps": [2, 3]}, **how)
+
+
+def submitted(here: Here) -> Path:
+    how = {"task": "uav-v1/coverage/small", "policy": "hover", "seeds": 1, "out": here.place()}
+    return du.bench_run(**how).folder
+
+
+@pytest.fixture(scope="module")
+def here(tmp_path_factory):
+    found = Here(tmp_path_factory.mktemp("made"))
+    found.one = found.run(events=True)
+    found.two = found.run(seeds=2)
+    found.other = found.run(policy="random")
+    found.saved, found.saved_other = found.folder / "run", found.folder / "other"
+    found.one.save(found.saved)
+    found.other.save(found.saved_other)
+    found.training = du.train("tiny", SHORT, episodes=2)
+    found.comparison = du.compare(
+        "tiny", SHORT, policies=["hover", "random"], seeds=2, episodes=1, warmup=0
+    )
+    found.fork = du.counterfactual("tiny", SHORT, to="hover", fork=(0, 1))
+    found.swept = du.sweep("tiny", SHORT, out=found.folder / "sweep", seeds=1, episodes=1, warmup=0)
+    found.page = du.write_replay(found.one, found.place(".html"))
+    return found
+
+
+def model() -> Any:
+    if find_spec("stable_baselines3") is None:
+        return "hover"
+    from stable_baselines3 import A2C
+
+    return A2C("MlpPolicy", du.UavEnv("tiny", SHORT))
+
+
+def module() -> Any:
+    if find_spec("torch") is None:
+        return "hover"
+    from torch.nn import Linear
+
+    world = du.build_world("tiny")
+    return Linear(len(world.features_of_types[0]), len(world.actions))
+
+
+def network() -> Mlp:
+    world = du.build_world("tiny")
+    seen, actions = len(world.features_of_types[0]), len(world.actions)
+    layer = np.zeros((seen, actions), np.float32), np.zeros(actions, np.float32)
+    return Mlp(*scaling_of(world), (layer,), description_of(world) | {"training": {}})
+
+
+def east(observation: Any, mask: Any) -> str:
+    return "right"
+
+
+POLICIES = {
+    "str": "hover",
+    "Path": lambda here: here.training.save(here.place()) / "policy.npz",
+    "Policy": Hover(),
+    "type": Hover,
+    "Callable": lambda here: east,
+    "Learned": lambda here: here.training,
+    "Trained": lambda here: model(),
+    "Module": lambda here: module(),
+    "Network": lambda here: network(),
+}
+SCENARIOS = {
+    "str": "tiny",
+    "Path": scenario_path("tiny"),
+    "Mapping": {"name": "own", "users": {"count": 3}, "episode": {"steps": 2}},
+    "Scenario": du.load("tiny"),
+}
+OVERRIDES = {
+    "Mapping": {"episode.steps": np.int64(2)},
+    "Sequence of str": ["episode.steps=2"],
+    "NoneType": None,
+}
+WHOLE = {"int": 1, "NoneType": None}
+FOLDERS = {"str": lambda here: str(here.saved), "Path": lambda here: here.saved}
+RUNS = FOLDERS | {"InFolders": lambda here: here.one}
+
+
+def files(ending: str) -> dict[str, Any]:
+    return {
+        "str": lambda here: str(here.place(ending)),
+        "Path": lambda here: here.place(ending),
+        "NoneType": None,
+    }
+
+
+def several(examples: dict[str, Any]) -> dict[str, Any]:
+    """Return the examples as sequences of one."""
+    return {
+        f"Sequence of {kind}": (
+            (lambda here, one=one: [one(here)]) if isinstance(one, types.LambdaType) else [one]
+        )
+        for kind, one in examples.items()
+    }
+
+
+FLAG = {"bool": False}
+SOURCES = RUNS | {
+    "Comparison": lambda here: here.comparison,
+    "Scenario": du.load("urban_downlink"),
+    "World": lambda here: du.build_world("urban_downlink"),
+}
+EXAMPLES: dict[str, dict[str, Any]] = {
+    "scenario": SCENARIOS,
+    "overrides": OVERRIDES,
+    "values": {"Mapping": {"episode.steps": np.array([2, 3])}, "Sequence of str": ["seed=0:1"]},
+    "policy": POLICIES,
+    "to": POLICIES,
+    "sweep.values": {
+        "Mapping": {"episode.steps": np.array([2, 3])},
+        "Sequence of str": ["episode.steps=2:3"],
+    },
+    "policies": several(POLICIES) | {"Mapping": {"mine": east}},
+    "sweep.policies": {"Sequence of str": ["hover"], "NoneType": None}
+    | {"Sequence of Path": lambda here: [here.training.save(here.place()) / "policy.npz"]},
+    "seed": WHOLE,
+    "world_seed": WHOLE,
+    "seeds": {"int": 2, "Sequence of int": [3, 5], "NoneType": None},
+    "first_seed": {"int": 4},
+    "episodes": WHOLE,
+    "warmup": {"int": 1},
+    "jobs": WHOLE,
+    "events": FLAG,
+    "progress": FLAG,
+    "train": FLAG,
+    "resume": FLAG,
+    "schedule": FLAG,
+    "decide": FLAG,
+    "engine": {"str": "batch", "NoneType": None},
+    "out": files(""),
+    "run.out": files("") | {"bool": False},
+    "train.out": files("") | {"bool": False},
+    "counterfactual.out": files("") | {"bool": False},
+    "fork": {"str": "0:1", "tuple": (0, np.int64(1))},
+    "algorithm": {"str": "sarsa", "NoneType": None},
+    "algorithms": {"Sequence of str": ["sarsa"], "NoneType": None},
+    "checkpoint_every": {"int": 1},
+    "callback": {"Callable": lambda here: lambda told: None}
+    | {"Sequence of Callable": [lambda told: None]},
+    "callback_every": {"int": 1},
+    "backend": {"str": "local"},
+    "address": {"str": "auto", "NoneType": None},
+    "against": {"str": "random", "NoneType": None},
+    "folder": FOLDERS,
+    "folders": several(RUNS),
+    "bench_verify.folder": {"str": lambda here: str(submitted(here)), "Path": submitted},
+    "bench_board.folders": {
+        "Sequence of str": lambda here: [str(submitted(here))],
+        "Sequence of Path": lambda here: [submitted(here)],
+    },
+    "file": files(".gif"),
+    "RunResult.save.folder": files(""),
+    "TrainingResult.save.folder": files(""),
+    "Comparison.save.file": files(".csv"),
+    "Replay.save.file": files(".html"),
+    "RunResult.replay.file": files(".html"),
+    "RunResult.report.file": files(".html"),
+    "Counterfactual.replay.file": files(".html"),
+    "by": {"str": "service", "NoneType": None},
+    "beside": {
+        "RunResult": lambda here: here.other,
+        "InFolders": lambda here: here.other,
+        "str": lambda here: str(here.saved_other),
+        "Path": lambda here: here.saved_other,
+        "NoneType": None,
+    },
+    "RunResult.replay.episodes": {"str": "0", "NoneType": None},
+    "write_replay.episodes": {"str": "0", "NoneType": None},
+    "html": files(".html"),
+    "run_dir": RUNS,
+    "most_bytes": {"int": 10**6, "NoneType": None},
+    "write_report.runs": RUNS | several(RUNS),
+    "write_report.out": files(".html"),
+    "title": {"str": "A title", "NoneType": None},
+    "RunResult.plot.kind": {"str": "visits"},
+    "TrainingResult.plot.kind": {"str": "policy"},
+    "film.run": RUNS,
+    "episode": {"int": 0, "NoneType": None},
+    "fps": {"float": 1.5},
+    "speed": {"float": 3600.0},
+    "width": {"int": 160},
+    "plot.kind": {"str": "services"},
+    "plot.runs": SOURCES | several(SOURCES),
+    "plot.out": files(".svg"),
+    "RunResult.plot.out": files(".svg"),
+    "TrainingResult.plot.out": files(".svg"),
+    "Comparison.plot.out": files(".svg"),
+    "Done.plot.out": files(".svg"),
+    "compare.out": files(".csv"),
+    "compare_runs.out": files(".csv"),
+    "minute": {"float": 0.5, "NoneType": None},
+    "drone": WHOLE | {"int": 0},
+    "window": WHOLE,
+    "battery_min": WHOLE,
+    "level": WHOLE | {"int": 0},
+    "at": {"str": "100,200", "tuple": (100.0, np.float64(200.0)), "NoneType": None},
+    "measure": {"str": "qoe1_percent", "Sequence of str": ["qoe1_percent"], "NoneType": None},
+    "key": {"str": "episode.steps", "Sequence of str": ["episode.steps"], "NoneType": None},
+    "bench_run.task": {"str": "uav-v1/coverage/small"},
+    "bench_run.policy": {
+        "str": "hover",
+        "Path": Path("hover"),
+        "Sequence of str": ["hover"],
+        "Sequence of Path": [Path("hover")],
+    },
+    "bench_run.seeds": {"int": 1},
+    "bench_run.name": {"str": "mine", "NoneType": None},
+    "bench_run.training_steps": {"int": 10, "NoneType": None},
+    "track": {"str": "one"},
+    "bench_board.figure": files(".svg"),
+    "cases": {"str": "1"},
+    "preset": {"str": "default"},
+    "load_policy.policy": POLICIES,
+}
+"""For each parameter, an example of each kind; ``function.parameter`` is of one function alone."""
+
+WITH: dict[str, dict[str, Any]] = {
+    "run": {"scenario": "tiny", "overrides": SHORT, "policy": "hover"},
+    "run.seed": {"seeds": None},
+    "run.first_seed": {"seeds": 2},
+    "load": {"scenario": "tiny"},
+    "train": {"scenario": "tiny", "overrides": SHORT, "episodes": 2},
+    "compare": {"scenario": "tiny", "overrides": SHORT, "policies": ["hover", "random"]}
+    | {"seeds": 1, "episodes": 1, "warmup": 0},
+    "compare.first_seed": {"seeds": 1},
+    "counterfactual": {"scenario": "tiny", "overrides": SHORT, "to": "hover", "fork": "0:1"},
+    "sweep": {"scenario": "tiny", "values": {"episode.steps": [2, 3]}, "policies": ["hover"]}
+    | {"out": lambda here: here.place(), "seeds": 1, "episodes": 1, "warmup": 0},
+    "sweep.algorithms": {"train": True, "policies": None, "values": ["learning.episodes=2"]},
+    "sweep.address": {"backend": "local"},
+    "build_world": {"scenario": "tiny"},
+    "read_run": {},
+    "compare_runs": {"folders": lambda here: [here.saved, here.saved_other]},
+    "film": {"run": lambda here: here.one, "file": lambda here: here.place(".gif")}
+    | {"fps": 1, "speed": 3600, "width": 160},
+    "write_report": {"runs": lambda here: here.swept},
+    "write_report.against": {"runs": lambda here: [here.one, here.other]},
+    "write_report.runs": {"out": lambda here: here.place(".html")},
+    "write_replay": {"run_dir": lambda here: here.one},
+    "plot": {"kind": "services", "runs": lambda here: here.one},
+    "plot.runs.Comparison": {"kind": "compare"},
+    "plot.runs.Sequence of Comparison": {"kind": "compare"},
+    "plot.runs.Scenario": {"kind": "radio"},
+    "plot.runs.Sequence of Scenario": {"kind": "radio"},
+    "plot.runs.World": {"kind": "radio"},
+    "plot.runs.Sequence of World": {"kind": "radio"},
+    "plot.drone": {"kind": "visits"},
+    "plot.minute": {"kind": "snapshot"},
+    "plot.window": {"kind": "training", "runs": lambda here: here.training},
+    "plot.battery_min": {"kind": "policy", "runs": "case8.npz"},
+    "plot.level": {"kind": "radio", "runs": "urban_downlink"},
+    "plot.at": {"kind": "radio", "runs": "urban_downlink"},
+    "plot.against": {"kind": "compare", "runs": lambda here: here.comparison},
+    "plot.measure": {"kind": "sweep", "runs": lambda here: here.swept},
+    "plot.key": {"kind": "sweep", "runs": steps},
+    "Done.plot.key": {"self": steps},
+    "RunResult.film": {"fps": 1, "speed": 3600, "width": 160},
+    "RunResult.film.file": {},
+    "find_optimum": {"scenario": "tiny"},
+    "find_bounds": {"scenario": "tiny", "overrides": SHORT, "seeds": 1, "episodes": 1}
+    | {"schedule": False},
+    "bench_run": {"task": "uav-v1/coverage/small", "policy": "hover", "seeds": 1}
+    | {"out": lambda here: here.place()},
+    "bench_verify": {"folder": submitted},
+    "bench_board": {"folders": lambda here: [submitted(here)]},
+    "reproduce": {"cases": "1", "seeds": 1, "episodes": 1, "out": lambda here: here.place()},
+}
+"""What else a function is called with, and beside one of its parameters."""
+
+SELVES: dict[str, Any] = {
+    "RunResult": lambda here: here.one,
+    "TrainingResult": lambda here: here.training,
+    "Comparison": lambda here: here.comparison,
+    "Counterfactual": lambda here: here.fork,
+    "Replay": lambda here: here.page,
+    "Done": lambda here: here.swept,
+}
+REFUSED = {
+    ("bench_board", "figure", "str"): "there is no profile",
+    ("bench_board", "figure", "Path"): "there is no profile",
+    ("sweep", "address", "str"): "--address needs --backend ray",
+}
+"""What is refused although its kind is allowed, and why."""
+
+CHEAP = {"load", "build_world", "read_run", "RunResult.qoe"}
+"""The functions that the default tests call; the others are called by the thorough ones."""
+
+
+def of(name: str, parameter: str) -> dict[str, Any]:
+    """Return the examples of a parameter."""
+    return EXAMPLES.get(f"{name}.{parameter}", EXAMPLES.get(parameter, {}))
+
+
+def made(value: Any, here: Here) -> Any:
+    """Return a value, which may have to be made of what is here."""
+    asks = inspect.isfunction(value) and list(inspect.signature(value).parameters)[:1] == ["here"]
+    return value(here) if asks else value
+
+
+def variants(value: Any) -> list[Any]:
+    """Return a value as it is, and as NumPy and other sequences have it."""
+    if isinstance(value, list):
+        whole = all(isinstance(each, int) for each in value)
+        return [value, tuple(value), *([np.array(value)] if whole else [])]
+    if isinstance(value, int | float) and not isinstance(value, bool):
+        return [value, np.array([value])[0]]
+    return [value]
+
+
+def test_no_kind_is_left_out():
+    missing = [
+        f"{name}.{parameter}: {kind}"
+        for name in FUNCTIONS
+        for parameter, kind in asked(name)
+        if kind not in of(name, parameter)
+    ]
+    assert missing == []
+
+
+@pytest.mark.parametrize(
+    "name",
+    [
+        name if name in CHEAP else pytest.param(name, marks=pytest.mark.thorough)
+        for name in FUNCTIONS
+    ],
+)
+@pytest.mark.filterwarnings("ignore::desim_uav.DesimWarning")
+def test_every_kind_is_taken(here, name, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    owner = name.partition(".")[0] if "." in name else ""
+    for parameter, kind in asked(name):
+        example = of(name, parameter)[kind]
+        for value in variants(made(example, here)):
+            keys = (name, f"{name}.{parameter}", f"{name}.{parameter}.{kind}")
+            given = {key: each for beside in keys for key, each in WITH.get(beside, {}).items()}
+            given = {key: made(each, here) for key, each in given.items()} | {parameter: value}
+            if owner:
+                given.setdefault("self", SELVES[owner](here))
+            refused = REFUSED.get((name, parameter, kind))
+            try:
+                if refused is None:
+                    FUNCTIONS[name](**given)
+                else:
+                    with pytest.raises(du.DesimError, match=refused):
+                        FUNCTIONS[name](**given)
+            except Exception as error:
+                pytest.fail(f"{name}({parameter}={value!r}): {type(error).__name__}: {error}")
