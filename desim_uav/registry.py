@@ -18,6 +18,7 @@ from pathlib import Path
 from types import CodeType, ModuleType
 from typing import Any, ClassVar, TypeVar
 
+from desim_uav import own_code
 from desim_uav.errors import DesimError, SimulationError
 
 _SLOTS: dict[str, dict[str, type]] = {}
@@ -175,6 +176,11 @@ def _import_class(name: str) -> type:
         found = getattr(module, class_name)
     except FAULTS as error:
         raise ValueError(f"cannot import {name!r}: {what_failed(error)}") from error
+    try:
+        own_code.check_place(module)
+        own_code.check_unchanged(module)
+    except ValueError as error:
+        raise ValueError(f"cannot use {name!r}: {error}") from error
     _PLUG_INS[str(getattr(module, "__file__", None))] = module_name
     if not isinstance(found, type):
         raise ValueError(f"{name!r} is not a class")

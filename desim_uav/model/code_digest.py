@@ -17,7 +17,14 @@ from typing import Any, NamedTuple, cast
 from desim_uav.model import compiled_queues, compiled_registers, compiled_rows, numba_parts
 from desim_uav.model.numba_parts import overloads_of
 from desim_uav.model.rows import is_row, layout_of
-from desim_uav.model.value_text import OURS, Text, UndescribedError, foreign, full_name
+from desim_uav.model.value_text import (
+    OURS,
+    ChangedError,
+    Text,
+    UndescribedError,
+    foreign,
+    full_name,
+)
 
 STANDS_IN: dict[FunctionType, FunctionType] = {}
 """What compiled code has in the place of a function: the function that Numba's overload calls."""
@@ -46,17 +53,32 @@ def code_digest(function: FunctionType) -> str:
     return hashlib.sha256("\n".join(texts).encode()).hexdigest()
 
 
-def _reach(found: dict[FunctionType, int], functions: list[FunctionType]) -> Iterator[str]:
+def class_digest(cls: type) -> str:
+    """Return the SHA-256 of all attributes of a class, and of all functions that its methods call.
+
+    Functions of this package do not count. Raises UndescribedError as ``code_digest`` does.
+    """
+    text = Text()
+    said = text.of(cls)
+    texts = _reach({}, text.functions, ours=False)
+    return hashlib.sha256("\n".join([said, *texts]).encode()).hexdigest()
+
+
+def _reach(
+    found: dict[FunctionType, int], functions: list[FunctionType], ours: bool = True
+) -> Iterator[str]:
     """Yield the texts of functions and of all that they call, with the numbers of these in them.
 
     ``found`` has the number of each function, in the order in which they are met: two functions
-    may have the same name.
+    may have the same name. If not ``ours``, functions of this package are left out.
     """
     waiting = [one for one in functions if one not in found]
     for one in waiting:  # which grows
         found.setdefault(one, len(found))
     for one in waiting:
         text, called = _described(one)
+        if not ours:
+            called = [other for other in called if not str(other.__module__).startswith(OURS)]
         for other in called:
             if other not in found:
                 found[other] = len(found)
@@ -121,8 +143,10 @@ def _described(function: FunctionType) -> tuple[str, list[FunctionType]]:
     said = "\n".join(parts)
     if text.lasting:
         _KNOWN[function] = _Known(code, values, said, text.functions)
-    if _FIRST.setdefault(function, said) != said:
-        raise UndescribedError(f"one in {full_name(function)!r} that has changed in this process")
+    of_values = "\n".join(part for part in parts if not part.startswith(OVERLOADS))
+    if _FIRST.setdefault(function, of_values) != of_values:
+        changed = f"the code of {full_name(function)!r}, or a value in it, has changed"
+        raise ChangedError(f"{changed} in this process")
     return said, text.functions
 
 
@@ -142,7 +166,7 @@ def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
     if function in STANDS_IN:
         yield "what stands in for it", STANDS_IN[function]
     elif not str(function.__module__).startswith(OURS) and (overloads := overloads_of(function)):
-        yield "its overloads", overloads
+        yield OVERLOADS, overloads
     outside = {
         name: cell.cell_contents
         for name, cell in zip(code.co_freevars, function.__closure__ or (), strict=True)
@@ -159,6 +183,9 @@ def _values(function: FunctionType) -> Iterator[tuple[str, Any]]:
         else:
             yield name, value
 
+
+OVERLOADS = "its overloads"
+"""The name of what Numba compiles in the place of a function; it may be added at any time."""
 
 EMPTY = CellType()
 """The cell of a variable without a value."""

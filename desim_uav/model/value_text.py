@@ -38,7 +38,7 @@ VERSIONED = ("numpy", "numba", "llvmlite")
 """Packages of which compiled code depends on the version, and on nothing that users write."""
 
 OURS = "desim_uav."
-"""How the names of this package's modules begin, in which classes do not change."""
+"""How the names of this package's modules begin."""
 
 ARRAYS = (np.ndarray, np.memmap, np.recarray)
 NAMED = (GetSetDescriptorType, MemberDescriptorType, MethodDescriptorType, WrapperDescriptorType)
@@ -47,6 +47,10 @@ NAMED = (GetSetDescriptorType, MemberDescriptorType, MethodDescriptorType, Wrapp
 
 class UndescribedError(Exception):
     """A value has no text. The message says what it is."""
+
+
+class ChangedError(UndescribedError):
+    """A value of a function is not what it was when the function was first described."""
 
 
 class Text:
@@ -147,9 +151,11 @@ class Text:
             return f"{said} {self._all(cls.__bases__)} {members}"
         if foreign(cls.__module__):
             return said
-        self.lasting &= str(cls.__module__).startswith(OURS)
         if issubclass(cls, tuple) and hasattr(cls, "_fields"):
             said = f"{said} {cls._fields} {self._named(cls._field_defaults.items())}"
+        if str(cls.__module__).startswith(OURS):  # of which compiled code has no more than this
+            return said
+        self.lasting = False
         parts = (pair for pair in sorted(vars(cls).items()) if _counts(cls, *pair))
         return f"{said} {self._all(cls.__bases__)} {self._named(parts)}"
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from desim_uav.model.code_digest import code_digest
-from desim_uav.model.value_text import UndescribedError
+from desim_uav.model.value_text import ChangedError, UndescribedError
 
 BEGINNING = """
 import collections, ctypes, datetime, decimal, enum, fractions, functools, math, operator, re, types
@@ -300,7 +300,7 @@ def test_a_value_that_changes_in_a_process_makes_a_function_have_no_digest():
     first = code_digest(space["f"])
     assert code_digest(space["f"]) == first
     space["X"][0] = 2
-    with pytest.raises(UndescribedError, match=r"mine\.f' that has changed in this process"):
+    with pytest.raises(ChangedError, match=r"mine\.f', or a value in it, has changed in this"):
         code_digest(space["f"])
     space["X"][0] = 1
     assert code_digest(space["f"]) == first

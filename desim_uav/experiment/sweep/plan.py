@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
@@ -21,6 +20,7 @@ from desim_uav.policies import load_policy
 from desim_uav.policies.base import file_of, parts
 from desim_uav.registry import names
 from desim_uav.regular_file import content_of
+from desim_uav.scenario.components import code_of
 from desim_uav.scenario.draft import named_override
 from desim_uav.scenario.load import (
     Overrides,
@@ -171,7 +171,7 @@ def warnings(tried: Sequence[Arm], seeds: range) -> list[str]:
 
 
 def policy_digest(policy: str) -> str:
-    """Return the SHA-256 of a policy's file or of its class's file; "" for a built-in policy.
+    """Return the SHA-256 of a policy's file or of its class's code; "" for a built-in policy.
 
     Raises PolicyError if the file cannot be read.
     """
@@ -179,7 +179,8 @@ def policy_digest(policy: str) -> str:
     if file is None and policy in names("policy"):
         return ""
     try:
-        file = file or Path(inspect.getsourcefile(type(load_policy(policy))) or "")
+        if file is None:
+            return code_of(type(load_policy(policy)))
         return hashlib.sha256(content_of(file, LARGEST_POLICY)).hexdigest()
     except (OSError, TypeError, ValueError) as error:
         raise PolicyError(f"policy {policy!r}: its file cannot be read: {error}") from error
@@ -189,7 +190,7 @@ def _policy_arms(
     asked: Asked, combination: Combination, policies: Sequence[str], reasons: dict[str, None]
 ) -> Iterator[Arm]:
     scenario, _, engine = _prepared(asked, combination.settings, reasons)
-    hashed = _hash(scenario)
+    hashed = unseeded_hash(scenario)
     for policy in policies:
         begin_once(scenario, policy, asked.seeds[0])
         source = _source(policy)
@@ -204,7 +205,7 @@ def _learning_arm(
     scenario, world, engine = _prepared(asked, combination.settings + own, reasons)
     name = scenario.learning.algorithm
     table_features(world, load_algorithm(name).tables)
-    return Arm(combination, name, name, "", "", scenario, _hash(scenario), engine)
+    return Arm(combination, name, name, "", "", scenario, unseeded_hash(scenario), engine)
 
 
 def _prepared(
@@ -223,7 +224,8 @@ def _prepared(
     return scenario, world, engine
 
 
-def _hash(scenario: Scenario) -> str:
+def unseeded_hash(scenario: Scenario) -> str:
+    """Return the hash of a scenario without its seed."""
     return scenario_hash(scenario.model_copy(update={"seed": 0}))
 
 
