@@ -315,4 +315,6 @@ def label_of(name: str) -> str:
     if file is None:
         return name
     named = file.absolute().parent.name if file.name in ALWAYS_CALLED else file.stem
-    return f"{parts(name)[0]}-{named}"
+    kind, argument = parts(name)
+    options = argument.partition(file.name)[2]  # of a planner
+    return f"{kind}-{named}{options}"

@@ -26,7 +26,7 @@ from desim_uav.errors import MissingExtraError, PolicyError
 from desim_uav.experiment.run import headline, play, run
 from desim_uav.model.streams import Purpose, Streams
 from desim_uav.policies import load_policy, sb3
-from desim_uav.policies.base import decide
+from desim_uav.policies.base import decide, file_of
 from desim_uav.world import World, build_world
 from tests.env.helpers import BRITTLE
 
@@ -287,6 +287,14 @@ def test_a_network_is_built_once_for_a_world(tiny: Path, monkeypatch: pytest.Mon
     for world in (one, one, other, one):
         policy.begin(world, Streams(0, Purpose.LEARNER, 0))
     assert len(built) == 3
+
+
+def test_a_network_is_the_base_of_a_rollout(tiny: Path):
+    name = f"rollout:sb3:{tiny}+samples=1+horizon=1"
+    assert file_of(name) == tiny
+    world = build_world(configured("tiny"), 0)
+    ((log, _),) = play(world, load_policy(name), "mine", 0, engine="batch")
+    assert all(step.action == step.action_taken for step in log.steps)
 
 
 def test_nothing_of_torch_is_changed(tiny: Path):
