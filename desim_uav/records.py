@@ -173,7 +173,7 @@ POINTS = Columns(
 LINKS = Columns(
     "If the drones' radio is not the paper's disc:",
     link_handovers=(INT, "How often a user passed from one drone to another without a break."),
-    ping_pongs=(INT, "How many of these handovers led back to a drone left 1 s ago or less."),
+    ping_pongs=(INT, "How many of these handovers led back, within 1 s, to the drone before."),
     outages=(INT, "How often a user with an open request had no link to any drone for a time."),
     outage_s=(FLOAT, "Seconds in such outages, summed over the users."),
     delivered_mbit=(FLOAT, "The volume that was delivered to all users together, in Mbit."),

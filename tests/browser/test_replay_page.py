@@ -1102,7 +1102,7 @@ class TestLinks:
         page.run("document.getElementById('tilt').click()")
         page.frames(5)
         page.picture("radio-tilted")
-        for kind in ("class", "handover", "ping_pong", "outage"):
+        for kind in ("class", "handover", "ping_pong", "outage", "outage_end"):
             told = page.run("return replay.stepEvent(-1, [arguments[0]])", kind)
             if told is not None:
                 assert told["text"] == told["text"].replace("_", " ")
