@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from desim_uav.errors import PolicyError, UsageError, located
 from desim_uav.experiment.compare_runs import compare_runs
+from desim_uav.experiment.interrupt import at_once
 from desim_uav.policies.tabular import read_table
 from desim_uav.registry import did_you_mean
 from desim_uav.run_folder import file_place, write_at
@@ -74,9 +75,9 @@ def _radio(source: Path, at: str | None = None, **options: Any) -> Figure:
         options["at_m"] = _point(at)
     if source.is_dir():
         return radio_figure(Run(source).world, **options)
-    scenario = load(source)
+    scenario = at_once(load, source)
     with located(source):
-        world = build_world(scenario, scenario.effective_world_seed)
+        world = at_once(build_world, scenario, scenario.effective_world_seed)
     return radio_figure(world, **options)
 
 
@@ -89,9 +90,9 @@ def _energy(source: Path | None, **options: Any) -> Figure:
 
     if source is not None and source.is_dir():
         return energy_figure(Run(source).world, **options)
-    scenario = loads(ZENG) if source is None else load(source)
+    scenario = loads(ZENG) if source is None else at_once(load, source)
     with located(source or Path("energy")):
-        world = build_world(scenario, scenario.effective_world_seed)
+        world = at_once(build_world, scenario, scenario.effective_world_seed)
     return energy_figure(world, **options)
 
 
