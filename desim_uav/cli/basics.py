@@ -47,6 +47,7 @@ def validate(
 ) -> None:
     """Check scenario files: print every error of each, and see that their worlds can be drawn."""
     from desim_uav.errors import ScenarioError, located
+    from desim_uav.experiment.interrupt import at_once
     from desim_uav.scenario.doubts import recordings, warn_of
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
@@ -56,9 +57,9 @@ def validate(
     for file in files:
         try:
             path = find_scenario(file)
-            scenario = load(path, overrides or [])
+            scenario = at_once(load, path, overrides or [])
             with located(path):
-                build_world(scenario, scenario.effective_world_seed)
+                at_once(build_world, scenario, scenario.effective_world_seed)
             warn_of(scenario)
             tell(f"{file}: valid")
             for recording in recordings(scenario):

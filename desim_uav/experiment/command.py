@@ -15,7 +15,7 @@ from desim_uav import qoe
 from desim_uav.engine.choose import check_engine
 from desim_uav.errors import PolicyError
 from desim_uav.experiment import run
-from desim_uav.experiment.interrupt import asked_to_stop, interruptible
+from desim_uav.experiment.interrupt import asked_to_stop, at_once, interruptible
 from desim_uav.experiment.provenance import clock, versions
 from desim_uav.policies import Policy, load_policy
 from desim_uav.policies.base import PolicyLike, as_seen, file_of, parts, policy_name
@@ -109,7 +109,7 @@ def prepare(
     """
     loaded = load_policy(policy)
     scenario = as_seen(_where_it_learned(scenario, loaded), loaded)
-    world = build_world(scenario, scenario.effective_world_seed)
+    world = at_once(build_world, scenario, scenario.effective_world_seed)
     check_engine(engine, world, keep_events)
     return Prepared(scenario, world, loaded, policy_name(policy))
 

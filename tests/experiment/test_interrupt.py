@@ -24,6 +24,7 @@ from types import SimpleNamespace
 
 import numba
 
+from desim_uav.model.mobility import Static
 from desim_uav.rules.rewards import Coverage
 from desim_uav.policies.hover import Hover
 
@@ -80,6 +81,13 @@ class StuckOnSeedTwo(Hover):
             get_stuck()
 
 
+class StuckWalks(Static):
+    """Gets stuck in machine code while a scenario is checked."""
+
+    def problems(self, users, area):
+        get_stuck()
+
+
 class StuckReward(Coverage):
     """Gets stuck in machine code in the third episode."""
 
@@ -127,6 +135,18 @@ def test_a_run_keeps_its_finished_episodes():
     folder = Path(json.loads(out)["run_dir"])
     assert [path.name for path in folder.parent.iterdir()] == [folder.name]
     assert set(pd.read_parquet(folder / "requests.parquet")["episode"]) == {0, 1}
+
+
+@pytest.mark.thorough
+@pytest.mark.parametrize("command", ["validate", "run", "train"])
+def test_the_checks_of_a_scenario_can_be_interrupted(command):
+    """Machine code in a check was deaf to Ctrl-C."""
+    walks = ("-S", "users.mobility={kind: 'stuck:StuckWalks'}")
+    Path("some.yaml").write_text("name: some\n")
+    code, out, err = stopped(signal.SIGINT, 1, command, "some.yaml", *walks)
+    assert code == 130
+    assert out == ""
+    assert "Traceback" not in err
 
 
 @pytest.mark.thorough

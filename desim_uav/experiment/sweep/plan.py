@@ -12,6 +12,7 @@ from typing import Any
 from desim_uav.engine.choose import check_engine, engine_for
 from desim_uav.errors import PolicyError, UsageError, located
 from desim_uav.experiment.compare import begin_once, out_of_place, policy_names
+from desim_uav.experiment.interrupt import at_once
 from desim_uav.experiment.sweep.grid import Axis, Combination, combinations
 from desim_uav.experiment.sweep.problems import Problems
 from desim_uav.learning.algorithm import load_algorithm
@@ -215,10 +216,10 @@ def _prepared(
 
     Raises ScenarioError with the file's name.
     """
-    scenario = asked.given.load(settings)
+    scenario = at_once(asked.given.load, settings)
     with asked.given.located():
         drawn = scenario.model_copy(update={"seed": asked.seeds[0]})
-        world = build_world(drawn, drawn.effective_world_seed)
+        world = at_once(build_world, drawn, drawn.effective_world_seed)
         engine = asked.engine or engine_for(world, reasons.setdefault)
         check_engine(engine, world)
     return scenario, world, engine
