@@ -213,7 +213,7 @@ class TestOthersCode:
             (("report", "kept"), 4),
             (("replay", "kept"), 4),
             (("plot", "battery", "kept"), 4),
-            (("video", "kept", "--gif"), 4),
+            (("video", "kept", "--gif", "f.gif"), 4),
             (("bench", "run", "uav-v1/coverage/small", "--policy", "theirs:Paid"), 4),
         ],
         ids=lambda words: words[0] if isinstance(words, tuple) else "",
