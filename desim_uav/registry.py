@@ -2,7 +2,7 @@
 
 A built-in component registers itself with ``@register("mobility", "random_walk")``. A component of
 your own is named ``"package.module:Class"``. To import it runs its code, so use only components
-that you trust.
+that you trust; ``desim-uav --no-plugins`` refuses them all.
 """
 
 from __future__ import annotations
@@ -20,6 +20,7 @@ from typing import Any, ClassVar, TypeVar
 
 from desim_uav import own_code
 from desim_uav.errors import DesimError, SimulationError
+from desim_uav.plug_ins import ADMISSION
 
 _SLOTS: dict[str, dict[str, type]] = {}
 
@@ -170,6 +171,7 @@ def _is_foreign(code: CodeType) -> bool:
 
 
 def _import_class(name: str) -> type:
+    ADMISSION.ask(name)
     module_name, _, class_name = name.partition(":")
     try:
         module = importlib.import_module(module_name)

@@ -45,7 +45,11 @@ def validate(
     ],
     overrides: Override = None,
 ) -> None:
-    """Check scenario files: print every error of each, and see that their worlds can be drawn."""
+    """Check scenario files: print every error of each, and see that their worlds can be drawn.
+
+    Components that a file names as module:Class are imported from the working folder, which runs
+    their code; --no-plugins refuses them.
+    """
     from desim_uav.errors import ScenarioError, located
     from desim_uav.experiment.interrupt import at_once
     from desim_uav.scenario.doubts import recordings, warn_of

@@ -10,7 +10,7 @@ import typer
 
 from desim_uav.cli import options
 from desim_uav.cli.ending import complain
-from desim_uav.cli.plain import Command, Group
+from desim_uav.cli.plain import Command, Group, careful
 from desim_uav.notices import tell
 
 app = typer.Typer(
@@ -237,5 +237,5 @@ def board(
 
 
 app.command("list", cls=Command)(list_tasks)
-for command in (run, verify, board):
+for command in (careful(run), careful(verify), board):
     app.command(cls=Command)(command)

@@ -15,10 +15,11 @@ from desim_uav import __version__
 from desim_uav.api.invocation import begun_by
 from desim_uav.cli import basics, bench, gallery, learning, pictures, runs
 from desim_uav.cli.ending import complain
-from desim_uav.cli.plain import Command, Group
+from desim_uav.cli.plain import Command, Group, careful
 from desim_uav.errors import DesimError, UsageError
 from desim_uav.experiment.interrupt import INTERRUPTED, end_politely, leave
 from desim_uav.notices import drop, replace_lacking
+from desim_uav.plug_ins import ADMISSION
 
 app = typer.Typer(
     help="Exact discrete-event simulation of UAV-enabled wireless networks.",
@@ -30,19 +31,19 @@ app = typer.Typer(
 
 COMMANDS: list[Callable[..., None]] = [
     basics.scenarios,
-    basics.validate,
+    careful(basics.validate),
     basics.schema,
-    runs.run,
-    learning.train,
-    learning.optimum,
+    careful(runs.run),
+    careful(learning.train),
+    careful(learning.optimum),
     learning.reproduce,
-    runs.qoe,
-    runs.compare,
-    runs.sweep,
-    pictures.replay,
-    pictures.report,
-    pictures.plot,
-    pictures.video,
+    careful(runs.qoe),
+    careful(runs.compare),
+    careful(runs.sweep),
+    careful(pictures.replay),
+    careful(pictures.report),
+    careful(pictures.plot),
+    careful(pictures.video),
     gallery.gallery,
     basics.doctor,
 ]
@@ -101,6 +102,7 @@ def _root(
         print(f"desim-uav {__version__}")
         raise typer.Exit
     end_politely()
+    ADMISSION.begin(refuses=False)
     context.with_resource(begun_by(["desim-uav", *sys.argv[1:]], complain))
     if context.invoked_subcommand != "doctor":
         _check_environment()

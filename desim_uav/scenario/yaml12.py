@@ -92,8 +92,8 @@ def unprintable_in(text: str) -> str:
 _UNPRINTABLE = re.compile(
     "[^\t\n\r\x20-\x7e\xa0-\u2027\u202a-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]"
 )
-"""The characters that are refused: those of YAML, and U+0085, U+2028 and U+2029, which end a line
-in YAML 1.1 only."""
+"""The characters that are refused: those that YAML refuses, and U+0085, U+2028 and U+2029, which
+end a line in YAML 1.1 only."""
 _CONSTANTS: dict[str, bool | float | None] = (
     dict.fromkeys(("", "~", "null", "Null", "NULL"))
     | dict.fromkeys(("true", "True", "TRUE"), True)
