@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import os
+import pickle
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +15,8 @@ import pytest
 
 import desim_uav as du
 from desim_uav import own_code
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.choose import make_engine
 from desim_uav.errors import PolicyError, ScenarioError, SimulationError
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.sweep.grid import axes
@@ -245,6 +248,18 @@ def test_a_training_is_not_continued_after_a_change(folder: Path, tmp_path: Path
     (folder / "own_slow.py").write_text(SLOW.format(gap=300, act=0))
     with pytest.raises(PolicyError, match="a file or component of it, seeds or learning"):
         train(resume=True)
+
+
+@pytest.mark.thorough
+def test_an_engine_in_a_pickle_is_refused_after_a_change(folder: Path):
+    """Its memory may have rows of the component, which are laid out differently now."""
+    world = du.build_world(load(folder / "slow.yaml"), 0)
+    pickled = pickle.dumps(make_engine("batch", world, RunSettings((False,), False)))
+    assert pickle.loads(pickled).world.seed == 0
+    (folder / "own_slow.py").write_text(SLOW.format(gap=300, act=0))
+    importlib.reload(sys.modules["own_slow"])
+    with pytest.raises(pickle.UnpicklingError, match="or of a component of its scenario"):
+        pickle.loads(pickled)
 
 
 def test_runs_before_and_after_a_change_are_not_compared(folder: Path, tmp_path: Path):
