@@ -18,6 +18,9 @@ from typing import Any, NamedTuple
 INSTALLED = {"site-packages", "dist-packages"}
 """Names of the folders of installed packages."""
 
+OTHERS = (Path(sysconfig.get_path("stdlib")), Path(__file__).parent)
+"""The folders of Python's own modules, and of this package."""
+
 
 class _File(NamedTuple):
     """A file as it was when its module had been imported."""
@@ -117,8 +120,7 @@ def _is_own(path: Path, name: str, root: str) -> bool:
     """Return whether a file belongs to the user's project, or to the same package as the root."""
     if name.partition(".")[0] == root != "desim_uav":
         return True
-    folders = Path(sysconfig.get_path("stdlib")), Path(__file__).parent
-    return not INSTALLED.intersection(path.parts) and not any(map(path.is_relative_to, folders))
+    return not INSTALLED.intersection(path.parts) and not any(map(path.is_relative_to, OTHERS))
 
 
 def _status(path: Path) -> tuple[int, ...]:

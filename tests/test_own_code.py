@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import os
+import pickle
+import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -14,6 +16,8 @@ import pytest
 
 import desim_uav as du
 from desim_uav import own_code
+from desim_uav.engine.base import RunSettings
+from desim_uav.engine.choose import make_engine
 from desim_uav.errors import PolicyError, ScenarioError, SimulationError
 from desim_uav.experiment.compare_runs import compare_runs
 from desim_uav.experiment.sweep.grid import axes
@@ -247,6 +251,18 @@ def test_a_training_is_not_continued_after_a_change(folder: Path, tmp_path: Path
         train(resume=True)
 
 
+@pytest.mark.thorough
+def test_an_engine_in_a_pickle_is_refused_after_a_change(folder: Path):
+    """Its memory may have rows of the component, which are laid out differently now."""
+    world = du.build_world(load(folder / "slow.yaml"), 0)
+    pickled = pickle.dumps(make_engine("batch", world, RunSettings((False,), False)))
+    assert pickle.loads(pickled).world.seed == 0
+    (folder / "own_slow.py").write_text(SLOW.format(gap=300, act=0))
+    importlib.reload(sys.modules["own_slow"])
+    with pytest.raises(pickle.UnpicklingError, match="or of a component of its scenario"):
+        pickle.loads(pickled)
+
+
 def test_runs_before_and_after_a_change_are_not_compared(folder: Path, tmp_path: Path):
     for seed in (1, 2):
         again(folder)
@@ -260,6 +276,42 @@ def test_runs_before_and_after_a_change_are_not_compared(folder: Path, tmp_path:
     assert str(refused.value) == (
         f"{tmp_path}/1: a file or component of its scenario has changed since the run"
     )
+
+
+# ---- in processes of their own
+
+IN_A_PROCESS = """
+import sys
+import desim_uav as du
+sys.path.insert(0, ".")
+for engine in ("des", "batch"):
+    print(len(du.run("slow.yaml", policy="hover", seed=1, engine=engine).requests), end=" ")
+"""
+
+
+@pytest.mark.thorough
+def test_each_process_runs_the_present_text_of_its_own_folder(tmp_path: Path):
+    """Two projects have modules of one name, whose machine code has one file on disk."""
+
+    def run(folder: Path) -> list[str]:
+        command = [sys.executable, "-c", IN_A_PROCESS]
+        done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert "not kept" not in done.stderr
+        return done.stdout.split()
+
+    one, other = project(tmp_path / "one"), project(tmp_path / "other")
+    (other / "own_slow.py").write_text(SLOW.format(gap=60, act=0))
+    for folder in (one, other):
+        text = YAML.replace("steps: 3", "steps: 30")
+        (folder / "slow.yaml").write_text(text)
+    seldom, often = run(one), run(other)
+    assert seldom[0] == seldom[1] and often[0] == often[1]
+    assert int(often[0]) > int(seldom[0])
+    assert run(one) == seldom
+    (one / "own_slow.py").write_text(SLOW.format(gap=30, act=0))
+    (one / "own_rates" / "at_night.py").write_text("FACTOR = 2\n")
+    assert run(one) == often
 
 
 # ---- other things that are kept

@@ -6,13 +6,13 @@ import dataclasses
 import inspect
 import os
 import typing
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from functools import cache
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
 
-from pydantic import ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
+from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler, TypeAdapter
 from pydantic import ValidationError as PydanticError
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema, InitErrorDetails, PydanticCustomError, core_schema, to_json
@@ -298,6 +298,21 @@ def code_of(found: type) -> str:
         return digest_of(found.__module__) or class_digest(found)
     except UndescribedError:
         return uuid4().hex
+
+
+def own_classes(value: Any) -> Iterator[type]:
+    """Yield the classes of all components of one's own in a scenario, or in a part of one."""
+    if isinstance(value, BaseModel):
+        parts = [getattr(value, name) for name in type(value).model_fields]
+    elif hasattr(type(value), "kind"):
+        if not type(value).__module__.startswith("desim_uav."):
+            yield type(value)
+        parts = list(vars(value).values()) if hasattr(value, "__dict__") else []
+    else:
+        parts = list(value) if isinstance(value, list | tuple) else []
+        parts += value.values() if isinstance(value, Mapping) else ()
+    for part in parts:
+        yield from own_classes(part)
 
 
 def _plain(value: Any, hashed: bool) -> Any:

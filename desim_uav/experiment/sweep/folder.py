@@ -154,7 +154,7 @@ class SweepFolder:
         others = sum(job not in known for job in there["jobs"])
         if others:
             changed = there["scenario"]["sha256"] != plan["scenario"]["sha256"]
-            reason = "the scenario's file" if changed else "values, policies or seeds"
+            reason = "the scenario's file" if changed else "values, policies, seeds or files"
             raise PolicyError(
                 f"{self.out}: the folder holds another sweep: {others} of its "
                 f"{len(there['jobs'])} jobs are not among these {len(known)} ({reason} differ); "
