@@ -142,13 +142,15 @@ class UavVectorEnv(Many, VectorEnv[NDArray[Any], NDArray[Any], NDArray[Any]]):
         have it; the entries of the others are 0.
         """
         numbers, seeds = self.outputs.numbers.T.copy(), self._seeds.T.copy()
-        measures, counts, others = numbers[:MEASURED], numbers[MEASURED:COUNTED], numbers[COUNTED:]
+        measures, counts, rest = numbers[:MEASURED], numbers[MEASURED:COUNTED], numbers[COUNTED:]
         whole = as_counts(COUNTS, counts, self.sessions[0].world)
-        columns = (*measures, *seeds, *whole, *others)
+        columns = (*measures, *seeds, *whole, *rest)
         arrays = dict(zip(self.sessions[0].keys, columns, strict=True))
         infos: dict[str, Any] = {}
+        others = None if which.all() else ~which
         for key, array in {**arrays, "action_mask": self.outputs.masks.copy()}.items():
-            array[~which] = 0
+            if others is not None:
+                array[others] = 0
             infos[key], infos[f"_{key}"] = array, which.copy()
         return infos
 
