@@ -122,31 +122,46 @@ def obstacles_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
         )
     if not isinstance(obstacles, DrawnObstacles):
         yield from _listed_obstacles(scenario, obstacles)
-        tallest = max((height for *_, height in obstacles.cells), default=0.0)
-    else:
-        tallest = obstacles.height_m[1]
-        if obstacles.square_m is not None:
-            width, depth = scenario.map.size_m
-            squares = math.ceil(width / obstacles.square_m) * math.ceil(depth / obstacles.square_m)
-            if squares > MAX_SQUARES:
-                yield Finding(
-                    (*path, "square_m"),
-                    f"makes {squares} squares of the map; at most {MAX_SQUARES}",
-                    (("map", "size_m"),),
-                )
-    levels = scenario.map.levels
-    nx, ny = scenario.map.cells
-    if (tallest - levels.min_altitude_m) / levels.step_m > MAX_LEVELS:
+    elif obstacles.square_m is not None:
+        width, depth = scenario.map.size_m
+        squares = math.ceil(width / obstacles.square_m) * math.ceil(depth / obstacles.square_m)
+        if squares > MAX_SQUARES:
+            yield Finding(
+                (*path, "square_m"),
+                f"makes {squares} squares of the map; at most {MAX_SQUARES}",
+                (("map", "size_m"),),
+            )
+
+
+def levels_fit_the_map(scenario: Scenario) -> Iterator[Finding]:
+    """Levels in reasonable number, and none above the lowest one in 2D."""
+    levels, tallest_m = scenario.map.levels, scenario.map.tallest_m
+    lowest_m, most_m = levels.min_altitude_m, levels.max_altitude_m
+    (nx, ny), path = scenario.map.cells, ("map", "levels")
+    if most_m is not None and not scenario.three_d:
         yield Finding(
-            ("map", "levels", "step_m"),
-            f"makes more than {MAX_LEVELS} levels up to the tallest building of {tallest:g} m",
-            (path, ("map", "levels", "min_altitude_m")),
+            (*path, "max_altitude_m"),
+            "not in 2D, where drones fly at one altitude; leave it out, or map.dimensions: 3",
+            (("map", "dimensions"),),
         )
-    elif nx * ny * (tallest / levels.step_m + 2) > MAX_PLACES:
+    elif most_m is not None and most_m < lowest_m:
+        yield Finding(
+            (*path, "max_altitude_m"),
+            f"must be at least min_altitude_m, {lowest_m:g}",
+            ((*path, "min_altitude_m"),),
+        )
+    up_to_m = max(tallest_m, most_m or 0.0)
+    also = (("map", "obstacles"), (*path, "min_altitude_m"), (*path, "max_altitude_m"))
+    if (up_to_m - lowest_m) / levels.step_m > MAX_LEVELS:
+        what = f"the tallest building of {tallest_m:g} m"
+        if most_m is not None and most_m > tallest_m:
+            what = f"max_altitude_m: {most_m:g}"
+        yield Finding((*path, "step_m"), f"makes more than {MAX_LEVELS} levels up to {what}", also)
+    elif nx * ny * (up_to_m / levels.step_m + 2) > MAX_PLACES:
         yield Finding(
             ("map", "cells"),
             f"makes more than {MAX_PLACES} places (cells times levels) to fly to",
-            (path, ("map", "levels", "step_m")),
+            (*also, (*path, "step_m")),
         )
 
 
@@ -156,7 +171,9 @@ def transits_fit_a_step(scenario: Scenario) -> Iterator[Finding]:
     nx, ny = scenario.map.cells
     hops = {"along x": ((1, 0, 0), dx), "along -x": ((-1, 0, 0), dx)} if nx > 1 else {}
     hops |= {"along y": ((0, 1, 0), dy), "along -y": ((0, -1, 0), dy)} if ny > 1 else {}
-    if scenario.three_d and scenario.map.obstacles is not None:
+    if scenario.three_d and (
+        scenario.map.obstacles is not None or scenario.map.levels.max_altitude_m is not None
+    ):
         hops["between levels"] = (0, 0, 1), scenario.map.levels.step_m
     also = (*_GRID, ("map", "levels", "step_m"), ("map", "dimensions"), ("episode", "step_s"))
     for key, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
@@ -315,6 +332,7 @@ CHECKS: tuple[Callable[[Scenario], Iterator[Finding]], ...] = (
     drones_start_on_the_map,
     users_are_on_the_map,
     obstacles_fit_the_map,
+    levels_fit_the_map,
     drones_can_fly_in_the_wind,
     drones_can_keep_apart,
     transits_fit_a_step,

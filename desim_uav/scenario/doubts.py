@@ -58,6 +58,17 @@ def circles_fit_the_map(scenario: Scenario) -> Iterator[str]:
         )
 
 
+def drones_can_climb(scenario: Scenario) -> Iterator[str]:
+    """A map in 3D that has one level."""
+    if scenario.three_d and scenario.map.most_levels == 1:
+        lowest_m = scenario.map.levels.min_altitude_m
+        yield (
+            f"map.dimensions: 3: there is one level, at {lowest_m:g} m, because no building is as "
+            "high, so drones do not climb; map.levels.max_altitude_m adds levels above it, and "
+            "map.dimensions: 2 leaves out the actions of climbing"
+        )
+
+
 def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
     """Recordings outside of an episode, or in units other than metres."""
     users, horizon_s = scenario.users, _horizon_s(scenario)
@@ -131,6 +142,7 @@ def losses_have_bounds(scenario: Scenario) -> Iterator[str]:
 
 DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
     circles_fit_the_map,
+    drones_can_climb,
     recordings_fit_an_episode,
     places_are_in_metres,
     zones_stand_in_the_way,

@@ -16,7 +16,7 @@ from desim_uav.model.radio.rings import line_of_sight_ring_m, rings
 from desim_uav.model.services import Volume
 from desim_uav.registry import FAULTS, what_failed
 from desim_uav.scenario.finding import Finding
-from desim_uav.scenario.schema import DrawnObstacles, ListedObstacles, Scenario
+from desim_uav.scenario.schema import DrawnObstacles, Scenario
 from desim_uav.scenario.yaml12 import KeyPath
 
 LARGEST_UBIT = 10**18
@@ -299,18 +299,9 @@ def _links(scenario: Scenario) -> Iterator[Links]:
 
 def _levels_m(scenario: Scenario) -> tuple[float, float]:
     """The lowest and the highest level of drones in metres (see ``model.grid.altitudes``)."""
-    levels, obstacles = scenario.map.levels, scenario.map.obstacles
+    levels = scenario.map.levels
     lowest_m = levels.min_altitude_m
-    if not scenario.three_d or obstacles is None or _tallest_m(obstacles) < lowest_m:
-        return lowest_m, lowest_m
-    steps = math.floor((_tallest_m(obstacles) - lowest_m) / levels.step_m) + 1
-    return lowest_m, lowest_m + steps * levels.step_m
-
-
-def _tallest_m(obstacles: DrawnObstacles | ListedObstacles) -> float:
-    if isinstance(obstacles, DrawnObstacles):
-        return obstacles.height_m[1]
-    return max((height for *_, height in obstacles.cells), default=0.0)
+    return lowest_m, lowest_m + (scenario.map.most_levels - 1) * levels.step_m
 
 
 def _has_buildings(scenario: Scenario) -> bool:
@@ -325,7 +316,7 @@ def _tallest_user_m(scenario: Scenario) -> float:
     obstacles = scenario.map.obstacles
     if obstacles is None or not _has_buildings(scenario):
         return 0.0
-    return min(scenario.users.max_height_m, _tallest_m(obstacles))
+    return min(scenario.users.max_height_m, scenario.map.tallest_m)
 
 
 def _always_sees(path_loss: Any) -> bool:

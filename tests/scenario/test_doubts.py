@@ -285,3 +285,11 @@ def test_a_path_loss_without_slope(text: str, words: str, monkeypatch: pytest.Mo
     for doubt in found:
         assert doubt.startswith("drones.radio.path_loss: it has no method slope")
         assert doubt.endswith(f"it is needed because {words}")
+
+
+def test_a_map_in_3d_with_one_level():
+    (doubt,) = doubts(loads("map: {obstacles: null}"))
+    assert doubt.startswith("map.dimensions: 3: there is one level, at 20 m")
+    assert "map.levels.max_altitude_m adds levels" in doubt
+    assert list(doubts(loads("map: {obstacles: null, levels: {max_altitude_m: 60}}"))) == []
+    assert list(doubts(loads("map: {dimensions: 2}"))) == []
