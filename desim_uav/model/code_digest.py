@@ -28,10 +28,11 @@ RULES: set[FunctionType] = set()
 """The functions over rows."""
 
 
-def code_digest(function: FunctionType) -> str:
+def code_digest(function: FunctionType, placed: bool = False) -> str:
     """Return the SHA-256 of a function and of every function it calls, directly or not.
 
-    Docstrings, comments and line numbers do not count. What stands in compiled code in the place
+    Docstrings, comments and line numbers do not count, unless the code names them in its faults
+    (``placed``). What stands in compiled code in the place
     of a function counts as called by it. If the functions are over rows, so do the layout and the
     methods of these rows, and the code by which rows are compiled.
     """
@@ -43,8 +44,17 @@ def code_digest(function: FunctionType) -> str:
         _reach(
             found, _functions_of(compiled_rows, compiled_queues, compiled_registers, numba_parts)
         )
-    layouts = map(layout_of, rows)
-    return hashlib.sha256("\n".join(sorted([*found.values(), *layouts])).encode()).hexdigest()
+    parts = [*found.values(), *map(layout_of, rows)]
+    if placed:
+        parts += [f"{_name(one)} {_lines(one.__code__)}" for one in found]
+    return hashlib.sha256("\n".join(sorted(parts)).encode()).hexdigest()
+
+
+def _lines(code: CodeType) -> str:
+    """Return the file of code and the lines of its instructions, which a fault in it names."""
+    inner = [_lines(one) for one in code.co_consts if isinstance(one, CodeType)]
+    lines = [line for _, _, line in code.co_lines()]
+    return f"{code.co_filename} {lines} {inner}"
 
 
 def _reach(found: dict[FunctionType, str], waiting: list[FunctionType]) -> None:
