@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from desim_uav.errors import SimulationError
+from desim_uav.model.bounds import naming, owner_of
 from desim_uav.model.compiled_registers import held, put_back
 from desim_uav.model.compiled_rows import pointer_to
 from desim_uav.model.components import (
@@ -24,7 +25,19 @@ from desim_uav.model.components import (
     ruled,
 )
 from desim_uav.model.kernels import rule
-from desim_uav.model.rows import Row, Table, View, Words, attach, blank, fill, packed, place, row
+from desim_uav.model.rows import (
+    Row,
+    Table,
+    View,
+    Words,
+    attach,
+    blank,
+    bound,
+    fill,
+    packed,
+    place,
+    row,
+)
 from desim_uav.model.services import Catalogue
 from desim_uav.model.streams import Stream, Streams, begin_stream, uniform
 
@@ -301,9 +314,6 @@ def _draw_by(
     return draw
 
 
-offer_at: Any = pointer_to(Offer)
-
-
 @cache
 def _asking_of(demand: Any) -> Any:
     """Return the class of rows for the draws of a class of models."""
@@ -314,7 +324,8 @@ def _asking_of(demand: Any) -> Any:
 def _around(cls: Any, values_at: Any) -> Any:
     """Return the function ``draw`` of a class of models (see ``Function.around``)."""
     ask = ruled(_ask_by(ruled(cls.next_request), cls.after_previous))
-    draw_all, asking_at = ruled(_draw_by(ask, held, put_back)), pointer_to(_asking_of(cls))
+    draw_all, owner = ruled(_draw_by(ask, held, put_back)), owner_of(cls)
+    asking_at, offer_at = pointer_to(_asking_of(cls), owner), pointer_to(Offer, owner)
 
     def draw(values: int, asking: int, services: int) -> None:
         draw_all(values_at(values), asking_at(asking), offer_at(services))
@@ -381,8 +392,11 @@ class RowDraws:
             asking.horizon_us, asking.users, asking.most = self.horizon_us, users, len(rows)
             asking.states = Table(states.reshape(-1).tolist())
             asking.offsets, asking.rows = offsets.reshape(-1), rows.reshape(-1)
-            ask = _ask_by(model.next_request, self.demand.after_previous)
-            _draw_by(ask)(over_rows(self.demand, self.services.names), asking, self._offer)
+            demand, owner = over_rows(self.demand, self.services.names), owner_of(model)
+            if owner:
+                bound(asking, self._offer)
+            draw = naming(owner, _draw_by(_ask_by(model.next_request, model.after_previous)))
+            draw(demand, asking, self._offer)
             return asking
         block, states = np.zeros(cls.words, np.int64), np.ascontiguousarray(states)
         asking = View(block, cls)

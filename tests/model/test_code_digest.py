@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from types import FunctionType, ModuleType
+from typing import Any
 
 import numba
 import numpy as np
@@ -232,3 +233,13 @@ def test_the_kernels_of_the_engine_are_over_rows(monkeypatch: pytest.MonkeyPatch
     after = [code_digest(kernel.py_func) for kernel in kernels]
     assert len(kernels) > 3
     assert all(one != other for one, other in zip(before, after, strict=True))
+
+
+def test_the_lines_count_where_faults_name_them():
+    digests = []
+    for source in (BEGINNING, f"# a comment\n{BEGINNING}"):
+        space: dict[str, Any] = {"__name__": "mine"}
+        run(source, space)
+        digests.append([code_digest(space["f"], placed) for placed in (False, True)])
+    (one, placed), (other, placed_elsewhere) = digests
+    assert one == other and len({one, placed, placed_elsewhere}) == 3
