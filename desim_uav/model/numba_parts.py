@@ -19,10 +19,11 @@ from numba.core import compiler as _compiler
 from numba.core import types as _types
 from numba.core.dispatcher import Dispatcher
 from numba.core.extending import _Intrinsic
+from numba.core.imputils import Registry
 from numba.core.typing import templates as _templates
 from numba.np import arrayobj as _arrayobj
 
-from desim_uav.model.bounds import NOTE, OutsideError, Place, own_class
+from desim_uav.model.bounds import NOTE, NOTED, OutsideError, Place, own_class
 
 types: Any = _types
 cgutils: Any = _cgutils
@@ -70,6 +71,11 @@ def cache_of(compiled: Any) -> Any:
     return compiled._cache
 
 
+def is_registry(value: Any) -> bool:
+    """Return whether a value is one of Numba's registries, in which functions are entered."""
+    return isinstance(value, Registry)
+
+
 def is_compiled(value: Any) -> bool:
     """Return whether a value is a function with a decorator of Numba, and not another object."""
     return isinstance(value, Dispatcher | _Intrinsic)
@@ -100,7 +106,7 @@ def address_of(compiled: Any, arguments: tuple[Any, ...]) -> int:
     return int(found.library.get_pointer_to_function(found.fndesc.llvm_func_name))
 
 
-llvmlite.binding.add_symbol(*NOTE)
+llvmlite.binding.add_symbol(NOTE, NOTED)
 
 
 def fail_outside(
@@ -108,7 +114,7 @@ def fail_outside(
 ) -> None:
     """End a function by OutsideError, whose arguments these are."""
     kind = ir.FunctionType(ir.VoidType(), [one.type for one in met])
-    builder.call(cgutils.get_or_insert_function(builder.module, kind, NOTE[0]), met)
+    builder.call(cgutils.get_or_insert_function(builder.module, kind, NOTE), met)
     context.call_conv.return_user_exc(builder, OutsideError, (owner, of, place))
 
 

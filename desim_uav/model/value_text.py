@@ -31,7 +31,7 @@ from typing import Any, TypeVar, get_args, get_origin
 
 import numpy as np
 
-from desim_uav.model.numba_parts import is_compiled, name_of_type
+from desim_uav.model.numba_parts import is_compiled, is_registry, name_of_type
 from desim_uav.model.rows import held_by, is_row, layout_of, origin_of
 
 VERSIONED = ("numpy", "numba", "llvmlite")
@@ -94,6 +94,8 @@ class Text:
     def _other(self, kind: type, value: Any) -> str:
         if is_compiled(value):
             return f"compiled {self._function(value.__wrapped__)} {self.of(options_of(value))}"
+        if is_registry(value):
+            return f"a {full_name(kind)}"
         if name := name_of_type(value):
             return f"{self._class(kind)} {name}"
         if get_origin(value) is not None:
