@@ -5,6 +5,7 @@ Components tell their own doubts in a method ``doubts``, and in ``summary`` what
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -16,6 +17,7 @@ from desim_uav.model.walking import Area
 from desim_uav.notices import notice
 from desim_uav.scenario.radio_checks import losses_without_bounds
 from desim_uav.scenario.schema import Scenario
+from desim_uav.scenario.yaml12 import KeyPath
 
 
 def doubts(scenario: Scenario) -> Iterator[str]:
@@ -67,6 +69,30 @@ def drones_can_climb(scenario: Scenario) -> Iterator[str]:
             "high, so drones do not climb; map.levels.max_altitude_m adds levels above it, and "
             "map.dimensions: 2 leaves out the actions of climbing"
         )
+
+
+def batteries_are_meant(scenario: Scenario) -> Iterator[str]:
+    """Parameters of batteries that contradict each other, and energy in wind."""
+    wind_mps = math.hypot(*scenario.wind_mps)
+    for path, drones in zip(scenario.fleet_keys, scenario.fleet, strict=True):
+        own = getattr(drones.battery, "doubts", None)
+        for doubt in own(wind_mps) if own else ():
+            yield f"{'.'.join(map(str, path))}.battery: {doubt}"
+
+
+def losses_are_of_the_carrier(scenario: Scenario) -> Iterator[str]:
+    """Path losses that were fitted at a carrier far from the radio's."""
+    radios: list[tuple[KeyPath, Any]] = [
+        ((*path, "radio"), one.radio)
+        for path, one in zip(scenario.fleet_keys, scenario.fleet, strict=True)
+    ]
+    radios += [
+        (("access_points", k, "radio"), one.radio) for k, one in enumerate(scenario.access_points)
+    ]
+    for path, radio in radios:
+        own = getattr(getattr(radio, "path_loss", None), "doubts", None)
+        for doubt in own(radio.carrier_ghz) if own else ():
+            yield f"{'.'.join(map(str, path))}.path_loss: {doubt}"
 
 
 def recordings_fit_an_episode(scenario: Scenario) -> Iterator[str]:
@@ -143,6 +169,8 @@ def losses_have_bounds(scenario: Scenario) -> Iterator[str]:
 DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
     circles_fit_the_map,
     drones_can_climb,
+    batteries_are_meant,
+    losses_are_of_the_carrier,
     recordings_fit_an_episode,
     places_are_in_metres,
     zones_stand_in_the_way,
