@@ -137,7 +137,7 @@ def zones_stand_in_the_way(scenario: Scenario) -> Iterator[str]:
 
 def services_fit_the_bandwidth(scenario: Scenario) -> Iterator[str]:
     """Requests that hold more than the bandwidth of any drone, so that none ever serves them."""
-    most_bps = _most_bps(scenario)
+    most_bps = scenario.most_bps or math.inf
     demand: Any = scenario.demand
     asked: Mapping[str, float] = {
         name: float(np.max(service.bandwidths_bps())) for name, service in scenario.services.items()
@@ -181,13 +181,3 @@ DOUBTS: tuple[Callable[[Scenario], Iterator[str]], ...] = (
 
 def _horizon_s(scenario: Scenario) -> float:
     return scenario.episode.steps * scenario.episode.step_s
-
-
-def _most_bps(scenario: Scenario) -> float:
-    """Return the highest rate that a drone or an access point can have, in bit/s."""
-    radios = [(drones.radio, drones.bandwidth_kbps) for drones in scenario.fleet]
-    radios += [(point.radio, None) for point in scenario.access_points]
-    return max(
-        radio.bandwidth_hz(kbps) * max(radio.efficiencies(), default=0) / 1e6
-        for radio, kbps in radios
-    )
