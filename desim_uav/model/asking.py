@@ -118,11 +118,13 @@ class Offer(Row):
 
     Service s has ``sizes[2 * s]`` service times, from ``required[s * longest]`` on, and
     ``sizes[2 * s + 1]`` bandwidths, from ``bandwidths_bps[s * widest]`` on, all equally likely. If
-    ``in_bits[s]``, it has volumes in millionths of a bit instead of service times.
+    ``in_bits[s]``, it has volumes in millionths of a bit instead of service times. No volume is
+    delivered faster than at ``most_bps``, in bit/s; 0 if that is not known.
     """
 
     longest: int
     widest: int
+    most_bps: int
     shares: Table[float]
     sizes: Table[int]
     required: Table[int]
@@ -258,14 +260,22 @@ def _ask_by(next_request: Callable[..., None], follow: bool) -> Callable[..., No
                     rows[first + REQUIRED_US] = asker.required_us
                     rows[first + BANDWIDTH_BPS] = asker.bandwidth_bps
                 count += 1
-                if follow:  # how long a volume takes is not known yet
-                    passed_us += 0 if services.in_bits[asker.service] else asker.required_us
+                if follow:
+                    passed_us += _least_us(asker, services)
                     due_us = 0
             asker.left_us -= passed_us
             idle = 0 if passed_us > 0 else idle + 1
         asking.count = count
 
     return ask
+
+
+@rule
+def _least_us(asker: Any, services: Any) -> int:
+    """Return the least time in which a request can be served; millionths of a bit are bit/s µs."""
+    if not services.in_bits[asker.service]:
+        return int(asker.required_us)
+    return int(asker.required_us // services.most_bps) if services.most_bps > 0 else 0
 
 
 @rule
@@ -347,6 +357,8 @@ class RowDraws:
     demand: RowDemand
     services: Catalogue
     horizon_us: int
+    most_bps: int = 0
+    """No volume is delivered faster, in bit/s; 0 if that is not known."""
 
     @cached_property
     def _compiled(self) -> Compiled | None:
@@ -359,7 +371,7 @@ class RowDraws:
         in_bits = own.in_bits.astype(np.int64)
         arrays = (own.share, own.sizes, own.required, own.bandwidths_bps, in_bits)
         tables = (Table(array.reshape(-1).tolist()) for array in arrays)
-        return fill(Offer, (longest, widest, *tables))
+        return fill(Offer, (longest, widest, self.most_bps, *tables))
 
     @cached_property
     def _packed_offer(self) -> Words:
