@@ -45,8 +45,9 @@ def validate(
     overrides: Override = None,
 ) -> None:
     """Check scenario files: print every error of each, and see that their worlds can be drawn."""
-    from desim_uav.errors import ScenarioError, located
+    from desim_uav.errors import ScenarioError
     from desim_uav.scenario.checks import warn_of
+    from desim_uav.scenario.draft import blaming
     from desim_uav.scenario.load import load
     from desim_uav.shipped import find_scenario
     from desim_uav.world import build_world
@@ -56,7 +57,7 @@ def validate(
         try:
             path = find_scenario(file)
             scenario = load(path, overrides or [])
-            with located(path):
+            with blaming(path, overrides or []):
                 build_world(scenario, scenario.effective_world_seed)
             warn_of(scenario)
             print(f"{file}: valid")
